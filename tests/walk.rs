@@ -6,7 +6,7 @@
 use crate::encoders::plans;
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Step;
-use splatgraph_metal::barriers::{Division, EncodedPass, Encoders, Encoding};
+use splatgraph_metal::sync::{Division, EncodedPass, Encoders, Encoding};
 use splatgraph_metal::walk::{Move, Walk, Walked};
 
 /// Walks a frame and submits it. Returns its encoders, and the number of encoders before the prologue was handed over.

@@ -1,7 +1,7 @@
 //! From the text of a render graph to a plan that a GPU backend can execute.
 //!
 //! A graph is a RON file that declares parameters, resources, dispatches and draws. This crate reads it and
-//! produces a [`plan::Plan`]: the passes in order, the barriers between them, the memory they need. Nothing here
+//! produces a [`plan::Plan`]: the passes in order, the dependencies between them, the memory they need. Nothing here
 //! touches a GPU: the plan is a pure function of the files, the parameters, the facts of the scene and the facts
 //! of the device, so it can be built, dumped and tested anywhere.
 //!
@@ -14,13 +14,14 @@
 //! 4. [`lower`] resolves presets, includes, conditions, repeats and swaps to a flat list of passes;
 //! 5. [`shader`] compiles GLSL to SPIR-V and reads back what each shader binds and touches;
 //! 6. `link` compiles the shaders and holds the flat list against them;
-//! 7. [`solve`] orders the passes and places the barriers;
+//! 7. [`solve`] orders the passes, places memory and lists the dependencies, of which `barriers` makes Vulkan's barriers;
 //! 8. [`plan`] is the result, [`dump`] writes it for people and programs, and `msl` translates its shaders for Metal.
 //!
 //! When a file changes, [`reload`] has the plan built again, while the last good plan is still drawn.
 
 #![deny(missing_docs)]
 
+mod barriers;
 mod build;
 pub mod dump;
 pub mod expr;

@@ -1,14 +1,22 @@
 //! The plan: the input of a backend, as plain data.
 //!
 //! A [`Plan`] names every resource with its size and its memory, every pass with its bindings, and two sequences of steps:
-//! the prologue, which runs once after the plan or the scene changed, and the frame, which runs every time. A step is a
-//! pass and the barriers that must be recorded just before it, in one call; the [handover](Plan::handover) is one more
-//! call, between the prologue and the first frame. Every frame records the same barriers.
+//! the prologue, which runs once after the plan or the scene changed, and the frame, which runs every time.
 //!
-//! Nothing in here belongs to one graphics API: the stages and access bits are named after Vulkan's synchronization2, which
-//! is the finer of the two models, and a Metal backend maps them down.
+//! What has to come after what is a list of [`Dependency`]s, and where images need another layout a list of [`LayoutChange`]s. `solve`
+//! makes both from the accesses of the passes, and nothing else looks for conflicts. Each API makes its commands of these lists:
+//!
+//! - Vulkan's barriers are made by `barriers`. A [`Step`] holds those that are recorded just before its pass, in one call; the
+//!   [handover](Plan::handover) is one more call, between the prologue and the first frame. Every frame records the same barriers.
+//! - Metal's encoders, fences and barriers are made by its backend, which ignores Vulkan's.
+//!
+//! Stages and accesses have the names of Vulkan's synchronization2, the finer of the models. Metal maps them to the two stages of a
+//! draw.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
 
 use crate::ir::{
     Accesses, BlockId, Culled, Domain, Effect, Fallback, Hazard, Layout, Origin, Param, ParamBinding, Pass,
@@ -42,6 +50,10 @@ pub struct Plan {
     /// The memory of the transient resources. Each stands in one block, alone or with others that are never alive at the
     /// same time.
     pub blocks: Vec<Block>,
+    /// What has to come after what, sorted by the ids of the later passes: see [`Plan::dependencies_of`].
+    pub dependencies: Vec<Dependency>,
+    /// Where images are needed in another layout: in the prologue, the handover, and the frame.
+    pub layout_changes: Vec<LayoutChange>,
     /// Runs once after the plan or the scene changed.
     pub prologue: Vec<Step>,
     /// Recorded once, as one call, between the prologue and the first frame: shows the frames what the prologue wrote, and
@@ -187,6 +199,13 @@ impl Plan {
         self.resources.iter().filter(|r| r.source == Source::Transient).map(Resource::bytes).sum()
     }
 
+    /// Lists the dependencies whose later pass this is.
+    pub fn dependencies_of(&self, pass: PassId) -> &[Dependency] {
+        let from = self.dependencies.partition_point(|dependency| dependency.second < pass);
+        let count = self.dependencies[from..].partition_point(|dependency| dependency.second == pass);
+        &self.dependencies[from..from + count]
+    }
+
     /// Lists the other resources in the same memory.
     pub fn aliases(&self, id: ResourceId) -> impl Iterator<Item = ResourceId> + '_ {
         let block = self.resource(id).block.map(|block| &self.blocks[block.index()]);
@@ -238,7 +257,7 @@ impl Resource {
     }
 }
 
-/// Records barriers together as one call, and then a pass.
+/// Holds a pass, and Vulkan's barriers before it, which are recorded as one call.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     /// At most one on all memory, which comes first, and one for each image that changes its layout. Those of one call do not
@@ -270,7 +289,74 @@ pub struct Barrier {
     /// Accesses that the writes become visible to.
     pub target_accesses: Accesses,
     /// The conflicts that it resolves, one entry per resource: never empty.
-    pub dependencies: Vec<Dependency>,
+    pub causes: Vec<Cause>,
+}
+
+/// Orders an access of a later pass after one of an earlier pass, and shows it what that wrote.
+///
+/// Only accesses next to each other in time are listed. A read comes after the last write. A write comes after all reads since the last
+/// write, or after that write if nothing has read it. All other order follows from chains of these.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dependency {
+    /// The kind of conflict; [`Hazard::LayoutChange`] where only the change of an image's layout waits, and not the pass itself.
+    pub hazard: Hazard,
+    /// The earlier pass.
+    pub first: PassId,
+    /// The later pass.
+    pub second: PassId,
+    /// Tells which run of the earlier pass it is.
+    pub since: Since,
+    /// The resource that the later pass accesses.
+    pub resource: ResourceId,
+    /// The resource that the earlier pass accessed, where it is another one in the same memory.
+    pub alias: Option<ResourceId>,
+    /// The smallest range of the resource that holds all bytes of the conflict.
+    pub bytes: Range<u64>,
+    /// The earlier accesses.
+    pub source: Scope,
+    /// The later accesses.
+    pub target: Scope,
+    /// The later pass finds the image in another layout, and the change of it waits for the earlier accesses.
+    pub changes_layout: bool,
+}
+
+/// Lists stages of a pass, and accesses at these.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Scope {
+    /// The stages.
+    pub stages: Stages,
+    /// The accesses.
+    pub accesses: Accesses,
+}
+
+/// Tells which run of the earlier pass a later one depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub enum Since {
+    /// Both run in the prologue, or in one frame.
+    Same,
+    /// The earlier pass runs in the prologue, the later one in the first frame.
+    Prologue,
+    /// The earlier pass runs in the frame before that of the later one.
+    PreviousFrame,
+}
+
+/// Says that a pass needs an image in another layout than the passes before it left.
+///
+/// APIs without layouts ignore it. The change counts as a write of the whole image just before the pass. [`Dependency::changes_layout`] lists what it waits for, and
+/// nothing where the image was never touched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LayoutChange {
+    /// The image.
+    pub image: ResourceId,
+    /// The layout before; [`Layout::Undefined`] where the contents are not needed.
+    pub old: Layout,
+    /// The layout after.
+    pub new: Layout,
+    /// The pass that needs it.
+    pub before: PassId,
+    /// It happens once, between the prologue and the first frame, and brings the image to where a frame leaves it; `before` is the
+    /// first pass of the frame that touches the image.
+    pub handover: bool,
 }
 
 /// Changes an image's layout. `old` is [`Layout::Undefined`] where the contents are not needed.
@@ -286,7 +372,7 @@ pub struct Transition {
 
 /// Gives one reason for a barrier: the accesses of `after` conflict with those of `before`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Dependency {
+pub struct Cause {
     /// The kind of conflict.
     pub hazard: Hazard,
     /// The pass that needs it: that of the step, or a later one that would otherwise need a call of its own. (It may be one at

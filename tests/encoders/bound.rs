@@ -1,5 +1,5 @@
-//! Derives the fewest encoders, waits and barriers of a frame on Metal from its passes and their conflicts, and from nothing that the
-//! lowering did.
+//! Derives the fewest encoders, waits and barriers of a frame on Metal from its passes and their dependencies, and from nothing that
+//! the lowering did.
 //!
 //! The order of the passes is given. Then a careful version by hand cannot have fewer
 //!
@@ -10,9 +10,8 @@
 //! - **waits** than there are runs which conflict with another run, of this frame or of the frame before: nothing else orders them;
 //! - **fences** than one, if anything waits.
 
-use splatgraph_framework::ir::{Load, PassId, Stages, Target, Work};
-use splatgraph_framework::oracle;
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::ir::{Hazard, Load, PassId, Stages, Target, Work};
+use splatgraph_framework::plan::{Dependency, Plan};
 use std::collections::HashSet;
 
 /// The least numbers of a frame.
@@ -24,7 +23,8 @@ pub struct Least {
     pub barriers: usize,
 }
 
-/// Passes that conflict: other than by blending into one target, and in any way.
+/// Passes of which one depends on the other: other than by blending into one target, and in any way. Further conflicts are chains of
+/// these.
 struct Conflicts {
     hard: HashSet<(PassId, PassId)>,
     any: HashSet<(PassId, PassId)>,
@@ -33,11 +33,12 @@ struct Conflicts {
 impl Conflicts {
     fn of(plan: &Plan) -> Conflicts {
         let mut found = Conflicts { hard: HashSet::new(), any: HashSet::new() };
-        for conflict in oracle::conflicts(plan).iter().filter(|conflict| !conflict.per_frame) {
-            let [one, other] = conflict.touches;
-            let blends = one.resource == other.resource
-                && (one.stage, other.stage) == (Stages::COLOR_OUTPUT, Stages::COLOR_OUTPUT);
-            for pair in [(one.pass, other.pass), (other.pass, one.pass)] {
+        let of_device =
+            |d: &&Dependency| d.hazard != Hazard::LayoutChange && plan.pass(d.second).work != Work::Host;
+        for dependency in plan.dependencies.iter().filter(of_device) {
+            let both = [dependency.source.stages, dependency.target.stages];
+            let blends = dependency.alias.is_none() && both == [Stages::COLOR_OUTPUT; 2];
+            for pair in [(dependency.first, dependency.second), (dependency.second, dependency.first)] {
                 found.any.insert(pair);
                 if !blends {
                     found.hard.insert(pair);

@@ -11,9 +11,9 @@ use splatgraph_assets::grouped;
 use splatgraph_framework::dump::{self, EncoderTotals};
 use splatgraph_framework::ir::Facts;
 use splatgraph_framework::plan::Plan;
-use splatgraph_metal::barriers::{Division, Encoders, Encoding, FenceUse, encoders};
 use splatgraph_metal::dump::add_encoders;
-use splatgraph_metal::model::{Model, mutate};
+use splatgraph_metal::sync::model::{Model, mutate};
+use splatgraph_metal::sync::{Division, Encoders, Encoding, FenceUse, encoders};
 use std::io::Write;
 
 mod bound;

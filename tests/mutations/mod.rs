@@ -1,4 +1,5 @@
-//! The built-in graphs with one mistake each: every barrier of their plans taken away, and every bit of every mask.
+//! The built-in graphs with one mistake each: every barrier of their plans taken away, and every bit of every mask; and the same of
+//! every dependency, to which the check of dependencies has to object.
 //!
 //! Three judges look at them. The longest [`chain`] of a frame says how few calls there can be. The oracle of the framework has
 //! to accept each plan and to object to each mutant of it, so that nothing is missing and nothing is needless. And the
@@ -14,8 +15,8 @@ use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameInputs, SceneData};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::{DeviceFacts, Hazard, PassId, Stages, Work};
 use splatgraph_framework::oracle::mutate::{Mutation, apply, mutations, needless, needless_by};
-use splatgraph_framework::oracle::{Replay, Rules, replay};
-use splatgraph_framework::plan::{Barrier, Plan};
+use splatgraph_framework::oracle::{Replay, Rules, dependencies, replay};
+use splatgraph_framework::plan::{Barrier, Dependency, Plan, Scope};
 use splatgraph_vulkan::{Validation, Vulkan};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io::Write;
@@ -75,6 +76,9 @@ fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
             flow,
             mutations(&plan).len()
         ));
+        for objection in dependencies(&plan) {
+            wrong.push(format!("{}: {}", plan.name, objection.describe(&plan)));
+        }
         for violation in replay(&plan, &Replay::default()) {
             wrong.push(format!("{}: {}", plan.name, violation.describe(&plan)));
         }
@@ -90,6 +94,49 @@ fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn a_dependency_of_a_preset_that_is_removed_or_has_a_bit_cleared_is_missed() {
+    let (mut mutants, mut unnoticed) = (0, Vec::new());
+    for plan in plans(&scene(), &facts::portable_device(facts::USUAL_SUBGROUP_SIZE)) {
+        let mut mutant = plan.clone();
+        let mut missed = |mutant: &Plan, index: usize, what: &str| {
+            mutants += 1;
+            if dependencies(mutant).is_empty() {
+                unnoticed.push(format!("{}: {what} of {:?}", plan.name, plan.dependencies[index]));
+            }
+        };
+        for (index, whole) in plan.dependencies.iter().enumerate() {
+            let removed = mutant.dependencies.remove(index);
+            missed(&mutant, index, "all");
+            mutant.dependencies.insert(index, removed);
+            // Where only the layout change waits, its target is not looked at.
+            let sides = if whole.hazard == Hazard::LayoutChange { 1 } else { 2 };
+            for side in 0..sides {
+                let scope = |d: &Dependency| [d.source, d.target][side];
+                let stages = scope(whole).stages.iter().map(|stages| Scope { stages, ..Scope::default() });
+                let accesses = scope(whole).accesses.iter();
+                let accesses = accesses.map(|accesses| Scope { accesses, ..Scope::default() });
+                for bit in stages.chain(accesses) {
+                    let dependency = &mut mutant.dependencies[index];
+                    let scope = [&mut dependency.source, &mut dependency.target].into_iter().nth(side);
+                    let scope = scope.expect("one of two");
+                    scope.stages -= bit.stages;
+                    scope.accesses -= bit.accesses;
+                    missed(&mutant, index, &format!("{bit:?}"));
+                    mutant.dependencies[index] = whole.clone();
+                }
+            }
+            if whole.changes_layout {
+                mutant.dependencies[index].changes_layout = false;
+                missed(&mutant, index, "the layout change");
+                mutant.dependencies[index] = whole.clone();
+            }
+        }
+    }
+    say(&format!("plans: {mutants} mutants of dependencies"));
+    assert!(unnoticed.is_empty(), "{}", unnoticed.join("\n"));
 }
 
 #[test]
@@ -114,10 +161,10 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
         let draws = |id: &PassId| matches!(plan.pass(*id).work, Work::Draw { .. });
         let args = plan.find_resource("order.args").expect("the draw has arguments");
         for barrier in builds::calls(&plan).flatten() {
-            let after_draw = barrier.dependencies.iter().any(|dependency| {
-                dependency.resource == args
-                    && dependency.hazard == Hazard::WriteAfterRead
-                    && dependency.after.iter().any(draws)
+            let after_draw = barrier.causes.iter().any(|cause| {
+                cause.resource == args
+                    && cause.hazard == Hazard::WriteAfterRead
+                    && cause.after.iter().any(draws)
             });
             if after_draw {
                 waits += 1;

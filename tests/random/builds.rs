@@ -100,8 +100,11 @@ impl Case<'_> {
         self.counts.add(plan);
     }
 
-    /// Fails with what the oracle has to say of a plan, if it has anything to say. `what` says which plan it is.
+    /// Fails with what the oracle has to say of a plan and its dependencies, if it has anything to say. `what` says which plan it is.
     pub fn judge(&self, plan: &Plan, what: &str) -> Result<(), String> {
+        if let Some(objection) = oracle::dependencies(plan).first() {
+            return Err(format!("{what}: {}\n{}", objection.describe(plan), shown(plan)));
+        }
         let violations = oracle::replay(plan, &oracle::Replay::default());
         if let Some(violation) = violations.first() {
             return Err(format!("{what}: {}\n{}", violation.describe(plan), shown(plan)));
@@ -133,7 +136,7 @@ pub fn shown(plan: &Plan) -> String {
                             format!("{} / {}", names(stages.iter_names()), names(accesses.iter_names()))
                         },
                     );
-                let reasons: Vec<String> = (b.dependencies.iter())
+                let reasons: Vec<String> = (b.causes.iter())
                     .map(|d| {
                         let after: Vec<&str> = d.after.iter().map(|id| name(*id)).collect();
                         let resource = &plan.resource(d.resource).name;

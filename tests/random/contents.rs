@@ -120,7 +120,7 @@ fn presented(plan: &Plan, waiting: Stages) -> Plan {
         source_accesses: Accesses::empty(),
         target_stages: waiting,
         target_accesses: Accesses::empty(),
-        dependencies: Vec::new(),
+        causes: Vec::new(),
     };
     for (pass, barriers) in [(blit, Vec::new()), (after, vec![waits])] {
         plan.frame.push(Step { barriers, pass: PassId(plan.passes.len() as u32) });

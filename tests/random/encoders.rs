@@ -1,7 +1,7 @@
 //! Random graphs, lowered to Metal's encoders, fences and barriers.
 
-use splatgraph_metal::barriers::{Division, encoders};
-use splatgraph_metal::model::{Model, mutate};
+use splatgraph_metal::sync::model::{Model, mutate};
+use splatgraph_metal::sync::{Division, encoders};
 use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 

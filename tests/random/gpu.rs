@@ -148,7 +148,7 @@ fn with_full_barriers(plan: &Plan) -> Plan {
                 source_accesses: Accesses::all(),
                 target_stages: Stages::all(),
                 target_accesses: Accesses::all(),
-                dependencies: Vec::new(),
+                causes: Vec::new(),
             },
         );
         for barrier in barriers {

@@ -50,7 +50,7 @@ fn a_call_has_at_most_one_barrier_on_all_memory_and_every_barrier_has_a_reason()
             if call.iter().filter(|barrier| barrier.image.is_none()).count() > 1 {
                 return Err(format!("two barriers on all memory in one call\n{}", shown(&case.plan)));
             }
-            if call.iter().any(|barrier| barrier.dependencies.is_empty()) {
+            if call.iter().any(|barrier| barrier.causes.is_empty()) {
                 return Err(format!("a barrier without a reason\n{}", shown(&case.plan)));
             }
         }

@@ -355,10 +355,14 @@ fn too_large(
     (!fit.fits).then_some(fit)
 }
 
-/// Replays the plan with the oracle and tries every mutation; returns the counts, or the violations and the needless parts.
+/// Checks the dependencies, replays the plan with the oracle, and tries every mutation.
+///
+/// Returns the counts, or what is missing and what is needless.
 fn verify(plan: &Plan) -> Result<String, String> {
+    let objections = oracle::dependencies(plan);
+    let mut problems: Vec<String> = objections.iter().map(|objection| objection.describe(plan)).collect();
     let violations = oracle::replay(plan, &Replay::default());
-    let mut problems: Vec<String> = violations.iter().map(|violation| violation.describe(plan)).collect();
+    problems.extend(violations.iter().map(|violation| violation.describe(plan)));
     if problems.is_empty() {
         let needless = mutate::needless(plan);
         problems = needless.iter().map(|mutation| format!("needless: {}", mutation.describe(plan))).collect();

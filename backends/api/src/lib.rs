@@ -1,8 +1,8 @@
 //! The interface between applications and backends: a device that loads a plan and renders frames of it.
 //!
 //! A backend executes [`splatgraph_framework::plan::Plan`]s. It owns the device, the plan's memory and pipelines, and the
-//! uploads of the scene; it decides nothing about order or barriers. The order of calls is: open the device (each
-//! backend's own constructor), [`Device::load`] a plan with the scene's data, then [`Device::submit`] frames and
+//! uploads of the scene. What comes after what is decided by the plan's dependencies; a backend looks for no conflicts of its
+//! own. The order of calls is: open the device (each backend's own constructor), [`Device::load`] a plan with the scene's data, then [`Device::submit`] frames and
 //! [`Device::wait`] for their results, with up to [`FRAMES_IN_FLIGHT`] submitted and not yet waited for.
 
 #![deny(missing_docs)]

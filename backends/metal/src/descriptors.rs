@@ -4,7 +4,7 @@
 //! what to set where.
 
 use crate::gpu::MetalGpu;
-use crate::lower::{Place, Stage};
+use crate::lower::{ArgumentSlot, Stage};
 use crate::pipelines::Pipelines;
 use metal::{Buffer, Texture};
 use splatgraph_framework::ir::{Binding, Msl, PassId};
@@ -16,13 +16,13 @@ pub struct ArgumentTables {
     /// By pass, then by copy; empty for passes that bind nothing.
     tables: Vec<Vec<Table>>,
     /// The places of the bindings, by pass.
-    places: Vec<Vec<((u32, u32), Place)>>,
+    places: Vec<Vec<((u32, u32), ArgumentSlot)>>,
 }
 
 /// The arguments of a pass in one frame.
 #[derive(Clone, Default)]
 pub(crate) struct Table {
-    pub arguments: Vec<(Place, Argument)>,
+    pub arguments: Vec<(ArgumentSlot, Argument)>,
     /// The sizes in bytes of the buffers of each stage that asks for some, by buffer index.
     pub sizes: Vec<(Stage, [u32; Msl::MOST_BUFFERS as usize])>,
 }
@@ -88,7 +88,7 @@ impl ArgumentTables {
 }
 
 impl Table {
-    fn set_size(&mut self, place: Place, bytes: u64) {
+    fn set_size(&mut self, place: ArgumentSlot, bytes: u64) {
         if !place.sized {
             return;
         }

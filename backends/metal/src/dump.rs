@@ -1,27 +1,27 @@
 //! The encoders of a plan in its dump, with names in place of numbers.
 
-use crate::barriers::{self, *};
+use crate::sync::{self, Cause, *};
 use splatgraph_framework::dump::{self, Dump, DumpEncoder, DumpEncoders, DumpReason, EncoderTotals};
 use splatgraph_framework::{ir::*, plan::*};
 
 /// Adds the encoders of a plan to its dump.
 pub fn add_encoders(dump: Dump, plan: &Plan) -> Dump {
     let (encoders, reasons) = explained(plan, Division::Merged);
-    let at = |place: Place| -> Vec<DumpReason> {
+    let at = |place: At| -> Vec<DumpReason> {
         reasons.iter().filter(|reason| reason.at == place).map(|reason| reason_of(plan, reason)).collect()
     };
-    let list = |encodings: &[Encoding], place: fn(usize, Point) -> Place| -> Vec<DumpEncoder> {
+    let list = |encodings: &[Encoding], place: fn(usize, Point) -> At| -> Vec<DumpEncoder> {
         let encoder = |(index, encoding)| encoder_of(plan, encoding, |point| at(place(index, point)));
         encodings.iter().enumerate().map(encoder).collect()
     };
     Dump {
         encoders: Some(DumpEncoders {
-            prologue: list(&encoders.prologue, Place::Prologue),
-            handover: at(Place::Handover),
-            frame: list(&encoders.frame, Place::Frame),
+            prologue: list(&encoders.prologue, At::Prologue),
+            handover: at(At::Handover),
+            frame: list(&encoders.frame, At::Frame),
             prologue_totals: totals(&encoders.prologue),
             frame_totals: totals(&encoders.frame),
-            timed_totals: totals(&barriers::encoders(plan, Division::Passes).frame),
+            timed_totals: totals(&sync::encoders(plan, Division::Passes).frame),
         }),
         ..dump
     }
@@ -54,11 +54,11 @@ fn encoder_of(plan: &Plan, encoding: &Encoding, reasons: impl Fn(Point) -> Vec<D
 }
 
 fn reason_of(plan: &Plan, reason: &Cause) -> DumpReason {
-    let pass = |id: &PassId| dump::Place {
+    let pass = |id: &PassId| dump::Declared {
         name: plan.pass(*id).name.clone(),
         declared: plan.pass(*id).origin.clone(),
     };
-    let resource = |id: ResourceId| dump::Place {
+    let resource = |id: ResourceId| dump::Declared {
         name: plan.resource(id).name.clone(),
         declared: plan.resource(id).origin.clone(),
     };

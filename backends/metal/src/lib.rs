@@ -4,9 +4,8 @@
 //! everywhere:
 //!
 //! - [`features`]: the limits of a device, from the few numbers that Metal tells;
-//! - [`barriers`]: the passes divided into encoders, with fences between them;
+//! - [`sync`]: the passes divided into encoders, with fences between them, and the model of Metal's rules that checks them;
 //! - [`dump`]: the encoders for `splatgraph dump`;
-//! - [`model`]: the model of Metal's rules that checks them;
 //! - [`lower`]: pipelines, arguments, usages and copies;
 //! - [`walk`]: which encoder is opened, ordered and closed when, as the passes of a frame come by;
 //! - [`error`]: Metal's answers as errors.
@@ -21,12 +20,11 @@
 
 #![deny(missing_docs)]
 
-pub mod barriers;
 pub mod dump;
 pub mod error;
 pub mod features;
 pub mod lower;
-pub mod model;
+pub mod sync;
 pub mod walk;
 
 #[cfg(target_vendor = "apple")]

@@ -87,9 +87,9 @@ pub struct StageArguments {
     pub msl: Arc<Msl>,
 }
 
-/// A place in a table of arguments.
+/// A slot in a table of arguments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Place {
+pub struct ArgumentSlot {
     /// The stage whose tables these are.
     pub stage: Stage,
     /// The table is that of textures, not that of buffers.
@@ -113,12 +113,12 @@ pub struct Lowered {
 
 impl Lowered {
     /// Lists the places of a binding of a pass: none in stages that do not reach it.
-    pub fn places(&self, pass: PassId, binding: &Binding) -> impl Iterator<Item = Place> {
+    pub fn places(&self, pass: PassId, binding: &Binding) -> impl Iterator<Item = ArgumentSlot> {
         let at = (binding.binding, binding.element);
         self.arguments[pass.index()].iter().filter_map(move |stage| {
             let found = stage.msl.arguments.iter().find(|place| (place.binding, place.element) == at)?;
             let sized = !found.texture && stage.msl.sizes.is_some();
-            Some(Place { stage: stage.stage, texture: found.texture, index: found.index, sized })
+            Some(ArgumentSlot { stage: stage.stage, texture: found.texture, index: found.index, sized })
         })
     }
 }

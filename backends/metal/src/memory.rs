@@ -16,12 +16,12 @@ use std::sync::atomic::Ordering;
 
 /// A piece of memory.
 pub struct Memory {
-    place: Place,
+    backing: Backing,
     bytes: u64,
     gpu: Arc<MetalGpu>,
 }
 
-enum Place {
+enum Backing {
     /// For objects that the device alone touches.
     Heap(Heap),
     /// Mapped.
@@ -41,7 +41,7 @@ impl Memory {
     ) -> Result<Memory, BackendError> {
         let bytes = requirements.size;
         let shared = MTLResourceOptions::StorageModeShared | MTLResourceOptions::HazardTrackingModeUntracked;
-        let place = match location {
+        let backing = match location {
             Location::Device => {
                 let descriptor = HeapDescriptor::new();
                 descriptor.set_size(bytes);
@@ -50,22 +50,22 @@ impl Memory {
                 descriptor.set_heap_type(MTLHeapType::Placement);
                 objc::new_heap(&gpu.device, &descriptor).map(|heap| {
                     heap.set_label(name);
-                    Place::Heap(heap)
+                    Backing::Heap(heap)
                 })
             }
             // The host writes it in order, and never reads it.
             Location::Upload => {
                 let options = shared | MTLResourceOptions::CPUCacheModeWriteCombined;
-                objc::new_buffer(&gpu.device, bytes, options).map(Place::Buffer)
+                objc::new_buffer(&gpu.device, bytes, options).map(Backing::Buffer)
             }
-            Location::Readback => objc::new_buffer(&gpu.device, bytes, shared).map(Place::Buffer),
+            Location::Readback => objc::new_buffer(&gpu.device, bytes, shared).map(Backing::Buffer),
         };
-        let Some(place) = place else {
+        let Some(backing) = backing else {
             let reason = "Metal made no object".to_string();
             return Err(BackendError::OutOfMemory { name: name.to_string(), bytes, reason });
         };
         gpu.allocated.fetch_add(bytes, Ordering::Relaxed);
-        Ok(Memory { place, bytes, gpu: gpu.clone() })
+        Ok(Memory { backing, bytes, gpu: gpu.clone() })
     }
 }
 
@@ -75,14 +75,14 @@ impl splatgraph_runtime::Memory for Memory {
     }
 
     fn mapped(&self) -> &[u8] {
-        let Place::Buffer(buffer) = &self.place else { return &[] };
+        let Backing::Buffer(buffer) = &self.backing else { return &[] };
         // SAFETY: the contents of a shared buffer are this long, and alive as long as it is. The runtime looks at them only while
         // no submission writes them.
         unsafe { std::slice::from_raw_parts(buffer.contents().cast(), self.bytes as usize) }
     }
 
     fn mapped_mut(&mut self) -> &mut [u8] {
-        let Place::Buffer(buffer) = &self.place else { return &mut [] };
+        let Backing::Buffer(buffer) = &self.backing else { return &mut [] };
         // SAFETY: as above, and this is the only owner.
         unsafe { std::slice::from_raw_parts_mut(buffer.contents().cast(), self.bytes as usize) }
     }
@@ -129,11 +129,11 @@ pub(crate) fn create_image(gpu: &MetalGpu, desc: &ImageDesc) -> (UnboundImage, R
 
 /// Places a buffer at the start of memory that meets its requirements.
 pub(crate) fn bind_buffer(buffer: &UnboundBuffer, memory: &Memory) -> Result<Buffer, BackendError> {
-    let raw = match &memory.place {
-        Place::Heap(heap) => heap
+    let raw = match &memory.backing {
+        Backing::Heap(heap) => heap
             .new_buffer_with_offset(buffer.bytes, private(), 0)
             .ok_or_else(|| no_object("newBufferWithLength:options:offset:"))?,
-        Place::Buffer(own) => own.clone(),
+        Backing::Buffer(own) => own.clone(),
     };
     raw.set_label(&buffer.name);
     Ok(raw)
@@ -141,9 +141,9 @@ pub(crate) fn bind_buffer(buffer: &UnboundBuffer, memory: &Memory) -> Result<Buf
 
 /// Places an image at the start of memory that meets its requirements.
 pub(crate) fn bind_image(image: &UnboundImage, memory: &Memory) -> Result<Texture, BackendError> {
-    let raw = match &memory.place {
-        Place::Heap(heap) => heap.new_texture_with_offset(&image.descriptor, 0),
-        Place::Buffer(_) => None,
+    let raw = match &memory.backing {
+        Backing::Heap(heap) => heap.new_texture_with_offset(&image.descriptor, 0),
+        Backing::Buffer(_) => None,
     };
     let raw = raw.ok_or_else(|| no_object("newTextureWithDescriptor:offset:"))?;
     raw.set_label(&image.name);

@@ -1,11 +1,11 @@
 //! Pipelines, fences and the encoders of a plan, made once per plan.
 
-use crate::barriers::Division;
 use crate::features::LANES;
 use crate::gpu::{self, MetalGpu};
 use crate::lower::{self, BlendFactor, Lowered, PipelineState, TargetState};
 use crate::memory::format;
 use crate::objc;
+use crate::sync::Division;
 use crate::walk::Walked;
 use metal::*;
 use splatgraph_api::BackendError;

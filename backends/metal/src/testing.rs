@@ -1,7 +1,7 @@
 //! For the tests of this crate: plans made by hand, and encoders in short.
 
-use crate::barriers::*;
-use splatgraph_framework::{ir::*, plan::*};
+use crate::sync::*;
+use splatgraph_framework::{ir::*, plan::*, solve::add_dependencies};
 use std::collections::BTreeMap;
 
 /// A plan in the making. Buffers and images have 64 bytes and memory of their own unless a test says otherwise.
@@ -44,6 +44,8 @@ impl Sketch {
             passes: vec![],
             blocks: vec![],
             prologue: vec![],
+            dependencies: vec![],
+            layout_changes: vec![],
             handover: vec![],
             frame: vec![],
             culled: vec![],
@@ -84,6 +86,7 @@ impl Sketch {
         let block = self.plan.resource(first).block.expect("a transient one");
         self.plan.resources[second.index()].block = Some(block);
         self.plan.blocks[block.index()].aliases.push(second);
+        add_dependencies(&mut self.plan);
     }
 
     fn pass(&mut self, name: &str, run: Run, work: Work, uses: &[Use]) {
@@ -93,6 +96,7 @@ impl Sketch {
         self.plan.passes.push(Pass { name, phase, run, work, bindings, push, uses, origin });
         let steps = if run == Run::Once { &mut self.plan.prologue } else { &mut self.plan.frame };
         steps.push(Step { barriers: vec![], pass });
+        add_dependencies(&mut self.plan);
     }
 
     pub fn once(&mut self, name: &str, uses: &[Use]) {

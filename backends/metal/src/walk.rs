@@ -7,7 +7,7 @@
 //! Every encoder whose pass is announced is opened, also where its pass is left out: orders may lead through it from one encoder to a
 //! third.
 
-use crate::barriers::{Division, EncoderKind, Encoders, FenceUse, MemoryBarrier, encoders};
+use crate::sync::{Division, EncoderKind, Encoders, FenceUse, MemoryBarrier, encoders};
 use splatgraph_framework::{ir::*, plan::*};
 
 /// The encoders of a plan in both divisions, and what frames know of their fences.
@@ -178,7 +178,7 @@ impl Walk {
 }
 
 impl Divided {
-    fn encoding(&self, index: usize) -> &crate::barriers::Encoding {
+    fn encoding(&self, index: usize) -> &crate::sync::Encoding {
         let Encoders { prologue, frame, .. } = &self.encoders;
         prologue.get(index).unwrap_or_else(|| &frame[index - prologue.len()])
     }
@@ -187,7 +187,7 @@ impl Divided {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::barriers::{EncodedPass, Encoding, RenderStages};
+    use crate::sync::{EncodedPass, Encoding, RenderStages};
     use Move::*;
 
     const CLEAR: PassId = PassId(0);

@@ -6,7 +6,7 @@ use std::path::Path;
 mod module_order;
 
 /// The modules, from the ground up.
-const ORDER: [&str; 19] = [
+const ORDER: [&str; 18] = [
     "objc",
     "error",
     "surface",
@@ -15,8 +15,7 @@ const ORDER: [&str; 19] = [
     "capture",
     "device",
     "gpu",
-    "barriers",
-    "model",
+    "sync",
     "dump",
     "walk",
     "memory",

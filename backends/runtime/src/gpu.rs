@@ -7,8 +7,9 @@
 //! Ownership runs one way: an executor holds the device, and every object holds the device that it was made from, by an
 //! [`Arc`]. The executor drops an object only when no frame in flight uses it.
 //!
-//! Nothing here belongs to one API. Barriers arrive as the plan states them, and an implementation lowers them: Vulkan to
-//! stages, accesses and layouts, Metal to barriers between encoders. Bindings are written one by one, to descriptor sets or to
+//! An implementation orders passes by the commands that were made of the plan's dependencies. Vulkan's are the barriers of the
+//! plan's steps, which [`Encoder::barriers`] receives. Metal's are encoders, fences and barriers, which its backend makes when a plan
+//! is loaded: it ignores that call, and learns from [`Encoder::pass`] where it stands. Bindings are written one by one, to descriptor sets or to
 //! argument tables. An encoder carries the means to wait for its own completion, a fence or a shared event.
 
 use crate::limits::Limits;
@@ -447,7 +448,7 @@ pub fn binding_copies(plan: &Plan, pass: &Pass) -> usize {
     if per_frame { splatgraph_api::FRAMES_IN_FLIGHT } else { 1 }
 }
 
-/// A barrier of the plan, with the image whose layout it changes.
+/// A barrier of the plan's steps, with the image whose layout it changes.
 ///
 /// Without an image it is one on all memory; or it is one whose change of layout does not apply in this frame, and of which
 /// only the order remains.
@@ -504,7 +505,7 @@ pub trait Encoder<G: Gpu>: Send {
     /// Closes the label opened last.
     fn pop_label(&mut self);
 
-    /// Records barriers of the plan, as one call.
+    /// Records Vulkan's barriers before a pass or of the handover, as one call. An API with commands of its own ignores it.
     fn barriers<'a>(&mut self, barriers: impl Iterator<Item = PlanBarrier<'a, G>>);
 
     /// Records a barrier from everything before to everything after, on all memory, with changes of layouts.

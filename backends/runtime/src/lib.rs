@@ -13,8 +13,8 @@
 //!    `outputs` shares it with other executors;
 //! 5. `watch` knows which pass the device runs, so that every wait for it has an end.
 //!
-//! The crate decides nothing about order or barriers: it records the barriers of the plan, and adds some only for its own work
-//! (uploads, readback, inspection, shared outputs, the change from one plan to the next).
+//! The crate decides nothing about order. Vulkan's barriers, which the plan's steps hold, pass through it, and it adds barriers only
+//! for its own work (uploads, readback, inspection, shared outputs, the change from one plan to the next).
 //!
 //! Ownership runs one way: an executor holds the state that executors of one device share, that holds the device, and objects hold
 //! the device that they were made from.

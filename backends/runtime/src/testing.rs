@@ -91,6 +91,8 @@ pub(crate) fn plan() -> Plan {
         ],
         blocks: [WORDS, ARGS, COLOR].map(|id| Block { aliases: vec![id] }).into(),
         prologue: vec![step(0)],
+        dependencies: vec![],
+        layout_changes: vec![],
         handover: Vec::new(),
         frame: vec![step(1), step(2), step(3), step(4), step(5)],
         culled: Vec::new(),
@@ -112,7 +114,7 @@ pub(crate) fn on_memory(source: (Stages, Accesses), target: (Stages, Accesses)) 
         source_accesses: source.1,
         target_stages: target.0,
         target_accesses: target.1,
-        dependencies: Vec::new(),
+        causes: Vec::new(),
     }
 }
 

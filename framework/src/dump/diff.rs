@@ -6,8 +6,8 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-use super::text::mask_text;
-use super::{DUMP_VERSION, Dump, DumpBarrier, DumpDependency, DumpPass, DumpResource, DumpTouch};
+use super::text::{comes_after, mask_text};
+use super::{DUMP_VERSION, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource, DumpTouch};
 
 /// Lists the differences between two dumps, `a` and `b`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -253,6 +253,7 @@ fn pass_properties(pass: &DumpPass) -> Properties {
     }
     all.push(("reads".into(), uses(&pass.reads)));
     all.push(("writes".into(), uses(&pass.writes)));
+    all.push(("comes after".into(), comes_after(pass)));
     all
 }
 
@@ -291,7 +292,7 @@ fn reasons(barrier: &DumpBarrier) -> Vec<String> {
     barrier.dependencies.iter().map(reason).collect()
 }
 
-fn reason(d: &DumpDependency) -> String {
+fn reason(d: &DumpCause) -> String {
     let after: Vec<&str> = d.after.iter().map(|p| p.name.as_str()).collect();
     let alias = d.alias.as_ref().map(|p| &p.name);
     format!(

@@ -3,7 +3,7 @@
 use std::fmt::{self, Write};
 
 use super::repeats::single_index;
-use super::text::{bytes, dependency_line, mask_text, subject};
+use super::text::{bytes, cause_line, mask_text, subject};
 use super::{Diff, DumpBarrier, NamedChange, PropertyChange, TotalChange};
 
 /// Limits the values of a property that one line lists.
@@ -140,7 +140,7 @@ fn place(barrier: &DumpBarrier) -> String {
 /// The masks, and a line for each dependency.
 fn lines(barrier: &DumpBarrier) -> Vec<String> {
     let masks = mask_text(&barrier.masks);
-    std::iter::once(masks).chain(barrier.dependencies.iter().map(|d| dependency_line(barrier, d))).collect()
+    std::iter::once(masks).chain(barrier.dependencies.iter().map(|d| cause_line(barrier, d))).collect()
 }
 
 fn arrow(change: &PropertyChange) -> String {

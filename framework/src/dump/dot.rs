@@ -1,6 +1,6 @@
 //! The dump for Graphviz: passes as boxes in the order they run, and between them the dependencies that barriers stand for.
 
-use super::text::{dependency_line, subject};
+use super::text::{cause_line, subject};
 use super::{Dump, DumpBarrier};
 use crate::ir::Hazard;
 use std::collections::HashMap;
@@ -40,12 +40,8 @@ fn write_edges(out: &mut String, barrier: &DumpBarrier) {
             let style = if kept_apart || dependency.previous_frame { "dashed" } else { "solid" };
             // An edge from the frame before must not turn the picture upside down.
             let constraint = if dependency.previous_frame { ", constraint=false" } else { "" };
-            let tip = format!(
-                "barrier {} {}\n{}",
-                barrier.id,
-                subject(barrier),
-                dependency_line(barrier, dependency)
-            );
+            let tip =
+                format!("barrier {} {}\n{}", barrier.id, subject(barrier), cause_line(barrier, dependency));
             *out += &format!(
                 "  {} -> {} [label={}, tooltip={}, style={style}{constraint}];\n",
                 quote(&after.name),

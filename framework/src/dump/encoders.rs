@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt::{self, Write};
 
 use super::text::hazard_words;
-use super::{BarrierTotals, Dump, DumpBarrier, DumpPass, Place};
+use super::{BarrierTotals, Declared, Dump, DumpBarrier, DumpPass};
 use crate::ir::{Hazard, Run};
 
 /// The encoders of a plan, for an API that has encoders, fences and barriers within them (Metal).
@@ -83,15 +83,15 @@ pub struct DumpReason {
     /// Kind of conflict.
     pub hazard: Hazard,
     /// The pass that waits.
-    pub before: Place,
+    pub before: Declared,
     /// The resource that it accesses.
-    pub resource: Place,
+    pub resource: Declared,
     /// The passes that are waited for.
-    pub after: Vec<Place>,
+    pub after: Vec<Declared>,
     /// They ran in the frame before that of `before`.
     pub previous_frame: bool,
     /// The resource that they touched, where it is another one in the same memory.
-    pub alias: Option<Place>,
+    pub alias: Option<Declared>,
 }
 
 /// Counts what orders the passes of a part of a plan.

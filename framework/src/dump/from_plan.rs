@@ -1,15 +1,15 @@
 //! From the plan to its dump: names for numbers, sums, lifetimes.
 
 use super::{
-    BarrierTotals, DUMP_VERSION, Define, Dump, DumpBarrier, DumpBinding, DumpBlock, DumpDependency,
-    DumpLeftOut, DumpParameter, DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader, DumpStat,
-    DumpTarget, DumpTouch, DumpTransition, DumpWarning, Lifetime, Masks, Place, Totals, repeats,
+    BarrierTotals, DUMP_VERSION, Declared, Define, Dump, DumpBarrier, DumpBinding, DumpBlock, DumpCause,
+    DumpDependency, DumpLeftOut, DumpParameter, DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader,
+    DumpStat, DumpTarget, DumpTouch, DumpTransition, DumpWarning, Lifetime, Masks, Totals, repeats,
 };
 use crate::ir::{
     Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId, Shape,
     Source, Stages, Value, Work,
 };
-use crate::plan::{Barrier, Dependency, Plan, Step, Warning};
+use crate::plan::{Barrier, Cause, Dependency, Plan, Step, Warning};
 use std::collections::HashMap;
 
 /// The plan with names in place of numbers.
@@ -132,7 +132,7 @@ fn call_totals(barriers: &[Barrier]) -> BarrierTotals {
         barriers: barriers.len(),
         memory_barriers: barriers.len() - images,
         image_barriers: images,
-        dependencies: barriers.iter().map(|b| b.dependencies.len()).sum(),
+        dependencies: barriers.iter().map(|b| b.causes.len()).sum(),
     }
 }
 
@@ -260,6 +260,7 @@ fn pass_of(plan: &Plan, id: PassId, barriers: Vec<DumpBarrier>) -> DumpPass {
             .collect(),
         push: push(plan, pass, &shaders),
         shaders: shaders.iter().map(|id| shader_of(plan, *id)).collect(),
+        dependencies: plan.dependencies_of(id).iter().map(|d| dependency_of(plan, d)).collect(),
         barriers,
         gpu_ms: None,
         declared: pass.origin.clone(),
@@ -351,12 +352,12 @@ fn barrier_of(plan: &Plan, barrier: &Barrier, before: Option<PassId>, id: u32) -
             (barrier.source_stages, barrier.source_accesses),
             (barrier.target_stages, barrier.target_accesses),
         ),
-        dependencies: barrier.dependencies.iter().map(|d| dependency_of(plan, d)).collect(),
+        dependencies: barrier.causes.iter().map(|d| cause_of(plan, d)).collect(),
     }
 }
 
-fn dependency_of(plan: &Plan, dependency: &Dependency) -> DumpDependency {
-    DumpDependency {
+fn cause_of(plan: &Plan, dependency: &Cause) -> DumpCause {
+    DumpCause {
         hazard: dependency.hazard,
         before: pass_place(plan, dependency.before),
         resource: resource_place(plan, dependency.resource),
@@ -370,12 +371,27 @@ fn dependency_of(plan: &Plan, dependency: &Dependency) -> DumpDependency {
     }
 }
 
-fn pass_place(plan: &Plan, id: PassId) -> Place {
-    Place { name: plan.pass(id).name.clone(), declared: plan.pass(id).origin.clone() }
+fn dependency_of(plan: &Plan, dependency: &Dependency) -> DumpDependency {
+    let Dependency { hazard, since, bytes, source, target, changes_layout, .. } = dependency;
+    DumpDependency {
+        hazard: *hazard,
+        pass: pass_place(plan, dependency.first),
+        since: *since,
+        resource: resource_place(plan, dependency.resource),
+        alias: dependency.alias.map(|id| resource_place(plan, id)),
+        start: bytes.start,
+        end: bytes.end,
+        changes_layout: *changes_layout,
+        masks: masks((source.stages, source.accesses), (target.stages, target.accesses)),
+    }
 }
 
-fn resource_place(plan: &Plan, id: ResourceId) -> Place {
-    Place { name: plan.resource(id).name.clone(), declared: plan.resource(id).origin.clone() }
+fn pass_place(plan: &Plan, id: PassId) -> Declared {
+    Declared { name: plan.pass(id).name.clone(), declared: plan.pass(id).origin.clone() }
+}
+
+fn resource_place(plan: &Plan, id: ResourceId) -> Declared {
+    Declared { name: plan.resource(id).name.clone(), declared: plan.resource(id).origin.clone() }
 }
 
 fn masks(source: (Stages, Accesses), target: (Stages, Accesses)) -> Masks {

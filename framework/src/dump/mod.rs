@@ -3,7 +3,7 @@
 //! [`Dump`] is the plan with names in place of numbers. Its JSON ([`json`]) is the canonical form, and every other form is
 //! made from it alone: [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to
 //! compare two dumps. It lists the passes in their order with the resources that each accesses; the memory and the lifetime
-//! of each resource; and for every barrier the hazards, the passes and the lines of the graph behind it. A backend
+//! of each resource; what each pass comes after; and for every barrier the hazards, the passes and the lines of the graph behind it. A backend
 //! whose API has encoders can add them ([`DumpEncoders`]; [`encoders_text`] shows these).
 //!
 //! The fields are documented here, in `docs/dump.md`, and for programs in `docs/dump.schema.json`; a test keeps the three
@@ -26,6 +26,7 @@ use std::collections::BTreeMap;
 use crate::ir::{
     Blend, DescriptorKind, Fallback, Hazard, Layout, Load, Origin, Reason, Run, Shape, Topology, Value,
 };
+use crate::plan::Since;
 
 pub use diff::{
     BarrierChange, Diff, DiffSide, Differences, NamedChange, PropertyChange, ResourceSize, TotalChange, diff,
@@ -38,7 +39,7 @@ pub use encoders::{
 };
 pub use from_plan::{dump, json};
 pub use html::html;
-pub use text::{barrier_line, bytes, dependency_line, left_out_counts, text};
+pub use text::{barrier_line, bytes, cause_line, dependency_line, left_out_counts, text};
 
 /// Numbers the JSON form; raised when a field changes its meaning or is removed.
 pub const DUMP_VERSION: u32 = 4;
@@ -267,6 +268,9 @@ pub struct DumpPass {
     pub bindings: Vec<DumpBinding>,
     /// Push constants.
     pub push: Vec<DumpPush>,
+    /// What it comes after.
+    #[serde(default)]
+    pub dependencies: Vec<DumpDependency>,
     /// Recorded as one call before the pass.
     pub barriers: Vec<DumpBarrier>,
     /// Milliseconds on the GPU. Filled in by [`Dump::with_times`].
@@ -362,11 +366,35 @@ pub struct DumpPush {
 
 /// A resource or a pass, and where the graph declares it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Place {
+pub struct Declared {
     /// Name of the resource or pass, as in the dump.
     pub name: String,
     /// Position of its declaration.
     pub declared: Origin,
+}
+
+/// Something that a pass comes after: an access of an earlier pass to the same memory.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DumpDependency {
+    /// Kind of conflict; [`Hazard::LayoutChange`] where only the change of the image's layout waits.
+    pub hazard: Hazard,
+    /// The earlier pass.
+    pub pass: Declared,
+    /// Which run of it: in the same frame, the prologue or the frame before.
+    pub since: Since,
+    /// The resource that the later pass accesses.
+    pub resource: Declared,
+    /// The resource that the earlier pass accessed, where it is another one in the same memory.
+    pub alias: Option<Declared>,
+    /// First byte of the resource in the conflict.
+    pub start: u64,
+    /// End of these bytes, exclusive.
+    pub end: u64,
+    /// The layout of the image changes between the two.
+    pub changes_layout: bool,
+    /// Stages and accesses of both passes.
+    #[serde(flatten)]
+    pub masks: Masks,
 }
 
 /// Order and memory between what came before and what comes after; see [`crate::plan::Barrier`].
@@ -375,14 +403,14 @@ pub struct DumpBarrier {
     /// Counts from 1 in the order of recording: prologue, handover, frame.
     pub id: u32,
     /// The pass that follows it; `None` in the handover.
-    pub before: Option<Place>,
+    pub before: Option<Declared>,
     /// The image that changes its layout; `None` for a barrier on all memory.
     pub image: Option<DumpTransition>,
     /// Stages and accesses: the union over all dependencies.
     #[serde(flatten)]
     pub masks: Masks,
     /// Hazards that it prevents.
-    pub dependencies: Vec<DumpDependency>,
+    pub dependencies: Vec<DumpCause>,
 }
 
 /// A change of an image's layout.
@@ -411,20 +439,20 @@ pub struct Masks {
 
 /// One reason for a barrier.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DumpDependency {
+pub struct DumpCause {
     /// Kind of conflict.
     pub hazard: Hazard,
     /// The pass that needs it: the one after the barrier, or a later one that would otherwise need a call of its own. (It may
     /// be one at the start of the next frame that depends on the last call of this one.)
-    pub before: Place,
+    pub before: Declared,
     /// The resource that this pass accesses.
-    pub resource: Place,
+    pub resource: Declared,
     /// The passes that are waited for. Empty where an image was never touched.
-    pub after: Vec<Place>,
+    pub after: Vec<Declared>,
     /// They ran in the frame before that of `before`.
     pub previous_frame: bool,
     /// The resource that they touched, where it is another one in the same memory.
-    pub alias: Option<Place>,
+    pub alias: Option<Declared>,
     /// Masks that this reason alone requires.
     #[serde(flatten)]
     pub masks: Masks,

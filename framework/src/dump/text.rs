@@ -3,9 +3,11 @@
 use std::fmt::{self, Write};
 
 use super::{
-    BarrierTotals, Dump, DumpBarrier, DumpDependency, DumpPass, DumpResource, Lifetime, Masks, Place,
+    BarrierTotals, Declared, Dump, DumpBarrier, DumpCause, DumpDependency, DumpPass, DumpResource, Lifetime,
+    Masks,
 };
 use crate::ir::{Hazard, Run};
+use crate::plan::Since;
 
 /// Bytes with a unit, three significant digits.
 pub fn bytes(n: u64) -> String {
@@ -141,7 +143,60 @@ fn write_pass(out: &mut String, pass: &DumpPass) -> fmt::Result {
             writeln!(out, "      {title} {}", names.join(", "))?;
         }
     }
+    if !pass.dependencies.is_empty() {
+        writeln!(out, "      after  {}", comes_after(pass))?;
+    }
     Ok(())
+}
+
+/// `project (visible, splats), draw and export of the frame before (color in the memory of depth)`.
+pub(super) fn comes_after(pass: &DumpPass) -> String {
+    // Of each earlier pass, and in which run, the resources.
+    let mut passes: Vec<((&str, Since), Vec<String>)> = Vec::new();
+    for dependency in &pass.dependencies {
+        let (earlier, resource) = ((dependency.pass.name.as_str(), dependency.since), subject_of(dependency));
+        match passes.iter_mut().find(|(known, _)| *known == earlier) {
+            Some((_, resources)) if resources.contains(&resource) => {}
+            Some((_, resources)) => resources.push(resource),
+            None => passes.push((earlier, vec![resource])),
+        }
+    }
+    let mut groups: Vec<(Vec<&str>, Since, Vec<String>)> = Vec::new();
+    for ((name, since), resources) in passes {
+        match groups.iter_mut().find(|group| (group.1, &group.2) == (since, &resources)) {
+            Some((names, ..)) => names.push(name),
+            None => groups.push((vec![name], since, resources)),
+        }
+    }
+    let group = |(names, since, resources): &(Vec<&str>, Since, Vec<String>)| {
+        let names = match names.split_last() {
+            Some((last, rest)) if !rest.is_empty() => format!("{} and {last}", rest.join(", ")),
+            _ => names.join(", "),
+        };
+        format!("{names}{} ({})", when(*since), resources.join(", "))
+    };
+    groups.iter().map(group).collect::<Vec<_>>().join(", ")
+}
+
+fn when(since: Since) -> &'static str {
+    match since {
+        Since::Same => "",
+        Since::Prologue => " of the prologue",
+        Since::PreviousFrame => " of the frame before",
+    }
+}
+
+/// `color in the memory of depth`.
+fn subject_of(dependency: &DumpDependency) -> String {
+    let alias = dependency.alias.as_ref().map(|alias| format!(" in the memory of {}", alias.name));
+    format!("{}{}", dependency.resource.name, alias.unwrap_or_default())
+}
+
+/// `write after read on color in the memory of depth, after compose of the frame before: COMPUTE STORAGE_READ -> ...`.
+pub fn dependency_line(dependency: &DumpDependency) -> String {
+    let DumpDependency { hazard, pass, since, masks, .. } = dependency;
+    let (hazard, resource) = (hazard_words(*hazard), subject_of(dependency));
+    format!("{hazard} on {resource}, after {}{}: {}", pass.name, when(*since), mask_text(masks))
 }
 
 /// `splat.vert + splat.frag`.
@@ -152,7 +207,7 @@ pub(super) fn shader_files(pass: &DumpPass) -> String {
 
 fn write_barrier(out: &mut String, barrier: &DumpBarrier) -> fmt::Result {
     writeln!(out, "    | {}", barrier_line(barrier))?;
-    barrier.dependencies.iter().try_for_each(|d| writeln!(out, "    |   {}", dependency_line(barrier, d)))
+    barrier.dependencies.iter().try_for_each(|d| writeln!(out, "    |   {}", cause_line(barrier, d)))
 }
 
 /// `15 passes left out: 13 (nothing reads what it writes), 2 (its condition is false)`.
@@ -198,13 +253,13 @@ pub(super) fn subject(b: &DumpBarrier) -> String {
 
 /// `read after write on keys#1, after sort.scatter[0]: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ`. A pass other than the one
 /// that the barrier stands before is named.
-pub fn dependency_line(barrier: &DumpBarrier, d: &DumpDependency) -> String {
+pub fn cause_line(barrier: &DumpBarrier, d: &DumpCause) -> String {
     let mut line = format!("{} on {}", hazard_words(d.hazard), d.resource.name);
     if let Some(alias) = &d.alias {
         line += &format!(" in the memory of {}", alias.name);
     }
     if !d.after.is_empty() {
-        let after: Vec<&str> = d.after.iter().map(|Place { name, .. }| name.as_str()).collect();
+        let after: Vec<&str> = d.after.iter().map(|Declared { name, .. }| name.as_str()).collect();
         let frame = if d.previous_frame { " of the frame before" } else { "" };
         line += &format!(", after {}{frame}", after.join(", "));
     }

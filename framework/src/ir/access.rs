@@ -1,6 +1,7 @@
 //! Pipeline stages, memory accesses, image layouts and hazards.
 //!
-//! Names and meanings are those of Vulkan's synchronization2, the finer of the two models; a Metal backend maps them down.
+//! Names and meanings are those of Vulkan's synchronization2, the finer of the models. A plan's dependencies are in these terms, and each
+//! API maps them to its own: Vulkan one to one, Metal to the two stages of a draw.
 
 use bitflags::bitflags;
 use serde::{Deserialize, Serialize};
@@ -86,7 +87,7 @@ pub enum Layout {
     TransferTarget,
 }
 
-/// Classifies the conflict that a barrier resolves.
+/// Classifies the conflict behind a dependency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Hazard {
     /// A read must see an earlier write.

@@ -89,13 +89,13 @@ impl MemoryState {
             passed: vec![0; trace.cells.len()],
             before_trial: None,
             rules,
-            layouts: vec![Layout::Undefined; trace.places.len()],
+            layouts: vec![Layout::Undefined; trace.resources.len()],
             skipped: Vec::new(),
             time: 0,
             copies: 1,
             findings: Findings { violations: Vec::new(), first_only },
         };
-        for (index, place) in trace.places.iter().enumerate().filter(|(_, place)| place.uploaded) {
+        for (index, place) in trace.resources.iter().enumerate().filter(|(_, place)| place.uploaded) {
             memory.fill(place.cells(0), ResourceId(index as u32));
         }
         memory
@@ -158,7 +158,7 @@ impl MemoryState {
                 continue;
             }
             if old.contents {
-                self.fill(trace.place(id).cells(0), id);
+                self.fill(trace.resource(id).cells(0), id);
             }
             self.layouts[index] = old.layout;
             for step in &plan.prologue {
@@ -180,7 +180,7 @@ impl MemoryState {
         for (index, resource) in plan.resources.iter().enumerate() {
             let Some(name) = &resource.history else { continue };
             let id = ResourceId(index as u32);
-            let cells = &self.cells[trace.place(id).cells(0)];
+            let cells = &self.cells[trace.resource(id).cells(0)];
             carried.push(Carried {
                 name: name.clone(),
                 shape: resource.shape,
@@ -241,7 +241,7 @@ impl MemoryState {
         let finished = |actor: Actor| actor.when().frame().saturating_add(replay.in_flight.max(1)) <= frame;
         let copy = self.copy(When::Frame(frame));
         let time = self.time;
-        for (index, place) in trace.places.iter().enumerate().filter(|(_, place)| place.per_frame()) {
+        for (index, place) in trace.resources.iter().enumerate().filter(|(_, place)| place.per_frame()) {
             for number in place.cells(copy) {
                 let cell = self.cell(number);
                 cell.fence(finished);
@@ -304,7 +304,7 @@ impl MemoryState {
     }
 
     fn check_transition(&mut self, trace: &Trace, scope: &Scope, image: Transition, actor: Actor) {
-        for number in trace.place(image.image).cells(0) {
+        for number in trace.resource(image.image).cells(0) {
             let mut conflicts = Vec::new();
             let rules = self.rules;
             self.cell(number).check_transition(scope, rules, actor.when(), |conflict| {
@@ -318,9 +318,9 @@ impl MemoryState {
 
     /// Checks layout changes of one call against each other: they are not ordered.
     fn check_siblings(&mut self, trace: &Trace, others: &[Scope], image: Transition, actor: Actor) {
-        let own = trace.place(image.image).cells(0);
+        let own = trace.resource(image.image).cells(0);
         for other in others.iter().filter_map(Scope::transition) {
-            let cells = trace.place(other.image).cells(0);
+            let cells = trace.resource(other.image).cells(0);
             let Actor::Transition { when, before, .. } = actor else { continue };
             let first = Actor::Transition { when, before, image: other.image };
             for number in own.start.max(cells.start)..own.end.min(cells.end) {
@@ -332,7 +332,7 @@ impl MemoryState {
 
     fn transition(&mut self, trace: &Trace, scope: &Scope, change: Transition, actor: Actor) {
         let time = self.time;
-        for number in trace.place(change.image).cells(0) {
+        for number in trace.resource(change.image).cells(0) {
             let cell = self.cell(number);
             cell.record_write(Write {
                 actor,
@@ -355,7 +355,7 @@ impl MemoryState {
 
     /// Forgets the layouts of the images that share a written resource's memory.
     fn spoil_layouts(&mut self, trace: &Trace, written: ResourceId) {
-        for image in &trace.place(written).alias_images {
+        for image in &trace.resource(written).alias_images {
             self.layouts[image.index()] = Layout::Undefined;
         }
     }
@@ -365,7 +365,7 @@ impl MemoryState {
         if found == needed || change && needed == Layout::Undefined {
             return;
         }
-        let cells = &trace.cells[trace.place(image).cells(0)];
+        let cells = &trace.cells[trace.resource(image).cells(0)];
         self.findings.add(Violation {
             kind: ViolationKind::Layout,
             first: None,
@@ -423,7 +423,7 @@ impl MemoryState {
 
     fn check(&mut self, trace: &Trace, access: &Access, actor: Actor, copy: u32) {
         let Access { resource, stage, access: bit, needs_contents, .. } = *access;
-        let fresh = trace.place(resource).fresh.then_some(actor.when());
+        let fresh = trace.resource(resource).fresh.then_some(actor.when());
         let rules = self.rules;
         for number in access.cells(copy) {
             let mut conflicts = Vec::new();

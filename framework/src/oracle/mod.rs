@@ -21,7 +21,7 @@
 //!
 //! The files: `stages` holds the logical order of pipeline stages; `trace` lists the accesses of each pass by their
 //! bytes; `cell` holds the records of a few bytes, and how barriers and accesses change them; `calls` puts the barriers down until a
-//! cell is next touched; `memory_state` walks the plan. [`conflicts()`] lists what a model of another API has to keep apart.
+//! cell is next touched; `memory_state` walks the plan. [`dependencies()`] checks the plan's dependencies against the same accesses.
 //!
 //! # Where the model stops
 //!
@@ -34,7 +34,7 @@ use crate::plan::Plan;
 
 mod calls;
 mod cell;
-mod conflicts;
+mod dependencies;
 mod memory_state;
 pub mod mutate;
 mod stages;
@@ -43,7 +43,7 @@ mod tests;
 mod trace;
 mod violation;
 
-pub use conflicts::{Conflict, Touch, conflicts};
+pub use dependencies::{Objection, dependencies};
 use memory_state::MemoryState;
 use trace::Trace;
 pub use violation::{Actor, Missing, Violation, ViolationKind, When};

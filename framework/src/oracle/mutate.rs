@@ -9,7 +9,7 @@ use crate::plan::{Barrier, Plan};
 
 /// Locates a call of barriers in a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum CallSite {
     /// Before the pass of this step of [`Plan::prologue`].
     Prologue(usize),
     /// The call between the prologue and the first frame.
@@ -18,24 +18,24 @@ pub enum Place {
     Frame(usize),
 }
 
-impl Place {
+impl CallSite {
     /// Returns the barriers of the call.
     ///
     /// # Panics
     /// Panics if the plan has no such step.
     pub fn barriers(self, plan: &Plan) -> &Vec<Barrier> {
         match self {
-            Place::Prologue(step) => &plan.prologue[step].barriers,
-            Place::Handover => &plan.handover,
-            Place::Frame(step) => &plan.frame[step].barriers,
+            CallSite::Prologue(step) => &plan.prologue[step].barriers,
+            CallSite::Handover => &plan.handover,
+            CallSite::Frame(step) => &plan.frame[step].barriers,
         }
     }
 
     fn barriers_mut(self, plan: &mut Plan) -> &mut Vec<Barrier> {
         match self {
-            Place::Prologue(step) => &mut plan.prologue[step].barriers,
-            Place::Handover => &mut plan.handover,
-            Place::Frame(step) => &mut plan.frame[step].barriers,
+            CallSite::Prologue(step) => &mut plan.prologue[step].barriers,
+            CallSite::Handover => &mut plan.handover,
+            CallSite::Frame(step) => &mut plan.frame[step].barriers,
         }
     }
 }
@@ -59,14 +59,14 @@ pub enum Mutation {
     /// The whole barrier, with the layout change of its image.
     Remove {
         /// Call of barriers that holds it.
-        at: Place,
+        at: CallSite,
         /// Index in the call, from 0.
         barrier: usize,
     },
     /// One bit; a mask that loses its last is empty, which is Vulkan's `NONE`.
     Clear {
         /// Call of barriers that holds it.
-        at: Place,
+        at: CallSite,
         /// Index in the call, from 0.
         barrier: usize,
         /// Bit to clear.
@@ -75,7 +75,7 @@ pub enum Mutation {
 }
 
 impl Mutation {
-    fn at(&self) -> (Place, usize) {
+    fn at(&self) -> (CallSite, usize) {
         match *self {
             Mutation::Remove { at, barrier } | Mutation::Clear { at, barrier, .. } => (at, barrier),
         }
@@ -86,11 +86,13 @@ impl Mutation {
     pub fn describe(&self, plan: &Plan) -> String {
         let (at, number) = self.at();
         let place = match at {
-            Place::Prologue(step) => {
+            CallSite::Prologue(step) => {
                 format!("before `{}` in the prologue", plan.pass(plan.prologue[step].pass).name)
             }
-            Place::Handover => "in the handover".to_string(),
-            Place::Frame(step) => format!("before `{}` in the frame", plan.pass(plan.frame[step].pass).name),
+            CallSite::Handover => "in the handover".to_string(),
+            CallSite::Frame(step) => {
+                format!("before `{}` in the frame", plan.pass(plan.frame[step].pass).name)
+            }
         };
         let barrier = &at.barriers(plan)[number];
         let subject = match barrier.image {
@@ -117,10 +119,10 @@ impl Mutation {
 
 /// Lists every removal from the plan's barriers, one at a time.
 pub fn mutations(plan: &Plan) -> Vec<Mutation> {
-    let prologue = (0..plan.prologue.len()).map(Place::Prologue);
-    let frame = (0..plan.frame.len()).map(Place::Frame);
+    let prologue = (0..plan.prologue.len()).map(CallSite::Prologue);
+    let frame = (0..plan.frame.len()).map(CallSite::Frame);
     let mut all = Vec::new();
-    for at in prologue.chain([Place::Handover]).chain(frame) {
+    for at in prologue.chain([CallSite::Handover]).chain(frame) {
         for (barrier, masks) in at.barriers(plan).iter().enumerate() {
             all.push(Mutation::Remove { at, barrier });
             let bits = (masks.source_stages.iter().map(Bit::SourceStage))
@@ -191,10 +193,10 @@ pub fn needless_by(plan: &Plan, rules: Rules) -> Vec<Mutation> {
     let mut next = Some(memory.start(plan, &trace, &replay));
     while let Some(at) = next.filter(|_| left.peek().is_some()) {
         let place = match at {
-            At::Prologue(step) => Some(Place::Prologue(step)),
-            At::Handover => Some(Place::Handover),
+            At::Prologue(step) => Some(CallSite::Prologue(step)),
+            At::Handover => Some(CallSite::Handover),
             At::Begin(_) => None,
-            At::Frame(_, step) => Some(Place::Frame(step)),
+            At::Frame(_, step) => Some(CallSite::Frame(step)),
         };
         while let Some(mutation) = left.next_if(|mutation| Some(mutation.at().0) == place) {
             let before = take_away(&mut mutant, mutation);

@@ -56,7 +56,7 @@ pub struct Actions {
 }
 
 /// Locates a resource in the cells.
-pub struct Place {
+pub struct ResourceCells {
     /// All cells of its memory, and its own, in the first copy.
     all: Range<usize>,
     own: Range<usize>,
@@ -70,7 +70,7 @@ pub struct Place {
     pub uploaded: bool,
 }
 
-impl Place {
+impl ResourceCells {
     pub fn cells(&self, copy: u32) -> Range<usize> {
         let offset = self.stride * copy as usize;
         self.own.start + offset..self.own.end + offset
@@ -83,7 +83,7 @@ impl Place {
 
 pub struct Trace {
     pub passes: Vec<Actions>,
-    pub places: Vec<Place>,
+    pub resources: Vec<ResourceCells>,
     /// Bytes that a cell covers, from the start of its memory.
     pub cells: Vec<Range<u64>>,
 }
@@ -133,15 +133,15 @@ impl Trace {
                 pass.uses.iter().filter_map(|t| t.layout.map(|layout| (t.resource, layout))).collect();
             actions.clashes = clashes(&actions.accesses);
         }
-        Trace { passes, places, cells }
+        Trace { passes, resources: places, cells }
     }
 
     pub fn actions(&self, pass: PassId) -> &Actions {
         &self.passes[pass.index()]
     }
 
-    pub fn place(&self, id: ResourceId) -> &Place {
-        &self.places[id.index()]
+    pub fn resource(&self, id: ResourceId) -> &ResourceCells {
+        &self.resources[id.index()]
     }
 }
 
@@ -215,7 +215,7 @@ fn ranges(plan: &Plan, work: &Work, touch: &Use, access: Accesses) -> Vec<Range<
 }
 
 /// Cuts all memory into cells, and locates each resource in them.
-fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<Place>, Vec<Range<u64>>) {
+fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<ResourceCells>, Vec<Range<u64>>) {
     let mut memories = plan.blocks.len();
     let memory_of: Vec<usize> = (plan.resources.iter())
         .map(|resource| match resource.block {
@@ -259,7 +259,7 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<Place>, Vec<Range<u
             let image = |other: &usize| matches!(plan.resources[*other].shape, Shape::Image { .. });
             let others = tenants[memory].iter().copied().filter(|other| *other != index).filter(image);
             let per_frame = resource.source.is_per_frame();
-            Place {
+            ResourceCells {
                 own: covered(&cells, &all, &(0..resource.bytes())),
                 all,
                 stride: if per_frame { count } else { 0 },

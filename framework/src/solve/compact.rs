@@ -144,6 +144,8 @@ pub(super) fn compact(
         params: lowered.params,
         effects: Vec::new(),
         blocks: Vec::new(),
+        dependencies: Vec::new(),
+        layout_changes: Vec::new(),
         prologue: Vec::new(),
         handover: Vec::new(),
         frame: Vec::new(),

@@ -1,21 +1,23 @@
-//! The solver: turns linked passes into a plan with an order, memory and barriers.
+//! The solver: turns linked passes into a plan with an order, memory, dependencies and barriers.
 //!
 //! Each step has a file. `order` builds the dependency graph (petgraph; read-after-write, write-after-read and
 //! write-after-write), culls passes whose results are unused, and sorts the rest; ties follow the order of the file, so that
 //! the same file always gives the same plan. `compact` drops the resources that no remaining pass uses and numbers the others
 //! with the plan's ids; `usage` records the uses of each. `effects` says which
-//! passes depend on each parameter. `memory` lets resources share blocks. `barriers` walks the sorted
-//! passes with a model of the state of memory, and places a barrier exactly where there would otherwise be a hazard. `warnings` points out
-//! what is allowed and probably not meant.
+//! passes depend on each parameter. `memory` lets resources share blocks. `dependencies` walks the sorted
+//! passes with the state of every piece of memory (cut by `extents`) and lists what has to come after what; [`crate::barriers`]
+//! makes Vulkan's barriers of that list. `warnings` points out what is allowed and probably not meant.
 
-mod barriers;
 mod compact;
+mod dependencies;
 mod effects;
+mod extents;
 mod memory;
 mod order;
 mod usage;
 mod warnings;
 
+use crate::barriers;
 use crate::ir::{
     Accesses, EXPORT, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages, Use, Work,
 };
@@ -24,7 +26,7 @@ use crate::lower::{Lowered, LoweredResource, ResourceHandle};
 use crate::plan::{Plan, Resource, Step};
 use crate::source::{Diagnostic, SourceMap};
 
-/// Orders and culls the passes, and places memory (shared where `share_memory`) and barriers.
+/// Orders and culls the passes, places memory (shared where `share_memory`), and lists dependencies and barriers.
 pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
     let Linked { mut lowered, shaders, mut passes } = linked;
     passes.extend(end(&mut lowered, files));
@@ -75,9 +77,22 @@ pub fn reorder(plan: &Plan, frame: &[PassId], share_memory: bool) -> Option<Plan
     place(&mut plan, &prologue, frame, share_memory).then_some(plan)
 }
 
+/// Lists the dependencies and the layout changes of a plan made by hand, from the accesses of its passes in their order.
+pub fn add_dependencies(plan: &mut Plan) {
+    let ids = |steps: &[Step]| steps.iter().map(|step| step.pass).collect::<Vec<_>>();
+    let (prologue, frame) = (ids(&plan.prologue), ids(&plan.frame));
+    (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan, &prologue, &frame);
+}
+
 /// Gives the plan's resources their memory, and its passes, in this order, their barriers.
 fn place(plan: &mut Plan, prologue: &[PassId], frame: &[PassId], share_memory: bool) -> bool {
     plan.blocks = memory::place(&plan.passes, frame, &mut plan.resources, share_memory);
+    synchronise(plan, prologue, frame)
+}
+
+/// Gives the plan its dependencies and its barriers; its resources have their memory.
+pub(crate) fn synchronise(plan: &mut Plan, prologue: &[PassId], frame: &[PassId]) -> bool {
+    (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan, prologue, frame);
     let solved = barriers::place(plan, prologue, frame);
     let Some(solved) = solved else { return false };
     (plan.prologue, plan.handover, plan.frame) = (solved.prologue, solved.handover, solved.frame);

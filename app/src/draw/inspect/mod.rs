@@ -281,6 +281,8 @@ mod tests {
             resources: vec![buffer("keys#0", 4), buffer("keys#1", 4), buffer("args", 8)],
             shaders: vec![],
             blocks: vec![],
+            dependencies: vec![],
+            layout_changes: vec![],
             handover: vec![],
             prologue: vec![],
             frame: (0..3).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),

@@ -8,7 +8,7 @@ use crate::view::viewport::Viewport;
 use egui::{RichText, Ui};
 use egui_plot::{Line, Plot, PlotPoints};
 use splatgraph_api::Device;
-use splatgraph_framework::dump::{self, Dump, DumpBarrier, DumpPass, DumpResource, DumpTouch, Place};
+use splatgraph_framework::dump::{self, Declared, Dump, DumpBarrier, DumpPass, DumpResource, DumpTouch};
 use splatgraph_framework::ir::{Origin, Run};
 
 /// The state of the tool.
@@ -169,6 +169,14 @@ fn show_pass<D: Device>(
             show_touch(ui, viewport, pass, touch, target);
         }
     }
+    if !pass.dependencies.is_empty() {
+        heading(ui, "Comes after");
+        for dependency in &pass.dependencies {
+            if link(ui, dump::dependency_line(dependency)).clicked() {
+                *target.selection = Some(Selection::Pass(dependency.pass.name.clone()));
+            }
+        }
+    }
     if !pass.barriers.is_empty() {
         heading(ui, "Waits at");
         for barrier in &pass.barriers {
@@ -254,10 +262,10 @@ fn show_barrier(ui: &mut Ui, barrier: &DumpBarrier, target: &mut Target) {
     fact(ui, "Holds up", masks(&barrier.masks.target_stages, &barrier.masks.target_accesses));
     heading(ui, format!("Hazards resolved: {}", barrier.dependencies.len()));
     for dependency in &barrier.dependencies {
-        let kind = dump::dependency_line(barrier, dependency);
+        let kind = dump::cause_line(barrier, dependency);
         ui.add(egui::Label::new(kind).wrap());
         ui.horizontal_wrapped(|ui| {
-            let Place { name, declared } = &dependency.resource;
+            let Declared { name, declared } = &dependency.resource;
             if link(ui, name).clicked() {
                 *target.selection = Some(Selection::Resource(name.clone()));
             }

@@ -42,6 +42,8 @@ pub fn plan(passes: &[(&str, &str)]) -> Arc<Plan> {
         }],
         shaders: vec![],
         blocks: vec![],
+        dependencies: vec![],
+        layout_changes: vec![],
         handover: vec![],
         prologue: vec![],
         frame: (0..passes.len() as u32).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),

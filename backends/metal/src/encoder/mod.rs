@@ -5,7 +5,6 @@
 //!
 //! Every call has an autorelease pool of its own: what Metal leaves to the pool does not wait for the end of the thread.
 
-use crate::barriers::{EncoderKind, FenceUse};
 use crate::capture;
 use crate::descriptors::{Argument, ArgumentTables, Table};
 use crate::error::no_object;
@@ -15,6 +14,7 @@ use crate::objc;
 use crate::pipelines::{Order, Pipeline, Pipelines};
 use crate::queue::{self, After, Timestamps};
 use crate::swapchain::Swapchain;
+use crate::sync::{EncoderKind, FenceUse};
 use crate::walk::{Move, Walk};
 use metal::*;
 use splatgraph_api::BackendError;

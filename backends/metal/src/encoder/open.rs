@@ -1,9 +1,9 @@
 //! The encoders of Metal's: opened with their fences, samples and targets, and closed again.
 
 use super::Encoder;
-use crate::barriers::{EncoderKind, FenceUse, RenderStages};
 use crate::gpu::MetalGpu;
 use crate::objc;
+use crate::sync::{EncoderKind, FenceUse, RenderStages};
 use metal::*;
 use splatgraph_framework::ir::{Load, Target};
 use splatgraph_runtime::Image;

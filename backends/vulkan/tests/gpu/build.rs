@@ -138,6 +138,8 @@ impl Build {
                 passes: Vec::new(),
                 blocks: Vec::new(),
                 prologue: Vec::new(),
+                dependencies: vec![],
+                layout_changes: vec![],
                 handover: Vec::new(),
                 frame: Vec::new(),
                 culled: Vec::new(),
@@ -431,7 +433,7 @@ pub fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrie
         source_accesses: source.1,
         target_stages: target.0,
         target_accesses: target.1,
-        dependencies: Vec::new(),
+        causes: Vec::new(),
     }
 }
 

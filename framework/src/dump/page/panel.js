@@ -91,6 +91,12 @@ function dependencyCard(barrier, d) {
   );
 }
 
+function afterRow(d) {
+  const when = { Same: "", Prologue: " of the prologue", PreviousFrame: " of the frame before" }[d.since];
+  const alias = d.alias ? [" in the memory of ", link("resource", d.alias.name)] : [];
+  return row(link("pass", d.pass.name), `${HAZARDS[d.hazard]}: `, link("resource", d.resource.name), ...alias, quiet(when));
+}
+
 function barriersPanel(ids) {
   const list = ids
     .split(",")
@@ -177,6 +183,7 @@ function passPanel(pass) {
     ),
     ...section("reads", pass.reads.length, touches(pass.reads)),
     ...section("writes", pass.writes.length, touches(pass.writes)),
+    ...section("comes after", pass.dependencies.length, table(...pass.dependencies.map(afterRow))),
     ...section("barriers before it", pass.barriers.length, h("div", {}, ...joined(pass.barriers.map(barrierLink)))),
     ...section("barriers that wait for it", waiting.length, h("div", {}, ...joined(waiting.map(barrierLink)))),
   ];

@@ -7,7 +7,7 @@ pub fn encoded(dump: Dump) -> Dump {
     let place = |name: &str| {
         let resource = dump.resources.iter().find(|r| r.name == name).map(|r| r.declared.clone());
         let declared = resource.or_else(|| dump.pass(name).map(|pass| pass.declared.clone()));
-        Place { name: name.into(), declared: declared.unwrap_or_else(|| panic!("no {name}")) }
+        Declared { name: name.into(), declared: declared.unwrap_or_else(|| panic!("no {name}")) }
     };
     let reason = |hazard, before: &str, resource: &str, after: &str| DumpReason {
         hazard,

@@ -275,6 +275,8 @@ impl Maker {
             passes: self.passes,
             blocks: self.blocks,
             prologue: vec![],
+            dependencies: vec![],
+            layout_changes: vec![],
             handover: vec![],
             frame: vec![],
             culled: vec![Culled {
@@ -294,122 +296,9 @@ impl Maker {
             output,
             stats: vec![Stat { name: "visible".into(), buffer: args, offset: 12 }],
         };
-        place(&mut plan);
+        let ids = (0..plan.passes.len() as u32).map(PassId);
+        let (once, frame): (Vec<_>, Vec<_>) = ids.partition(|id| plan.pass(*id).run == Run::Once);
+        assert!(crate::solve::synchronise(&mut plan, &once, &frame), "no barriers were found");
         plan
     }
-}
-
-/// Tracks the accesses to one piece of memory since its last write.
-#[derive(Clone, Default)]
-struct Past {
-    /// Pass, frame, resource, and how.
-    uses: Vec<(PassId, u32, Use)>,
-    layout: Option<Layout>,
-}
-
-/// Places a barrier against every hazard, in the prologue and in the second of two frames.
-fn place(plan: &mut Plan) {
-    let (once, frame): (Vec<_>, Vec<_>) =
-        (0..plan.passes.len() as u32).map(PassId).partition(|id| plan.pass(*id).run == Run::Once);
-    let mut past: BTreeMap<String, Past> = BTreeMap::new();
-    plan.prologue = once.iter().map(|id| step(plan, &mut past, *id, 0)).collect();
-    let mut handover = past.get("block 0").map(|p| p.uses.clone()).unwrap_or_default();
-    for (round, number) in [(1, 1), (2, 2)] {
-        let steps: Vec<Step> = frame.iter().map(|id| step(plan, &mut past, *id, number)).collect();
-        if round == 2 {
-            plan.frame = steps;
-        }
-    }
-    plan.handover = handover
-        .drain(..)
-        .map(|(pass, _, touch)| {
-            let dependency = Dependency {
-                hazard: Hazard::ReadAfterWrite,
-                before: frame[0],
-                resource: touch.resource,
-                after: vec![pass],
-                previous_frame: false,
-                alias: None,
-                source_stages: touch.stages,
-                source_accesses: touch.accesses,
-                target_stages: COMPUTE_READ.0,
-                target_accesses: COMPUTE_READ.1,
-            };
-            barrier(None, vec![dependency])
-        })
-        .collect();
-}
-
-fn step(plan: &Plan, past: &mut BTreeMap<String, Past>, id: PassId, frame: u32) -> Step {
-    let mut memory = Vec::new();
-    let mut images = Vec::new();
-    for touch in &plan.pass(id).uses {
-        let resource = plan.resource(touch.resource);
-        let place = resource.block.map_or(resource.name.clone(), |b| format!("block {}", b.0));
-        let past = past.entry(place).or_default();
-        let write = touch.accesses.writes();
-        let others = |p: &&(PassId, u32, Use)| p.0 != id && (write || p.2.accesses.writes());
-        let mut found: Vec<_> = past.uses.iter().filter(others).copied().collect();
-        let changes = touch.layout.is_some() && touch.layout != past.layout;
-        if changes && found.is_empty() {
-            found = past.uses.clone();
-        }
-        if let Some(latest) = found.last().copied() {
-            let hazard = match (latest.2.accesses.writes(), write) {
-                (true, true) => Hazard::WriteAfterWrite,
-                (true, false) => Hazard::ReadAfterWrite,
-                (false, true) => Hazard::WriteAfterRead,
-                (false, false) => Hazard::LayoutChange,
-            };
-            let dependency = Dependency {
-                hazard,
-                before: id,
-                resource: touch.resource,
-                after: vec![latest.0],
-                previous_frame: latest.1 != frame,
-                alias: (latest.2.resource != touch.resource).then_some(latest.2.resource),
-                source_stages: latest.2.stages,
-                source_accesses: latest.2.accesses & Accesses::WRITES,
-                target_stages: touch.stages,
-                target_accesses: touch.accesses,
-            };
-            match touch.layout.filter(|_| changes) {
-                Some(new) => {
-                    let old =
-                        if write { Layout::Undefined } else { past.layout.unwrap_or(Layout::Undefined) };
-                    images.push(barrier(
-                        Some(Transition { image: touch.resource, old, new }),
-                        vec![dependency],
-                    ));
-                }
-                None => memory.push(dependency),
-            }
-        }
-        if write {
-            past.uses.clear();
-        }
-        past.layout = touch.layout;
-        past.uses.push((id, frame, *touch));
-    }
-    let memory = (!memory.is_empty()).then(|| barrier(None, memory));
-    Step { barriers: memory.into_iter().chain(images).collect(), pass: id }
-}
-
-/// The union of what its dependencies ask for.
-fn barrier(image: Option<Transition>, dependencies: Vec<Dependency>) -> Barrier {
-    let mut all = Barrier {
-        image,
-        source_stages: Stages::empty(),
-        source_accesses: Accesses::empty(),
-        target_stages: Stages::empty(),
-        target_accesses: Accesses::empty(),
-        dependencies: vec![],
-    };
-    for d in &dependencies {
-        all.source_stages |= d.source_stages;
-        all.source_accesses |= d.source_accesses;
-        all.target_stages |= d.target_stages;
-        all.target_accesses |= d.target_accesses;
-    }
-    Barrier { dependencies, ..all }
 }

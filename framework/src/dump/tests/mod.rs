@@ -58,7 +58,7 @@ fn barriers_are_numbered_in_the_order_of_recording() {
     assert_eq!(ids, (1..=ids.len() as u32).collect::<Vec<_>>());
     assert_eq!(dump.pass("covariance").unwrap().barriers[0].id, 1);
     assert_eq!((dump.handover[0].id, &dump.handover[0].before), (2, &None));
-    assert_eq!(dump.pass("project").unwrap().barriers[0].id, 3);
+    assert_eq!(dump.pass("scan_blocks").unwrap().barriers[0].id, 3);
 }
 
 #[test]
@@ -180,12 +180,14 @@ fn the_text_names_every_pass_barrier_and_resource() {
     for barrier in dump.barriers() {
         assert!(text.contains(&format!("    | {}\n", barrier_line(barrier))), "barrier {}", barrier.id);
         for dependency in &barrier.dependencies {
-            assert!(text.contains(&dependency_line(barrier, dependency)), "barrier {}", barrier.id);
+            assert!(text.contains(&cause_line(barrier, dependency)), "barrier {}", barrier.id);
         }
     }
     for line in [
         "read after write on keys#1, after sort.scatter[0]: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ",
-        "depth in the memory of color, after compose of the frame before: COMPUTE -> COMPUTE STORAGE_WRITE",
+        "color in the memory of sort.table, after sort.scatter[3]: COMPUTE -> COLOR_OUTPUT COLOR_READ | COLOR_WRITE",
+        "      after  project (visible), ",
+        "compose of the frame before (depth in the memory of color)",
         "on image color, Undefined -> ColorTarget: ",
         "block 11 ",
         "history exposure",
@@ -201,11 +203,11 @@ fn the_text_names_every_pass_barrier_and_resource() {
 fn a_need_of_another_pass_is_named_with_it() {
     let dump = dump(&example::splat(4, 1000));
     let mut barrier = dump.pass("compact").unwrap().barriers[0].clone();
-    let line = dependency_line(&barrier, &barrier.dependencies[0]);
+    let line = cause_line(&barrier, &barrier.dependencies[0]);
     assert!(!line.contains(", for "), "{line}");
     barrier.dependencies[0].before =
-        Place { name: "sort.clear".into(), ..barrier.dependencies[0].before.clone() };
-    let line = dependency_line(&barrier, &barrier.dependencies[0]);
+        Declared { name: "sort.clear".into(), ..barrier.dependencies[0].before.clone() };
+    let line = cause_line(&barrier, &barrier.dependencies[0]);
     assert!(line.contains(", for sort.clear: "), "{line}");
 }
 

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use super::*;
 use crate::{ir::*, plan::*};
 
-mod conflicts;
 mod contents;
+mod dependencies;
 mod frames;
 mod images;
 mod memory;
@@ -40,6 +40,8 @@ impl Sketch {
             passes: vec![],
             blocks: vec![],
             prologue: vec![],
+            dependencies: vec![],
+            layout_changes: vec![],
             handover: vec![],
             frame: vec![],
             culled: vec![],
@@ -226,7 +228,7 @@ fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
         source_accesses: source.1,
         target_stages: target.0,
         target_accesses: target.1,
-        dependencies: vec![],
+        causes: vec![],
     }
 }
 

@@ -1,7 +1,7 @@
 //! Plans with no more barriers than they need, and with one bit more.
 
 use super::memory_state::At;
-use super::mutate::{Bit, Mutation, Place, apply, mutations, needless};
+use super::mutate::{Bit, CallSite, Mutation, apply, mutations, needless};
 use super::*;
 use crate::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
 
@@ -93,7 +93,7 @@ fn every_barrier_and_every_bit_is_tried() {
 
 #[test]
 fn a_bit_too_much_is_found_needless() {
-    let at = Place::Frame(1);
+    let at = CallSite::Frame(1);
     let extra = |change: fn(&mut Barrier)| {
         let mut sketch = minimal();
         change(&mut sketch.plan.frame[1].barriers[0]);
@@ -117,7 +117,7 @@ fn a_bit_too_much_is_found_needless() {
 fn a_barrier_too_much_is_found_needless_with_all_its_bits() {
     let mut sketch = minimal();
     sketch.plan.handover.push(order(CLEAR, COPY));
-    let at = Place::Handover;
+    let at = CallSite::Handover;
     let expected = vec![
         Mutation::Remove { at, barrier: 1 },
         Mutation::Clear { at, barrier: 1, what: Bit::SourceStage(CLEAR) },
@@ -130,9 +130,9 @@ fn a_barrier_too_much_is_found_needless_with_all_its_bits() {
 #[test]
 fn removing_takes_the_layout_change_away_and_clearing_one_bit() {
     let sketch = minimal();
-    let removed = apply(&sketch.plan, &Mutation::Remove { at: Place::Frame(0), barrier: 1 });
+    let removed = apply(&sketch.plan, &Mutation::Remove { at: CallSite::Frame(0), barrier: 1 });
     assert_eq!(removed.frame[0].barriers, [order(VERTEX, COMPUTE)]);
-    let clear = Mutation::Clear { at: Place::Prologue(1), barrier: 0, what: Bit::TargetAccess(READ) };
+    let clear = Mutation::Clear { at: CallSite::Prologue(1), barrier: 0, what: Bit::TargetAccess(READ) };
     let cleared = apply(&sketch.plan, &clear);
     let expected = barrier((CLEAR, Accesses::TRANSFER_WRITE), (COMPUTE, WRITE));
     assert_eq!(cleared.prologue[1].barriers, [expected]);
@@ -141,17 +141,17 @@ fn removing_takes_the_layout_change_away_and_clearing_one_bit() {
 #[test]
 fn a_mutation_says_what_and_where() {
     let plan = minimal().plan;
-    let clear = Mutation::Clear { at: Place::Frame(1), barrier: 0, what: Bit::TargetStage(VERTEX) };
+    let clear = Mutation::Clear { at: CallSite::Frame(1), barrier: 0, what: Bit::TargetStage(VERTEX) };
     assert_eq!(
         clear.describe(&plan),
         "target stage VERTEX of barrier 0 (all memory) before `draw` in the frame"
     );
-    let remove = Mutation::Remove { at: Place::Frame(2), barrier: 0 };
+    let remove = Mutation::Remove { at: CallSite::Frame(2), barrier: 0 };
     assert_eq!(
         remove.describe(&plan),
         "barrier 0 (`image`, General to TransferSource) before `export` in the frame"
     );
-    let clear = Mutation::Clear { at: Place::Handover, barrier: 0, what: Bit::SourceAccess(WRITE) };
+    let clear = Mutation::Clear { at: CallSite::Handover, barrier: 0, what: Bit::SourceAccess(WRITE) };
     assert_eq!(
         clear.describe(&plan),
         "source access STORAGE_WRITE of barrier 0 (all memory) in the handover"

@@ -195,7 +195,7 @@ fn no_barrier_is_there_without_a_hazard() {
         ],
     );
     let hazards: Vec<Hazard> =
-        plan.frame.iter().flat_map(|s| &s.barriers).flat_map(|b| &b.dependencies).map(|d| d.hazard).collect();
+        plan.frame.iter().flat_map(|s| &s.barriers).flat_map(|b| &b.causes).map(|d| d.hazard).collect();
     // make after the last frame's show; show after make, and the image after the last export; export after show.
     assert_eq!(hazards.len(), 4, "{}", shown(&plan));
 }

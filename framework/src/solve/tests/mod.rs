@@ -59,7 +59,7 @@ fn line(plan: &Plan, barrier: &Barrier, step: Option<PassId>) -> String {
     let layouts = barrier
         .image
         .map_or(String::new(), |t| format!(" [{} {:?} -> {:?}]", plan.resource(t.image).name, t.old, t.new));
-    let reasons = barrier.dependencies.iter().map(|d| {
+    let reasons = barrier.causes.iter().map(|d| {
         let after: Vec<&str> = d.after.iter().map(|id| plan.pass(*id).name.as_str()).collect();
         let alias = d.alias.map_or(String::new(), |id| format!(" ({})", plan.resource(id).name));
         let frame = if d.previous_frame { " of the frame before" } else { "" };

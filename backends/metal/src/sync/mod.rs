@@ -4,10 +4,9 @@
 //! Within an encoder of dispatches, which may run at the same time, a memory barrier orders those before it before those after it;
 //! between encoders, a fence that one updates and another waits for does.
 //!
-//! A Vulkan barrier of the plan holds for all earlier and later commands of the queue; a fence orders two encoders. So nothing here
-//! follows from the plan's barriers: `accesses` lists what each pass touches, by its bytes, `divide` makes encoders of the passes,
-//! `order` walks over prologue and frames with a state of all memory and finds what has to wait for what, and `fences` numbers the
-//! fences. [`crate::model`], which shares no code with this folder, checks the result.
+//! All of this follows from the plan's dependencies: `divide` makes encoders of the passes, `order` walks over prologue and frames and
+//! turns each dependency into a wait or a barrier, and `fences` numbers the fences. [`model`], which shares no code with the rest of
+//! this folder, checks the result against the dependencies.
 //!
 //! # The rules, and where Apple states them
 //!
@@ -41,9 +40,9 @@
 //! orders writes after reads, as it orders reads after writes; that an encoder without commands still waits and updates; and that a
 //! fence can be updated for the next frame while encoders of this one, submitted earlier, have yet to see the former update.
 
-mod accesses;
 mod divide;
 mod fences;
+pub mod model;
 mod order;
 #[cfg(test)]
 mod tests;
@@ -110,13 +109,29 @@ pub struct FenceUse {
     pub stages: Option<RenderStages>,
 }
 
-/// Names stages of a draw, in their order.
+/// Names stages of a draw, in their order. Every other pass has the first beginning and the last end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum RenderStages {
     /// Reading of indirect arguments, and vertex shaders.
     Vertex,
     /// Fragment shaders and targets.
     Fragment,
+}
+
+impl RenderStages {
+    /// Returns the stage of a pass that starts first of these.
+    fn first(pass: &Pass, stages: Stages) -> RenderStages {
+        let draws = matches!(pass.work, Work::Draw { .. });
+        let early = !draws || stages.intersects(Stages::INDIRECT | Stages::VERTEX);
+        if early { RenderStages::Vertex } else { RenderStages::Fragment }
+    }
+
+    /// Returns the stage of a pass that ends last of these.
+    fn last(pass: &Pass, stages: Stages) -> RenderStages {
+        let draws = matches!(pass.work, Work::Draw { .. });
+        let early = draws && (Stages::INDIRECT | Stages::VERTEX).contains(stages);
+        if early { RenderStages::Vertex } else { RenderStages::Fragment }
+    }
 }
 
 /// Holds a pass, and the barrier before it.
@@ -138,6 +153,12 @@ pub struct MemoryBarrier {
 }
 
 impl MemoryBarrier {
+    /// Returns the barrier for accesses to a resource.
+    fn on(plan: &Plan, resource: ResourceId) -> MemoryBarrier {
+        let textures = matches!(plan.resource(resource).shape, Shape::Image { .. });
+        MemoryBarrier { buffers: !textures, textures }
+    }
+
     /// Returns the barrier for what either is for.
     pub fn union(self, other: MemoryBarrier) -> MemoryBarrier {
         MemoryBarrier { buffers: self.buffers || other.buffers, textures: self.textures || other.textures }
@@ -167,7 +188,7 @@ impl Division {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cause {
     /// The wait, the barrier or the handover that it explains.
-    pub at: Place,
+    pub at: At,
     /// The kind of conflict.
     pub hazard: Hazard,
     /// The pass that waits.
@@ -184,7 +205,7 @@ pub struct Cause {
 
 /// Locates synchronization among the encoders of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Place {
+pub enum At {
     /// At this point of this encoder of [`Encoders::prologue`].
     Prologue(usize, Point),
     /// Between the prologue and the first frame.
@@ -212,8 +233,14 @@ pub fn encoders(plan: &Plan, division: Division) -> Encoders {
 
 /// Divides a plan as [`encoders`] does, and gives the reasons for every wait and barrier, in their order.
 pub fn explained(plan: &Plan, division: Division) -> (Encoders, Vec<Cause>) {
-    let footprints = accesses::Footprints::of(plan);
-    let prologue = divide::divide(plan, &plan.prologue, &footprints, division);
-    let frame = divide::divide(plan, &plan.frame, &footprints, division);
-    order::order(prologue, frame, &footprints)
+    let prologue = divide::divide(plan, &plan.prologue, division);
+    let frame = divide::divide(plan, &plan.frame, division);
+    order::order(plan, prologue, frame)
+}
+
+/// Lists what a pass has to come after. Images have no layouts here, and the host waits for the whole command buffer.
+fn ordering(plan: &Plan, pass: PassId) -> impl Iterator<Item = &Dependency> {
+    let of_device = |dependency: &&Dependency| plan.pass(dependency.second).work != Work::Host;
+    let dependencies = plan.dependencies_of(pass).iter();
+    dependencies.filter(|dependency| dependency.hazard != Hazard::LayoutChange).filter(of_device)
 }

@@ -1,46 +1,30 @@
-//! Finds what has to wait for what, in a walk over prologue and frames with a state of all memory.
+//! Turns dependencies into fences between encoders and barriers within them.
 //!
-//! For each cell the state has the last write and the reads since: what conflicts with an older access is ordered after it through
-//! these. The walk takes the prologue and two frames. The second frame follows a frame like itself, as all later ones do, so its waits
-//! and barriers are those of every frame.
+//! The walk takes the prologue and two frames. The second frame follows a frame like itself, as all later ones do, so its waits and
+//! barriers are those of every frame.
 //!
-//! **Barriers.** Within an encoder, an access and a later one that conflicts with it need a barrier somewhere between them. One that is
-//! placed as late as possible, before the first pass that needs it, serves as many as any: no other choice has fewer. A conflict that a
-//! barrier could cover but for its scope adds to the last barrier's scope.
+//! **Barriers.** Within an encoder, an access and a later one that depends on it need a barrier somewhere between them. One that is
+//! placed as late as possible, before the first pass that needs it, serves as many as any: no other choice has fewer. A dependency
+//! that a barrier could cover but for its scope adds to the last barrier's scope.
 //!
-//! **Fences.** An encoder has to wait for those that it conflicts with, but for those that another wait implies: what is left is
-//! the transitive reduction, which is unique. Draws have two beginnings and two ends, of vertices and of fragments. Fragments wait for
+//! **Fences.** An encoder has to wait for those that it depends on, but for those that another wait implies: what is left is the
+//! transitive reduction, which is unique. Draws have two beginnings and two ends, of vertices and of fragments. Fragments wait for
 //! whatever their vertices wait for, and who waits for fragments waits for their vertices, too; nothing else of the two is mixed, so
 //! that vertices can run ahead.
 
-use super::accesses::{Access, Footprints};
 use super::divide::Group;
 use super::fences::{self, Wait};
 use super::*;
 
-/// An access that later ones may conflict with.
-#[derive(Clone, Debug)]
-struct Mark {
+/// A dependency between two encoders, or within one.
+struct Need<'a> {
+    dependency: &'a Dependency,
+    /// The instance of the encoder that is waited for, and the index of the pass in it.
     instance: usize,
-    /// Index of the pass in its encoder.
     position: usize,
-    pass: PassId,
-    access: Access,
-}
-
-#[derive(Clone, Default)]
-struct Cell {
-    writes: Vec<Mark>,
-    reads: Vec<Mark>,
-}
-
-/// An access that has to come after another.
-struct Need {
-    after: Mark,
+    /// The end of the stage that is waited for, and the stage that waits.
+    after: RenderStages,
     before: RenderStages,
-    pass: PassId,
-    resource: ResourceId,
-    hazard: Hazard,
     scope: MemoryBarrier,
 }
 
@@ -53,8 +37,9 @@ struct Edge {
 }
 
 struct Walk<'a> {
-    footprints: &'a Footprints,
-    cells: Vec<Cell>,
+    plan: &'a Plan,
+    /// Of each pass, the last instance of its encoder and its index in that.
+    places: Vec<Option<(usize, usize)>>,
     /// By instance of an encoder: in the prologue, the first frame and the second.
     waits: Vec<Vec<Edge>>,
     /// The last search that came by, for the end of each stage; and the number of searches.
@@ -63,23 +48,19 @@ struct Walk<'a> {
 }
 
 /// The outcome for one encoder.
-struct Ordered {
+struct Ordered<'a> {
     barriers: Vec<Option<MemoryBarrier>>,
     /// With the waits that they are reasons for, by index; of barriers, with positions.
-    waits: Vec<(usize, Need)>,
-    inner: Vec<(usize, Need)>,
-    handover: Vec<Need>,
+    waits: Vec<(usize, &'a Dependency)>,
+    inner: Vec<(usize, &'a Dependency)>,
+    handover: Vec<&'a Dependency>,
 }
 
 /// Orders the encoders of a plan.
-pub(super) fn order(
-    prologue: Vec<Group>,
-    frame: Vec<Group>,
-    footprints: &Footprints,
-) -> (Encoders, Vec<Cause>) {
+pub(super) fn order(plan: &Plan, prologue: Vec<Group>, frame: Vec<Group>) -> (Encoders, Vec<Cause>) {
     let mut walk = Walk {
-        footprints,
-        cells: vec![Cell::default(); footprints.cells],
+        plan,
+        places: vec![None; plan.passes.len()],
         waits: Vec::new(),
         seen: Vec::new(),
         searches: 0,
@@ -104,13 +85,12 @@ pub(super) fn order(
 
     let mut reasons = Vec::new();
     for (index, encoder) in once.iter().enumerate() {
-        add_reasons(&mut reasons, encoder, |point| Place::Prologue(index, point), |_| false);
+        add_reasons(&mut reasons, encoder, |point| At::Prologue(index, point));
     }
     let between = first.iter().flat_map(|encoder| &encoder.handover);
-    between.for_each(|need| add_reason(&mut reasons, Place::Handover, need, false));
+    between.for_each(|dependency| add_reason(&mut reasons, At::Handover, dependency));
     for (index, encoder) in steady.iter().enumerate() {
-        let previous = |need: &Need| need.after.instance < second;
-        add_reasons(&mut reasons, encoder, |point| Place::Frame(index, point), previous);
+        add_reasons(&mut reasons, encoder, |point| At::Frame(index, point));
     }
 
     let (once_fences, once_count) = fences::number(&once_waits, None);
@@ -140,9 +120,9 @@ pub(super) fn order(
     (encoders, reasons)
 }
 
-impl Walk<'_> {
+impl<'a> Walk<'a> {
     /// Takes the passes of the next encoder. Those of instances before `start` are the prologue, which the handover is for.
-    fn encoder(&mut self, group: &Group, start: usize) -> Ordered {
+    fn encoder(&mut self, group: &Group, start: usize) -> Ordered<'a> {
         let instance = self.waits.len();
         let mut ordered = Ordered {
             barriers: vec![None; group.passes.len()],
@@ -154,97 +134,56 @@ impl Walk<'_> {
         for (position, pass) in group.passes.iter().enumerate() {
             let mut inner = Vec::new();
             for need in self.needs(*pass) {
-                match need.after.instance {
+                match need.instance {
                     source if source == instance => inner.push(need),
-                    source if source < start => ordered.handover.push(need),
+                    source if source < start => ordered.handover.push(need.dependency),
                     _ => outer.push(need),
                 }
             }
             if group.kind == EncoderKind::Compute {
                 place(&mut ordered, position, inner);
             }
-            self.record(*pass, instance, position);
+            self.places[pass.index()] = Some((instance, position));
         }
         self.waits.push(Vec::new());
         let edges = self.reduce(&outer, instance);
         for need in outer {
             let meets = |edge: &Edge| {
-                edge.source == need.after.instance
-                    && need.after.access.to <= edge.after
-                    && edge.before <= need.before
+                edge.source == need.instance && need.after <= edge.after && edge.before <= need.before
             };
             if let Some(index) = edges.iter().position(meets) {
-                ordered.waits.push((index, need));
+                ordered.waits.push((index, need.dependency));
             }
         }
         self.waits[instance] = edges;
         ordered
     }
 
-    /// Lists what a pass has to come after.
-    fn needs(&self, pass: PassId) -> Vec<Need> {
-        let mut needs: Vec<Need> = Vec::new();
-        for access in self.footprints.pass(pass) {
-            for cell in &self.cells[access.cells.clone()] {
-                let read = cell.reads.iter().filter(|_| access.writes).map(|mark| (mark, true));
-                for (mark, was_read) in cell.writes.iter().map(|mark| (mark, false)).chain(read) {
-                    let hazard = match (was_read, access.reads) {
-                        (true, _) => Hazard::WriteAfterRead,
-                        (false, true) => Hazard::ReadAfterWrite,
-                        (false, false) => Hazard::WriteAfterWrite,
-                    };
-                    let need = Need {
-                        after: mark.clone(),
-                        before: access.from,
-                        pass,
-                        resource: access.resource,
-                        hazard,
-                        scope: access.scope.union(mark.access.scope),
-                    };
-                    // The cells of a resource mostly ask for the same.
-                    if !needs.iter().any(|other| other.same(&need)) {
-                        needs.push(need);
-                    }
-                }
-            }
-        }
-        needs
-    }
-
-    /// Puts the accesses of a pass into the state.
-    fn record(&mut self, pass: PassId, instance: usize, position: usize) {
-        let accesses = self.footprints.pass(pass);
-        let mark = |access: &Access| Mark { instance, position, pass, access: access.clone() };
-        for access in accesses.iter().filter(|access| access.writes) {
-            for cell in &mut self.cells[access.cells.clone()] {
-                // A pass may write in two stages.
-                let others = cell.writes.iter().any(|write| (write.instance, write.pass) != (instance, pass));
-                if others || cell.writes.is_empty() {
-                    *cell = Cell::default();
-                }
-                cell.writes.push(mark(access));
-            }
-        }
-        for access in accesses.iter().filter(|access| !access.writes) {
-            for cell in &mut self.cells[access.cells.clone()] {
-                // A later read of the same kind in the same encoder stands for an earlier one.
-                let stands_for = |old: &Mark| {
-                    (old.instance, old.access.from, old.access.resource, old.access.target)
-                        == (instance, access.from, access.resource, access.target)
-                };
-                cell.reads.retain(|old| !stands_for(old));
-                cell.reads.push(mark(access));
-            }
-        }
+    /// Lists what a pass has to come after: of the frame before only if there was one, and no layout changes.
+    fn needs(&self, pass: PassId) -> Vec<Need<'a>> {
+        let need = |dependency: &'a Dependency| {
+            let (instance, position) = self.places[dependency.first.index()]?;
+            let Dependency { first, second, source, target, resource, alias, .. } = dependency;
+            Some(Need {
+                dependency,
+                instance,
+                position,
+                after: RenderStages::last(self.plan.pass(*first), source.stages),
+                before: RenderStages::first(self.plan.pass(*second), target.stages),
+                scope: [Some(*resource), *alias]
+                    .into_iter()
+                    .flatten()
+                    .fold(MemoryBarrier::default(), |scope, id| {
+                        scope.union(MemoryBarrier::on(self.plan, id))
+                    }),
+            })
+        };
+        ordering(self.plan, pass).filter_map(need).collect()
     }
 
     /// Chooses the waits that an encoder needs, without those that others imply.
     fn reduce(&mut self, needs: &[Need], instance: usize) -> Vec<Edge> {
-        let edge = |need: &Need| Edge {
-            source: need.after.instance,
-            after: need.after.access.to,
-            before: need.before,
-        };
+        let edge = |need: &Need| Edge { source: need.instance, after: need.after, before: need.before };
         let mut all: Vec<Edge> = needs.iter().map(edge).collect();
         // What implies another comes first: what is later, ends later, or begins earlier.
         all.sort_by_key(|edge| (std::cmp::Reverse((edge.source, edge.after)), edge.before));
@@ -285,77 +224,62 @@ impl Walk<'_> {
     }
 }
 
-impl Need {
-    fn same(&self, other: &Need) -> bool {
-        let key = |need: &Need| {
-            let Mark { instance, position, pass, ref access } = need.after;
-            (instance, position, pass, access.to, access.resource, need.before, need.resource, need.hazard)
-        };
-        key(self) == key(other)
-    }
-}
-
 /// Sees to it that there is a barrier between each of these accesses and the pass at `position`.
-fn place(ordered: &mut Ordered, position: usize, mut needs: Vec<Need>) {
+fn place<'a>(ordered: &mut Ordered<'a>, position: usize, mut needs: Vec<Need<'a>>) {
     needs.retain(|need| {
         let covers = |barrier: &Option<MemoryBarrier>| barrier.is_some_and(|b| b.contains(need.scope));
-        !ordered.barriers[need.after.position + 1..position].iter().rev().any(covers)
+        !ordered.barriers[need.position + 1..position].iter().rev().any(covers)
     });
     // Those after the last barrier need a new one, which then serves all.
-    needs.sort_by_key(|need| std::cmp::Reverse(need.after.position));
+    needs.sort_by_key(|need| std::cmp::Reverse(need.position));
     for need in needs {
-        let last = (need.after.position + 1..=position).rev().find(|at| ordered.barriers[*at].is_some());
+        let last = (need.position + 1..=position).rev().find(|at| ordered.barriers[*at].is_some());
         let at = last.unwrap_or(position);
         let barrier = ordered.barriers[at].get_or_insert_default();
         *barrier = barrier.union(need.scope);
-        ordered.inner.push((at, need));
+        ordered.inner.push((at, need.dependency));
     }
 }
 
-fn add_reasons(
-    reasons: &mut Vec<Cause>,
-    encoder: &Ordered,
-    at: impl Fn(Point) -> Place,
-    previous: impl Fn(&Need) -> bool,
-) {
-    let mut waits: Vec<&(usize, Need)> = encoder.waits.iter().collect();
+fn add_reasons(reasons: &mut Vec<Cause>, encoder: &Ordered, at: impl Fn(Point) -> At) {
+    let mut waits = encoder.waits.clone();
     waits.sort_by_key(|(wait, _)| *wait);
-    for (wait, need) in waits {
-        add_reason(reasons, at(Point::Wait(*wait)), need, previous(need));
+    for (wait, dependency) in waits {
+        add_reason(reasons, at(Point::Wait(wait)), dependency);
     }
-    let mut inner: Vec<&(usize, Need)> = encoder.inner.iter().collect();
+    let mut inner = encoder.inner.clone();
     inner.sort_by_key(|(position, _)| *position);
-    for (position, need) in inner {
-        add_reason(reasons, at(Point::Barrier(*position)), need, false);
+    for (position, dependency) in inner {
+        add_reason(reasons, at(Point::Barrier(position)), dependency);
     }
 }
 
-/// Adds a need to the reasons.
+/// Adds a dependency to the reasons.
 ///
 /// It joins one that differs in the passes that are waited for alone, if there is one.
-fn add_reason(reasons: &mut Vec<Cause>, at: Place, need: &Need, previous_frame: bool) {
-    let resource = need.resource;
-    let alias = Some(need.after.access.resource).filter(|other| *other != resource);
+fn add_reason(reasons: &mut Vec<Cause>, at: At, dependency: &Dependency) {
+    let Dependency { hazard, first, second, since, resource, alias, .. } = *dependency;
+    let previous_frame = since == Since::PreviousFrame;
     let same = |reason: &&mut Cause| {
         (reason.at, reason.before, reason.resource, reason.alias, reason.previous_frame)
-            == (at, need.pass, resource, alias, previous_frame)
+            == (at, second, resource, alias, previous_frame)
     };
     // A pass that reads and writes is ordered by either.
     let read_first = |hazard| if hazard == Hazard::WriteAfterWrite { Hazard::ReadAfterWrite } else { hazard };
-    let known = reasons.iter_mut().filter(same).find(|r| read_first(r.hazard) == read_first(need.hazard));
+    let known = reasons.iter_mut().filter(same).find(|r| read_first(r.hazard) == read_first(hazard));
     match known {
         Some(reason) => {
-            reason.hazard = reason.hazard.min(need.hazard);
-            if !reason.after.contains(&need.after.pass) {
-                reason.after.push(need.after.pass);
+            reason.hazard = reason.hazard.min(hazard);
+            if !reason.after.contains(&first) {
+                reason.after.push(first);
             }
         }
         None => reasons.push(Cause {
             at,
-            hazard: need.hazard,
-            before: need.pass,
+            hazard,
+            before: second,
             resource,
-            after: vec![need.after.pass],
+            after: vec![first],
             previous_frame,
             alias,
         }),

@@ -6,7 +6,7 @@
 
 use super::needs;
 use super::scopes::Masks;
-use super::world::{Inputs, World};
+use super::state::{Inputs, SyncState};
 use crate::plan::{Barrier, Step};
 
 /// Frames after which every frame has been followed by one like it.
@@ -45,9 +45,9 @@ fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     match call.iter_mut().find(|b| b.image == barrier.image) {
         Some(known) => {
             *known = Masks::of(known).with(Masks::of(&barrier)).on(known);
-            for dependency in barrier.dependencies {
-                if !known.dependencies.contains(&dependency) {
-                    known.dependencies.push(dependency);
+            for cause in barrier.causes {
+                if !known.causes.contains(&cause) {
+                    known.causes.push(cause);
                 }
             }
         }
@@ -59,9 +59,9 @@ fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
 
 /// Returns whether every requirement is met in frame after frame.
 fn holds(steps: &[Step], inputs: &Inputs) -> bool {
-    let mut world = World::new(inputs);
+    let mut state = SyncState::new(inputs);
     (0..FRAMES).all(|_| {
-        world.start_frame(inputs);
-        steps.iter().all(|step| world.replay(step.pass, &step.barriers, inputs).is_empty())
+        state.start_frame();
+        steps.iter().all(|step| state.replay(step.pass, &step.barriers, inputs).is_empty())
     })
 }

@@ -1,13 +1,13 @@
 //! A model of Metal's rules, which replays the encoders of a plan and objects where they leave something undefined.
 //!
-//! The lowering in [`crate::barriers`] reasons about what waits are needed. The model does not: it submits the prologue and a few frames,
+//! The lowering in [`crate::sync`] reasons about what waits are needed. The model does not: it submits the prologue and a few frames,
 //! encoder by encoder, and keeps for each what is known to be over when it begins. An update leaves in a fence what is over then; a wait
-//! takes that out; nothing else is known, since frames and encoders may overlap in any other way. Then all pairs of accesses that
-//! conflict are looked at, in all frames: of two in different encoders, the earlier must be known to be over; of two in one encoder,
-//! a barrier must lie between them. The conflicts are those of the framework's [`oracle`]. The two share no code with the lowering, so
-//! that a mistake has to be made twice to go unnoticed.
+//! takes that out; nothing else is known, since frames and encoders may overlap in any other way. Then every dependency of the plan is
+//! looked at in every frame: of two passes in different encoders, the earlier must be known to be over; of two in one encoder, a barrier
+//! must lie between them. The framework's [`oracle`](splatgraph_framework::oracle) checks that the dependencies are complete. The model
+//! shares no code with the lowering, so that a mistake has to be made twice to go unnoticed.
 //!
-//! The rules are those listed in [`crate::barriers`], read to the worse where they leave a choice:
+//! The rules are those listed in [`crate::sync`], read to the worse where they leave a choice:
 //!
 //! - copies of one encoder may run at the same time;
 //! - a barrier orders accesses to buffers among each other, or to textures, or both with one another if it is for both;
@@ -24,10 +24,8 @@
 //! It knows of no caches: in Metal what orders two accesses shows the later one what the earlier wrote. It does not know whether a plan
 //! reads what was ever written, which the framework's oracle knows, nor what an executor does besides the plan (inspection, window).
 
-use crate::barriers::*;
-use splatgraph_framework::oracle::{self, Touch};
+use crate::sync::*;
 use splatgraph_framework::{ir::*, plan::*};
-use std::collections::HashMap;
 use std::fmt;
 
 pub mod mutate;
@@ -114,21 +112,20 @@ enum Part {
     Rest,
 }
 
-/// Pairs two accesses that must not run at the same time.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-struct Pair {
-    ends: [(PassId, Part, ResourceId); 2],
-    /// Each needs this barrier between them where they are in one encoder of dispatches.
+/// A dependency between one part of a pass and one of another.
+struct Pair<'a> {
+    dependency: &'a Dependency,
+    parts: [Part; 2],
+    /// The barrier that it takes between them in an encoder of dispatches.
     scope: MemoryBarrier,
     /// Both are to a target of draws, which one encoder keeps in order.
     blend: bool,
-    per_frame: bool,
 }
 
 /// Judges the encoders of a plan.
 pub struct Model<'a> {
     plan: &'a Plan,
-    pairs: Vec<Pair>,
+    pairs: Vec<Pair<'a>>,
 }
 
 /// Records an encoder that was submitted.
@@ -140,23 +137,23 @@ struct Submitted<'a> {
 }
 
 impl<'a> Model<'a> {
-    /// Lists the conflicts of a plan.
+    /// Lists what the dependencies of a plan ask for.
     pub fn new(plan: &'a Plan) -> Model<'a> {
-        let mut pairs: Vec<Pair> = (oracle::conflicts(plan).iter())
-            .filter(|conflict| conflict.touches.iter().all(|touch| plan.pass(touch.pass).work != Work::Host))
-            .map(|conflict| {
-                let [one, other] = conflict.touches.map(|touch| end(plan, touch));
-                let blends = |touch: &Touch| touch.stage == Stages::COLOR_OUTPUT;
-                Pair {
-                    ends: [one, other],
-                    scope: scope(plan, one.2).union(scope(plan, other.2)),
-                    blend: conflict.touches.iter().all(blends) && one.2 == other.2,
-                    per_frame: conflict.per_frame,
+        let mut pairs = Vec::new();
+        for dependency in &plan.dependencies {
+            let Dependency { first, second, source, target, resource, alias, .. } = dependency;
+            if dependency.hazard == Hazard::LayoutChange || plan.pass(*second).work == Work::Host {
+                continue;
+            }
+            let scope = scope(plan, *resource).union(scope(plan, alias.unwrap_or(*resource)));
+            let targets = [source, target].iter().all(|scope| scope.stages == Stages::COLOR_OUTPUT);
+            for one in parts(plan, *first, source.stages) {
+                for other in parts(plan, *second, target.stages) {
+                    let (parts, blend) = ([one, other], targets && alias.is_none());
+                    pairs.push(Pair { dependency, parts, scope, blend });
                 }
-            })
-            .collect();
-        let mut known = std::collections::HashSet::new();
-        pairs.retain(|pair| known.insert(*pair));
+            }
+        }
         Model { plan, pairs }
     }
 
@@ -182,69 +179,41 @@ impl<'a> Model<'a> {
         found
     }
 
-    /// Submits everything, and looks at all pairs, until `found` returns false.
+    /// Submits everything, and looks at all dependencies, until `found` returns false.
     fn replay(&self, encoders: &Encoders, mut found: impl FnMut(Objection) -> bool) {
         let submitted = submit(encoders);
         // Of each pass, the encoders that hold it and its place in them.
-        let mut places: HashMap<PassId, Vec<(usize, usize)>> = HashMap::new();
+        let mut places: Vec<Vec<(usize, usize)>> = vec![Vec::new(); self.plan.passes.len()];
         for (instance, encoder) in submitted.iter().enumerate() {
             for (position, pass) in encoder.encoding.passes.iter().enumerate() {
-                places.entry(pass.pass).or_default().push((instance, position));
+                places[pass.pass.index()].push((instance, position));
             }
         }
-        let of = |pass| places.get(&pass).map_or(&[][..], Vec::as_slice);
         for pair in &self.pairs {
-            let [one, other] = pair.ends;
-            for at in of(one.0) {
-                for other_at in of(other.0) {
-                    let (first, second) = match at.cmp(other_at) {
-                        std::cmp::Ordering::Less => ((one, *at), (other, *other_at)),
-                        std::cmp::Ordering::Greater => ((other, *other_at), (one, *at)),
-                        std::cmp::Ordering::Equal => continue,
-                    };
-                    if self.in_order(pair, &submitted, (first.0.1, first.1), (second.0.1, second.1)) {
-                        continue;
-                    }
-                    let actor = |(end, at): &((PassId, Part, ResourceId), (usize, usize))| Actor {
-                        pass: end.0,
-                        frame: submitted[at.0].frame,
-                    };
-                    let (through, resource) = (first.0.2, second.0.2);
-                    let objection = Objection::Unordered {
-                        first: actor(&first),
-                        second: actor(&second),
-                        resource,
-                        through: Some(through).filter(|through| *through != resource),
-                    };
-                    if !found(objection) {
-                        return;
-                    }
+            let Dependency { first, second, since, resource, alias, .. } = *pair.dependency;
+            for later in &places[second.index()] {
+                let frame = submitted[later.0].frame;
+                let waited_for = match since {
+                    Since::Same => Some(frame),
+                    Since::Prologue => Some(None),
+                    Since::PreviousFrame => frame.and_then(|frame| frame.checked_sub(1)).map(Some),
+                };
+                let earlier =
+                    places[first.index()].iter().find(|at| Some(submitted[at.0].frame) == waited_for);
+                let Some(earlier) = earlier else { continue };
+                if in_order(pair, &submitted, *earlier, *later) {
+                    continue;
+                }
+                let objection = Objection::Unordered {
+                    first: Actor { pass: first, frame: submitted[earlier.0].frame },
+                    second: Actor { pass: second, frame },
+                    resource,
+                    through: alias,
+                };
+                if !found(objection) {
+                    return;
                 }
             }
-        }
-    }
-
-    /// Returns true if the first of two accesses is over when the second begins.
-    fn in_order(
-        &self,
-        pair: &Pair,
-        submitted: &[Submitted],
-        (first_part, first): (Part, (usize, usize)),
-        (second_part, second): (Part, (usize, usize)),
-    ) -> bool {
-        let (encoder, later) = (&submitted[first.0], &submitted[second.0]);
-        if pair.per_frame && encoder.frame != later.frame {
-            return true;
-        }
-        if first.0 != second.0 {
-            return has(&later.over[second_part as usize], first.0, first_part);
-        }
-        match encoder.encoding.kind {
-            EncoderKind::Compute => encoder.encoding.passes[first.1 + 1..=second.1]
-                .iter()
-                .any(|pass| pass.barrier.is_some_and(|barrier| barrier.contains(pair.scope))),
-            EncoderKind::Render => pair.blend,
-            EncoderKind::Blit => false,
         }
     }
 
@@ -284,6 +253,20 @@ impl<'a> Model<'a> {
             updated.extend(encoding.updates.iter().map(|fence| fence.fence));
         }
         found
+    }
+}
+
+/// Returns true if the earlier pass of a pair is over when the later one begins.
+fn in_order(pair: &Pair, submitted: &[Submitted], first: (usize, usize), second: (usize, usize)) -> bool {
+    let (encoder, later) = (&submitted[first.0], &submitted[second.0]);
+    if first.0 != second.0 {
+        return has(&later.over[pair.parts[1] as usize], first.0, pair.parts[0]);
+    }
+    match encoder.encoding.kind {
+        EncoderKind::Compute => (encoder.encoding.passes.iter().take(second.1 + 1).skip(first.1 + 1))
+            .any(|pass| pass.barrier.is_some_and(|barrier| barrier.contains(pair.scope))),
+        EncoderKind::Render => pair.blend,
+        EncoderKind::Blit => false,
     }
 }
 
@@ -347,10 +330,13 @@ fn add(known: &mut [u64], more: &[u64]) {
     known.iter_mut().zip(more).for_each(|(known, more)| *known |= more);
 }
 
-fn end(plan: &Plan, touch: Touch) -> (PassId, Part, ResourceId) {
-    let draws = matches!(plan.pass(touch.pass).work, Work::Draw { .. });
-    let vertices = draws && (Stages::INDIRECT | Stages::VERTEX).contains(touch.stage);
-    (touch.pass, if vertices { Part::Vertices } else { Part::Rest }, touch.resource)
+/// The parts of a pass that have some of these stages.
+fn parts(plan: &Plan, pass: PassId, stages: Stages) -> Vec<Part> {
+    let draws = matches!(plan.pass(pass).work, Work::Draw { .. });
+    let early = Stages::INDIRECT | Stages::VERTEX;
+    let vertices = (draws && stages.intersects(early)).then_some(Part::Vertices);
+    let rest = (!draws || stages.intersects(!early)).then_some(Part::Rest);
+    vertices.into_iter().chain(rest).collect()
 }
 
 fn scope(plan: &Plan, resource: ResourceId) -> MemoryBarrier {

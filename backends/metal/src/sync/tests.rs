@@ -1,7 +1,7 @@
 //! Small plans, and the encoders that they become.
 
 use super::*;
-use crate::model::{Model, mutate};
+use crate::sync::model::{Model, mutate};
 use crate::testing::*;
 
 /// Checks the lines of the frame, and what the model has to say.
@@ -302,7 +302,7 @@ fn reasons_name_the_hazard_the_passes_and_both_resources() {
     s.dispatch("over", &[writes(y)]);
     let (_, reasons) = explained(&s.plan, Division::Merged);
     let reason = |point, hazard, before, resource, after, previous_frame, alias| Cause {
-        at: Place::Frame(0, point),
+        at: At::Frame(0, point),
         hazard,
         before: PassId(before),
         resource,

@@ -2,7 +2,7 @@
 
 use super::scopes::{Masks, Time, with_later};
 use crate::ir::{Accesses, Hazard, PassId, ResourceId, Stages};
-use crate::plan::{Barrier, Dependency};
+use crate::plan::{Barrier, Cause};
 
 /// Why: what happened before, and to what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -125,46 +125,42 @@ pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool)
 }
 
 /// The needs, one entry per resource and hazard, as a barrier's reasons.
-pub(super) fn dependencies(needs: &[Requirement]) -> Vec<Dependency> {
-    let mut dependencies: Vec<Dependency> = Vec::new();
+pub(super) fn causes(needs: &[Requirement]) -> Vec<Cause> {
+    let mut causes: Vec<Cause> = Vec::new();
     for need in needs {
         let Reason { hazard, resource, alias, after, previous_frame, before, .. } = need.reason;
         let source = need.least_source();
         // Who reads and writes what another wrote says so once, as a reader.
         let apart = hazard == Hazard::WriteAfterRead;
-        let same = |d: &&mut Dependency| {
+        let same = |d: &&mut Cause| {
             (d.before, d.resource, d.alias, d.previous_frame) == (before, resource, alias, previous_frame)
                 && (d.hazard == Hazard::WriteAfterRead) == apart
         };
-        let dependency = match dependencies.iter_mut().find(same) {
-            Some(dependency) => dependency,
+        let cause = match causes.iter_mut().find(same) {
+            Some(cause) => cause,
             None => {
-                dependencies.push(Dependency {
-                    alias,
-                    previous_frame,
-                    ..dependency(hazard, before, resource)
-                });
-                dependencies.last_mut().expect("just pushed")
+                causes.push(Cause { alias, previous_frame, ..cause(hazard, before, resource) });
+                causes.last_mut().expect("just pushed")
             }
         };
         if hazard == Hazard::ReadAfterWrite {
-            dependency.hazard = hazard;
+            cause.hazard = hazard;
         }
-        if !dependency.after.contains(&after) {
-            dependency.after.push(after);
+        if !cause.after.contains(&after) {
+            cause.after.push(after);
         }
-        dependency.source_stages |= source.source_stages;
-        dependency.source_accesses |= source.source_accesses;
-        dependency.target_stages |= need.to;
-        dependency.target_accesses |= need.access;
+        cause.source_stages |= source.source_stages;
+        cause.source_accesses |= source.source_accesses;
+        cause.target_stages |= need.to;
+        cause.target_accesses |= need.access;
     }
-    dependencies.iter_mut().for_each(|d| d.after.sort());
-    dependencies
+    causes.iter_mut().for_each(|d| d.after.sort());
+    causes
 }
 
 /// A reason that asks for nothing yet.
-pub(super) fn dependency(hazard: Hazard, before: PassId, resource: ResourceId) -> Dependency {
-    Dependency {
+pub(super) fn cause(hazard: Hazard, before: PassId, resource: ResourceId) -> Cause {
+    Cause {
         hazard,
         before,
         resource,
@@ -179,17 +175,13 @@ pub(super) fn dependency(hazard: Hazard, before: PassId, resource: ResourceId) -
 }
 
 /// A barrier of the plan.
-pub(super) fn barrier(
-    masks: Masks,
-    image: Option<crate::plan::Transition>,
-    dependencies: Vec<Dependency>,
-) -> Barrier {
+pub(super) fn barrier(masks: Masks, image: Option<crate::plan::Transition>, causes: Vec<Cause>) -> Barrier {
     Barrier {
         image,
         source_stages: masks.source_stages,
         source_accesses: masks.source_accesses,
         target_stages: masks.target_stages,
         target_accesses: masks.target_accesses,
-        dependencies,
+        causes,
     }
 }

@@ -1,28 +1,29 @@
-//! Placement of barriers: a walk over the passes that tracks the state of every piece of memory.
+//! Vulkan's barriers, from the dependencies of a plan: a walk over the passes that tracks the effect of the barriers so far.
 //!
 //! A barrier is placed as late as possible, immediately before the pass that requires it, with as few bits as suffice. Where all
 //! causes of a requirement precede the last call, that call gets the bits instead, so that there are as few calls as possible.
-//! For each pass the walk asks which requirements the barriers so far leave unmet: `needs` represents a requirement, `world`
-//! tracks the accesses, and `scopes` tracks the effect of the barriers.
+//! For each pass the walk asks which requirements the barriers so far leave unmet: `needs` represents a requirement, `state`
+//! tracks the passes and the layouts, and `scopes` tracks the effect of the barriers. Nothing here looks at memory: which accesses
+//! conflict and where layouts change is read from the plan. A dependency on an access before a layout change counts as one on the change,
+//! which waited for that access.
 //!
 //! Every frame records the same barriers, and follows a frame that did. So the walk over the frame is repeated until the list of
 //! barriers is a fixpoint; usually two rounds find it and a third confirms it. Additional requirements of the first frame, which
 //! follows the prologue, are met once, by the handover between them.
 
-mod extents;
 mod fixpoint;
 mod needs;
 mod scopes;
-mod world;
+mod state;
 
-use crate::ir::{Hazard, Layout, PassId, ResourceId, Run};
-use crate::plan::{Barrier, Plan, Step, Transition};
-use extents::Extents;
+use crate::ir::{Hazard, PassId};
+use crate::plan::{Barrier, LayoutChange, Plan, Step, Transition};
 use needs::Requirement;
 use scopes::Masks;
-use world::{Inputs, World};
+use state::{Inputs, SyncState};
 
-pub(super) struct Solved {
+/// The barriers of a plan.
+pub(crate) struct Barriers {
     pub prologue: Vec<Step>,
     pub handover: Vec<Barrier>,
     pub frame: Vec<Step>,
@@ -33,55 +34,43 @@ const MOST_ROUNDS: usize = 8;
 
 /// Places the barriers of the prologue, the handover and the frame. Those of the plan so far are not looked at. `None` if none
 /// were found that hold, which would be a mistake in here.
-pub(super) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Option<Solved> {
-    let inputs = inputs(plan);
-    let walk = |world: &mut World, ids: &[PassId]| -> Vec<Step> {
-        world.start_frame(&inputs);
+pub(crate) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Option<Barriers> {
+    let inputs = Inputs::new(plan);
+    let walk = |state: &mut SyncState, ids: &[PassId]| -> Vec<Step> {
+        state.start_frame();
         let mut steps = Vec::with_capacity(ids.len());
-        ids.iter().for_each(|id| world.place(*id, &mut steps, &inputs));
+        ids.iter().for_each(|id| state.place(*id, &mut steps, &inputs));
         steps
     };
 
-    let mut start = World::new(&inputs);
+    let mut start = SyncState::new(&inputs);
     let prologue = walk(&mut start, prologue);
 
-    let mut world = World::new(&inputs);
-    let mut steps = walk(&mut world, frame);
+    let mut state = SyncState::new(&inputs);
+    let mut steps = walk(&mut state, frame);
     for _ in 0..MOST_ROUNDS {
-        let again = walk(&mut world, frame);
+        let again = walk(&mut state, frame);
         if again == steps {
-            let handover = handover(&start, &world, &steps, &inputs)?;
-            return Some(Solved { prologue, handover, frame: steps });
+            let handover = handover(&start, &steps, &inputs)?;
+            return Some(Barriers { prologue, handover, frame: steps });
         }
         steps = again;
     }
-    let frame = fixpoint::fixpoint(steps, walk(&mut world, frame), &inputs)?;
-    let handover = handover(&start, &world, &frame, &inputs)?;
-    Some(Solved { prologue, handover, frame })
-}
-
-fn inputs(plan: &Plan) -> Inputs<'_> {
-    let mut kept: Vec<bool> = plan.resources.iter().map(|r| r.history.is_some()).collect();
-    for touch in plan.passes.iter().filter(|p| p.run == Run::Once).flat_map(|p| &p.uses) {
-        kept[touch.resource.index()] |= touch.accesses.writes();
-    }
-    let shared =
-        plan.resources.iter().map(|r| r.block.is_some_and(|b| plan.blocks[b.index()].aliases.len() > 1));
-    Inputs { plan, extents: Extents::of(plan), kept, shared: shared.collect() }
+    let frame = fixpoint::fixpoint(steps, walk(&mut state, frame), &inputs)?;
+    let handover = handover(&start, &frame, &inputs)?;
+    Some(Barriers { prologue, handover, frame })
 }
 
 /// Computes the one call between prologue and first frame; `None` if no call suffices.
 ///
 /// It brings images into the layouts that frames expect, and makes the prologue's writes visible.
-fn handover(start: &World, steady: &World, frame: &[Step], inputs: &Inputs) -> Option<Vec<Barrier>> {
+fn handover(start: &SyncState, frame: &[Step], inputs: &Inputs) -> Option<Vec<Barrier>> {
     let mut call = Handover { memory: Masks::default(), needs: Vec::new(), images: Vec::new() };
-    for (image, first) in carried_images(frame, inputs) {
-        let (old, new) = (start.layout(image), steady.layout(image));
-        if old != new {
-            let needs = start.change_needs_of(image, first, inputs);
-            let masks = needs::least_source(&needs);
-            call.images.push((Transition { image, old, new }, masks, needs, first));
-        }
+    for change in inputs.plan.layout_changes.iter().filter(|change| change.handover) {
+        let needs = start.change_needs(change, inputs, true);
+        let masks = needs::least_source(&needs);
+        let LayoutChange { image, old, new, before, .. } = *change;
+        call.images.push((Transition { image, old, new }, masks, needs, before));
     }
     // Every round gives the call what the last one missed.
     loop {
@@ -97,25 +86,6 @@ fn handover(start: &World, steady: &World, frame: &[Step], inputs: &Inputs) -> O
     Some(call.barriers())
 }
 
-/// The images that the frame's barriers expect in the layout that the frame before left, and who first touches them.
-fn carried_images(frame: &[Step], inputs: &Inputs) -> Vec<(ResourceId, PassId)> {
-    let mut met = vec![false; inputs.plan.resources.len()];
-    let mut carried = Vec::new();
-    for step in frame {
-        for touch in &inputs.plan.pass(step.pass).uses {
-            let resource = touch.resource;
-            if touch.layout.is_none() || std::mem::replace(&mut met[resource.index()], true) {
-                continue;
-            }
-            let change = step.barriers.iter().filter_map(|b| b.image).find(|t| t.image == resource);
-            if change.is_none_or(|t| t.old != Layout::Undefined) {
-                carried.push((resource, step.pass));
-            }
-        }
-    }
-    carried
-}
-
 /// The handover while it is being made.
 struct Handover {
     memory: Masks,
@@ -128,39 +98,39 @@ struct Handover {
 impl Handover {
     fn barriers(&self) -> Vec<Barrier> {
         let of_prologue = |needs: &[Requirement]| {
-            let mut dependencies = needs::dependencies(needs);
-            dependencies.iter_mut().for_each(|d| d.previous_frame = false);
-            dependencies
+            let mut causes = needs::causes(needs);
+            causes.iter_mut().for_each(|d| d.previous_frame = false);
+            causes
         };
         let mut barriers = Vec::new();
         if self.memory != Masks::default() {
             barriers.push(needs::barrier(self.memory, None, of_prologue(&self.needs)));
         }
         for (transition, masks, needs, first) in &self.images {
-            let mut dependencies = of_prologue(needs);
-            if dependencies.is_empty() {
-                dependencies.push(needs::dependency(Hazard::LayoutChange, *first, transition.image));
+            let mut causes = of_prologue(needs);
+            if causes.is_empty() {
+                causes.push(needs::cause(Hazard::LayoutChange, *first, transition.image));
             }
-            for dependency in &mut dependencies {
-                dependency.target_stages = masks.target_stages;
-                dependency.target_accesses = masks.target_accesses;
-                if dependency.hazard == Hazard::WriteAfterWrite && masks.target_accesses.reads() {
-                    dependency.hazard = Hazard::ReadAfterWrite;
+            for cause in &mut causes {
+                cause.target_stages = masks.target_stages;
+                cause.target_accesses = masks.target_accesses;
+                if cause.hazard == Hazard::WriteAfterWrite && masks.target_accesses.reads() {
+                    cause.hazard = Hazard::ReadAfterWrite;
                 }
             }
-            barriers.push(needs::barrier(*masks, Some(*transition), dependencies));
+            barriers.push(needs::barrier(*masks, Some(*transition), causes));
         }
         barriers
     }
 
     /// Lists the requirements of the first frame that this handover leaves unmet.
-    fn missing(&self, start: &World, frame: &[Step], inputs: &Inputs) -> Vec<Requirement> {
-        let mut world = start.clone();
+    fn missing(&self, start: &SyncState, frame: &[Step], inputs: &Inputs) -> Vec<Requirement> {
+        let mut state = start.clone();
         // The call stands right before the first pass.
         let first = frame.first().map_or(PassId(0), |step| step.pass);
-        world.call(&self.barriers(), first, inputs);
-        world.start_frame(inputs);
-        frame.iter().flat_map(|step| world.replay(step.pass, &step.barriers, inputs)).collect()
+        state.call(&self.barriers(), first);
+        state.start_frame();
+        frame.iter().flat_map(|step| state.replay(step.pass, &step.barriers, inputs)).collect()
     }
 
     /// Gives the call what `need` is missing; false if it has it already.
@@ -185,7 +155,7 @@ impl Handover {
     }
 
     /// Clears every bit that the first frame can do without.
-    fn reduce(&mut self, start: &World, frame: &[Step], inputs: &Inputs) {
+    fn reduce(&mut self, start: &SyncState, frame: &[Step], inputs: &Inputs) {
         let reduced = needs::least(self.memory, |masks| {
             let less = Handover { memory: *masks, needs: self.needs.clone(), images: self.images.clone() };
             less.missing(start, frame, inputs).is_empty()

@@ -1,7 +1,6 @@
 //! From the passes, in their order, to encoders: each as long as the next pass is of its kind.
 
-use super::accesses::Footprints;
-use super::{Division, EncoderKind};
+use super::{Division, EncoderKind, ordering};
 use splatgraph_framework::{ir::*, plan::*};
 
 /// The passes of one encoder.
@@ -11,14 +10,14 @@ pub(super) struct Group {
 }
 
 /// Divides steps into the encoders that hold them.
-pub(super) fn divide(plan: &Plan, steps: &[Step], footprints: &Footprints, division: Division) -> Vec<Group> {
+pub(super) fn divide(plan: &Plan, steps: &[Step], division: Division) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for step in steps {
         let Some(kind) = kind(&plan.pass(step.pass).work) else { continue };
         let joins = |group: &&mut Group| {
             division == Division::Merged
                 && group.kind == kind
-                && (kind != EncoderKind::Render || draws_with(plan, group, step.pass, footprints))
+                && (kind != EncoderKind::Render || draws_with(plan, group, step.pass))
         };
         match groups.last_mut().filter(joins) {
             Some(group) => group.passes.push(step.pass),
@@ -37,18 +36,23 @@ fn kind(work: &Work) -> Option<EncoderKind> {
     }
 }
 
-/// Returns true if a draw keeps the targets of the draws before it, and conflicts with them nowhere else.
-fn draws_with(plan: &Plan, group: &Group, pass: PassId, footprints: &Footprints) -> bool {
+/// Returns true if a draw keeps the targets of the draws before it, and depends on them nowhere else.
+fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     let targets = |pass: PassId| match &plan.pass(pass).work {
         Work::Draw { targets, .. } => targets.as_slice(),
         _ => &[],
     };
     let (own, others) = (targets(pass), targets(group.passes[0]));
     let images = |targets: &[Target]| targets.iter().map(|target| target.image).collect::<Vec<_>>();
+    // An encoder keeps the accesses of its draws to a target in order by itself.
+    let blends = |dependency: &Dependency| {
+        let both = dependency.source.stages | dependency.target.stages;
+        both == Stages::COLOR_OUTPUT && dependency.alias.is_none()
+    };
+    let inner = |dependency: &&Dependency| {
+        dependency.since == Since::Same && group.passes.contains(&dependency.first)
+    };
     images(own) == images(others)
         && own.iter().all(|target| target.load == Load::Keep)
-        && group.passes.iter().flat_map(|earlier| footprints.pass(*earlier)).all(|earlier| {
-            let clashes = |own: &super::accesses::Access| own.conflicts(earlier) && !own.in_order(earlier);
-            !footprints.pass(pass).iter().any(clashes)
-        })
+        && ordering(plan, pass).filter(inner).all(blends)
 }

@@ -1,7 +1,7 @@
 //! Byte ranges of uses.
 //!
 //! Memory is cut into cells at every boundary: of an alias of a block, of the arguments of an indirect command, of the word of a
-//! statistic. State is tracked per cell, so that the export of one word of a buffer does not affect its other words, and the
+//! statistic. Dependencies are found per cell, so that the export of one word of a buffer does not affect its other words, and the
 //! next alias of a block does not affect bytes beyond its own end.
 
 use std::collections::BTreeSet;
@@ -20,15 +20,6 @@ pub(super) struct Access {
 pub(super) struct Group {
     pub resource: ResourceId,
     pub accesses: Vec<Access>,
-    /// The pass is a dispatch.
-    pub dispatch: bool,
-}
-
-impl Group {
-    /// The touches that write, or that do not.
-    pub fn accesses(&self, writing: bool) -> impl Iterator<Item = &Access> {
-        self.accesses.iter().filter(move |access| access.touch.accesses.writes() == writing)
-    }
 }
 
 pub(super) struct Extents {
@@ -36,8 +27,8 @@ pub(super) struct Extents {
     pub passes: Vec<Vec<Group>>,
     /// The cells of each resource.
     pub resources: Vec<Range<usize>>,
-    /// Number of cells.
-    pub cells: usize,
+    /// The bytes of each cell, from the start of its memory. All resources of a block start there.
+    pub cells: Vec<Range<u64>>,
 }
 
 impl Extents {
@@ -65,10 +56,10 @@ impl Extents {
         }
         let cuts: Vec<Vec<u64>> = cuts.into_iter().map(|cuts| cuts.into_iter().collect()).collect();
         let mut first = vec![0; pieces];
-        let mut cells = 0;
+        let mut cells = Vec::new();
         for (first, cuts) in first.iter_mut().zip(&cuts) {
-            *first = cells;
-            cells += cuts.len() - 1;
+            *first = cells.len();
+            cells.extend(cuts.windows(2).map(|pair| pair[0]..pair[1]));
         }
 
         let cells_of = |resource: ResourceId, bytes: &Range<u64>| {
@@ -78,7 +69,6 @@ impl Extents {
         };
         let group = |pass: &Pass| {
             let mut groups: Vec<Group> = Vec::new();
-            let dispatch = matches!(pass.work, Work::Dispatch { .. });
             for touch in &pass.uses {
                 // Uniform blocks are written by the host before the frame is submitted, which needs no barrier.
                 if touch.accesses == Accesses::UNIFORM_READ {
@@ -88,7 +78,7 @@ impl Extents {
                 let access = Access { touch: *touch, cells };
                 match groups.iter_mut().find(|group| group.resource == touch.resource) {
                     Some(group) => group.accesses.push(access),
-                    None => groups.push(Group { resource: touch.resource, accesses: vec![access], dispatch }),
+                    None => groups.push(Group { resource: touch.resource, accesses: vec![access] }),
                 }
             }
             groups
@@ -113,9 +103,11 @@ fn bytes(plan: &Plan, pass: &Pass, touch: &Use) -> Vec<Range<u64>> {
     let some = match pass.work {
         Work::Dispatch { groups: Groups::Indirect { buffer, offset }, .. } => arguments(buffer, offset, 12),
         Work::Draw { call: DrawCall::Indirect { buffer, offset }, .. } => arguments(buffer, offset, 16),
-        Work::Export if touch.accesses == Accesses::TRANSFER_READ && touch.layout.is_none() => {
+        Work::Export => {
             let words = plan.stats.iter().filter(|stat| stat.buffer == touch.resource);
-            Some(words.map(|stat| stat.offset..stat.offset + 4).collect())
+            let words: Vec<_> = words.map(|stat| stat.offset..stat.offset + 4).collect();
+            // The output is exported whole.
+            (!words.is_empty()).then_some(words)
         }
         _ => None,
     };

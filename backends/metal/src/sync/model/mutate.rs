@@ -1,7 +1,7 @@
 //! Takes away synchronization from encoders, a little at a time: nothing is to be needless.
 
 use super::Model;
-use crate::barriers::*;
+use crate::sync::*;
 use splatgraph_framework::plan::Plan;
 
 /// Locates an encoder.

@@ -1,0 +1,471 @@
+//! The state of the walk: the effect of the barriers so far, the time of each pass, and the layout changes that nothing has overwritten.
+
+use super::needs::{self, Reason, Requirement};
+use super::scopes::{Masks, Origin, Scopes, Time, with_later, write_access};
+use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Stages, Work};
+use crate::plan::{Barrier, Dependency, LayoutChange, Plan, Step, Transition};
+
+/// Inputs of the walk that do not change.
+pub(super) struct Inputs<'a> {
+    pub plan: &'a Plan,
+    /// The layout changes before each pass; without those of the handover.
+    changes: Vec<Vec<LayoutChange>>,
+}
+
+impl Inputs<'_> {
+    pub fn new(plan: &Plan) -> Inputs<'_> {
+        let mut changes = vec![Vec::new(); plan.passes.len()];
+        for change in plan.layout_changes.iter().filter(|change| !change.handover) {
+            changes[change.before.index()].push(*change);
+        }
+        Inputs { plan, changes }
+    }
+
+    fn changes(&self, pass: PassId) -> &[LayoutChange] {
+        &self.changes[pass.index()]
+    }
+
+    fn changes_layout(&self, pass: PassId, resource: ResourceId) -> bool {
+        self.changes(pass).iter().any(|change| change.image == resource)
+    }
+}
+
+/// The past of the next pass.
+#[derive(Clone, Debug)]
+pub(super) struct SyncState {
+    scopes: Scopes,
+    now: Time,
+    frame_start: Time,
+    /// When each pass ran last; 0 if it did not.
+    ran: Vec<Time>,
+    /// The last layout change of each image, while no pass has written the image since.
+    changed: Vec<Option<Changed>>,
+    /// The last call.
+    call: Option<Call>,
+    /// Passes at the start of a frame whose needs a call at the end of the frame before has to meet: that call's step, and the
+    /// pass.
+    ahead: Vec<(usize, PassId)>,
+}
+
+/// A call, which later passes may still add to.
+#[derive(Clone, Debug)]
+struct Call {
+    /// Position in the list of steps.
+    step: usize,
+    /// The time of the pass that follows the call.
+    time: Time,
+    /// The scopes before the call.
+    before: Scopes,
+    /// Everything that it has to meet, once each.
+    needs: Vec<Requirement>,
+    /// The requirements that only this call meets.
+    reasons: Vec<Requirement>,
+    /// The barrier on all memory.
+    memory: Masks,
+    images: Vec<Barrier>,
+}
+
+impl Call {
+    fn new(state: &SyncState, step: usize, needs: Vec<Requirement>, changes: &[Change]) -> Call {
+        let mut call = Call {
+            step,
+            time: state.now,
+            before: state.scopes.clone(),
+            needs: Vec::new(),
+            reasons: Vec::new(),
+            memory: Masks::default(),
+            images: changes.iter().map(Change::barrier).collect(),
+        };
+        call.meet(needs);
+        call
+    }
+
+    /// The latest time of what it waits for.
+    fn covers(&self) -> Time {
+        self.time - 2
+    }
+
+    /// Takes on more needs; says whether the call had to change for them.
+    fn meet(&mut self, needs: Vec<Requirement>) -> bool {
+        let order = |need: &Requirement| self.images.iter().any(|b| need.is_met_by_order(&Masks::of(b)));
+        let needs: Vec<Requirement> = needs.into_iter().filter(|need| !order(need)).collect();
+        let open = needs.iter().filter(|need| !need.is_met_by(&self.memory));
+        let reasons: Vec<Requirement> = open.copied().collect();
+        for need in needs {
+            if !self.needs.iter().any(|known| known.asks_the_same_as(&need)) {
+                self.needs.push(need);
+            }
+        }
+        if reasons.is_empty() {
+            return false;
+        }
+        self.reasons.extend(reasons);
+        self.memory = needs::memory_barrier(&self.needs);
+        true
+    }
+
+    fn barriers(&self) -> Vec<Barrier> {
+        let causes = needs::causes(&self.reasons);
+        let memory = (!causes.is_empty()).then(|| needs::barrier(self.memory, None, causes));
+        memory.into_iter().chain(self.images.iter().cloned()).collect()
+    }
+}
+
+/// A layout change: a write, visible to the barrier's target.
+#[derive(Clone, Copy, Debug)]
+struct Changed {
+    time: Time,
+    /// The pass that it is before.
+    pass: PassId,
+    stages: Stages,
+    accesses: Accesses,
+    /// Some pass has read the image since.
+    is_read: bool,
+}
+
+/// A change of layout that a pass needs, and what it has to wait for.
+struct Change {
+    transition: Transition,
+    before: PassId,
+    needs: Vec<Requirement>,
+    target: Masks,
+}
+
+impl SyncState {
+    pub fn new(inputs: &Inputs) -> SyncState {
+        SyncState {
+            scopes: Scopes::new(),
+            now: 0,
+            frame_start: 0,
+            ran: vec![0; inputs.plan.passes.len()],
+            changed: vec![None; inputs.plan.resources.len()],
+            call: None,
+            ahead: Vec::new(),
+        }
+    }
+
+    pub fn start_frame(&mut self) {
+        self.frame_start = self.now + 1;
+    }
+
+    /// Lets the pass happen, and adds it to `steps` with the barriers that it needs; or, where the last call can give them, adds
+    /// them to that.
+    pub fn place(&mut self, id: PassId, steps: &mut Vec<Step>, inputs: &Inputs) {
+        self.now += 2;
+        let changes: Vec<Change> =
+            inputs.changes(id).iter().map(|change| self.change(change, inputs)).collect();
+        let mut needs = self.needs(id, &self.scopes, inputs);
+        let ahead = std::mem::take(&mut self.ahead);
+        for next in ahead.iter().filter(|(at, _)| *at == steps.len()).map(|(_, next)| *next) {
+            needs.extend(self.needs_of_next_frame(next, inputs));
+        }
+        self.ahead = ahead;
+
+        let mut barriers = Vec::new();
+        if changes.is_empty() && self.can_join_last_call(&needs) {
+            self.join_last_call(id, steps, inputs);
+        } else if !changes.is_empty() || !needs.is_empty() {
+            let call = Call::new(self, steps.len(), needs, &changes);
+            self.apply(&call.barriers(), id);
+            barriers = call.barriers();
+            self.call = Some(call);
+        }
+        // A pass that may be left out must not carry the needs of others.
+        if matches!(inputs.plan.pass(id).work, Work::ClearHistory { .. }) {
+            self.call = None;
+        }
+        self.record(id, inputs);
+        steps.push(Step { barriers, pass: id });
+    }
+
+    /// Returns whether the last call, with more bits, could meet these requirements: their causes all precede it.
+    fn can_join_last_call(&self, needs: &[Requirement]) -> bool {
+        self.call.as_ref().is_some_and(|call| needs.iter().all(|need| need.reason.time <= call.covers()))
+    }
+
+    /// Lets the last call meet the needs of this pass as well. Also notes what the pass found met already, so that the call
+    /// goes on meeting it.
+    fn join_last_call(&mut self, id: PassId, steps: &mut [Step], inputs: &Inputs) {
+        let Some(mut call) = self.call.take() else { return };
+        let mut needs = self.needs(id, &call.before, inputs);
+        needs.retain(|need| need.reason.time <= call.covers());
+        if call.meet(needs) {
+            self.scopes = call.before.clone();
+            let barriers = call.barriers();
+            self.scopes.apply(barriers.iter().map(|b| (Masks::of(b), b.image.is_none())), call.covers());
+            if call.time < self.frame_start {
+                self.ahead.push((call.step, id));
+            } else {
+                steps[call.step].barriers = barriers;
+            }
+        }
+        self.call = Some(call);
+    }
+
+    /// Lists the requirements of a pass at the start of the next frame.
+    fn needs_of_next_frame(&self, id: PassId, inputs: &Inputs) -> Vec<Requirement> {
+        let mut needs = self.needs(id, &self.scopes, inputs);
+        needs.iter_mut().for_each(|need| need.reason.previous_frame = true);
+        needs
+    }
+
+    /// Applies the barriers and the pass, and returns the requirements that the barriers leave unmet.
+    ///
+    /// A requirement of a layout change has the source stages of the change as its target.
+    pub fn replay(&mut self, id: PassId, barriers: &[Barrier], inputs: &Inputs) -> Vec<Requirement> {
+        self.now += 2;
+        let mut missing = Vec::new();
+        for change in inputs.changes(id) {
+            let Some(barrier) = barriers.iter().find(|b| b.image.is_some_and(|t| t.image == change.image))
+            else {
+                continue;
+            };
+            let masks = Masks::of(barrier);
+            let mut needs = self.change_needs(change, inputs, false);
+            needs.retain(|need| !need.source_is_met_by(&masks));
+            // The change waits for its source stages: what comes before these comes before it.
+            if let Some(stage) = barrier.source_stages.iter().next() {
+                needs.iter_mut().for_each(|n| (n.to, n.access) = (stage, Accesses::empty()));
+            }
+            missing.append(&mut needs);
+        }
+        let met = |need: &Requirement| {
+            barriers
+                .iter()
+                .any(|b| (b.image.is_none() || need.access.is_empty()) && need.is_met_by(&Masks::of(b)))
+        };
+        missing.extend(self.needs(id, &self.scopes, inputs).into_iter().filter(|need| !met(need)));
+        self.apply(barriers, id);
+        self.record(id, inputs);
+        missing
+    }
+
+    /// Lets a call happen that stands before no pass of its own; `pass` stands for it where reasons are given.
+    pub fn call(&mut self, barriers: &[Barrier], pass: PassId) {
+        self.now += 2;
+        self.apply(barriers, pass);
+    }
+
+    /// A layout change before a pass, with what it waits for.
+    fn change(&self, change: &LayoutChange, inputs: &Inputs) -> Change {
+        let LayoutChange { image, old, new, before, .. } = *change;
+        let mut target = Masks::default();
+        for touch in inputs.plan.pass(before).uses.iter().filter(|touch| touch.resource == image) {
+            target.target_stages |= touch.stages;
+            target.target_accesses |= touch.accesses;
+        }
+        let mut needs = self.change_needs(change, inputs, true);
+        let hazard = needs.first().map_or(Hazard::LayoutChange, |need| {
+            match (target.target_accesses.reads() && old != Layout::Undefined, need.reason.hazard) {
+                // The change itself writes; what the pass does says what it is for.
+                (true, Hazard::WriteAfterWrite) => Hazard::ReadAfterWrite,
+                (true, _) if !target.target_accesses.writes() => Hazard::LayoutChange,
+                (_, hazard) => hazard,
+            }
+        });
+        needs.iter_mut().for_each(|n| n.reason.hazard = hazard);
+        Change { transition: Transition { image, old, new }, before, needs, target }
+    }
+
+    /// Lists the requirements of a layout change, which counts as a write. Targets are left empty. If `named`, a chain with an earlier
+    /// barrier does not do for a write: the change names it.
+    pub fn change_needs(&self, change: &LayoutChange, inputs: &Inputs, named: bool) -> Vec<Requirement> {
+        let LayoutChange { image, before, .. } = *change;
+        let to = (Stages::empty(), Accesses::empty());
+        let mut needs = Vec::new();
+        let dependencies = inputs.plan.dependencies_of(before).iter();
+        for dependency in dependencies.filter(|d| d.changes_layout && d.resource == image) {
+            let Some(time) = self.time(dependency) else { continue };
+            if !dependency.source.accesses.writes() {
+                self.order(dependency, time, to.0, &self.scopes, inputs, &mut needs);
+                continue;
+            }
+            let known = needs.len();
+            self.memory((dependency, Hazard::WriteAfterWrite), time, to, &self.scopes, &mut needs);
+            // An earlier barrier may have made the write available, and a chain with it would do. The change names the write all
+            // the same, because validation layers look for it there (docs/barriers.md).
+            let writes = needs[known..].iter_mut().filter(|need| named && !need.flush.is_empty());
+            writes.for_each(|need| need.via = Stages::empty());
+        }
+        if let Some(changed) = self.changed[image.index()].filter(|changed| !changed.is_read) {
+            self.after_change(
+                &changed,
+                (before, image, Hazard::WriteAfterWrite),
+                to,
+                &self.scopes,
+                &mut needs,
+            );
+        }
+        needs
+    }
+
+    /// Returns when the earlier pass of a dependency ran; `None` if it did not, or if a layout change that follows stands for it.
+    fn time(&self, dependency: &Dependency) -> Option<Time> {
+        let time = self.ran[dependency.first.index()];
+        let touched = dependency.alias.unwrap_or(dependency.resource);
+        let is_behind_change = self.changed[touched.index()].is_some_and(|changed| time < changed.time);
+        (time > 0 && !is_behind_change).then_some(time)
+    }
+
+    /// Lists the requirements of a pass that `scopes` does not meet, without those of layout changes.
+    fn needs(&self, id: PassId, scopes: &Scopes, inputs: &Inputs) -> Vec<Requirement> {
+        let mut needs = Vec::new();
+        for dependency in inputs.plan.dependencies_of(id) {
+            if dependency.hazard == Hazard::LayoutChange || inputs.changes_layout(id, dependency.resource) {
+                continue;
+            }
+            let Some(time) = self.time(dependency) else { continue };
+            for to in dependency.target.stages.iter() {
+                if dependency.hazard == Hazard::WriteAfterRead {
+                    self.order(dependency, time, to, scopes, inputs, &mut needs);
+                    continue;
+                }
+                for access in dependency.target.accesses.iter() {
+                    let hazard =
+                        if access.writes() { Hazard::WriteAfterWrite } else { Hazard::ReadAfterWrite };
+                    self.memory((dependency, hazard), time, (to, access), scopes, &mut needs);
+                }
+            }
+        }
+        for touch in &inputs.plan.pass(id).uses {
+            let Some(changed) = self.changed[touch.resource.index()] else { continue };
+            if inputs.changes_layout(id, touch.resource) {
+                continue;
+            }
+            let both =
+                touch.stages.iter().flat_map(|to| touch.accesses.iter().map(move |access| (to, access)));
+            for (to, access) in both.filter(|(_, access)| !(access.writes() && changed.is_read)) {
+                let hazard = if access.writes() { Hazard::WriteAfterWrite } else { Hazard::ReadAfterWrite };
+                self.after_change(&changed, (id, touch.resource, hazard), (to, access), scopes, &mut needs);
+            }
+        }
+        needs
+    }
+
+    /// Adds what it takes for a write to be seen by an access of `to`, or (with empty ones) to be available.
+    fn memory(
+        &self,
+        (dependency, hazard): (&Dependency, Hazard),
+        time: Time,
+        (to, access): (Stages, Accesses),
+        scopes: &Scopes,
+        needs: &mut Vec<Requirement>,
+    ) {
+        let reason = self.reason(dependency, hazard, time);
+        for from in dependency.source.stages.iter() {
+            if !to.is_empty() && scopes.is_visible(from, time, to, access) {
+                continue;
+            }
+            let (flush, via) = (write_access(from), scopes.available(from, time));
+            add(needs, Requirement { reason, from, flush, via, to, access });
+        }
+    }
+
+    /// Adds what it takes for a layout change to be seen by an access of `to`, or (with empty ones) to be over.
+    fn after_change(
+        &self,
+        changed: &Changed,
+        (before, resource, hazard): (PassId, ResourceId, Hazard),
+        (to, access): (Stages, Accesses),
+        scopes: &Scopes,
+        needs: &mut Vec<Requirement>,
+    ) {
+        let Changed { time, pass, stages, accesses, .. } = *changed;
+        let reached = with_later(stages);
+        let seen =
+            stages.contains(to) && accesses.contains(access) || scopes.is_shown(reached, time, to, access);
+        if seen && !to.is_empty() {
+            return;
+        }
+        let previous_frame = time < self.frame_start;
+        let reason = Reason { hazard, resource, alias: None, after: pass, previous_frame, before, time };
+        let via =
+            reached.iter().fold(reached, |via, stage| via | scopes.after(Origin::new(stage, false), time));
+        let from = stages.iter().next().unwrap_or(Stages::empty());
+        add(needs, Requirement { reason, from, flush: Accesses::empty(), via, to, access });
+    }
+
+    /// Adds that `to` comes after reads, unless it does; nothing comes after them if `to` is empty.
+    fn order(
+        &self,
+        dependency: &Dependency,
+        time: Time,
+        to: Stages,
+        scopes: &Scopes,
+        inputs: &Inputs,
+        needs: &mut Vec<Requirement>,
+    ) {
+        let dispatch = matches!(inputs.plan.pass(dependency.first).work, Work::Dispatch { .. });
+        let reason = self.reason(dependency, Hazard::WriteAfterRead, time);
+        for from in dependency.source.stages.iter() {
+            let origin = Origin::new(from, dispatch);
+            if to.is_empty() || !scopes.is_ordered(origin, time, to) {
+                let (flush, via, access) = (Accesses::empty(), scopes.after(origin, time), Accesses::empty());
+                add(needs, Requirement { reason, from, flush, via, to, access });
+            }
+        }
+    }
+
+    fn reason(&self, dependency: &Dependency, hazard: Hazard, time: Time) -> Reason {
+        Reason {
+            hazard,
+            resource: dependency.resource,
+            alias: dependency.alias,
+            after: dependency.first,
+            previous_frame: time < self.frame_start,
+            before: dependency.second,
+            time,
+        }
+    }
+
+    fn apply(&mut self, barriers: &[Barrier], pass: PassId) {
+        let call = barriers.iter().map(|b| (Masks::of(b), b.image.is_none()));
+        self.scopes.apply(call, self.now - 2);
+        for (barrier, transition) in barriers.iter().filter_map(|b| Some((b, b.image?))) {
+            self.changed[transition.image.index()] = Some(Changed {
+                time: self.now - 1,
+                pass,
+                stages: barrier.target_stages,
+                accesses: barrier.target_accesses,
+                is_read: false,
+            });
+        }
+    }
+
+    /// Notes what the pass did.
+    fn record(&mut self, id: PassId, inputs: &Inputs) {
+        self.ran[id.index()] = self.now;
+        for touch in &inputs.plan.pass(id).uses {
+            let changed = &mut self.changed[touch.resource.index()];
+            if touch.accesses.writes() {
+                *changed = None;
+            } else if let Some(changed) = changed {
+                changed.is_read = true;
+            }
+        }
+    }
+}
+
+/// Adds a need that is not among them yet: the stages of a pass mostly ask for the same.
+fn add(needs: &mut Vec<Requirement>, need: Requirement) {
+    if !needs.contains(&need) {
+        needs.push(need);
+    }
+}
+
+impl Change {
+    fn barrier(&self) -> Barrier {
+        let mut masks = needs::least_source(&self.needs);
+        masks.add(self.target);
+        let mut causes = needs::causes(&self.needs);
+        if causes.is_empty() {
+            let first = needs::cause(Hazard::LayoutChange, self.before, self.transition.image);
+            causes.push(first);
+        }
+        for cause in &mut causes {
+            cause.target_stages = self.target.target_stages;
+            cause.target_accesses = self.target.target_accesses;
+        }
+        needs::barrier(masks, Some(self.transition), causes)
+    }
+}

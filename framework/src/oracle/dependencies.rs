@@ -1,0 +1,365 @@
+//! Checks a plan's dependencies and layout changes against the accesses of its passes.
+//!
+//! The solver walks over the passes once, with a state of memory. This check has no state: of each cell it lists the passes that
+//! access it, in the prologue and in three frames, and looks back from each access to those next before it. Every such pair has to be in
+//! a dependency, and every stage and access of a dependency has to be in such a pair.
+
+use super::trace::{Access, Trace};
+use super::violation::flag_names;
+use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Stages};
+use crate::plan::{Dependency, LayoutChange, Plan, Since};
+use std::collections::HashSet;
+
+/// Frames that are listed: enough for one to follow a frame that followed one.
+const FRAMES: u32 = 3;
+
+/// Names a mistake in a plan's dependencies or layout changes.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Objection {
+    /// Two accesses conflict, and no dependency has both.
+    Missing {
+        /// The kind of conflict: after a write, after a read, or of a layout change.
+        hazard: Hazard,
+        /// The earlier pass.
+        first: PassId,
+        /// The later pass.
+        second: PassId,
+        /// The resource that the later pass accesses.
+        resource: ResourceId,
+        /// The earlier stage and access.
+        source: (Stages, Accesses),
+        /// The later stage and access; empty for a layout change.
+        target: (Stages, Accesses),
+    },
+    /// A dependency, or a part of one, is for no conflict; a sentence.
+    Needless {
+        /// Its index in [`Plan::dependencies`].
+        dependency: usize,
+        /// The part.
+        what: String,
+    },
+    /// A pass finds an image in another layout than it needs, or a layout change finds another than it says.
+    Layout {
+        /// The pass.
+        pass: PassId,
+        /// The image.
+        image: ResourceId,
+        /// The layout that it is in.
+        found: Layout,
+        /// The layout that is needed.
+        needed: Layout,
+    },
+    /// A layout change brings an image to the layout that it is in.
+    NeedlessChange(LayoutChange),
+}
+
+impl Objection {
+    /// Describes it in a sentence.
+    pub fn describe(&self, plan: &Plan) -> String {
+        let pass = |id: &PassId| &plan.pass(*id).name;
+        let image = |id: &ResourceId| &plan.resource(*id).name;
+        let side = |(stages, accesses): &(Stages, Accesses)| {
+            format!("{} at {}", flag_names(accesses.iter_names()), flag_names(stages.iter_names()))
+        };
+        match self {
+            Objection::Missing { hazard, first, second, resource, source, target } => {
+                let resource = image(resource);
+                let target = match target.0.is_empty() {
+                    true => "the layout change".to_string(),
+                    false => side(target),
+                };
+                format!(
+                    "no dependency of `{}` on `{}` orders {target} after {} of `{resource}` ({hazard:?})",
+                    pass(second),
+                    pass(first),
+                    side(source),
+                )
+            }
+            Objection::Needless { dependency, what } => {
+                let Dependency { first, second, resource, hazard, .. } = &plan.dependencies[*dependency];
+                let (first, second, resource) = (pass(first), pass(second), image(resource));
+                format!(
+                    "needless: {what} of the dependency of `{second}` on `{first}` for `{resource}` ({hazard:?})"
+                )
+            }
+            Objection::Layout { pass: id, image: of, found, needed } => {
+                format!("`{}` expects `{}` in the layout {needed:?}, found {found:?}", pass(id), image(of))
+            }
+            Objection::NeedlessChange(change) => {
+                let (of, before) = (image(&change.image), pass(&change.before));
+                format!("needless: the change of `{of}` to {:?} before `{before}`", change.new)
+            }
+        }
+    }
+}
+
+/// A pass in the prologue (`None`) or a frame.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Occurrence {
+    frame: Option<u32>,
+    pass: PassId,
+}
+
+/// What happens to a cell.
+enum Event<'a> {
+    Pass(Occurrence, Vec<&'a Access>),
+    Change,
+}
+
+/// Two accesses that a dependency has to order.
+#[derive(Clone, Copy)]
+struct Pair<'a> {
+    first: Occurrence,
+    source: &'a Access,
+    second: Occurrence,
+    resource: ResourceId,
+    /// `None` for a layout change.
+    target: Option<&'a Access>,
+}
+
+struct Check<'a> {
+    plan: &'a Plan,
+    trace: &'a Trace,
+    /// Of each cell, its events so far.
+    cells: Vec<Vec<Event<'a>>>,
+    layouts: Vec<Layout>,
+    /// The stages and accesses of each dependency that were needed, and whether its layout change was.
+    used: Vec<(Dependency, bool)>,
+    found: Vec<Objection>,
+    seen: HashSet<String>,
+}
+
+/// Lists what is missing from a plan's dependencies and layout changes, and what is needless.
+pub fn dependencies(plan: &Plan) -> Vec<Objection> {
+    let trace = Trace::new(plan, 1);
+    let nothing = |dependency: &Dependency| Dependency {
+        source: Default::default(),
+        target: Default::default(),
+        ..dependency.clone()
+    };
+    let mut check = Check {
+        plan,
+        trace: &trace,
+        cells: trace.cells.iter().map(|_| Vec::new()).collect(),
+        layouts: vec![Layout::Undefined; plan.resources.len()],
+        used: plan.dependencies.iter().map(|dependency| (nothing(dependency), false)).collect(),
+        found: Vec::new(),
+        seen: HashSet::new(),
+    };
+    for step in &plan.prologue {
+        check.pass(Occurrence { frame: None, pass: step.pass });
+    }
+    for frame in 0..FRAMES {
+        for (place, cells) in trace.resources.iter().map(|place| (place, place.cells(0))) {
+            if place.per_frame() {
+                check.cells[cells].iter_mut().for_each(Vec::clear);
+            }
+        }
+        for step in &plan.frame {
+            check.pass(Occurrence { frame: Some(frame), pass: step.pass });
+        }
+    }
+    check.needless();
+    check.found
+}
+
+impl<'a> Check<'a> {
+    fn pass(&mut self, now: Occurrence) {
+        let (plan, trace) = (self.plan, self.trace);
+        let actions = trace.actions(now.pass);
+        for access in &actions.accesses {
+            for cell in access.cells(0) {
+                self.look_back(cell, now, access);
+            }
+        }
+        for change in plan.layout_changes.iter().filter(|change| change.before == now.pass) {
+            if !change.handover || now.frame == Some(0) {
+                self.change(change, now);
+            }
+        }
+        for (image, needed) in &actions.layouts {
+            self.expect(now.pass, *image, *needed);
+        }
+        for access in &actions.accesses {
+            for cell in access.cells(0) {
+                match self.cells[cell].last_mut() {
+                    Some(Event::Pass(last, accesses)) if *last == now => accesses.push(access),
+                    _ => self.cells[cell].push(Event::Pass(now, vec![access])),
+                }
+            }
+            if access.writes() {
+                for image in &trace.resource(access.resource).alias_images {
+                    self.layouts[image.index()] = Layout::Undefined;
+                }
+            }
+        }
+    }
+
+    /// Demands the accesses next before one of a pass: for a read the last write, for a write the reads since or else that write.
+    fn look_back(&mut self, cell: usize, now: Occurrence, target: &'a Access) {
+        let mut pairs = Vec::new();
+        let events = self.cells[cell].iter().rev();
+        let passes = events.filter_map(|event| match event {
+            Event::Pass(first, accesses) => Some((*first, accesses)),
+            Event::Change => None,
+        });
+        for (back, (first, accesses)) in passes.enumerate() {
+            let is_written = accesses.iter().any(|access| access.writes());
+            let wanted = accesses.iter().filter(|access| match access.writes() {
+                true => !target.writes() || back == 0,
+                false => target.writes() && is_apart(access, accesses),
+            });
+            let resource = target.resource;
+            let target = Some(target);
+            pairs.extend(wanted.map(|source| Pair { first, source, second: now, resource, target }));
+            if is_written {
+                break;
+            }
+        }
+        pairs.into_iter().for_each(|pair| self.demand(pair));
+    }
+
+    /// Demands what a layout change has to wait for: the reads since the last write or change, or else that write.
+    fn change(&mut self, change: &LayoutChange, now: Occurrence) {
+        let LayoutChange { image, old, new, .. } = *change;
+        let found = self.layouts[image.index()];
+        if old != Layout::Undefined {
+            self.expect(now.pass, image, old);
+        }
+        if found == new && self.seen.insert(format!("{change:?}")) {
+            self.found.push(Objection::NeedlessChange(*change));
+        }
+        self.layouts[image.index()] = new;
+        let mut pairs = Vec::new();
+        for cell in self.trace.resource(image).cells(0) {
+            for (back, event) in self.cells[cell].iter().rev().enumerate() {
+                let Event::Pass(first, accesses) = event else { break };
+                let wanted = accesses.iter().filter(|access| match access.writes() {
+                    true => back == 0,
+                    false => is_apart(access, accesses),
+                });
+                pairs.extend(wanted.map(|source| Pair {
+                    first: *first,
+                    source,
+                    second: now,
+                    resource: image,
+                    target: None,
+                }));
+                if accesses.iter().any(|access| access.writes()) {
+                    break;
+                }
+            }
+            self.cells[cell].push(Event::Change);
+        }
+        pairs.into_iter().for_each(|pair| self.demand(pair));
+    }
+
+    /// Marks the dependencies that order two accesses; there has to be one.
+    fn demand(&mut self, pair: Pair) {
+        let Pair { first, source, second, resource, target } = pair;
+        let since = match (first.frame, second.frame) {
+            (before, after) if before == after => Some(Since::Same),
+            (None, Some(_)) => Some(Since::Prologue),
+            (Some(before), Some(after)) if before + 1 == after => Some(Since::PreviousFrame),
+            _ => None,
+        };
+        let alias = Some(source.resource).filter(|other| *other != resource);
+        let from = self.plan.dependencies.partition_point(|dependency| dependency.second < second.pass);
+        let of = self.plan.dependencies_of(second.pass);
+        let mut known = false;
+        for (dependency, used) in of.iter().zip(&mut self.used[from..]) {
+            let after_read = dependency.hazard == Hazard::WriteAfterRead;
+            let fits = match target {
+                None => dependency.changes_layout,
+                Some(target) => {
+                    dependency.hazard != Hazard::LayoutChange
+                        && after_read != source.writes()
+                        && dependency.target.stages.contains(target.stage)
+                        && dependency.target.accesses.contains(target.access)
+                }
+            };
+            let same = (dependency.first, Some(dependency.since), dependency.resource, dependency.alias)
+                == (first.pass, since, resource, alias)
+                && dependency.source.stages.contains(source.stage)
+                && dependency.source.accesses.contains(source.access);
+            if !(fits && same) {
+                continue;
+            }
+            known = true;
+            used.0.source.stages |= source.stage;
+            used.0.source.accesses |= source.access;
+            match target {
+                None => used.1 = true,
+                Some(target) => {
+                    used.0.target.stages |= target.stage;
+                    used.0.target.accesses |= target.access;
+                }
+            }
+        }
+        if known {
+            return;
+        }
+        let hazard = match target {
+            None => Hazard::LayoutChange,
+            Some(_) if !source.writes() => Hazard::WriteAfterRead,
+            Some(target) if target.writes() => Hazard::WriteAfterWrite,
+            Some(_) => Hazard::ReadAfterWrite,
+        };
+        let objection = Objection::Missing {
+            hazard,
+            first: first.pass,
+            second: second.pass,
+            resource,
+            source: (source.stage, source.access),
+            target: target.map_or_else(Default::default, |target| (target.stage, target.access)),
+        };
+        if self.seen.insert(format!("{since:?} {objection:?}")) {
+            self.found.push(objection);
+        }
+    }
+
+    fn expect(&mut self, pass: PassId, image: ResourceId, needed: Layout) {
+        let found = std::mem::replace(&mut self.layouts[image.index()], needed);
+        let objection = Objection::Layout { pass, image, found, needed };
+        if found != needed && self.seen.insert(format!("{objection:?}")) {
+            self.found.push(objection);
+        }
+    }
+
+    /// Lists the dependencies, and parts of them, that no two accesses asked for.
+    fn needless(&mut self) {
+        for (index, (dependency, (used, change))) in self.plan.dependencies.iter().zip(&self.used).enumerate()
+        {
+            let mut say = |what: &str, names: String| {
+                let what = if names.is_empty() { what.to_string() } else { format!("{what} {names}") };
+                self.found.push(Objection::Needless { dependency: index, what });
+            };
+            if used.source.stages.is_empty() {
+                say("the whole", String::new());
+                continue;
+            }
+            if dependency.changes_layout && !change {
+                say("the layout change", String::new());
+            }
+            // The target of a layout change is what its pass does to the image.
+            let change_alone = dependency.hazard == Hazard::LayoutChange;
+            let sides =
+                [("source", &dependency.source, &used.source), ("target", &dependency.target, &used.target)];
+            for (side, all, used) in sides.into_iter().take(if change_alone { 1 } else { 2 }) {
+                for stage in (all.stages - used.stages).iter() {
+                    say(side, flag_names(stage.iter_names()));
+                }
+                for access in (all.accesses - used.accesses).iter() {
+                    say(side, flag_names(access.iter_names()));
+                }
+            }
+        }
+    }
+}
+
+/// Returns true if the pass of a read does not also write at that stage.
+///
+/// Otherwise the order after the write holds for the read as well.
+fn is_apart(read: &Access, accesses: &[&Access]) -> bool {
+    !accesses.iter().any(|other| other.writes() && other.stage == read.stage)
+}

@@ -1,0 +1,325 @@
+//! Dependencies: which access of which pass comes after which other.
+//!
+//! One walk over the prologue and two frames, with a state of every cell of memory: the last pass that wrote it, and all reads since.
+//! A read comes after the write, a write after the reads since the last write, or after that write if nothing has read it. The second
+//! frame follows a frame like itself, as all later ones do, so its dependencies are those of every frame. The first frame adds those on
+//! the prologue.
+//!
+//! Layouts are decided first, since they follow from the order of the passes alone. A layout change is a write of the image for an API
+//! that has layouts, and nothing for one that has none. So each dependency says whether the change waits for it, and one that only the
+//! change needs has the hazard [`Hazard::LayoutChange`].
+
+use super::extents::{Extents, Group};
+use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Run, Source, Use};
+use crate::plan::{Dependency, LayoutChange, Plan, Scope, Since};
+use std::ops::Range;
+
+/// Lists the layout changes and the dependencies of passes in this order. The plan has its resources, passes and blocks.
+pub(super) fn dependencies(
+    plan: &Plan,
+    prologue: &[PassId],
+    frame: &[PassId],
+) -> (Vec<LayoutChange>, Vec<Dependency>) {
+    let extents = Extents::of(plan);
+    let changes = layout_changes(plan, &extents, prologue, frame);
+    let mut walk = Walk {
+        cells: vec![Cell::default(); extents.cells.len()],
+        extents: &extents,
+        changes: Changes::new(&changes, plan.passes.len()),
+        part: Part::Prologue,
+        found: Vec::new(),
+    };
+    for (part, passes) in [(Part::Prologue, prologue), (Part::First, frame), (Part::Second, frame)] {
+        walk.part = part;
+        // Every frame has its own copy of what the host reads.
+        for (resource, cells) in plan.resources.iter().zip(&extents.resources) {
+            if resource.source == Source::Readback {
+                walk.cells[cells.clone()].fill(Cell::default());
+            }
+        }
+        passes.iter().for_each(|pass| walk.pass(*pass));
+    }
+    let mut dependencies = walk.found;
+    dependencies.sort_by_key(|dependency| dependency.second);
+    (changes, dependencies)
+}
+
+/// Lists the layout changes from the uses alone: those of the prologue, of the handover, and of every frame.
+fn layout_changes(
+    plan: &Plan,
+    extents: &Extents,
+    prologue: &[PassId],
+    frame: &[PassId],
+) -> Vec<LayoutChange> {
+    // Resources whose contents a frame finds: of a `Once` pass, or a history.
+    let mut kept: Vec<bool> = plan.resources.iter().map(|r| r.history.is_some()).collect();
+    for touch in plan.passes.iter().filter(|p| p.run == Run::Once).flat_map(|p| &p.uses) {
+        kept[touch.resource.index()] |= touch.accesses.writes();
+    }
+    let shared: Vec<bool> = (plan.resources.iter())
+        .map(|r| r.block.is_some_and(|block| plan.blocks[block.index()].aliases.len() > 1))
+        .collect();
+    let walk = |layouts: &mut [Layout], passes: &[PassId]| -> Vec<LayoutChange> {
+        let mut touched = vec![false; plan.resources.len()];
+        let mut changes = Vec::new();
+        for before in passes {
+            for group in &extents.passes[before.index()] {
+                let at = group.resource.index();
+                let first = !std::mem::replace(&mut touched[at], true);
+                let uses = || group.accesses.iter().map(|access| &access.touch);
+                let Some(new) = uses().find_map(|touch| touch.layout) else { continue };
+                // An alias that was used since the last frame has left the image without a layout.
+                let lost = first && shared[at] && !kept[at];
+                if new == layouts[at] && !lost {
+                    continue;
+                }
+                let fresh = first && !kept[at] || uses().any(|touch| touch.discards);
+                let old = if fresh { Layout::Undefined } else { layouts[at] };
+                layouts[at] = new;
+                changes.push(LayoutChange {
+                    image: group.resource,
+                    old,
+                    new,
+                    before: *before,
+                    handover: false,
+                });
+            }
+        }
+        changes
+    };
+
+    let mut start = vec![Layout::Undefined; plan.resources.len()];
+    let mut changes = walk(&mut start, prologue);
+    let mut steady = vec![Layout::Undefined; plan.resources.len()];
+    walk(&mut steady, frame);
+    let of_frame = walk(&mut steady.clone(), frame);
+    // Images that the frame expects in the layout in which the frame before left them.
+    let mut met = vec![false; plan.resources.len()];
+    for before in frame {
+        for group in &extents.passes[before.index()] {
+            let image = group.resource;
+            let has_layout = group.accesses.iter().any(|access| access.touch.layout.is_some());
+            if !has_layout || std::mem::replace(&mut met[image.index()], true) {
+                continue;
+            }
+            let change = of_frame.iter().find(|change| (change.image, change.before) == (image, *before));
+            let (old, new) = (start[image.index()], steady[image.index()]);
+            if old != new && change.is_none_or(|change| change.old != Layout::Undefined) {
+                changes.push(LayoutChange { image, old, new, before: *before, handover: true });
+            }
+        }
+    }
+    changes.extend(of_frame);
+    changes
+}
+
+/// The images that change their layouts before each pass, in the prologue or the frame and in the handover.
+struct Changes {
+    by_pass: Vec<Vec<ResourceId>>,
+    handover: Vec<Vec<ResourceId>>,
+}
+
+impl Changes {
+    fn new(changes: &[LayoutChange], passes: usize) -> Changes {
+        let mut all = Changes { by_pass: vec![Vec::new(); passes], handover: vec![Vec::new(); passes] };
+        for change in changes {
+            let list = if change.handover { &mut all.handover } else { &mut all.by_pass };
+            list[change.before.index()].push(change.image);
+        }
+        all
+    }
+}
+
+/// The parts of the walk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Part {
+    Prologue,
+    First,
+    Second,
+}
+
+/// An access that later ones may conflict with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Mark {
+    part: Part,
+    pass: PassId,
+    touch: Use,
+    /// The layout of the image has changed since.
+    settled: bool,
+}
+
+impl Mark {
+    fn is_of(&self, other: &Mark) -> bool {
+        (self.part, self.pass) == (other.part, other.pass)
+    }
+}
+
+/// The last write to a piece of memory, and the reads since.
+#[derive(Clone, Debug, Default)]
+struct Cell {
+    /// Of one pass, which may write in several stages.
+    writes: Vec<Mark>,
+    reads: Vec<Mark>,
+}
+
+struct Walk<'a> {
+    cells: Vec<Cell>,
+    extents: &'a Extents,
+    changes: Changes,
+    part: Part,
+    found: Vec<Dependency>,
+}
+
+impl Walk<'_> {
+    fn pass(&mut self, pass: PassId) {
+        let mut found = Vec::new();
+        for group in &self.extents.passes[pass.index()] {
+            self.accesses(pass, group, &mut found);
+            let image = group.resource;
+            let handed_over =
+                self.part == Part::First && self.changes.handover[pass.index()].contains(&image);
+            if handed_over || self.changes.by_pass[pass.index()].contains(&image) {
+                self.change(pass, group, &mut found);
+            }
+        }
+        self.found.append(&mut found);
+        // All of the pass's accesses were compared with those before it.
+        for group in &self.extents.passes[pass.index()] {
+            self.record(pass, group);
+        }
+    }
+
+    /// Adds the dependencies of a pass's accesses to one resource.
+    fn accesses(&self, pass: PassId, group: &Group, found: &mut Vec<Dependency>) {
+        for access in &group.accesses {
+            let (touch, write) = (access.touch, access.touch.accesses & Accesses::WRITES);
+            let read = touch.accesses - Accesses::WRITES;
+            for number in access.cells.iter().cloned().flatten() {
+                let cell = &self.cells[number];
+                let mut add = |hazard, first: &Mark, accesses| {
+                    let target = Scope { stages: touch.stages, accesses };
+                    self.add(found, hazard, first, (pass, group.resource), target, number, false);
+                };
+                // After the reads of a write, a write comes after the write as well.
+                let is_read = cell.writes.iter().any(|w| cell.reads.iter().any(|r| !r.is_of(w)));
+                let seen = if is_read { read } else { touch.accesses };
+                let hazard = match read.is_empty() || touch.discards {
+                    true => Hazard::WriteAfterWrite,
+                    false => Hazard::ReadAfterWrite,
+                };
+                for first in cell.writes.iter().filter(|_| !seen.is_empty()) {
+                    add(hazard, first, seen);
+                }
+                for first in cell.reads.iter().filter(|_| !write.is_empty()) {
+                    add(Hazard::WriteAfterRead, first, write);
+                }
+            }
+        }
+    }
+
+    /// Adds what the layout change before a pass waits for: the reads since the last write or change, or that write.
+    fn change(&mut self, pass: PassId, group: &Group, found: &mut Vec<Dependency>) {
+        let mut target = Scope::default();
+        for access in &group.accesses {
+            target.stages |= access.touch.stages;
+            target.accesses |= access.touch.accesses;
+        }
+        let cells = self.extents.resources[group.resource.index()].clone();
+        for number in cells.clone() {
+            let cell = &self.cells[number];
+            let reads = || cell.reads.iter().filter(|read| !read.settled);
+            let unread = |write: &&Mark| !write.settled && !cell.reads.iter().any(|read| !read.is_of(write));
+            for first in cell.writes.iter().filter(unread).chain(reads()) {
+                let hazard = Hazard::LayoutChange;
+                self.add(found, hazard, first, (pass, group.resource), target, number, true);
+            }
+        }
+        for cell in &mut self.cells[cells] {
+            cell.writes.iter_mut().chain(&mut cell.reads).for_each(|mark| mark.settled = true);
+        }
+    }
+
+    /// Adds a dependency on an access to a cell, or the cell to the one that is known.
+    #[expect(clippy::too_many_arguments)]
+    fn add(
+        &self,
+        found: &mut Vec<Dependency>,
+        hazard: Hazard,
+        first: &Mark,
+        (second, resource): (PassId, ResourceId),
+        target: Scope,
+        cell: usize,
+        changes_layout: bool,
+    ) {
+        let since = match (first.part, self.part) {
+            (Part::Prologue, Part::Prologue) | (Part::Second, Part::Second) => Since::Same,
+            (Part::First, Part::Second) => Since::PreviousFrame,
+            (Part::Prologue, Part::First) => Since::Prologue,
+            // The same as of the second frame, and as of the first.
+            _ => return,
+        };
+        let accesses = match hazard {
+            Hazard::WriteAfterRead => first.touch.accesses,
+            _ if first.touch.accesses.writes() => first.touch.accesses & Accesses::WRITES,
+            _ => first.touch.accesses,
+        };
+        let source = Scope { stages: first.touch.stages, accesses };
+        let alias = Some(first.touch.resource).filter(|other| *other != resource);
+        let bytes = self.extents.cells[cell].clone();
+        let from = |d: &Dependency| {
+            (d.first, d.since, d.resource, d.alias, d.source) == (first.pass, since, resource, alias, source)
+        };
+        // A change comes with the accesses of its pass where these wait for the same.
+        let same = |d: &&mut Dependency| {
+            from(d)
+                && (changes_layout && d.hazard != Hazard::LayoutChange
+                    || (d.hazard, d.target) == (hazard, target))
+        };
+        let mut known = false;
+        for dependency in found.iter_mut().filter(|d| same(d)) {
+            dependency.changes_layout |= changes_layout;
+            dependency.bytes = hull(&dependency.bytes, &bytes);
+            known = true;
+        }
+        if !known {
+            found.push(Dependency {
+                hazard,
+                first: first.pass,
+                second,
+                since,
+                resource,
+                alias,
+                bytes,
+                source,
+                target,
+                changes_layout,
+            });
+        }
+    }
+
+    /// Notes what the pass did.
+    fn record(&mut self, pass: PassId, group: &Group) {
+        let mark = |touch| Mark { part: self.part, pass, touch, settled: false };
+        let all = || group.accesses.iter().map(|access| (mark(access.touch), &access.cells));
+        let writes = |mark: &Mark| mark.touch.accesses.writes();
+        for (mark, cells) in all().filter(|(mark, _)| writes(mark)) {
+            for cell in cells.iter().flat_map(|cells| cells.clone()) {
+                let cell = &mut self.cells[cell];
+                if cell.writes.first().is_none_or(|write| !write.is_of(&mark)) {
+                    *cell = Cell::default();
+                }
+                cell.writes.push(mark);
+            }
+        }
+        for (mark, cells) in all().filter(|(mark, _)| !writes(mark)) {
+            for cell in cells.iter().flat_map(|cells| cells.clone()) {
+                self.cells[cell].reads.push(mark);
+            }
+        }
+    }
+}
+
+/// The smallest range that holds both.
+fn hull(one: &Range<u64>, other: &Range<u64>) -> Range<u64> {
+    one.start.min(other.start)..one.end.max(other.end)
+}
