@@ -35,7 +35,7 @@ pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
         let mut lines = Vec::new();
         for barrier in &first.barriers {
             lines.push(dump::barrier_line(barrier));
-            lines.extend(barrier.dependencies.iter().map(|d| dump::dependency_line(barrier, d)));
+            lines.extend(barrier.dependencies.iter().map(|d| dump::cause_line(barrier, d)));
         }
         let width = text.lines().nth(line as usize - 1)?.encode_utf16().count() as u32;
         Some(InlayHint {
