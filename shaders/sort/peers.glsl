@@ -26,7 +26,7 @@ uint bits_in(uvec4 mask) {
 
 // Returns the lanes with this lane's `bin`.
 LaneMask peers_of(uint bin) {
-    LaneMask peers = LaneMask(~0u);
+    LaneMask peers = MASK_OF(subgroupBallot(true));
     [[unroll]] for (uint b = 0u; b < uint(DIGIT_BITS); b++) {
         bool one = (bin & (1u << b)) != 0u;
         LaneMask ones = MASK_OF(subgroupBallot(one));

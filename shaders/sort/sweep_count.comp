@@ -14,7 +14,7 @@ layout(set = 0, binding = 2, std430) writeonly buffer Table { uint table[]; };
 layout(set = 0, binding = 3, std430) buffer Totals { uint totals[]; };
 
 // Copies of each counter, for lanes in turn: the high digits of depths agree in many lanes, whose additions to one word are serialised.
-const uint COPIES = 2u;
+const uint COPIES = uint(DIGITS) * BINS <= 2048u ? 2u : 1u;
 shared uint counts[uint(DIGITS) * BINS * COPIES];
 
 void main() {
