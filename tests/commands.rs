@@ -396,7 +396,12 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
     assert!(reason["values"]["device.subgroup_size"].is_number(), "{stats}");
     let text = done(folder.path(), &["dump", "auto"]);
     assert!(text.contains("\nbased on tiled\n"), "{text}");
-    assert!(text.contains("\nparameter sorter=subgroup, because device.subgroup_size = 32 ("), "{text}");
+    assert!(
+        text.contains(
+            "\nparameter sorter=subgroup, because device.shared_bytes = 16384, device.subgroup_size = 32 ("
+        ),
+        "{text}"
+    );
 }
 
 #[test]

@@ -147,8 +147,13 @@ fn builds() -> Vec<Build> {
         set: vec![("show".into(), "lists".into())],
         lanes: facts::USUAL_SUBGROUP_SIZE,
     };
+    let sweep = Build {
+        graph: "tiled".into(),
+        set: vec![("sorter".into(), "sweep".into())],
+        lanes: facts::USUAL_SUBGROUP_SIZE,
+    };
     let filter = Build { graph: "filters/edges".into(), set: vec![], lanes: facts::USUAL_SUBGROUP_SIZE };
-    all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([other, lists, filter]).collect()
+    all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([other, lists, sweep, filter]).collect()
 }
 
 /// Holds the outcome of a build: the plan, or the diagnostics, each with its rendering.

@@ -127,7 +127,7 @@ fn an_unknown_function_a_wrong_type_and_a_write_to_constants_fail_the_build_with
     for (from, to, expected) in [
         ("simd_prefix_inclusive_sum(", "simd_prefix_inclusive_total(", "undeclared identifier"),
         ("uint bin = ", "uint2 bin = ", "cannot initialize a variable of type"),
-        ("uint bin = ", "_47.mask = 0u; uint bin = ", "cannot assign to variable '_47'"),
+        ("uint bin = ", "_54.mask = 0u; uint bin = ", "cannot assign to variable '_54'"),
     ] {
         let mut plan = Bench::new().plan("splat", &[], &facts::apple_device());
         change(&mut plan, "sort/scan.comp", from, to);
