@@ -177,7 +177,7 @@ fn the_sort_alone_is_measured_and_what_does_not_fit_says_why() {
         let passes = sorted["passes"].as_array().map(Vec::len);
         assert_eq!(passes.map(|count| count as u64), Some(1 + 3 * row["key_bits"].as_u64().unwrap() / 4));
     }
-    assert!(text.contains("67,108,864, 32 bits: not sorted: "), "{text}");
+    assert!(text.contains("67,108,864, 32 bits: not sorted: `keys#0` has 256 MiB"), "{text}");
     let csv = fs::read_to_string(place.at("out/bench.csv")).expect("it is written");
     assert_eq!(csv.lines().count(), 1 + 9, "{csv}");
     assert!(csv.lines().all(|line| line.matches(',').count() >= 10), "{csv}");

@@ -78,7 +78,7 @@ bool look_back(uint bin, inout uint next, inout uint sum) {
     return next == 0u;
 }
 
-// Sums `values` over lower bins. Must be called by the whole workgroup.
+// Sums `value` over lower invocations. Must be called by the whole workgroup.
 uint sum_below(uint value) {
     uint inclusive = subgroupInclusiveAdd(value);
     barrier();
@@ -199,8 +199,7 @@ void main() {
     }
     barrier();
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
-        uint offset = words[own + digit_of(keys[i])];
-        ranks[i] += offset;
+        ranks[i] += words[own + digit_of(keys[i])];
     }
     barrier();  // the keys replace the counters from here on
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
@@ -272,16 +271,13 @@ void main() {
     }
     barrier();
 
-    barrier();
     uint places[STEPS];
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint at = i * THREADS + thread;
         if (at < held) {
             uint key = words[at];
-            uint bin = digit_of(key);
-            uint place = bin_place[bin] + at;
-            keys_out[place] = key;
-            places[i] = place;
+            places[i] = bin_place[digit_of(key)] + at;
+            keys_out[places[i]] = key;
         }
     }
     barrier();
@@ -292,8 +288,7 @@ void main() {
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint at = i * THREADS + thread;
         if (at < held) {
-            uint place = places[i];
-            values_out[place] = words[at];
+            values_out[places[i]] = words[at];
         }
     }
 }

@@ -1,7 +1,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_KHR_shader_subgroup_basic : require
-#extension GL_KHR_shader_subgroup_vote : require
 #extension GL_EXT_control_flow_attributes : require
 
 // First pass of the one-sweep sort: counts the values of every digit in one reading of the keys, and clears the first digit's table.
@@ -39,18 +38,18 @@ void main() {
     // Bits above the key's width are no digits.
     uint width = uint(KEY_BITS - FIRST_BIT);
     for (uint block = first_block; block < last_block; block++) {
-    uint first = block * uint(BLOCK_KEYS);
-    uint end = min(first + uint(BLOCK_KEYS), count);
-    [[unroll]] for (uint i = 0u; i < STEPS; i++) {
-        uint at = first + i * THREADS + thread;
-        if (at < end) {
-            uint key = bitfieldExtract(keys_in[at], FIRST_BIT, int(width));
-            [[unroll]] for (uint d = 0u; d < uint(DIGITS); d++) {
-                uint bin = (key >> (d * uint(DIGIT_BITS))) & (BINS - 1u);
-                atomicAdd(counts[(d * BINS + bin) * COPIES + copy], 1u);
+        uint first = block * uint(BLOCK_KEYS);
+        uint end = min(first + uint(BLOCK_KEYS), count);
+        [[unroll]] for (uint i = 0u; i < STEPS; i++) {
+            uint at = first + i * THREADS + thread;
+            if (at < end) {
+                uint key = bitfieldExtract(keys_in[at], FIRST_BIT, int(width));
+                [[unroll]] for (uint d = 0u; d < uint(DIGITS); d++) {
+                    uint bin = (key >> (d * uint(DIGIT_BITS))) & (BINS - 1u);
+                    atomicAdd(counts[(d * BINS + bin) * COPIES + copy], 1u);
+                }
             }
         }
-    }
     }
     barrier();
     for (uint i = thread; i < uint(DIGITS) * BINS; i += THREADS) {
