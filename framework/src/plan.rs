@@ -3,7 +3,7 @@
 //! A [`Plan`] names every resource with its size and its memory, every pass with its bindings, and two sequences of steps:
 //! the prologue, which runs once after the plan or the scene changed, and the frame, which runs every time.
 //!
-//! What has to come after what is a list of [`Dependency`]s, and where images need another layout a list of [`LayoutChange`]s. `solve`
+//! The order of passes is a list of [`Dependency`]s; changes of image layouts are a list of [`LayoutChange`]s. `solve`
 //! makes both from the accesses of the passes, and nothing else looks for conflicts. Each API makes its commands of these lists:
 //!
 //! - Vulkan's barriers are made by `barriers`. A [`Step`] holds those that are recorded just before its pass, in one call; the
@@ -50,9 +50,9 @@ pub struct Plan {
     /// The memory of the transient resources. Each stands in one block, alone or with others that are never alive at the
     /// same time.
     pub blocks: Vec<Block>,
-    /// What has to come after what, sorted by the ids of the later passes: see [`Plan::dependencies_of`].
+    /// Pairs of passes that must run in order, sorted by the ids of the later passes: see [`Plan::dependencies_of`].
     pub dependencies: Vec<Dependency>,
-    /// Where images are needed in another layout: in the prologue, the handover, and the frame.
+    /// Layout changes of images: in the prologue, the handover, and the frame.
     pub layout_changes: Vec<LayoutChange>,
     /// Runs once after the plan or the scene changed.
     pub prologue: Vec<Step>,

@@ -192,7 +192,7 @@ fn as_json(
     json
 }
 
-/// What a graph without errors is found to be.
+/// Verdict on a graph without errors.
 #[derive(Debug)]
 enum Verdict {
     /// Nothing is wrong, with a summary.

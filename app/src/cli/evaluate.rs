@@ -162,7 +162,7 @@ fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
     output.join(folder).join(format!("{stem}.png"))
 }
 
-/// What draws the views.
+/// Renderer of the views.
 enum Drawer {
     Device(Box<Session<Backend>>),
     Reference(Box<Scene>),

@@ -21,7 +21,7 @@ pub struct KnownDevice {
 
 /// Lists the devices of the catalogue.
 ///
-/// Of a family the smallest limits count. What a publication leaves open is as on the smallest supported device.
+/// A family has the smallest limits of its members. Limits that no publication gives are those of the smallest supported device.
 pub fn catalogue() -> Vec<KnownDevice> {
     let portable = facts::portable_device;
     let integers =

@@ -35,7 +35,7 @@ pub struct Cursor {
     pub inside: Range<usize>,
 }
 
-/// A bracket with what stands in it.
+/// A bracket with its contents.
 #[derive(Clone, Debug, Default)]
 pub struct Group {
     /// The name before a parenthesis: `Dispatch`.

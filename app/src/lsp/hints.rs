@@ -52,7 +52,7 @@ pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
     found.into_iter().filter_map(hint).collect()
 }
 
-/// What the barriers of a pass wait for: passes, and layouts of images that nothing wrote.
+/// Lists the passes that the barriers of a pass wait for, and layouts of images that nothing wrote.
 fn after(pass: &DumpPass) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for dependency in pass.barriers.iter().flat_map(|barrier| &barrier.dependencies) {

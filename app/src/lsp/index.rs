@@ -26,7 +26,7 @@ pub struct Place {
     pub end: usize,
 }
 
-/// How a name is written.
+/// Spelling of a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// As it is declared.

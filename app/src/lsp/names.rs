@@ -23,7 +23,7 @@ pub enum Kind {
     Variable,
 }
 
-/// Says what a name stands for.
+/// Meaning of a name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Declares something.
@@ -55,7 +55,7 @@ pub struct Mention {
     pub range: Range<usize>,
     /// The name.
     pub name: String,
-    /// What it stands for.
+    /// Its meaning.
     pub role: Role,
     /// The bracket that it stands in: an index of [`Scan::groups`].
     pub group: usize,
@@ -144,7 +144,7 @@ fn of_path(text: &str, range: Range<usize>, add: &mut impl FnMut(Range<usize>, R
 
 /// Adds the names of an expression and the texts in single quotes: shaders, and resources where `resources` is true.
 ///
-/// What is compared is the name of a choice, not of a resource.
+/// A compared string names a choice, not a resource.
 fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Role)) {
     let mut at = 0;
     while let Some(c) = text[at..].chars().next() {

@@ -156,7 +156,7 @@ impl Editor {
         Ok(changes.into_iter().map(apply).collect())
     }
 
-    /// Where a definition is: file, line and column from 0, sorted.
+    /// Lists the places of a definition: file, line and column from 0, sorted.
     fn defined(&mut self, place: Value) -> Vec<(String, u64, u64)> {
         let found = self.request("textDocument/definition", place);
         let place = |location: &Value| {

@@ -268,7 +268,7 @@ pub struct DumpPass {
     pub bindings: Vec<DumpBinding>,
     /// Push constants.
     pub push: Vec<DumpPush>,
-    /// What it comes after.
+    /// Its dependencies: the passes that it comes after, and why.
     #[serde(default)]
     pub dependencies: Vec<DumpDependency>,
     /// Recorded as one call before the pass.

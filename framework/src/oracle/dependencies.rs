@@ -100,7 +100,7 @@ struct Occurrence {
     pass: PassId,
 }
 
-/// What happens to a cell.
+/// Event of a cell.
 enum Event<'a> {
     Pass(Occurrence, Vec<&'a Access>),
     Change,
@@ -120,7 +120,7 @@ struct Pair<'a> {
 struct Check<'a> {
     plan: &'a Plan,
     trace: &'a Trace,
-    /// Of each cell, its events so far.
+    /// Events so far, by cell.
     cells: Vec<Vec<Event<'a>>>,
     layouts: Vec<Layout>,
     /// The stages and accesses of each dependency that were needed, and whether its layout change was.

@@ -157,7 +157,7 @@ impl Mark {
 /// The last write to a piece of memory, and the reads since.
 #[derive(Clone, Debug, Default)]
 struct Cell {
-    /// Of one pass, which may write in several stages.
+    /// Marks of one pass, which may write in several stages.
     writes: Vec<Mark>,
     reads: Vec<Mark>,
 }

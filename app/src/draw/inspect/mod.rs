@@ -30,7 +30,7 @@ pub struct InspectError(String);
 
 /// Resolves `RESOURCE@PASS` in a plan.
 ///
-/// Of several passes that the name can mean, the last one counts that uses the resource.
+/// If several passes match the name, takes the last one that uses the resource.
 pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, InspectError> {
     let passes = find_passes(plan, pass)?;
     let target = |after: &PassId| {

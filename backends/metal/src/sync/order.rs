@@ -38,7 +38,7 @@ struct Edge {
 
 struct Walk<'a> {
     plan: &'a Plan,
-    /// Of each pass, the last instance of its encoder and its index in that.
+    /// Last instance of each pass's encoder, and the pass's index in it.
     places: Vec<Option<(usize, usize)>>,
     /// By instance of an encoder: in the prologue, the first frame and the second.
     waits: Vec<Vec<Edge>>,
