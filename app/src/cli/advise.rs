@@ -1,4 +1,4 @@
-//! Runs `splatgraph advise`: what a scene needs, and the cheapest setting within a budget.
+//! Runs `splatgraph advise`: reports what a scene needs, and finds the fastest setting within a budget.
 
 use super::cameras;
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
@@ -24,19 +24,18 @@ use splatgraph_assets::{Camera, Report};
 use splatgraph_framework::lower::Control;
 use std::path::{Path, PathBuf};
 
-/// Advise how to draw a scene: its flaws, its keys, its harmonics, and the cheapest setting within a budget
+/// Advise how to draw a scene: its flaws, its keys, its harmonics, and the fastest setting within a budget
 ///
-/// Without a budget, this needs no graphics device and says what the scene is like: what was dropped and what is unusual; the
-/// width at which depth keys put every two splats that overlap on the screen in the right order, for each mapping of depth to
-/// keys; how much each band of spherical harmonics changes the colours. Splats below the alpha floor of 1/255 show nowhere, and count
-/// in neither.
+/// Without a budget, this needs no graphics device. It reports dropped and unusual splats; the width of depth keys, for each
+/// mapping, that keeps all splats that overlap on the screen in order; and how much each band of spherical harmonics changes the
+/// colours. Splats below the alpha floor of 1/255 are never visible, and do not count for keys and harmonics.
 ///
-/// With --psnr or --ms, it draws the scene with one parameter that has an effect changed at a time, predicts what several do together, draws the
-/// most promising, and advises the best that it measured to be within the budget, as a command. PSNR is that of every view
-/// against the exact renderer (`render --backend reference`), as `compare` measures it. The exit code is 1 if there is none.
+/// With --psnr or --ms, it changes one parameter at a time, predicts combinations, draws the most promising ones, and advises the
+/// best setting that it measured to be within the budget, as a command. PSNR is that of each view against the exact renderer
+/// (`render --backend reference`), as `compare` measures it. The exit code is 1 if no setting is within the budget.
 ///
-/// Of settings that noise does not tell apart, the most accurate is advised, and the others are named as too noisy to tell. The defaults are
-/// advised where they are within the budget, unless another setting is better beyond the noise.
+/// Of settings whose times do not differ beyond the noise, the most accurate is advised, and the others are named as too noisy to
+/// tell. If the defaults are within the budget, they are advised unless another setting is better beyond the noise.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph advise scene.ply -c cameras.json                # what the scene is like
@@ -46,10 +45,10 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog [default: the demo scene]
     scene: Option<PathBuf>,
-    /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are tried as they are
+    /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are tried unchanged
     #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
     pipeline: String,
-    /// Set a parameter of the graph in every setting; it is not changed then. May be repeated
+    /// Fix a parameter of the graph in every setting; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
     /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: four around the first camera beside the scene, or around the scene]
@@ -58,13 +57,13 @@ pub struct Args {
     /// Size of the pictures [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
-    /// Least PSNR of every view against the truth, in decibels
+    /// Lowest allowed PSNR of any view against the truth, in decibels
     #[arg(long, value_name = "DB", value_parser = positive)]
     psnr: Option<f64>,
-    /// Greatest GPU time of a frame, mean of the views, in milliseconds
+    /// Largest allowed GPU time of a frame, mean over the views, in milliseconds
     #[arg(long, value_name = "MS", value_parser = positive)]
     ms: Option<f64>,
-    /// Pairs of overlapping splats in a view that a depth key may leave in the wrong order
+    /// Number of pairs of overlapping splats per view that a depth key may leave in the wrong order
     #[arg(long, value_name = "N", default_value_t = 0)]
     errors: u64,
     /// Write everything as JSON to this file; `-` is standard output
@@ -82,7 +81,7 @@ fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "expected a number above 0".into())
 }
 
-/// Most combinations that are drawn, and the number within the budget after which no more are.
+/// Maximum number of combinations to draw, and the number within the budget after which the search ends.
 const DRAWN: (usize, usize) = (12, 3);
 /// Views around a scene without cameras.
 const AROUND: u32 = 4;
@@ -148,7 +147,7 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// The mapping with the narrowest keys, the cheapest of several.
+/// Returns the mapping with the narrowest keys; the cheapest if there are several.
 fn narrowest(needs: &[Need]) -> Option<(Mapping, u32)> {
     let of = |need: &Need| Some((need.map, need.bits?));
     needs.iter().filter_map(of).reduce(|best, other| if other.1 < best.1 { other } else { best })
@@ -186,10 +185,10 @@ pub(super) fn bands_text(bands: &[Band]) -> String {
     }
 }
 
-/// What a search measured.
+/// The measurements of a search.
 struct Searched {
     tried: Vec<Tried>,
-    /// Settings of which noise hides whether they save time, and which were not combined.
+    /// Settings that may save time within the noise; they were not combined.
     unsure: Vec<String>,
 }
 
@@ -209,7 +208,7 @@ fn search(
     exact.prepare((first.width, first.height), &mut |_| {})?;
     let singles = options::with_effect(singles, &exact)?;
     let singles = options::with_plans(singles, &mut exact, cameras)?;
-    // Half of a ledger's: there are many settings.
+    // Half as many frames as in a ledger, because there are many settings.
     let effort = args.effort.choose(&mut exact, first, 8)?;
     let views: Vec<View> = cameras.iter().map(|camera| View::exact(session.scene(), camera)).collect();
 
@@ -225,7 +224,7 @@ fn search(
         progress.set(at as u64, of, &setting.name);
         let Some(rows) = measured(setting, &mut exact_ms)? else { continue };
         if setting.name == EXACT {
-            // Against themselves, they show the noise.
+            // The exact settings against themselves show the noise.
             floor = own_share(&rows).and_then(|share| share.floor());
         }
         tried.extend(Tried::new(setting, &rows, floor));
@@ -235,7 +234,7 @@ fn search(
     let new = combined.iter().filter(|setting| singles.iter().all(|(other, _)| other.name != setting.name));
     for (at, setting) in new.take(DRAWN.0).enumerate() {
         progress.set((singles.len() + at) as u64, of, &setting.name);
-        // The command need not name what is the default.
+        // The command need not name defaults.
         let setting = Setting { set: changed(&setting.set, &controls), ..setting.clone() };
         let rows = measured(&setting, &mut exact_ms)?;
         let found = rows.and_then(|rows| Tried::new(&setting, &rows, floor));
@@ -265,7 +264,7 @@ fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
     Some(Setting { name: format!("key_bits = {bits}"), pipeline: exact.pipeline.clone(), set })
 }
 
-/// Leaves out the values that are the graph's defaults.
+/// Removes the values that are the graph's defaults.
 fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, String)> {
     let is_default = |(name, value): &(String, String)| {
         controls
@@ -275,9 +274,9 @@ fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, Strin
     set.iter().filter(|pair| !is_default(pair)).cloned().collect()
 }
 
-/// Measures a setting in every view; `None` if it draws from the previous frame: stills do not show what that costs.
+/// Measures a setting in every view; `None` if it draws from the previous frame, because still views hide its error.
 ///
-/// `exact_ms` are the milliseconds of the exact settings in each view, as soon as they are known.
+/// `exact_ms` are the milliseconds of the exact settings in each view, once known.
 fn measured(
     session: &mut Session<Backend>,
     exact: &mut Session<Backend>,
@@ -301,7 +300,7 @@ fn measured(
     Ok(Some(rows))
 }
 
-/// Settings that noise hides, of which so many are named; the JSON has all.
+/// Maximum number of settings within the noise to name; the JSON has all.
 const NAMED: usize = 5;
 
 /// Joins the first names of a list, and counts the others.
@@ -311,7 +310,7 @@ fn some(names: &[String]) -> String {
     if more == 0 { named } else { format!("{named}; and {more} more") }
 }
 
-/// Names the settings that noise hides, those that may be fastest first; empty without any.
+/// Names the settings within the noise, the potentially fastest first; empty without any.
 fn noise(found: Option<&Tried>, hidden: &[&Tried], unsure: &[String]) -> String {
     let mut text = String::new();
     if !hidden.is_empty() {
@@ -349,7 +348,7 @@ fn time(tried: &Tried) -> String {
     }
 }
 
-/// The advice: a command that runs as it is, and what was measured. It draws one picture or several.
+/// Formats the advice: a complete command, which draws one picture or several, and its measurements.
 fn advice(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String {
     let mut command = "splatgraph render".to_owned();
     let mut add = |word: &str| command += &format!(" {}", shell_word(word));
@@ -372,7 +371,7 @@ fn advice(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String {
     )
 }
 
-/// The message if no setting is within the budget: the nearest on both sides.
+/// Formats the message if no setting is within the budget, with the nearest on both sides.
 fn nothing(tried: &[Tried], budget: &Budget) -> String {
     let accurate = tried.iter().reduce(|a, b| if b.least_psnr() > a.least_psnr() { b } else { a });
     let quick = |tried: &Tried| tried.gpu_ms.unwrap_or(f64::INFINITY);

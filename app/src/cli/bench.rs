@@ -23,15 +23,15 @@ use std::sync::Arc;
 
 /// Measure graphs against each other, pass by pass
 ///
-/// Draws the scene with several graphs interleaved, frame by frame, so that a change of the device's clock concerns all of them. Each
-/// time is the median of the rounds' medians, and its spread the largest of these without the smallest; the mean over the cameras is
-/// the mean of their medians. Frames of a warm-up do not count.
+/// Draws the scene with all graphs interleaved, frame by frame, so that a change of the device's clock affects all of them. Each
+/// time is the median of the rounds' medians, and its spread their maximum minus their minimum; the mean over the cameras is
+/// the mean of their medians. Warm-up frames do not count.
 ///
-/// First, a copy from buffer to buffer shows how many bytes per second the device moves at best. Each pass is held against it: its
-/// bytes are the buffers and images that it reads and those that it writes, each once, at their declared size. A pass that reads
-/// something again moves more, and one that works on the visible splats alone moves less than that.
+/// First, a copy from buffer to buffer measures how many bytes per second the device can move. Each pass is compared with it: its
+/// bytes are all buffers and images that it reads or writes, each once, at their declared size. A pass that reads data several
+/// times moves more, and a pass over the visible splats alone moves less.
 ///
-/// Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
+/// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 ///
 /// `--suite sort` measures the sort alone instead: random pairs of a key and a 32-bit value, with keys of 16, 24 and 32 bits.
 #[derive(Debug, clap::Args)]
@@ -60,17 +60,17 @@ pub struct Args {
     /// Sizes of the pictures [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT,...", value_delimiter = ',', value_parser = options::size)]
     sizes: Vec<(u32, u32)>,
-    /// Numbers of splats: the scene is enlarged with copies inside its splats, as `synth --enlarge` does, or cut [default: as it is]
+    /// Numbers of splats: the scene is enlarged by copies inside its splats (see `synth --enlarge`), or cut [default: unchanged]
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..))]
     splats: Vec<u32>,
     /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one. For several scenes, one
-    /// for all, or one for each in the same order
+    /// for all, or one for each, in the same order
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Vec<String>,
-    /// Write every number as JSON, anew after each size and number of splats; `-` is standard output
+    /// Write all numbers as JSON, after each size and number of splats; `-` is standard output
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
-    /// Folder for bench.csv, and for curves as .svg and .png where there are several sizes or numbers of splats
+    /// Folder for bench.csv, and for curves over sizes or numbers of splats as .svg and .png
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -161,7 +161,7 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     Ok(!report.is_empty())
 }
 
-/// Refuses graphs and parameters that are wrong on every device, before a scene is loaded: what one device lacks is a result.
+/// Refuses graphs and parameters that are wrong on every device, before a scene is loaded. A lack of this device is a result.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     let scene = match args.scenes.first().map(SceneHeader::load).transpose()? {
         Some(SceneHeader { count, stored_degree }) => SceneFacts {
@@ -225,7 +225,7 @@ fn copy_limit(device: &Backend, frames: Frames) -> Result<Option<CopyLimit>> {
     }))
 }
 
-/// Measures a scene, or the demo scene, in all of its numbers of splats and sizes.
+/// Measures a scene, or the demo scene, for all numbers of splats and sizes.
 fn measure_scene(
     args: &Args,
     device: &Backend,
@@ -294,7 +294,7 @@ fn measure_scene(
     Ok(())
 }
 
-/// Makes a scene of so many splats; the scene itself if it has as many.
+/// Enlarges or cuts a scene to a number of splats.
 fn enlarged(base: &Arc<Scene>, splats: u32) -> Result<Arc<Scene>> {
     Ok(if base.count() == splats { base.clone() } else { Arc::new(synth::enlarge(base, splats)?) })
 }
@@ -311,7 +311,7 @@ impl Args {
 pub(super) struct Work {
     /// The cameras of each scene of the command line; `None` for those of the scene. One for the demo scene.
     cameras: Vec<Option<Vec<Camera>>>,
-    /// A part of file names for each scene, unlike all others.
+    /// A unique part of file names for each scene.
     stems: Vec<String>,
 }
 

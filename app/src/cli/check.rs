@@ -26,28 +26,28 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Check graphs and their shaders, without a GPU
 ///
-/// Every graph is built, and its shaders are compiled and checked against it, for a nominal scene and the smallest supported
-/// device, with subgroups of 4 to 64 lanes. Errors are shown at their line and column. Where that device lacks what a graph
-/// requires, that is said, and is no error. An oracle then replays the barriers of
-/// each plan, and tests that they suffice and that none of them, and no bit of one, is needless. A parameter of --set that has no
-/// effect gives a warning. With --device, graphs are built for that device instead, and a requirement that it does not meet is an error.
+/// Builds every graph with its shaders for a nominal scene and the smallest supported device, with subgroups of 4 to 64 lanes.
+/// Errors are shown at their line and column. If this device does not meet a graph's requirements, the output says so; that is no
+/// error. An oracle then replays the barriers of each plan, and tests that they suffice and that no bit of them is needless.
+/// A parameter of --set without an effect gives a warning. With --device, graphs are built for that device instead, and unmet
+/// requirements are errors.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// The graphs: names of built-in ones (see `splatgraph source`), or paths; without any, every built-in one
     #[arg(value_name = "NAME")]
     graphs: Vec<String>,
-    /// Change a parameter of the graphs; can be given several times
+    /// Set a parameter of the graphs; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
     /// Number of splats of the nominal scene
     #[arg(long, value_name = "N", default_value_t = SceneFacts::NOMINAL.count as u32, value_parser = clap::value_parser!(u32).range(1..))]
     splats: u32,
     /// Build for this device: a name listed by --help, a file from `splatgraph devices --json`, or a part of the name or the index of a
-    /// device of this machine; can be given several times
+    /// device of this machine; may be repeated
     #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Vec<String>,
-    /// Print JSON, or write it to a file: for each graph (and each --device) its name, whether it is right, the verdict, and its diagnostics with file, line and column
+    /// Print JSON, or write it to a file: for each graph (and each --device) its name, whether it is valid, the verdict, and its diagnostics with file, line and column
     ///
     /// A diagnostic has `file`, `line`, `column`, `end_line`, `end_column`, `severity` (`error` or `warning`), `message`, `label`, the
     /// words at the place, and `help`, a list. Lines and columns count from 1, columns in characters.
@@ -119,7 +119,7 @@ struct On {
     name: String,
     facts: DeviceFacts,
     storage_buffers: Option<usize>,
-    /// It was named on the command line: what it lacks is an error.
+    /// True if the command line names it: unmet requirements are then errors.
     is_named: bool,
 }
 
@@ -197,7 +197,7 @@ fn as_json(
 enum Verdict {
     /// Nothing is wrong, with a summary.
     Right(String),
-    /// A device that was named lacks what the graph needs: this.
+    /// A device of the command line does not meet these requirements.
     Lacking(String),
     /// The violations that the oracle found.
     Wrong(String),
@@ -246,7 +246,7 @@ fn check(
         if let Some(line) = fallback.clone().filter(|_| on.is_named && is_unmet) {
             return Ok(Verdict::Lacking(line));
         }
-        // For a named device, what stands in for the graph is built.
+        // For a named device, the fallback of the graph is built.
         if let Some(line) = fallback.clone().filter(|_| !on.is_named) {
             match unsuited.iter_mut().find(|(_, other)| *other == line) {
                 Some((all, _)) => all.push(lanes.clone()),

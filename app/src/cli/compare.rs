@@ -15,12 +15,12 @@ use std::path::{Path, PathBuf};
 /// A and B are pictures (.png, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of them; a .npz archive counts as a folder
 /// of arrays. Pictures of two folders are matched by name without extension; a picture without a partner is an error.
 ///
-/// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM is the mean over the channels
-/// of that of Wang et al. 2004 (Gaussian window of 11 x 11, sigma 1.5). FLIP is the mean of that of Andersson et al. 2020, 0 for
-/// equal pictures, of the values as they are and of the values in 8 bits, which `trade` has. The worst pixel is the one with the
+/// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM (Wang et al. 2004, Gaussian window
+/// of 11 x 11, sigma 1.5) is the mean over the channels. FLIP (Andersson et al. 2020) is the mean over the pixels, 0 for
+/// equal pictures; of the values themselves, and of the values in 8 bits, as in `trade`. The worst pixel is the one with the
 /// largest difference of a channel, unclamped; if one picture has only 8 or 16 bits, values are clamped to 0..1.
 ///
-/// Everything is computed in f64, and float64 arrays keep their digits.
+/// Everything is computed in f64, also for float64 arrays.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph compare out.npy golden.npz#camera0
@@ -96,11 +96,11 @@ pub(super) struct Work {
     pairs: Vec<Pair>,
     /// True for folders.
     folders: bool,
-    /// A file for each pair, or none.
+    /// A file for each pair, or empty.
     diffs: Vec<PathBuf>,
 }
 
-/// Lists the files of the command line; an error if a difference would overwrite a picture.
+/// Lists the files of the command line; an error if an output would overwrite a picture.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let (a, b) = (Pictures::of(&args.a)?, Pictures::of(&args.b)?);
     let (pairs, folders) = match (a, b) {

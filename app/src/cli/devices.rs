@@ -10,9 +10,9 @@ use std::path::PathBuf;
 
 /// List this machine's devices
 ///
-/// --device takes an index of the chosen backend's devices, or a part of a name. Without --device, a discrete GPU is preferred, then
-/// an integrated one, then any other; a device that runs on the CPU comes last. The device `null` executes nothing. The exit code
-/// is 1 where the default backend has no device, or cannot list them.
+/// Commands take --device with an index within their backend, or a part of a name. By default they prefer a discrete GPU, then
+/// an integrated GPU, then any other device; devices that run on the CPU come last. The device `null` executes nothing. The exit code
+/// is 1 if the default backend has no device, or cannot list its devices.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph devices
@@ -32,7 +32,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             Ok(found) if found.is_empty() && api == Api::default() => say("error: no device was found"),
             Ok(found) => devices.extend(found.into_iter().map(|device| (api, device))),
             Err(error) if api == Api::default() => say(format!("error: {error}")),
-            // The others are of use only to who asks for them.
+            // The other backends matter only if they are asked for.
             Err(error) => say(format!("{api}: {error}")),
         }
     }

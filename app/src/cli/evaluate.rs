@@ -28,9 +28,9 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Score a scene against photographs: PSNR, SSIM and FLIP per test view, and their means
 ///
-/// Draws the test views of a dataset at the photographs' size and compares. Test views are those that the dataset names (Blender,
-/// nerfstudio), or each eighth in the order of the photographs' names, as in the 3DGS reference implementation. PSNR and SSIM are those
-/// of `compare`; the means are those of papers.
+/// Draws the test views of a dataset at the photographs' size and compares. Test views are the dataset's own (Blender,
+/// nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation. PSNR and SSIM are computed as
+/// in `compare`; the means over the views are those that papers give.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -44,10 +44,10 @@ pub struct Args {
     photographs: Option<PathBuf>,
     /// Compare at 1/N of the photographs' width and height
     ///
-    /// Photographs of a folder images_N beside images/ are taken as they are. Without it, pixels are averaged.
+    /// Uses the photographs in a folder images_N beside images/ if there is one, and averages pixels otherwise.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     downscale: u32,
-    /// Score all views, not the test views alone
+    /// Score all views, not only the test views
     #[arg(long)]
     all: bool,
     /// The graph: the name of a built-in one, or a path
@@ -56,7 +56,7 @@ pub struct Args {
     /// Set a parameter of the graph; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
-    /// Choose the renderer: `vulkan`, on Apple's systems `metal`, or `reference`, the exact one on the CPU
+    /// Renderer: `vulkan`, `metal` (on Apple's systems), or `reference`, the exact renderer on the CPU
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
     backend: Renderer,
     /// Background colour, display-encoded, 0 to 1, also behind photographs with alpha

@@ -1,4 +1,4 @@
-//! Runs `splatgraph experiment`: pages that show what an equation says.
+//! Runs `splatgraph experiment`: pages that illustrate an equation with measurements.
 
 use super::cameras;
 use super::options::{self, DrawingBackendArgs};
@@ -15,10 +15,10 @@ use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 use std::path::PathBuf;
 
-/// Write a page that shows what an equation of splatting says, on a scene
+/// Write a page that illustrates an equation of splatting with measurements of a scene
 ///
-/// An experiment changes one thing, draws, and holds the pictures against the exact renderer's. The page holds pictures,
-/// differences, tables, and the equation that they follow from; it needs no other file.
+/// An experiment changes one thing, draws, and compares the pictures with the exact renderer's. The page contains pictures,
+/// differences, tables and the equation; it needs no other file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph experiment order                     # the demo scene: experiment-order.html
@@ -31,15 +31,15 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Kind {
-    /// Blend the splats in four orders, and with coarser and coarser keys of depth
+    /// Blend the splats in four ways, and with depth keys of 8 to 32 bits
     ///
     /// Unsorted, back to front, front to back as if it were back to front, and front to back: pictures, differences, the pairs of
-    /// splats in the wrong order, and the term of the sum that changes. One camera is drawn, the first.
+    /// splats in the wrong order, and the term of the sum that differs. Only the first camera is drawn.
     Order(Common),
-    /// Leave out bands of the spherical harmonics, where the scene is glossiest
+    /// Omit bands of the spherical harmonics in the glossiest part of the scene
     ///
-    /// Bands up to 0, 1, 2 and 3 of the part of the picture whose colours depend most on the direction, from three directions
-    /// around it, or from the given cameras if there are several; the error, and what the sum of the squared coefficients says.
+    /// Draws bands up to 0, 1, 2 and 3 of the part of the picture whose colours depend most on the direction, from three directions,
+    /// or from the given cameras if there are several. Compares the error with the sum of the squared coefficients.
     Sh(Common),
 }
 
@@ -152,7 +152,7 @@ fn view(
     )
 }
 
-/// Lists the files; an error if the page would destroy an input.
+/// Lists the files; an error if the page would overwrite an input.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let common = args.kind.common();
     let mut guard = options::claim_inputs(common.scene.as_deref(), common.cameras.as_deref())?;

@@ -23,8 +23,8 @@ pub const EXAMPLES: &str = "Examples:
 ///
 /// The size breakdown accounts for every byte of the file: fields x bytes x splats. The report counts dropped and unusual
 /// splats, and shows the depth range that a sort key must resolve, for the given cameras or one that frames the scene; the width
-/// at which depth keys put every two splats that overlap there in the right order; and how much each band of spherical
-/// harmonics changes the colours. The last lines say whether the scene fits the device, and if not, how many of its splats would.
+/// of depth keys that keeps all splats that overlap on the screen in order; and how much each band of spherical
+/// harmonics changes the colours. The last lines say whether the scene fits the device, and if not, how many splats would.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         bands_text(&bands)
     );
     if args.json.is_none() {
-        // Whatever the graph or the device says, the scene's own part is known.
+        // The report of the scene itself needs neither graph nor device.
         options::write_text(None, &worksheet)?;
     }
     let device = match args.device.as_deref() {
@@ -85,7 +85,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut planner = Planner::default();
     let (plan, fit) = fit::fit(&mut planner, &wanted, &device)?;
     let mut fits = vec![fit];
-    // Other machines may be smaller.
+    // Other machines may have smaller devices.
     if args.device.is_none()
         && device != Target::nominal()
         && let Ok((_, fit)) = fit::fit(&mut planner, &wanted, &Target::nominal())

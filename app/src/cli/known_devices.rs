@@ -1,4 +1,4 @@
-//! Describes devices that this machine lacks: a catalogue from published limits, and files of facts.
+//! Describes devices of other machines: a catalogue of published limits, and files of facts.
 
 use crate::draw::facts;
 use anyhow::{Context, Result, bail};
@@ -9,19 +9,19 @@ use std::path::Path;
 /// A device that graphs can be built for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownDevice {
-    /// Its name in the catalogue, or that of its file.
+    /// Name in the catalogue, or of the file.
     pub name: String,
     /// The facts that graphs can use.
     pub facts: DeviceFacts,
     /// Largest number of storage buffers in one shader; `None` where graphs stay below it.
     pub storage_buffers: Option<usize>,
-    /// The publication that the limits are from.
+    /// Publication of the limits.
     pub source: &'static str,
 }
 
 /// Lists the devices of the catalogue.
 ///
-/// A family has the smallest limits of its members. Limits that no publication gives are those of the smallest supported device.
+/// A family has the smallest limits of its members. Unpublished limits are those of the smallest supported device.
 pub fn catalogue() -> Vec<KnownDevice> {
     let portable = facts::portable_device;
     let integers =
@@ -98,7 +98,7 @@ pub fn catalogue() -> Vec<KnownDevice> {
 /// Finds a device by its name in the catalogue, or by a file of facts; `None` if there is neither.
 ///
 /// # Errors
-/// The file has no facts, or others than those of a device.
+/// The file has no facts, or facts that are not of a device.
 pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
     if let Some(found) = catalogue().into_iter().find(|device| device.name == wanted) {
         return Ok(Some(found));

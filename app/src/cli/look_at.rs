@@ -8,19 +8,19 @@ use splatgraph_assets::{Camera, Scene};
 /// Options of cameras without a file.
 #[derive(Debug, clap::Args)]
 pub struct LookAtArgs {
-    /// Look from this place, in the world's coordinates (y points down in most captures)
+    /// Position of the camera, in world coordinates (y points down in most captures)
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     eye: Option<[f64; 3]>,
-    /// Look at this place [default: the middle of the scene]
+    /// Point to look at [default: the middle of the scene]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     target: Option<[f64; 3]>,
-    /// The direction of the world that is up in the picture [default: 0,-1,0]
+    /// World direction that points up in the picture [default: 0,-1,0]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     up: Option<[f64; 3]>,
     /// Horizontal field of view, in degrees [default: 60]
     #[arg(long, value_name = "DEGREES", value_parser = angle, conflicts_with = "cameras")]
     fov: Option<f64>,
-    /// Draw N pictures from a circle about --up through the eye, the first from the eye
+    /// Draw N pictures from a circle about --up through --eye, starting at --eye
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with = "cameras")]
     orbit: Option<u32>,
 }
@@ -40,7 +40,7 @@ fn angle(text: &str) -> Result<f64, String> {
 }
 
 impl LookAtArgs {
-    /// Names the cameras of the options, before the scene is loaded; `None` without any of them.
+    /// Returns the cameras' names before the scene is loaded; `None` without these options.
     pub fn names(&self) -> Option<Vec<String>> {
         let given = self.eye.is_some() || self.target.is_some() || self.up.is_some() || self.fov.is_some();
         match self.orbit {
@@ -49,12 +49,12 @@ impl LookAtArgs {
         }
     }
 
-    /// Makes the cameras of the options, in the scene's coordinates; `None` without any of them.
+    /// Makes the cameras, in the scene's coordinates; `None` without these options.
     ///
-    /// Without `--eye`, the first camera is where the one that frames the scene is.
+    /// Without `--eye`, the first camera is at the position of [`framing`](super::options::framing).
     ///
     /// # Errors
-    /// Eye and target are one place, or too far away to draw with.
+    /// Eye and target coincide, or are too far away to draw.
     pub fn cameras(&self, scene: &Scene, size: Option<(u32, u32)>) -> Result<Option<Vec<Camera>>, Usage> {
         let Some(names) = self.names() else { return Ok(None) };
         let size = size.unwrap_or(facts::DEFAULT_SIZE);

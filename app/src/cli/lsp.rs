@@ -9,14 +9,14 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph lsp                          # an editor runs this; docs/editors.md has settings for VS Code, Helix and Neovim
   splatgraph check my.ron --json          # the same diagnostics, once";
 
-/// Serve an editor: errors, completion, values, barriers and renaming while a graph is typed
+/// Run the language server for editors: errors, completion, values, barriers and renaming
 ///
-/// It speaks the Language Server Protocol on standard input and output, and ends with the editor. No GPU is needed: graphs are
+/// Speaks the Language Server Protocol on standard input and output, and ends with the editor. No GPU is needed: graphs are
 /// built for the smallest supported device and a million splats, as `check` does.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// Speak on standard input and output, as always; some editors add this
+    /// Use standard input and output (always the case; some editors pass this option)
     #[arg(long)]
     stdio: bool,
 }
@@ -24,7 +24,7 @@ pub struct Args {
 pub fn run(_: &Args) -> Result<Outcome> {
     let (connection, threads) = Connection::stdio();
     lsp::serve(&connection).context("the editor ended the connection")?;
-    // The writer ends when nobody can send to it any more.
+    // The writer thread ends once its channel is closed.
     drop(connection);
     threads.join().context("standard input or output cannot be used")?;
     Ok(Outcome::Done)

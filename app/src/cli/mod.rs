@@ -56,7 +56,7 @@ const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a 
   splatgraph bench scene.ply --pipelines splat,key16   # GPU time per pass, drawn interleaved
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
   splatgraph advise scene.ply --psnr 45             # the fastest setting that is accurate enough
-  splatgraph sweep scene.ply                        # quality and time with fewer and fewer splats
+  splatgraph sweep scene.ply                        # quality and time as splats are removed
   splatgraph experiment order                       # a page on the order of splats
   splatgraph popping                                # the error that changes from frame to frame
   splatgraph new my.ron                             # a renderer of your own, to start from
@@ -72,7 +72,7 @@ fn examples() -> String {
     format!("Examples:\n{view}{EXAMPLES}")
 }
 
-/// Draw 3D Gaussian Splatting scenes with renderers that are data files, and measure the cost of every choice
+/// Draw 3D Gaussian Splatting scenes with renderers that are text files, and measure the cost of every choice
 ///
 /// A renderer is a graph in a RON file: parameters, buffers, compute dispatches and draws. `splatgraph source` lists the
 /// built-in ones, and `splatgraph new` writes one to start from; pass its path as the pipeline.
@@ -82,9 +82,9 @@ fn examples() -> String {
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Let graphs and shaders also name files in this folder; may be repeated
+    /// Allow graphs and shaders to name files in this folder; may be repeated
     ///
-    /// The files that a graph names lie in its own folder and in the folders pipelines/ and shaders/ beside it, or are built in.
+    /// Other files must be in the graph's folder, in the folders pipelines/ and shaders/ beside it, or built in.
     #[arg(long, value_name = "DIR", global = true)]
     include_root: Vec<PathBuf>,
 }

@@ -16,17 +16,17 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Write a graph to start from, with its shaders beside it
 ///
-/// The graph can be checked and drawn at once. Its shaders have the graph's name. docs/tutorial.md explains each of the starts.
+/// The graph can be checked and drawn at once. Its shaders are named after it. docs/tutorial.md explains each template.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// The graph to write
     #[arg(value_name = "FILE.ron")]
     file: PathBuf,
-    /// The start
+    /// The template
     #[arg(long, value_enum, default_value_t = Start::Splat)]
     from: Start,
-    /// Overwrite files that are there
+    /// Overwrite existing files
     #[arg(long)]
     force: bool,
 }
@@ -34,7 +34,7 @@ pub struct Args {
 /// A graph to start from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Start {
-    /// A renderer for splats: own projection and draw, sorted by a part that is built in
+    /// A splat renderer with its own projection and draw, and a built-in sort
     Splat,
     /// A picture from one compute shader
     Compute,
@@ -71,7 +71,7 @@ pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
     let stem = name.strip_suffix(".ron").filter(|stem| !stem.is_empty()).ok_or_else(|| {
         Usage(format!("expected a file name with the extension .ron, found {}", args.file.display()))
     })?;
-    // The name stands in the graph as a text, where quotes and spaces would begin an expression.
+    // The graph contains the name in a string, where quotes and spaces would make it an expression.
     if !stem.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.')) {
         return Err(Usage(format!("expected a name of letters, digits, `_` and `-`, found `{stem}`")));
     }
@@ -92,7 +92,7 @@ pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
     Ok(files)
 }
 
-/// Makes the files of a start: the extension of each, and its text with the shaders' new names.
+/// Returns the files of a template: the extension of each, and its text with the shaders' new names.
 fn files(start: Start, stem: &str) -> impl Iterator<Item = (&'static str, String)> {
     let all = start.files();
     all.iter().map(move |(name, text)| {

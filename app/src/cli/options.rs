@@ -26,7 +26,7 @@ use std::sync::Mutex;
 /// Default of `--pipeline`: the fastest graph for the device, chosen by its facts.
 pub const DEFAULT_PIPELINE: &str = "auto";
 
-/// Lists the built-in graphs to measure: all but the one that takes another of them.
+/// Lists the built-in graphs to measure: all but `auto`, which is one of the others on each device.
 pub fn measured_names() -> Vec<&'static str> {
     builtin::names().into_iter().filter(|name| *name != DEFAULT_PIPELINE).collect()
 }
@@ -138,7 +138,7 @@ pub fn inspect_target(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Tells the text of a `cameras.json` from the name of a file.
+/// Returns true for the text of a `cameras.json`, false for the name of a file.
 fn is_json(spec: &str) -> bool {
     spec.trim_start().starts_with(['[', '{']) && !Path::new(spec).exists()
 }
@@ -160,7 +160,7 @@ pub fn cameras(spec: &str) -> Result<Vec<Camera>, CameraError> {
     if cameras.is_empty() { Err(CameraError::Empty { path: spec.into() }) } else { Ok(cameras) }
 }
 
-/// Says that principal points are not in the middle of their pictures, where cameras have them.
+/// Warns if principal points are not in the middle of the pictures.
 pub fn tell_off_center(dataset: &Dataset) {
     if dataset.off_center > 0.5 {
         say(format!(
@@ -170,7 +170,7 @@ pub fn tell_off_center(dataset: &Dataset) {
     }
 }
 
-/// Lists the imports of any built-in graph: those of the nominal scene and of the viewer's window.
+/// Lists the imports for any built-in graph: those of the nominal scene and of the viewer's window.
 pub fn nominal_catalog() -> Catalog {
     #[cfg_attr(not(feature = "window"), expect(unused_mut))]
     let mut catalog = facts::nominal_catalog();
@@ -179,7 +179,7 @@ pub fn nominal_catalog() -> Catalog {
     catalog
 }
 
-/// Lists every built-in graph: those that draw a scene, filters, those of `bench`, and that of the viewer's window.
+/// Lists every built-in graph: renderers, filters, and the graphs of `bench` and of the viewer's window.
 pub fn built_in_graphs() -> Vec<&'static str> {
     let mut graphs = builtin::names();
     graphs.extend(builtin::filters());
@@ -192,7 +192,7 @@ pub fn built_in_graphs() -> Vec<&'static str> {
 /// Name of the camera that frames the scene.
 const FRAMING: &str = "framing";
 
-/// Lists the names of the cameras that [`scene_and_cameras`] will give, before the scene is loaded.
+/// Lists the names of the cameras that [`scene_and_cameras`] will return, before the scene is loaded.
 pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<String> {
     let own = || {
         scene.is_none().then(demo::camera).flatten().map_or_else(|| FRAMING.into(), |camera| camera.img_name)
@@ -200,7 +200,7 @@ pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<Strin
     given.map_or_else(|| vec![own()], |all| all.iter().map(|camera| camera.img_name.clone()).collect())
 }
 
-/// Loads the scene and its cameras, in the requested size. A name that is empty or not the only one becomes the camera's stem.
+/// Loads the scene and its cameras, in the requested size. Empty and duplicate names become the camera's stem.
 pub fn scene_and_cameras(
     path: Option<&Path>,
     given: Option<Vec<Camera>>,
@@ -225,7 +225,7 @@ pub fn scene_and_cameras(
     Ok((scene, cameras))
 }
 
-/// Makes the camera of the same view in a picture that is at most so wide.
+/// Scales the camera down to at most `width` pixels.
 pub fn at_most(camera: &Camera, width: u32) -> Camera {
     if camera.width <= width {
         return camera.clone();
@@ -234,12 +234,12 @@ pub fn at_most(camera: &Camera, width: u32) -> Camera {
     camera.resized(width, (height as u32).max(1))
 }
 
-/// Moves cameras of a file, which are in the world's coordinates, into those of a scene.
+/// Converts cameras of a file from world coordinates to the scene's.
 pub fn in_scene(cameras: &[Camera], scene: &Scene) -> Vec<Camera> {
     cameras.iter().map(|camera| camera.relative_to(scene.offset())).collect()
 }
 
-/// Makes the camera that frames a scene, with the name `framing`.
+/// Returns the camera that frames a scene, named `framing`.
 pub fn framing(scene: &Scene) -> Camera {
     let (width, height) = facts::DEFAULT_SIZE;
     Camera { img_name: FRAMING.into(), ..Camera::framing(scene, width, height) }
@@ -253,9 +253,9 @@ pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
     }
 }
 
-/// Describes the device of the catalogue or of the file that `wanted` names, or else opens the one of this machine.
+/// Describes a device of the catalogue or of a file, or else opens a device of this machine.
 ///
-/// Without a name, the device is opened that draws without one.
+/// Without a name, it opens the default device.
 pub fn target(wanted: Option<&str>) -> Result<Target> {
     if let Some(known) = wanted.map(known_devices::find).transpose()?.flatten() {
         return Ok(Target { name: known.name, facts: known.facts, heap: Heap::default() });
@@ -272,10 +272,10 @@ pub struct DeviceArgs {
     /// Device: a part of its name, or its index in `splatgraph devices`
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
-    /// Use the API's validation (of Vulkan with synchronization validation); exit with code 1 if it reports anything
+    /// Enable the API's validation (for Vulkan with synchronization validation); exit with code 1 if it reports anything
     #[arg(long)]
     pub validate: bool,
-    /// Leave accesses beyond the ends of buffers and images unchecked, to measure what the checks cost
+    /// Do not check accesses beyond the ends of buffers and images, to measure the cost of the checks
     #[arg(long)]
     pub no_robustness: bool,
 }
@@ -296,7 +296,7 @@ impl DeviceArgs {
 /// Options of the device, and its API.
 #[derive(Debug, clap::Args)]
 pub struct BackendArgs {
-    /// Graphics API: `vulkan`, on Apple's systems `metal`, or `null`, which executes nothing (pictures are black, and times mean nothing)
+    /// Graphics API: `vulkan`, `metal` (on Apple's systems), or `null`, which executes nothing (pictures are black, and times mean nothing)
     #[arg(long, value_name = "NAME", default_value_t = Api::default(), value_parser = Api::parse)]
     pub backend: Api,
     #[command(flatten)]
@@ -321,7 +321,7 @@ impl std::ops::Deref for BackendArgs {
 /// Options of the device, and its API, for commands that compare pictures.
 #[derive(Debug, clap::Args)]
 pub struct DrawingBackendArgs {
-    /// Graphics API: `vulkan`, or on Apple's systems `metal`
+    /// Graphics API: `vulkan`, or `metal` on Apple's systems
     #[arg(long, value_name = "NAME", default_value_t = Api::default(), value_parser = Api::parse_drawing)]
     backend: Api,
     #[command(flatten)]
@@ -362,12 +362,12 @@ pub struct Drawing {
     pub set: Vec<(String, String)>,
     /// Cameras: a COLMAP folder, a transforms.json, or the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
     ///
-    /// The contents tell the format. Lenses with distortion are refused. In place of a file's name, the text of such a file: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
+    /// The contents tell the format. Lenses with distortion are refused. The text of a cameras.json works in place of a path: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     pub cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
     ///
-    /// The cameras' vertical field of view stays: a wider picture shows more at its sides.
+    /// The vertical field of view of the cameras stays the same: a wider picture shows more at the sides.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     pub size: Option<(u32, u32)>,
 }
@@ -379,19 +379,19 @@ impl Drawing {
     }
 }
 
-/// Numbers of frames of a measurement.
+/// Options for the number of frames of a measurement.
 #[derive(Debug, clap::Args)]
 pub struct EffortArgs {
-    /// Rounds of frames, at most: fewer where a share of time is known well enough, or after 8 seconds; below 8, no difference in time is told from noise
+    /// Maximum number of rounds; fewer if the time is known precisely enough, or after 8 seconds. With fewer than 8, all differences in time count as noise
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
-    /// Frames in a round, interleaved with as many to compare with [default: by the time of one, 1 to 30]
+    /// Frames per round; the baseline draws as many, interleaved [default: 1 to 30, from the frame time]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
 }
 
 impl EffortArgs {
-    /// Chooses the numbers of frames. Without `--frames`, a round is the given part of what is usual.
+    /// Chooses the number of frames. Without `--frames`, a round has `1 / part` of the usual number.
     ///
     /// The session is prepared in the camera's size.
     pub fn choose(&self, session: &mut Session<Backend>, camera: &Camera, part: u32) -> Result<Effort> {
@@ -399,13 +399,13 @@ impl EffortArgs {
         Ok(Effort { rounds: self.rounds, frames: self.frames.map_or_else(usual, Ok)? })
     }
 
-    /// Returns the rounds, and the frames of a round if they are given.
+    /// Returns `--rounds` and `--frames`.
     pub fn given(&self) -> (u32, Option<u32>) {
         (self.rounds, self.frames)
     }
 }
 
-/// OutputGuard the inputs of a command that draws: the scene, or the demo scene, and the cameras.
+/// Protects the inputs of a command that draws: the scene, or the demo scene, and the cameras.
 pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
     match scene {
@@ -428,7 +428,7 @@ pub fn claim_cameras(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage
     Ok(())
 }
 
-/// Lists the settings of a graph that are measured, with the parameters of `set` fixed.
+/// Lists the settings of a graph to measure, with the parameters of `set` fixed.
 pub fn settings_of(pipeline: &str, set: &[(String, String)], controls: &[Control]) -> Vec<Setting> {
     let all = settings::list(pipeline, controls, &measured_names());
     if set.is_empty() {
@@ -442,7 +442,7 @@ pub fn settings_of(pipeline: &str, set: &[(String, String)], controls: &[Control
     settings::fixed(all, set, has)
 }
 
-/// Leaves out the settings that change nothing in the plan of the exact ones, which is prepared, and says so.
+/// Removes and reports settings without an effect on the plan of the exact settings, which must be prepared.
 pub fn with_effect(all: Vec<Setting>, exact: &Session<Backend>) -> Result<Vec<Setting>> {
     let plan = exact.plan().context("no plan of the exact settings")?;
     let (settings, lines) = settings::with_effect(all, plan);
@@ -450,7 +450,7 @@ pub fn with_effect(all: Vec<Setting>, exact: &Session<Backend>) -> Result<Vec<Se
     Ok(settings)
 }
 
-/// Builds the plans of settings in the pictures of all cameras, and leaves out settings whose plans are equal to those of an earlier one.
+/// Builds the plans of settings for all picture sizes, and removes settings whose plans equal those of an earlier one.
 ///
 /// Returns each with the hash of its plans; `None` if one cannot be built.
 pub fn with_plans(
@@ -491,12 +491,12 @@ pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
     write_text(Some(path), &format!("{value:#}\n"))
 }
 
-/// Prints a line that the command is for to standard output; a closed pipe is no error.
+/// Prints a line of the command's result to standard output; a closed pipe is no error.
 pub fn print(line: &str) -> Result<()> {
     write_text(None, &format!("{line}\n"))
 }
 
-/// Writes text to a file, or to standard output, which `-` names too; a closed pipe is no error.
+/// Writes text to a file, or to standard output for `None` or `-`; a closed pipe is no error.
 pub fn write_text(path: Option<&Path>, text: &str) -> Result<()> {
     match path.filter(|path| !output::is_standard_output(path)) {
         Some(path) => Ok(output::write_bytes(path, output::harmless(text).as_bytes())?),

@@ -22,8 +22,8 @@ Set one with --set NAME=VALUE of `render` and the other commands, or by its slid
 
 /// List the parameters of a graph
 ///
-/// Of each parameter: its name, the values that it may take, its default in brackets, with the value that costs no accuracy where that is
-/// another, and what it does. `const` builds a new plan, `live` writes four bytes. Defaults depend on the device
+/// For each parameter: its name, its allowed values, its default in brackets, with the exact value (which costs no accuracy) if it
+/// differs, and its meaning. Changing a `const` builds a new plan, changing a `live` parameter does not. Defaults depend on the device
 /// and on the scene; without --scene, a million splats with spherical harmonics of degree 3 are assumed.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -31,7 +31,7 @@ pub struct Args {
     /// The graph: the name of a built-in one (see `splatgraph source`), or a path
     #[arg(value_name = "NAME", default_value = options::DEFAULT_PIPELINE)]
     graph: String,
-    /// Set a parameter before; may be repeated
+    /// Set a parameter, which may change the defaults of others; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
     /// The scene that defaults depend on

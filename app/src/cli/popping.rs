@@ -1,4 +1,4 @@
-//! Runs `splatgraph popping`: the error that changes from frame to frame.
+//! Runs `splatgraph popping`: measures how errors change from frame to frame.
 
 use super::cameras;
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs};
@@ -18,19 +18,19 @@ use std::path::{Path, PathBuf};
 
 /// Measure popping along a path of cameras: how the error changes from frame to frame
 ///
-/// The exact renderer draws every frame of the path (`render --backend reference`), and so does each graph. From a frame to the
-/// next, a graph's picture changes, and so does the true one. The `pop` of a step is the mean over the pixels of the difference of
-/// both changes, which is the change of the error: 0 for an error that stays as it is, however large. The `excess` is the mean of
-/// what a pixel changes more than the true one does, and at most the pop. Both are of values clamped to 0..1.
+/// The exact renderer (`render --backend reference`) and each graph draw every frame of the path. From one frame to the
+/// next, both pictures change. The `pop` of a step is the mean absolute difference of the two changes over all pixels,
+/// which is the change of the error: 0 for a constant error, however large. The `excess` is the mean of
+/// the change beyond the true change, at most the pop. Both are of values clamped to 0..1.
 ///
-/// The table: the step in degrees that the camera turns, means over the steps, the pop for each degree, the worst step, the worst
-/// pixel of any step, and how many pairs of splats change places in a step, in the drawn order and in the true one. Pops of two
-/// different steps cannot be compared, and a finer step may rank the graphs differently: an error that drifts with the surfaces
-/// falls with the step, one that jumps falls less. The published order, in which the exact renderer draws, has a pop of 0 by
-/// definition, although it pops, too: two splats change places where their depths cross. Frames are drawn once and in turn, so that `stale_order` has the
-/// order of the path's last frame.
+/// The table: the step in degrees of camera rotation, means over the steps, the pop per degree, the worst step, the worst
+/// pixel of any step, and the number of pairs of splats that change places per step, in the drawn order and in the true order.
+/// Compare pops of equal steps only: with a smaller step, an error that drifts with the surfaces falls in proportion, and one that
+/// jumps falls less, so the ranking of graphs may change. The published order, in which the exact renderer draws, has a pop of 0 by
+/// definition, although it pops where the depths of two splats cross. Frames are drawn once and in sequence, so `stale_order` uses
+/// the order of the previous frame of the path.
 ///
-/// Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, or with one, the path is a short orbit
+/// The default scene is the demo scene, which the first use generates. With one camera, or none, the path is a short orbit
 /// around the middle of the scene.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -44,22 +44,22 @@ pub struct Args {
     /// A graph: the name of a built-in one, or a path; may be repeated [default: all built-in ones]
     #[arg(short, long, value_name = "NAME")]
     pipeline: Vec<String>,
-    /// Parameters of the graph `auto` that make a variant of it; may be repeated, for several variants
+    /// Also measure `auto` with these parameters; may be repeated for several variants
     #[arg(long, value_name = "NAME=VALUE,...", value_parser = variant)]
     with: Vec<Variant>,
     /// The path, as cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
-    /// Frames of the orbit, or the first frames of the path [default: 12, or the whole path]
+    /// Number of frames of the orbit, or of the path from its start [default: 12, or the whole path]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     frames: Option<u32>,
-    /// Degrees of the orbit between two frames
+    /// Degrees of the orbit between successive frames
     #[arg(long, value_name = "DEGREES", default_value_t = 0.25, value_parser = degrees)]
     step: f64,
     /// Size of the pictures [default: the cameras', at most 480 pixels wide]
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
-    /// File for all numbers as JSON, or `-` for standard output in place of the table
+    /// File for all numbers as JSON; `-` is standard output, in place of the table
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Folder for popping.csv, popping.svg and popping.png
@@ -110,7 +110,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let origin = origin(args, &scene, &path, device.info());
     let size = (path[0].width, path[0].height);
     let mut session = Session::new(device, scene, DEFAULT_PIPELINE, &[]);
-    // Mistakes in a graph are told before the true pictures are drawn, which takes the longest.
+    // Report mistakes in a graph before drawing the true pictures, which takes the longest.
     for variant in &variants {
         session.set_graph(&variant.pipeline, &variant.set);
         session.controls(size)?;
@@ -150,7 +150,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::validated(args.device.validate, &session.into_device().close()))
 }
 
-/// Lists what is drawn: the given graphs and variants, or all built-in graphs. A name that is given twice is drawn once.
+/// Lists what is drawn: the given graphs and variants, or all built-in graphs. Duplicates are drawn once.
 fn variants(args: &Args) -> Vec<Variant> {
     let graph = |name: &str| Variant { name: name.into(), pipeline: name.into(), set: Vec::new() };
     let mut all: Vec<Variant> = args.pipeline.iter().map(|name| graph(name)).collect();
@@ -169,7 +169,7 @@ fn variants(args: &Args) -> Vec<Variant> {
     kept
 }
 
-/// Makes the path: the given cameras, or an orbit around one.
+/// Returns the path: the given cameras, or an orbit from one.
 fn path(args: &Args, scene: &Scene, mut cameras: Vec<Camera>) -> Result<Vec<Camera>> {
     if args.size.is_none() {
         cameras = cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect();
@@ -197,7 +197,7 @@ fn origin(
     })
 }
 
-/// Lists the files; an error if an output would destroy an input.
+/// Lists the files; an error if an output would overwrite an input.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     for graph in &args.pipeline {

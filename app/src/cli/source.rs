@@ -13,8 +13,8 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Print a built-in graph, part or shader
 ///
-/// Without NAME, all names are listed. A graph names parts and shaders as they are listed here: `Include(graph: "parts/sort.ron", ...)`,
-/// `shader: "sort/scatter.comp"`, and in a shader `#include "camera.glsl"`. A file of the same name beside the graph comes first.
+/// Without NAME, lists all names. Graphs use these names for parts and shaders: `Include(graph: "parts/sort.ron", ...)`,
+/// `shader: "sort/scatter.comp"`, and in a shader `#include "camera.glsl"`. A file of that name beside the graph takes precedence.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -43,7 +43,7 @@ fn list() -> String {
     builtin::groups().into_iter().map(group).collect::<Vec<_>>().join("\n\n")
 }
 
-/// Says that there is no such file, and which was probably meant.
+/// Formats the error for an unknown file, with the name that was probably meant.
 fn unknown(name: &str, near: &[&str]) -> String {
     let near: Vec<String> = near.iter().map(|name| format!("`{name}`")).collect();
     let help = match near.is_empty() {

@@ -1,4 +1,4 @@
-//! Runs `splatgraph sweep`: quality and time with fewer and fewer splats.
+//! Runs `splatgraph sweep`: quality and time as splats are removed.
 
 use super::options::{self, Drawing, DrawingBackendArgs, EffortArgs};
 use super::{Outcome, Usage};
@@ -16,15 +16,16 @@ use anyhow::{Context, Result, anyhow};
 use splatgraph_api::Device;
 use std::path::{Path, PathBuf};
 
-/// Measure quality and time with fewer and fewer splats
+/// Measure quality and time as splats are removed
 ///
 /// Draws the scene with all splats, a half, a quarter and so on, chosen in four ways: the first of the file (a naive truncation),
-/// by opacity times size in the world or on the screen (the usual heuristics for levels of detail, applied before keys are made),
-/// and the nearest visible ones (cut after the sort, with `sorted=splats` where pairs are sorted). Each picture is held against the exact renderer's picture of all splats.
+/// the largest by opacity times size in the world or on the screen (the usual heuristics for levels of detail, applied before keys
+/// are made), and the nearest visible ones (cut after the sort; tiles use `sorted=splats` for it). Each picture is compared with
+/// the exact renderer's picture of all splats.
 ///
-/// Then a camera comes closer, so that time goes into covered pixels: the draw's cost is held against their number times overlap.
+/// Then a camera comes closer, and the time of the draw is compared with the number of fragments.
 ///
-/// The folder gets a page (sweep.html), every number (sweep.csv and .json), the plots as .svg and .png, and the pictures.
+/// The output folder gets a page (sweep.html), all numbers (sweep.csv and .json), plots as .svg and .png, and the pictures.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph sweep                                       # the demo scene; sweep/sweep.html shows the result
@@ -38,7 +39,7 @@ pub struct Args {
     /// Folder of the results
     #[arg(short, long, value_name = "DIR", default_value = "sweep")]
     output: PathBuf,
-    /// Steps, each with half the splats of the one before; the first has all
+    /// Number of steps, each with half of the splats of the previous step; the first has all
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(2..=32))]
     steps: u32,
     #[command(flatten)]

@@ -36,10 +36,10 @@ pub struct Args {
     /// Also write the scene's cameras; `-` is standard output
     #[arg(long, value_name = "CAMERAS.json", conflicts_with = "enlarge")]
     cameras: Option<PathBuf>,
-    /// Enlarge this scene to --count splats, with copies scattered inside its splats
+    /// Enlarge this scene to --count splats by copies scattered inside its splats
     #[arg(long, value_name = "SCENE.ply", requires = "count")]
     enlarge: Option<PathBuf>,
-    /// Draw this scene exactly from a circle around it, into a COLMAP dataset (--dataset)
+    /// Make a COLMAP dataset (--dataset) of exact pictures of this scene, from a circle of cameras around it
     #[arg(long, value_name = "SCENE", requires = "dataset", conflicts_with_all = ["enlarge", "output", "cameras", "count"])]
     photograph: Option<PathBuf>,
     /// Folder of the COLMAP dataset: images/ and sparse/0/, as text
@@ -98,7 +98,7 @@ fn photographs(args: &Args, folder: &Path) -> Vec<PathBuf> {
     (0..args.views.unwrap_or(24)).map(name).collect()
 }
 
-/// Draws a scene exactly from a circle around it, and writes pictures and cameras as a COLMAP dataset.
+/// Draws a scene exactly from a circle of cameras around it, and writes pictures and cameras as a COLMAP dataset.
 fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
     let scene = options::load_scene(scene)?;
     let (width, height) = args.size.unwrap_or((480, 270));

@@ -1,4 +1,4 @@
-//! Runs `splatgraph trade`: the ledger of what each setting saves and costs.
+//! Runs `splatgraph trade`: a ledger of what each setting saves and costs.
 
 use super::cameras;
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
@@ -25,24 +25,24 @@ use std::path::{Path, PathBuf};
 
 /// Measure what each setting saves, and what it costs in accuracy
 ///
-/// Draws the scene with every parameter at its exact value, then with one parameter away from it at a time, with the graph's
-/// defaults, and with every preset. Each picture is held against the truth: that of the exact renderer (`render --backend
-/// reference`), or the pictures of a folder. Frames are drawn interleaved with those of the exact settings, so that a change of
-/// the device's clock concerns both. A parameter that has no effect in the plan of the exact settings is not measured, nor is a
-/// setting whose plan is that of another.
+/// Draws the scene with every parameter at its exact value, then with one parameter changed at a time, with the graph's
+/// defaults, and with every preset. Each picture is compared with the truth: the exact renderer's picture (`render --backend
+/// reference`), or a picture of --truth. Frames are interleaved with frames of the exact settings, so that a change of
+/// the device's clock affects both. A parameter without an effect on the plan of the exact settings is not measured, nor is a
+/// setting whose plan equals an earlier one.
 ///
-/// The columns: the share of the exact settings' time, ± half of what it can be with 99 % confidence, and the milliseconds on
-/// the GPU that it makes of one time of the exact settings, with the spread over the rounds; PSNR over
-/// all pixels and over those that a splat covers; the least SSIM; the mean of NVIDIA's FLIP (0 is equal); the largest
+/// The columns: the share of the exact settings' time, ± half of its 99 % confidence interval; the share in milliseconds on the
+/// GPU, from one time of the exact settings, with the spread over the rounds; PSNR over
+/// all pixels and over those that a splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal pictures); the largest
 /// difference of a channel; the share of pixels that are off by more than 1/255; pairs of visible splats in the wrong
-/// order; memory on the device. A `*` marks the Pareto front: what is at least as accurate takes 2 % longer or more, beyond the
-/// noise, which is at least that of the exact settings against themselves. A `?` marks what may be on it: too noisy to tell. A
-/// graph that draws from the frame before is not judged, as still views hide what that costs.
+/// order; memory on the device. A `*` marks the Pareto front: every setting that is at least as accurate takes at least 2 % longer,
+/// beyond the noise, which is at least that of the exact settings against themselves. A `?` marks settings that may be on the front:
+/// too noisy to tell. A graph that draws from the previous frame is not judged, because still views hide its error.
 ///
-/// A run that was interrupted goes on. Rows are kept only as long as all that their numbers depend on is the same: the program, the
-/// scene, the cameras, the truth's pictures, the plans, the device.
+/// An interrupted run resumes. A row is measured again if anything that its numbers depend on has changed: the program, the
+/// scene, the cameras, the pictures of --truth, the plans, the device.
 ///
-/// Without SCENE, the demo scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
+/// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph trade                                        # the demo scene; ledger/ledger.html shows the result
@@ -56,7 +56,7 @@ pub struct Args {
     /// The graph whose parameters are changed: the name of a built-in one, or a path
     #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
     pipeline: String,
-    /// Set a parameter of the graph in every setting; it is not changed then. May be repeated
+    /// Fix a parameter of the graph in every setting; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
     /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
@@ -65,13 +65,13 @@ pub struct Args {
     /// Size of the pictures [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
-    /// Folder of the true pictures, one for each camera, named after its img_name [default: the exact renderer]
+    /// Folder of true pictures, one for each camera, named after its img_name [default: the exact renderer's pictures]
     #[arg(long, value_name = "DIR")]
     truth: Option<PathBuf>,
-    /// Folder for ledger.json, .csv, .html, .svg and .png; a run that was interrupted goes on from the first
+    /// Folder for ledger.json, .csv, .html, .svg and .png; an interrupted run resumes from ledger.json
     #[arg(short, long, value_name = "DIR", default_value = "ledger")]
     output: PathBuf,
-    /// Measure only settings whose name begins so, for instance `key_bits` or `preset`; may be repeated
+    /// Measure only settings whose names begin with this, for instance `key_bits` or `preset`; may be repeated
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
     #[command(flatten)]
@@ -166,14 +166,14 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Returns true if `--only` wants a setting; the exact settings are always wanted.
+/// Returns true if `--only` selects a setting; the exact settings are always selected.
 fn only(args: &Args, setting: &Setting) -> bool {
     args.only.is_empty()
         || setting.name == settings::EXACT
         || args.only.iter().any(|name| setting.name.starts_with(name.as_str()))
 }
 
-/// Lists the settings; an error if `--only` names none of them.
+/// Lists the settings; an error if `--only` selects none of them.
 fn chosen(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Result<Vec<Setting>> {
     let camera = cameras.first().context("no cameras")?;
     let controls = session.controls((camera.width, camera.height))?;
@@ -190,7 +190,7 @@ fn chosen(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Re
     Ok(all)
 }
 
-/// Describes all that the rows depend on; `exact` is the hash of the exact settings' plans.
+/// Describes everything that the rows depend on; `exact` is the hash of the exact settings' plans.
 fn origin(
     args: &Args,
     session: &mut Session<Backend>,
@@ -225,7 +225,7 @@ fn origin(
 
 /// Hashes the program's file.
 fn program() -> std::io::Result<String> {
-    // On Linux, the link leads to the program that runs, also when its file was replaced.
+    // On Linux, the link leads to the running program, even if its file was replaced.
     let link = fs::File::open("/proc/self/exe");
     let mut file = link.or_else(|_| fs::File::open(std::env::current_exe()?))?;
     let (mut hash, mut bytes) = (DefaultHasher::new(), vec![0; 1 << 20]);
@@ -274,7 +274,7 @@ fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<
     cameras.iter().zip(stems).map(load).collect()
 }
 
-/// The truth of a view: the exact renderer's, with the picture of a folder instead of its own if there is one.
+/// Returns the truth of a view: the exact renderer's, with its picture replaced by one of `--truth` if given.
 fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> View {
     let mut view = View::exact(scene, camera).with_order(scene);
     if let Some(picture) = picture {

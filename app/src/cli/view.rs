@@ -29,17 +29,17 @@ pub const EXAMPLES: &str = "Examples:
 
 Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A S D fly. F frames the scene, F1 lists the rest.";
 
-/// Open a window on a scene, and change everything in it live
+/// Open a window on a scene, and edit its renderer live
 ///
-/// The graph, its includes and its shaders are reloaded when a file changes; a file in ./pipelines or ./shaders replaces the
-/// built-in one of the same name. The graph's parameters become controls. An error is shown over the last good picture until
-/// it is corrected.
+/// The graph, its includes and its shaders are reloaded when a file changes. A graph in the working directory or its pipelines/
+/// folder takes precedence over a built-in one of the same name. The graph's parameters become controls. An error is shown over
+/// the last good picture until it is corrected.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog
     ///
-    /// Without it, the demo scene is shown; the first use generates it. `cameras.json` in the scene's folder is loaded automatically.
+    /// The default is the demo scene, which the first use generates. Without --cameras, the cameras of a file beside the scene are loaded.
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
@@ -49,10 +49,10 @@ pub struct Args {
     /// Compare with another graph
     #[arg(long, value_name = "NAME")]
     compare: Option<String>,
-    /// Compare with another scene, from the same place of the world
+    /// Compare with another scene, from the same place in the world
     #[arg(long, value_name = "FILE.ply")]
     compare_scene: Option<PathBuf>,
-    /// Set a parameter of the other graph; without --compare, of the same graph; may be repeated
+    /// Set a parameter of the graph of --compare (without it, of a copy of the same graph); may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting)]
     compare_set: Vec<(String, String)>,
     /// Display of the comparison [default: split]
@@ -64,10 +64,10 @@ pub struct Args {
     /// Amplification of the difference
     #[arg(long, value_name = "FACTOR", default_value_t = 8.0)]
     gain: f32,
-    /// Resolution: pixels of the picture per pixel of the window, across and down
+    /// Resolution of the picture: its pixels per pixel of the window, in each direction
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     scale: f32,
-    /// Open tools, comma-separated [default: those of the last window; at first parameters,times,timeline,hud]
+    /// Tools to open, comma-separated [default: those of the last window; at first parameters,times,timeline,hud]
     #[arg(long, value_name = "PANELS", value_enum, value_delimiter = ',')]
     show: Vec<ShowPanel>,
     /// Inspect a resource after a pass (names as in `dump`), in the inspector
@@ -82,13 +82,13 @@ pub struct Args {
     /// Pick the splat at a place of the first picture, as shares of its width and height
     #[arg(long, value_name = "X,Y", value_parser = place, conflicts_with = "select")]
     pick: Option<[f32; 2]>,
-    /// Colours of the window [default: those of the last window; at first dark]
+    /// Theme of the window [default: that of the last window; at first dark]
     #[arg(long, value_enum)]
     theme: Option<Theme>,
     /// Draw as fast as the device can, without waiting for the display
     #[arg(long)]
     no_vsync: bool,
-    /// Draw all the time, also while nothing changes, to measure times
+    /// Draw continuously, even if nothing changes, to measure times
     #[arg(long)]
     continuous: bool,
     #[command(flatten)]
@@ -96,18 +96,18 @@ pub struct Args {
     /// Write events as JSON, one object per line; `-` is standard output
     #[arg(long, value_name = "FILE")]
     events: Option<PathBuf>,
-    /// Save the window's picture when everything is built, and close the window
+    /// Save a picture of the window once everything is built, and close the window
     #[arg(long, value_name = "FILE.png")]
     screenshot: Option<PathBuf>,
-    /// Draw all the time, and close the window after this many frames (with --screenshot: draw at least this many)
+    /// Draw continuously, and close the window after this many frames (with --screenshot: draw at least this many)
     #[arg(long, value_name = "N")]
     frames: Option<u64>,
 }
 
-/// Largest width and height of a window, in pixels. Window systems go a little further, and no display does.
+/// Largest width and height of a window, in pixels: more than any display has, and less than window systems allow.
 const LARGEST: u32 = 16_384;
 
-/// Window width below which two panels leave no room for a picture, in pixels.
+/// Window width in pixels below which two panels leave no room for a picture.
 const SMALL: u32 = 900;
 
 impl Args {
@@ -116,7 +116,7 @@ impl Args {
         self.drawing.size.unwrap_or((1600, 900))
     }
 
-    /// Refuses values that have no meaning, before anything is loaded.
+    /// Refuses invalid values, before anything is loaded.
     fn check(&self) -> Result<(), Usage> {
         let within = |name: &str, value: f32, range: RangeInclusive<f32>| match range.contains(&value) {
             true => Ok(()),
@@ -180,12 +180,12 @@ enum ShowPanel {
     /// Times and memory
     #[value(alias = "performance")]
     Times,
-    /// The selected pass, barrier, resource or splat, and contents of resources
+    /// The selected pass, barrier, resource or splat, with the contents of resources
     Inspector,
     /// Passes in order, with barriers and memory
     #[value(alias = "graph")]
     Timeline,
-    /// The time of a frame, and messages, on the picture
+    /// Frame time and messages, on the picture
     Hud,
     /// The picture alone
     None,

@@ -12,31 +12,31 @@ use std::path::PathBuf;
 /// Band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
 const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// The changes, which are made in the order of these options.
+/// The changes, applied in the order of these options.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Changes, in this order")]
 pub struct EditArgs {
     /// Append the splats of another scene; may be repeated
     #[arg(long, value_name = "SCENE")]
     pub merge: Vec<PathBuf>,
-    /// Move the scene: `scale:S`, `rotate:X,Y,Z,DEGREES` (about an axis through the origin) or `move:X,Y,Z`; may be repeated
+    /// Transform the scene: `scale:S`, `rotate:X,Y,Z,DEGREES` (about an axis through the origin) or `move:X,Y,Z`; may be repeated
     #[arg(long, value_name = "KIND:NUMBERS", value_parser = transform)]
     transform: Vec<Similarity>,
     /// Keep the splats whose centres are inside: `box:X,Y,Z,X,Y,Z` (two corners) or `sphere:X,Y,Z,RADIUS`
     #[arg(long, value_name = "KIND:NUMBERS", value_parser = crop)]
     crop: Option<Crop>,
-    /// Keep the splats for which this is true, for instance 'opacity > 0.05 && scale_max < 0.5'
+    /// Keep the splats for which this expression is true, for instance 'opacity > 0.05 && scale_max < 0.5'
     ///
     /// Names: x, y, z (centre, in the world), opacity (0 to 1), scale_min, scale_max (standard deviations), red, green, blue (band 0,
     /// 0 to 1 and beyond), index. Operators and functions are those of expressions in graphs.
     #[arg(long = "where", value_name = "EXPRESSION", value_parser = condition)]
     condition: Option<Condition>,
-    /// Order the splats: `file`, or `morton`, in which neighbours are near each other
+    /// Order of the splats: `file`, or `morton`, which puts neighbours in space near each other
     #[arg(long, value_name = "ORDER", default_value = "file", value_parser = ["file", "morton"])]
     order: String,
 }
 
-/// A part of space. Coordinates are the world's.
+/// A region of space, in world coordinates.
 #[derive(Clone, Copy, Debug)]
 enum Crop {
     Box([DVec3; 2]),
@@ -50,7 +50,7 @@ struct Condition {
     expr: Expr,
 }
 
-/// Parses `KIND:NUMBERS`, of a kind that has so many numbers.
+/// Parses `KIND:NUMBERS`, for a kind with a given number of numbers.
 fn numbers<'a>(text: &'a str, kinds: &[(&str, usize, &str)]) -> Result<(&'a str, Vec<f64>), String> {
     let parse = || {
         let (kind, rest) = text.split_once(':')?;

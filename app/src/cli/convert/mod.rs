@@ -1,4 +1,4 @@
-//! Runs `splatgraph convert`: writes a scene in another format, and says what that loses.
+//! Runs `splatgraph convert`: writes a scene in another format, and lists what is lost.
 
 mod edit;
 
@@ -19,10 +19,10 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph convert scene.ply part.spz --crop sphere:0,0,0,2 --where 'opacity > 0.05'
   splatgraph convert a.ply both.ply --merge b.ply --transform rotate:1,0,0,180";
 
-/// Write a scene in another format, and say what that loses
+/// Write a scene in another format, and list what is lost
 ///
-/// The bytes of IN tell its format; that of OUT is told by its extension or by --format. The last lines compare the sizes and list what
-/// the format rounds or drops.
+/// The contents of IN determine its format; the format of OUT follows from its extension or from --format. The last lines compare the
+/// sizes and list what the format rounds or drops.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -100,7 +100,7 @@ impl Write for Counted<'_> {
     }
 }
 
-/// The input, as the last lines tell of it.
+/// Description of the input for the last lines.
 struct Before {
     format: String,
     file_bytes: u64,

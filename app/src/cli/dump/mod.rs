@@ -32,7 +32,7 @@ Two plans side by side:
 On Apple's GPUs:
   splatgraph dump digit4 --backend metal                   # encoders, fences and barriers, beside Vulkan's";
 
-/// Show the plan that a graph becomes: passes in order, barriers, resources
+/// Show the plan of a graph: passes in order, barriers, resources
 ///
 /// No GPU is needed. Without --device, the plan is for the smallest supported device, with subgroups of 32 lanes; without --scene,
 /// for a million splats with spherical harmonics of degree 3. With --diff, the differences between two plans are shown. The
@@ -46,13 +46,13 @@ pub struct Args {
     /// Set a parameter of the graph (of both graphs, with --diff); may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
-    /// Compare with the plan of this graph (b): additions, omissions and changes
+    /// Compare with the plan of this graph (b): what is added, removed and changed
     #[arg(long, value_name = "NAME", conflicts_with = "times")]
     diff: Option<String>,
     /// Set a parameter of the graph of --diff, after --set; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, requires = "diff")]
     set_b: Vec<(String, String)>,
-    /// Add GPU times: the medians of a file from `splatgraph render --json`
+    /// Add GPU times: medians from a file of `splatgraph render --json`
     #[arg(long, value_name = "STATS.JSON")]
     times: Option<PathBuf>,
     /// Build the plan for this scene's facts (number of splats, degree of the harmonics)
@@ -93,7 +93,7 @@ enum Form {
 enum Api {
     /// The barriers of the plan, which are Vulkan's
     Vulkan,
-    /// Beside them encoders, fences and barriers of Metal
+    /// Metal's encoders, fences and barriers, beside Vulkan's barriers
     Metal,
 }
 
@@ -126,7 +126,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         .into());
     }
     let mut guard = guard(args)?;
-    // Before the plan is made, which takes longer to fail.
+    // Before the plan is built, which takes longer.
     let times = args.times.as_deref().map(times::load).transpose()?;
     let (scene, catalog) = match &args.scene {
         Some(path) => {
@@ -167,7 +167,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Adds the times, and warns if the file may be of another graph or of other parameters.
+/// Adds the times, and warns if they may be of another graph or of other parameters.
 fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
     let (timed, found) = dump.with_times(&times.passes);
     let missing = timed.passes.iter().filter(|p| p.gpu_ms.is_none() && !p.needs_no_time()).count();

@@ -46,8 +46,8 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Draw a scene
 ///
-/// A graph draws it on a device; with `--backend reference`, the exact renderer does, on the CPU, in f64. Without SCENE, the demo
-/// scene is drawn; the first use generates it. Without cameras, one that frames the scene is used.
+/// A graph draws the scene on a device; with `--backend reference`, the exact renderer draws it on the CPU, in f64. The default
+/// scene is the demo scene, which the first use generates. The default camera frames the scene.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -57,17 +57,17 @@ pub struct Args {
     drawing: Drawing,
     #[command(flatten, next_help_heading = "A camera without a file")]
     look: LookAtArgs,
-    /// Choose the renderer: `vulkan`, on Apple's systems `metal`, or `reference`, the exact one on the CPU
+    /// Renderer: `vulkan`, `metal` (on Apple's systems), or `reference`, the exact renderer on the CPU
     ///
-    /// The first two execute the graph on a device. `null` executes nothing, for a look at what everything else costs: its pictures are
-    /// black, and its times mean nothing. The exact renderer follows the published CUDA rasteriser rule by rule in f64, shares no
-    /// arithmetic with the shaders and executes no graph. Other pictures are measured against its own.
+    /// `vulkan` and `metal` execute the graph on a device. `null` executes nothing, to measure everything else: its pictures are
+    /// black, and its times mean nothing. The exact renderer follows the rules of the published CUDA rasteriser in f64. It shares no
+    /// arithmetic with the shaders and executes no graph; errors are measured against its pictures.
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
     backend: Renderer,
     /// Change a rule of the exact renderer; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = exact::rule_help())]
     rule: Vec<(String, String)>,
-    /// Write what the exact renderer knows of each pixel: `transmittance` (float32) or `contributors` (splats, uint32)
+    /// Write a map by the exact renderer: `transmittance` (float32) or `contributors` (number of blended splats, uint32)
     #[arg(long, value_name = "NAME=FILE.npy", value_parser = exact::map)]
     map: Vec<(Map, PathBuf)>,
     /// Background colour, display-encoded, 0 to 1
@@ -75,9 +75,9 @@ pub struct Args {
     background: [f32; 3],
     /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder
     ///
-    /// A name without one of these extensions is a folder: it gets one picture per camera, named after the camera's img_name.
-    /// What a file name cannot have becomes `_`, and two cameras never share a file: the second gets its index after its name.
-    /// `-` writes the picture of one camera to standard output, in the format of --format. A picture is whole, or not there.
+    /// A name without one of these extensions is a folder for one picture per camera, named after the camera's img_name.
+    /// Characters that a file name cannot have become `_`, and cameras of equal names get their index appended.
+    /// `-` writes the picture of one camera to standard output, in the format of --format. Files are complete, or not written.
     #[arg(short, long, value_name = "OUT", required_unless_present_any = ["json", "inspect", "map"])]
     output: Option<PathBuf>,
     /// Format of the pictures in a folder [default: png]
@@ -86,26 +86,26 @@ pub struct Args {
     /// Write statistics as JSON, one entry per camera; `-` is standard output
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
-    /// Number of frames per camera; times are medians over them, after a warm-up of a fifth of a second where there are several
+    /// Number of frames per camera; times are their medians. If above 1, the device is warmed up for a fifth of a second first
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
     repeat: u32,
     /// Number of pictures that may be drawn and not yet written [default: two per processor]
     ///
-    /// The device draws while processors encode. Where memory is short, fewer pictures wait. Any number gives the same files and the
-    /// same order of messages.
+    /// The device draws while processors encode. If memory is short, fewer pictures wait. The number does not change the files or the
+    /// order of messages.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
     /// Read a resource back after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
     ///
-    /// `keys` stands for the half of the pair that the pass writes, `scatter` for the last of `sort.scatter[0]`,
-    /// `sort.scatter[1]`, ... For a resource whose name begins with `keys`, the output says whether its keys ascend.
+    /// For a ping-pong buffer `keys`, the half that the pass writes is read; `scatter` is the last of `sort.scatter[0]`,
+    /// `sort.scatter[1]`, ... For sort keys, the output says whether they ascend.
     #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = inspect_request)]
     inspect: Vec<InspectRequest>,
     #[command(flatten)]
     device: DeviceArgs,
 }
 
-/// Names the renderer of `--backend`.
+/// The renderer of `--backend`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Renderer {
     Device(Api),
@@ -143,18 +143,18 @@ fn repeat(text: &str) -> Result<u32, String> {
     }
 }
 
-/// The cameras of a run and its files, known before the device is opened.
+/// The cameras and files of a run, known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
     /// The cameras of the command line; `None` for those of the scene.
     given: Option<Vec<Camera>>,
     destination: Option<Destination>,
-    /// A file name for each camera, without extension, unlike all others.
+    /// A unique file name for each camera, without extension.
     stems: Vec<String>,
     guard: OutputGuard,
 }
 
-/// Reads the cameras and chooses the names of all files; an error if one of them would destroy another, or an input.
+/// Reads the cameras and chooses the names of all files; an error if one of them would overwrite another, or an input.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     refuse_options_of_others(args)?;
     let destination = Destination::of(args.output.as_deref(), args.format)?;
