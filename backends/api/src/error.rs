@@ -1,14 +1,14 @@
-//! Errors of backends, by what can be done about them.
+//! Errors of backends, classified by how to recover.
 
 use std::fmt;
 
 /// The error of a backend's call. [`BackendError::recovery`] classifies it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BackendError {
-    /// There is no driver, no such device or no validation layer, or the window cannot be drawn in.
+    /// The driver, the device or the validation layer is missing, or the window cannot be drawn to.
     #[error("{0}")]
     Unavailable(String),
-    /// The plan or the frame needs more of something than the device has.
+    /// The plan or the frame exceeds a limit of the device.
     #[error("{0}")]
     Limit(LimitExceeded),
     /// The plan needs something that the device does not support.
@@ -19,12 +19,12 @@ pub enum BackendError {
     OutOfMemory {
         /// The resource, or the call that failed.
         name: String,
-        /// The size that was asked for; 0 where the driver does not say.
+        /// The requested size; 0 if unknown.
         bytes: u64,
         /// The answer of the allocator or the driver.
         reason: String,
     },
-    /// The plan contradicts itself, or the inputs of a frame do not fit the plan.
+    /// The plan is inconsistent, or the inputs of a frame do not fit the plan.
     #[error("{0}")]
     Invalid(String),
     /// The scene cannot supply an attribute that the plan reads.
@@ -45,7 +45,7 @@ pub enum BackendError {
         /// The driver's answer.
         answer: String,
     },
-    /// The window's surface is lost, and another for the same window is, too: the window or its display is gone.
+    /// The window's surface was lost, and so was a new one: the window or its display is gone.
     #[error(
         "{call} answered that the window's surface is lost: the window was closed, or its display went away"
     )]
@@ -53,17 +53,17 @@ pub enum BackendError {
         /// The call that failed.
         call: &'static str,
     },
-    /// The device has finished nothing for long. What was submitted stays in flight, and can be waited for again.
+    /// The device has finished no pass for too long. Submitted work stays in flight, and can be waited for again.
     #[error("{place} has been running for {seconds} s; it may never end")]
     Stuck {
-        /// The pass that the device runs, with its plan, as far as is known.
+        /// The running pass with its plan, as far as known.
         place: String,
         /// Seconds since the device last finished a pass.
         seconds: u64,
     },
-    /// The driver's compiler did not come to the end of a pipeline, and the plan was given up.
+    /// The driver's compiler did not finish a pipeline in time, and the load was abandoned.
     ///
-    /// The same plan can be tried again once it has.
+    /// The plan can be loaded once the compiler has finished.
     #[error(
         "the driver has been compiling shader `{shader}` for pass `{pass}` of `{plan}` for more than {seconds} s; it may never end"
     )]
@@ -72,18 +72,18 @@ pub enum BackendError {
         plan: String,
         /// The first pass that the pipeline is for.
         pass: String,
-        /// The shader; of a draw, that of the vertices.
+        /// The shader; for a draw, the vertex shader.
         shader: String,
-        /// Seconds that were waited.
+        /// Seconds waited.
         seconds: u64,
     },
-    /// The caller asked for the end of a load; see [`Loader::cancelled_by`](crate::Loader::cancelled_by).
+    /// The caller cancelled the load; see [`Loader::cancelled_by`](crate::Loader::cancelled_by).
     #[error("the load was cancelled")]
     Cancelled,
     /// The device stopped; names the pass that ran last.
     #[error("device lost: {0}")]
     DeviceLost(String),
-    /// Any other answer of the API to a call.
+    /// Any other error of an API call.
     #[error("{call} failed: {answer}")]
     Api {
         /// The call that failed.
@@ -93,21 +93,21 @@ pub enum BackendError {
     },
 }
 
-/// Quotes the name of a resource or a call; what has a quoted name in it stays as it is.
+/// Quotes the name of a resource or a call, unless it contains a quoted name.
 fn quoted(name: &str) -> String {
     if name.contains('`') { name.to_string() } else { format!("`{name}`") }
 }
 
-/// The class of a [`BackendError`], by the action that can mend it.
+/// The class of a [`BackendError`], by the way to recover.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Recovery {
-    /// The same call may succeed if it is made again.
+    /// Retrying the call may succeed.
     Retry,
-    /// The user can mend it: install a driver, choose another device, scene or parameter, or free memory.
+    /// The user can act: install a driver, choose another device, scene or parameter, or free memory.
     User,
-    /// The program or the driver has a defect: the plan, the inputs or an answer is wrong.
+    /// A bug of the program or the driver: the plan, the inputs or an answer is wrong.
     Defect,
-    /// The device has ended: open another.
+    /// The device is lost: open another.
     DeviceEnded,
 }
 
@@ -134,11 +134,11 @@ impl BackendError {
 /// A limit of the device that a plan or a frame exceeds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LimitExceeded {
-    /// The thing that is limited, for instance "the size of buffer `keys`".
+    /// What is limited, for instance "the size of buffer `keys`".
     pub what: String,
     /// The amount needed.
     pub needed: u64,
-    /// The amount that the device allows at most.
+    /// The maximum of the device.
     pub available: u64,
     /// The unit of both amounts.
     pub unit: Unit,
@@ -147,9 +147,9 @@ pub struct LimitExceeded {
 /// The unit of a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
-    /// Bytes, shown in mebibytes where there are many.
+    /// Bytes, shown in mebibytes if large.
     Bytes,
-    /// A number of things.
+    /// A count.
     Count,
 }
 
@@ -168,7 +168,7 @@ impl fmt::Display for LimitExceeded {
     }
 }
 
-/// Formats a byte count: `152.6 MiB`, or bytes where it is less than a tenth of a mebibyte.
+/// Formats a byte count: `152.6 MiB`, or bytes below a tenth of a mebibyte.
 pub fn display_bytes(bytes: u64) -> String {
     const MIB: f64 = 1024.0 * 1024.0;
     if (bytes as f64) < 0.1 * MIB {

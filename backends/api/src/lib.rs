@@ -1,8 +1,8 @@
 //! The interface between applications and backends: a device that loads a plan and renders frames of it.
 //!
 //! A backend executes [`splatgraph_framework::plan::Plan`]s. It owns the device, the plan's memory and pipelines, and the
-//! uploads of the scene. What comes after what is decided by the plan's dependencies; a backend looks for no conflicts of its
-//! own. The order of calls is: open the device (each backend's own constructor), [`Device::load`] a plan with the scene's data, then [`Device::submit`] frames and
+//! uploads of the scene. It takes the order of accesses from the plan's dependencies, and looks for no conflicts itself.
+//! The order of calls is: open the device (each backend's own constructor), [`Device::load`] a plan with the scene's data, then [`Device::submit`] frames and
 //! [`Device::wait`] for their results, with up to [`FRAMES_IN_FLIGHT`] submitted and not yet waited for.
 
 #![deny(missing_docs)]
@@ -21,7 +21,7 @@ use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Frames that may be submitted before the oldest is waited for.
+/// Maximum number of frames in flight.
 pub const FRAMES_IN_FLIGHT: usize = 2;
 
 /// A physical device that a backend could open.
@@ -29,15 +29,15 @@ pub const FRAMES_IN_FLIGHT: usize = 2;
 pub struct DeviceInfo {
     /// Position in the backend's list of devices.
     pub index: usize,
-    /// Name that the driver gives, such as `NVIDIA H100 80GB HBM3`.
+    /// Name from the driver, such as `NVIDIA H100 80GB HBM3`.
     pub name: String,
     /// For instance `discrete`, `integrated`, `cpu`.
     pub kind: String,
     /// Name and version of the driver.
     pub driver: String,
-    /// The facts that graphs can use; all 0 where the device lacks the API version.
+    /// The facts that graphs can use; all 0 if the device lacks the API version.
     pub facts: DeviceFacts,
-    /// The bounds of accesses beyond the ends of buffers and images, where the device is opened with them.
+    /// The bounds of accesses beyond the ends of buffers and images, unless it is opened without them.
     pub robustness: Robustness,
     /// The largest of its memory heaps.
     pub heap: Heap,
@@ -58,10 +58,10 @@ pub struct Robustness {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Bounds {
-    /// None: they reach other memory, and can end the device or the program.
+    /// Unbounded: accesses reach other memory, and can crash the device or the program.
     #[default]
     None,
-    /// They stay within the memory of the resource, and may read and write any of it.
+    /// Accesses stay within the memory of the resource, and may read or write any of it.
     Memory,
     /// Reads give 0, and writes do nothing.
     Exact,
@@ -88,27 +88,27 @@ impl fmt::Display for Robustness {
 pub struct Heap {
     /// Its size in bytes.
     pub bytes: u64,
-    /// Bytes that this process could still allocate of it when it was asked, as the driver estimates, the needs of other programs
-    /// considered (in Vulkan by `VK_EXT_memory_budget`). `None` where the driver does not say.
+    /// The driver's estimate of the bytes that this process could still allocate (in Vulkan by
+    /// `VK_EXT_memory_budget`), taken when the device was listed. `None` if unknown.
     pub available: Option<u64>,
 }
 
 /// The choice of a device to open.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// A part of the device's name in any case, or its index in the list of devices. Without it the first discrete GPU is
-    /// taken, else the first integrated one, else another, a CPU last.
+    /// A part of the device's name in any case, or its index in the list of devices. By default the first discrete GPU,
+    /// else the first integrated GPU, else another device, a CPU last.
     pub device: Option<String>,
     /// The checks of the API's validation.
     pub validation: Validation,
-    /// The longest time that one pass may run before calls that wait for it give up with [`BackendError::Stuck`]. Without it
-    /// 10 seconds, and ten minutes where the device is a CPU. Where the device does not tell its passes apart while it runs, as
-    /// lavapipe does not, it is the time of a frame.
+    /// Time that one pass may run before calls that wait for it return [`BackendError::Stuck`]. By default
+    /// 10 seconds, and ten minutes on a CPU. If the device does not report single passes while it runs, as
+    /// on lavapipe, it applies to a frame.
     pub patience: Option<Duration>,
-    /// The longest time that the driver may take over one pipeline before the load of its plan fails with
-    /// [`BackendError::StuckCompiler`]. Without it 60 seconds.
+    /// Time that the driver may take for one pipeline before the load fails with
+    /// [`BackendError::StuckCompiler`]. By default 60 seconds.
     pub compile_patience: Option<Duration>,
-    /// Leaves accesses beyond the ends of buffers and images unchecked, to measure what the checks cost. See
+    /// Disables the checks of accesses beyond the ends of buffers and images, to measure their cost. See
     /// [`DeviceInfo::robustness`].
     pub unchecked: bool,
 }
@@ -116,12 +116,12 @@ pub struct Options {
 /// The checks that the API's validation makes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Validation {
-    /// None of it.
+    /// No validation.
     #[default]
     Off,
     /// The default checks.
     On,
-    /// The default checks and synchronization validation: every hazard that it can see is a message.
+    /// The default checks, and synchronization validation, which reports hazards.
     Synchronization,
 }
 
@@ -130,26 +130,26 @@ pub enum Validation {
 pub struct DeviceMemory {
     /// Bytes in use by objects.
     pub used: u64,
-    /// Bytes allocated from the device: those in use, and the rest of the pieces that they were cut from.
+    /// Bytes allocated from the device, including unused parts of the allocations.
     pub reserved: u64,
 }
 
-/// Reads the bytes of the scene's attributes, as a plan asks for them.
+/// Supplies the bytes of the scene's attributes.
 pub trait SceneData: Sync {
-    /// Writes a piece of plane `plane` of `attribute` into `target`: the bytes from `offset` on.
+    /// Copies bytes of plane `plane` of `attribute`, from `offset` on, into `target`.
     ///
-    /// The plane has the plan's stride * count bytes. Its pieces are asked for while loading, each once, in ascending order;
-    /// `offset` and the length of `target` are multiples of the stride. `target` may be memory that is slow to read.
+    /// The plane has stride * count bytes, as in the plan. A load requests each piece once, in ascending order;
+    /// `offset` and the length of `target` are multiples of the stride. `target` may be slow to read.
     ///
     /// # Errors
-    /// The reason, in words, why the scene cannot supply it.
+    /// The reason why the scene cannot supply them.
     fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String>;
 
-    /// Returns a number that differs whenever the data does: planes uploaded under the same identity are kept.
+    /// Returns an identity of the data: planes uploaded under the same identity are reused.
     fn identity(&self) -> u64;
 }
 
-/// Stands for no scene, for plans that import no attributes.
+/// No scene, for plans that import no attributes.
 pub struct NoScene;
 
 impl SceneData for NoScene {
@@ -171,47 +171,47 @@ pub struct FrameInputs {
     pub live: Vec<u8>,
     /// Contents of each host buffer, by name.
     pub buffers: BTreeMap<String, BufferContents>,
-    /// Keep the output as a picture that other plans of this device can read: see [`Device::picture`].
+    /// Keeps the output as a picture that other plans of this device can read: see [`Device::picture`].
     pub show: bool,
-    /// Show the output in the device's window, if it has one: see [`Windowed`].
+    /// Shows the output in the device's window, if any: see [`Windowed`].
     pub present: bool,
-    /// Read the output image back.
+    /// Reads the output image back.
     pub read_output: bool,
-    /// Read resources back, each right after a pass of the frame (by index into the plan's passes), or after a pass of the
+    /// Reads resources back, each right after a pass of the frame (by index into the plan's passes), or after a pass of the
     /// prologue in the frame that runs it.
     pub inspect: Vec<Inspect>,
-    /// Leave out the timestamps of the passes, which take a device some time themselves. Those of the whole frame stay.
+    /// Omits the timestamps of passes, which cost time. The timestamps of the whole frame stay.
     pub untimed_passes: bool,
 }
 
 /// The contents of a host buffer for one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BufferContents {
-    /// Bytes of the host. The same [`Arc`] as in the frame before is not copied again.
+    /// Bytes of the host. The [`Arc`] of the previous frame is not copied again.
     Bytes(Arc<Vec<u8>>),
-    /// The output of another plan, row 0 at the top, rows tightly packed, pixels as its format has them.
+    /// The output of another plan, row 0 at the top, rows tightly packed, pixels in its format.
     Picture(Picture),
-    /// Some rows of such an output, for one that is larger than a storage binding may be. They are bound as a buffer, and cannot be
-    /// arguments of indirect calls.
+    /// Rows of an output that exceeds the limit of a storage binding. They cannot be
+    /// arguments of indirect commands.
     Rows {
         /// The output.
         picture: Picture,
-        /// The first row. Its place in bytes must be a multiple of [`ROWS_ALIGNMENT`].
+        /// The first row. Its byte offset must be a multiple of [`ROWS_ALIGNMENT`].
         first: u32,
         /// The number of rows, at least one.
         count: u32,
     },
 }
 
-/// The alignment in bytes of the first row of [`BufferContents::Rows`]: the largest that any device asks for.
+/// The alignment in bytes of the first row of [`BufferContents::Rows`]: the largest that any device requires.
 pub const ROWS_ALIGNMENT: u64 = 256;
 
 /// The output of a frame that was submitted with [`FrameInputs::show`], on the device.
 ///
-/// It can be read until its executor shows another size or format, or is dropped; frames in flight that read it keep it.
+/// It can be read until its executor is dropped or shows another size or format. Frames in flight keep it alive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Picture {
-    /// Number that tells pictures of one device apart.
+    /// Unique number among the pictures of a device.
     pub id: u64,
     /// Format of a pixel.
     pub format: Format,
@@ -234,20 +234,20 @@ pub struct Inspect {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct FrameId(pub u64);
 
-/// The work that a device executes at present.
+/// The work that a device is executing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Running {
     /// The pass with its plan, for instance "pass `sort.scan[0]` of `splat`", as far as is known.
     pub place: String,
-    /// The time since the device last finished a pass, or since it was first looked at after that.
+    /// The time since the device last finished a pass, or since the first query after that.
     pub time: Duration,
 }
 
 /// The results of a frame.
 #[derive(Clone, Debug, Default)]
 pub struct FrameResult {
-    /// GPU milliseconds per pass that ran, in order of execution (prologue included in the frame that ran it; the host's
-    /// step, which runs nothing, left out). `None` where the device has no timestamps.
+    /// GPU milliseconds of each pass, in order of execution (including the prologue in the frame that ran it, without the
+    /// host's step). `None` without timestamps.
     pub pass_ms: Vec<(PassId, Option<f64>)>,
     /// GPU milliseconds from the first to the last command of the frame.
     pub total_ms: Option<f64>,
@@ -255,13 +255,13 @@ pub struct FrameResult {
     pub record_ms: f64,
     /// The plan's statistics, in the plan's order.
     pub stats: Vec<(String, u32)>,
-    /// The output, if it was asked for.
+    /// The output, if requested.
     pub output: Option<Pixels>,
-    /// The bytes of the inspected resources, in the order asked.
+    /// The bytes of the inspected resources, in the order of the requests.
     pub inspected: Vec<Vec<u8>>,
 }
 
-/// An image as the GPU holds it, row 0 at the top, rows tightly packed.
+/// An image in its GPU format, row 0 at the top, rows tightly packed.
 #[derive(Clone, Debug)]
 pub struct Pixels {
     /// Format of a pixel.
@@ -274,15 +274,15 @@ pub struct Pixels {
     pub bytes: PixelBytes,
 }
 
-/// Holds the bytes of a picture that was read back, where the device wrote them; clones share them.
+/// The bytes of a picture that was read back, in the memory that the device wrote; clones share them.
 ///
-/// Their memory is not written again before the last clone is gone. Frames that are read back meanwhile get memory of their own, so
-/// whoever keeps many pictures keeps as much memory.
+/// The memory is reused once the last clone is dropped. Meanwhile other frames get other memory, so
+/// keeping many pictures keeps their memory.
 #[derive(Clone)]
 pub struct PixelBytes(Arc<dyn AsRef<[u8]> + Send + Sync>);
 
 impl PixelBytes {
-    /// Wraps whatever holds the bytes.
+    /// Wraps an owner of bytes.
     pub fn new(holder: impl AsRef<[u8]> + Send + Sync + 'static) -> PixelBytes {
         PixelBytes(Arc::new(holder))
     }
@@ -311,48 +311,48 @@ impl fmt::Debug for PixelBytes {
 /// The progress of a load.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Progress<'a> {
-    /// Reports the pipeline that is made next.
+    /// The pipeline that is created next.
     Pipeline {
-        /// Pipelines that were made.
+        /// Pipelines created so far.
         done: usize,
         /// Pipelines of the plan.
         of: usize,
         /// Shader of the next one.
         shader: &'a str,
     },
-    /// Reports the upload of the scene.
+    /// The upload of the scene.
     Upload {
-        /// Bytes that were uploaded.
+        /// Bytes uploaded so far.
         done_bytes: u64,
-        /// Bytes to upload in all.
+        /// Bytes to upload in total.
         of_bytes: u64,
     },
 }
 
-/// Makes a plan ready to run while frames of another are being drawn, on any thread.
+/// Prepares a plan on any thread, while frames of another plan are drawn.
 pub trait Loader: Send + 'static {
-    /// A plan with everything that was created for it.
+    /// A plan with all objects created for it.
     type Ready: Send + 'static;
 
-    /// Makes [`Loader::prepare`] end early with [`BackendError::Cancelled`] when `cancel` asks for it, in whatever the driver is then.
+    /// Makes [`Loader::prepare`] return [`BackendError::Cancelled`] once `cancel` requests it, whatever the driver is doing.
     ///
-    /// An upload that was begun goes on to its end: the next plan finds the scene on the device.
+    /// An upload that has begun is finished, so that the next plan finds the scene on the device.
     #[must_use]
     fn cancelled_by(self, cancel: Cancel) -> Self;
 
-    /// Lets the plan take over the results of passes with `run: Once` of other plans of the device.
+    /// Lets the plan reuse results of `run: Once` passes of other plans of the device.
     ///
-    /// It takes over those for which all that they depend on is equal. The passes are left out, and both plans hold one buffer. Not for
-    /// measurements and inspections of these passes.
+    /// A result is reused if everything that it depends on is equal. The passes are then omitted, and both plans share a buffer. Do not
+    /// use this to measure or inspect these passes.
     #[must_use]
     fn sharing_results(self) -> Self;
 
-    /// Creates the plan's pipelines and resources, and uploads the scene attributes that it reads and that are not on the device
-    /// yet.
+    /// Creates the plan's pipelines and resources, and uploads the scene attributes that it reads, unless they are on the
+    /// device.
     ///
     /// # Errors
-    /// [`BackendError::StuckCompiler`] if the driver takes longer over a pipeline than [`Options::compile_patience`]. Nobody waits for
-    /// it any more then; the same plan is refused with the same error until the driver has come to its end.
+    /// [`BackendError::StuckCompiler`] if the driver takes longer for a pipeline than [`Options::compile_patience`]. The compiler's
+    /// thread is then abandoned, and the plan is refused with this error until the thread has finished.
     fn prepare(
         self,
         plan: Plan,
@@ -363,8 +363,8 @@ pub trait Loader: Send + 'static {
 
 /// An opened device, and the plan that it executes.
 ///
-/// Several contexts can be open on one device at a time ([`Device::new_context`]): each has a plan and frames of its own, and they
-/// take turns on one queue, in the order of their submission. Scene attributes that several read are on the device once.
+/// Several contexts can be open on one device ([`Device::new_context`]). Each has its own plan and frames. They share one
+/// queue, in the order of submission, and one copy of the scene's attributes.
 ///
 /// ```
 /// use splatgraph_api::{BackendError, Device, FrameInputs, NoScene, Pixels};
@@ -388,14 +388,14 @@ pub trait Device: Sized {
     /// Creates another context on the same device, without a plan.
     fn new_context(&self) -> Result<Self, BackendError>;
 
-    /// Returns true for contexts of one device: they take turns on its queue, and can read each other's [pictures](Device::picture).
+    /// Returns true for contexts of one device, which share its queue and can read each other's [pictures](Device::picture).
     fn shares_device(&self, other: &Self) -> bool;
 
     /// Makes the plan the current one: creates what it needs, uploads the scene attributes that it reads, and lets the
-    /// next frame run its prologue. On an error the former plan stays current.
+    /// next frame run its prologue. On an error the earlier plan stays current.
     ///
-    /// Does not wait for the former plan's frames: their results can be had as before. Where both plans have a history of
-    /// the same name and shape, and the scene is the same, the new plan goes on from what those frames leave in it.
+    /// Does not wait for frames of the earlier plan; their results stay available. If both plans have a history of
+    /// the same name and shape, and the scene is the same, the new plan continues from its contents.
     fn load(
         &mut self,
         plan: Plan,
@@ -410,58 +410,58 @@ pub trait Device: Sized {
     /// also before a [`Device::swap`] to another plan.
     fn loader(&self) -> Self::Loader;
 
-    /// Makes a prepared plan the current one, between two frames: the second half of [`Device::load`]. It waits for nothing.
+    /// Makes a prepared plan the current one, between two frames: the second half of [`Device::load`]. Never blocks.
     fn swap(&mut self, ready: <Self::Loader as Loader>::Ready) -> Result<(), BackendError>;
 
     /// Returns the output of the last frame that was submitted with [`FrameInputs::show`].
     fn picture(&self) -> Option<Picture>;
 
-    /// Records and submits a frame. Blocks only while [`FRAMES_IN_FLIGHT`] frames are still being executed, and, if the frame is
-    /// to be shown in a window, until the window can take it: see [`Windowed`].
+    /// Records and submits a frame. Blocks only while [`FRAMES_IN_FLIGHT`] frames are in flight and, for a frame to
+    /// present, until the window can accept it: see [`Windowed`].
     ///
     /// # Errors
-    /// [`BackendError::Stuck`] while the device runs one pass for longer than [`Options::patience`]. Nothing is submitted then.
+    /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. Nothing is submitted then.
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
 
     /// Blocks until the frame is done. Each frame's result can be taken once.
     ///
     /// # Errors
-    /// [`BackendError::Stuck`] while the device runs one pass for longer than [`Options::patience`]. The frame stays in flight.
+    /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. The frame stays in flight.
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError>;
 
     /// Takes the frame's result if the frame is done; never blocks.
     fn try_wait(&mut self, frame: FrameId) -> Result<Option<FrameResult>, BackendError>;
 
-    /// Says whether the next [`Device::submit`] need not wait for a frame in flight; never blocks.
+    /// Returns true if the next [`Device::submit`] would not wait for a frame in flight; never blocks.
     fn is_ready(&mut self) -> Result<bool, BackendError>;
 
-    /// Returns the work that the device executes at present, of all contexts on it; none if this context waits for nothing. Never
+    /// Returns the work that the device is executing for any context; `None` if this context has no frame in flight. Never
     /// blocks.
     ///
-    /// A program that must stay responsive calls it while a frame is not done, and goes without the frame if the time is long.
+    /// A responsive program calls it while a frame is not done, and continues without the frame if the time is long.
     fn running(&mut self) -> Option<Running>;
 
-    /// Lists names and bytes of device memory: the plan's resources first, then scene attributes, then the backend's own. Every
-    /// piece of memory is listed once, so that the sum is the allocated memory (of each context, what several share): resources that share one are one entry, under their
-    /// names joined by ` + `; a resource that exists once per frame in flight is one entry.
+    /// Lists names and bytes of device memory: the plan's resources, then scene attributes, then the backend's own. Every
+    /// allocation is listed once, so that the sum is the allocated memory (contexts each list what they share). Resources that share
+    /// memory are one entry, with names joined by ` + `; a resource with a copy per frame in flight is one entry.
     fn memory(&self) -> Vec<(String, u64)>;
 
     /// Describes the largest heap of the device's own memory, as it is now.
     fn heap(&self) -> Heap;
 
-    /// Returns the validation messages since the last call; none when validation is off.
+    /// Returns the validation messages since the last call; empty without validation.
     fn take_messages(&mut self) -> Vec<String>;
 }
 
-/// A device that shows its frames in a window. (Each backend has a constructor of its own for it.)
+/// A device that shows its frames in a window. (Each backend has its own constructor for it.)
 ///
-/// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks for them until the window has room: with
-/// vsync, once per refresh of the display. While the window shows nothing they are drawn and not shown.
+/// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks until the window accepts them: with
+/// vsync, once per refresh of the display. While the window is hidden, they are drawn and not shown.
 pub trait Windowed: Device {
-    /// Sets the window's size in pixels; a window of size 0 shows nothing.
+    /// Sets the window's size in pixels; a window of size 0 is hidden.
     fn resize_window(&mut self, width: u32, height: u32);
 
-    /// Sets whether frames wait for the display's refresh, as they do at first. Without it they are shown as fast as they are
-    /// drawn, where the window system allows it.
+    /// Enables vsync (the default), or shows frames as fast as they are drawn, if the window system allows
+    /// it.
     fn set_vsync(&mut self, vsync: bool);
 }

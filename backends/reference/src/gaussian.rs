@@ -1,4 +1,4 @@
-//! Splats as the reference reads them: one at a time, every number in f64.
+//! Splats as input of the reference: one at a time, in f64.
 
 use splatgraph_assets::Scene;
 
@@ -22,10 +22,10 @@ pub trait Splats: Sync {
     /// Number of splats.
     fn count(&self) -> usize;
 
-    /// Splat `index`, which is below [`Splats::count`].
+    /// Returns splat `index`, which is below [`Splats::count`].
     fn get(&self, index: usize) -> Gaussian;
 
-    /// True if f32 does not hold the positions, so that no depth can be computed from positions of f32.
+    /// Returns true if f32 cannot hold the positions, so that depths need f64 positions.
     fn is_wide(&self) -> bool {
         false
     }

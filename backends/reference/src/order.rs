@@ -1,17 +1,17 @@
-//! Depth order, and how far a given order is from it.
+//! Sorts splats by depth, and counts how far a given order is from this.
 
 use crate::gaussian::Splats;
 use crate::rules::{Depth, Rules, Ties};
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
 
-/// World to view space, in f64 and rounded to f32 once per element, as the rasteriser is given it.
+/// The transform from world to view space, in f64, and rounded to f32 per element, as the rasteriser receives it.
 pub(crate) struct View {
     rows: [[f64; 3]; 3],
     eye: [f64; 3],
     /// Elements 2, 6, 10 and 14 of the rasteriser's matrix: the view direction, and the translation along it.
     depth_row: [f32; 4],
-    /// Positions have more digits than f32.
+    /// True if positions need more digits than f32 has.
     wide: bool,
 }
 
@@ -34,11 +34,11 @@ impl View {
         self.rows
     }
 
-    /// The depth that culling and sorting go by.
+    /// Computes the depth for culling and sorting.
     ///
     /// In f32 it is `fma(m10, z, fma(m6, y, m2 * x)) + m14`, the order in which the compiler of the rasteriser contracts
-    /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h): equal bits give equal ties. That rasteriser cannot be given a position with
-    /// more digits than f32: its depth is computed in f64, and rounded.
+    /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h): equal bits give equal ties. Positions that need more digits than f32 have
+    /// no counterpart there: their depth is computed in f64, and rounded.
     pub(crate) fn depth(&self, p: [f64; 3], rule: Depth) -> f64 {
         match rule {
             Depth::F64 => self.point(p)[2],
@@ -89,7 +89,7 @@ pub fn inversions(truth: &[u32], given: &[u32]) -> Option<u64> {
     let mut sequence: Vec<u32> = Vec::with_capacity(given.len());
     for index in given {
         let rank = ranks.get_mut(*index as usize)?;
-        // Taken, so that a second occurrence is found missing.
+        // Take it, so that a second occurrence is detected.
         sequence.push(std::mem::replace(rank, u32::MAX));
     }
     if given.len() != truth.len() || sequence.contains(&u32::MAX) {

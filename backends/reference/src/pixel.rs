@@ -1,7 +1,7 @@
-//! The splats of one pixel, with the share that each has of it.
+//! Lists the splats of one pixel, with their shares of it.
 //!
-//! [`fragments`] blends one pixel exactly as [`render`](crate::render) does, and keeps what the picture loses: which splats were
-//! blended, in which order, with which weights. [`project`] gives a splat's Gaussian on the image, for outlines.
+//! [`fragments`] blends one pixel exactly as [`render`](crate::render) does, and returns which splats were
+//! blended, in which order, with which weights. [`project`] returns a splat's Gaussian on the image, for outlines.
 
 use crate::gaussian::{Gaussian, Splats};
 use crate::order;
@@ -11,7 +11,7 @@ use crate::rules::Rules;
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
 
-/// Splats between two looks at a cancellation.
+/// Number of splats between checks for cancellation.
 const CHUNK: usize = 4096;
 
 /// A splat that is blended at a pixel.
@@ -19,7 +19,7 @@ const CHUNK: usize = 4096;
 pub struct Fragment {
     /// Index among the splats.
     pub index: u32,
-    /// View depth that is sorted by.
+    /// View depth for sorting.
     pub depth: f64,
     /// Alpha at the pixel, capped.
     pub alpha: f64,
@@ -39,7 +39,7 @@ impl Fragment {
 /// The splats of a pixel, near to far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Fragments {
-    /// Splats that are blended; those behind the one that finishes the pixel are not.
+    /// Blended splats, without those behind the splat that finishes the pixel.
     pub list: Vec<Fragment>,
     /// The background's share of the pixel.
     pub transmittance: f64,
@@ -110,7 +110,7 @@ pub fn fragments(
 /// A splat's Gaussian on the image. Lengths are pixels; pixel (0, 0) is sampled at (0, 0).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projected {
-    /// View depth that is sorted by.
+    /// View depth for sorting.
     pub depth: f64,
     /// Centre: right and down.
     pub center: [f64; 2],
@@ -124,7 +124,7 @@ pub struct Projected {
     pub color: [f64; 3],
 }
 
-/// Projects a splat; `None` where it is culled or degenerate, or touches no tile of the image.
+/// Projects a splat; `None` if it is culled or degenerate, or touches no tile of the image.
 pub fn project(splat: &Gaussian, camera: &Camera, rules: &Rules) -> Option<Projected> {
     let wide = splat.position.iter().any(|v| *v != f64::from(*v as f32));
     let Ellipse { depth, footprint, .. } = Projector::new(camera, rules, wide).project(0, splat)?;

@@ -1,4 +1,4 @@
-//! Projection: from a Gaussian in the world to an ellipse with a colour on the image.
+//! Projects a Gaussian in the world to an ellipse with a colour on the image.
 //!
 //! The 2D covariance is `M M^T + l I`, with `M` the 2 x 3 product of Jacobian, view rotation, rotation and scales, and `l`
 //! the low-pass variance. Two stable forms keep needles and giants exact, where the textbook forms cancel:
@@ -22,11 +22,11 @@ pub(crate) const TILE: u32 = 16;
 pub(crate) struct Ellipse {
     /// Index among the splats.
     pub index: u32,
-    /// The depth that is sorted by.
+    /// View depth for sorting.
     pub depth: f64,
-    /// Tiles that it touches: first column, first row, and the ones after the last.
+    /// Tiles that it touches: first column, first row, and the exclusive ends.
     pub tiles: [u32; 4],
-    /// The part that is read for every pixel.
+    /// The part that every pixel reads.
     pub footprint: Footprint,
 }
 
@@ -47,13 +47,13 @@ pub(crate) struct Footprint {
 }
 
 impl Footprint {
-    /// The alpha at a pixel, before the cap; `None` where the splat leaves no fragment.
+    /// Returns the alpha at a pixel, before the cap; `None` if the splat has no fragment there.
     #[inline]
     pub(crate) fn alpha(&self, x: f64, y: f64, rules: &Rules) -> Option<f64> {
         let (dx, dy) = (x - self.center[0], y - self.center[1]);
         let (p, q) = (self.u * dx, self.v * (dy - self.s * dx));
         let exponent = -0.5 * (p * p + q * q);
-        // The cutoff spares the exponential where the test below would fail anyway.
+        // Skip the exponential if the test below would fail anyway.
         if exponent < self.cutoff {
             return None;
         }
@@ -61,13 +61,13 @@ impl Footprint {
         (alpha >= rules.alpha_floor).then_some(alpha)
     }
 
-    /// The 2D covariance: xx, xy, yy.
+    /// Returns the 2D covariance: xx, xy, yy.
     pub(crate) fn covariance(&self) -> [f64; 3] {
         let xx = (self.u * self.u).recip();
         [xx, self.s * xx, (self.v * self.v).recip() + self.s * self.s * xx]
     }
 
-    /// The determinant of the 2D covariance.
+    /// Returns the determinant of the 2D covariance.
     pub(crate) fn determinant(&self) -> f64 {
         (self.u * self.v).powi(-2)
     }
@@ -84,7 +84,7 @@ pub(crate) struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    /// Prepares a camera; `wide` says whether positions have more digits than f32.
+    /// Prepares a camera; `wide` says whether positions need more digits than f32 has.
     pub(crate) fn new(camera: &'a Camera, rules: &'a Rules, wide: bool) -> Self {
         let tan =
             [f64::from(camera.width) / camera.fx, f64::from(camera.height) / camera.fy].map(|v| 0.5 * v);
@@ -97,12 +97,12 @@ impl<'a> Projector<'a> {
         self.camera.width as usize
     }
 
-    /// The splat on the image; `None` where it is culled, degenerate or touches no tile.
+    /// Projects a splat; `None` if it is culled, degenerate or touches no tile.
     pub(crate) fn project(&self, index: u32, splat: &Gaussian) -> Option<Ellipse> {
         self.project_onto(index, splat, |_| true)
     }
 
-    /// The splat on the image, as [`Projector::project`], if `wanted` takes its tiles: the colour is the larger half of the work.
+    /// Like [`Projector::project`], if `wanted` accepts its tiles. This saves computing colours, half of the work.
     pub(crate) fn project_onto(
         &self,
         index: u32,
@@ -129,7 +129,7 @@ impl<'a> Projector<'a> {
             LowPass::None | LowPass::Dilate(_) => splat.opacity,
             LowPass::Compensated(_) => splat.opacity * (sharp_det / det).sqrt(),
         };
-        // The exponent below which alpha is under the floor; a little lower, since the test on alpha itself decides.
+        // The exponent at which alpha falls below the floor; slightly lower, because the test on alpha decides.
         let floor = (self.rules.alpha_floor / opacity).ln() - 1e-9;
         let cutoff = match self.rules.extent {
             Extent::Tiles | Extent::Unbounded => floor,
@@ -148,14 +148,14 @@ impl<'a> Projector<'a> {
         Some(Ellipse { index, depth, tiles, footprint })
     }
 
-    /// The pixel position of a point of view space: `((ndc + 1) size - 1) / 2` (`ndc2Pix` in auxiliary.h).
+    /// Returns the pixel position of a point in view space: `((ndc + 1) size - 1) / 2` (`ndc2Pix` in auxiliary.h).
     fn pixel(&self, [x, y, z]: [f64; 3]) -> [f64; 2] {
         let ndc = [x / (self.tan[0] * z), y / (self.tan[1] * z)];
         let size = [self.camera.width, self.camera.height].map(f64::from);
         std::array::from_fn(|i| 0.5 * ((ndc[i] + 1.0) * size[i] - 1.0) + self.rules.pixel_offset)
     }
 
-    /// The rows of `M = J W R S`: the splat's three axes on the image, in pixels (`computeCov2D` and `computeCov3D` in
+    /// Returns the rows of `M = J W R S`, the splat's three axes on the image, in pixels (`computeCov2D` and `computeCov3D` in
     /// forward.cu).
     fn axes(&self, [x, y, z]: [f64; 3], splat: &Gaussian) -> [[f64; 3]; 2] {
         let slope = |value: f64, tan: f64| match self.rules.jacobian_clamp {
@@ -175,7 +175,7 @@ impl<'a> Projector<'a> {
         jacobian.map(|row| columns.map(|column| dot(row, column)))
     }
 
-    /// The tiles that the splat may touch; `None` where there are none.
+    /// Returns the tiles that the splat may touch; `None` without any.
     fn tiles(&self, center: [f64; 2], a: f64, c: f64, det: f64) -> Option<[u32; 4]> {
         let half: [f64; 2] = match self.rules.extent {
             // `preprocessCUDA` in forward.cu: the discriminant is floored at 0.1.
@@ -197,7 +197,7 @@ impl<'a> Projector<'a> {
     }
 }
 
-/// The rotation matrix of a quaternion w, x, y, z, by rows.
+/// Returns the rotation matrix of a quaternion w, x, y, z, by rows.
 fn rotation([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
     [
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],

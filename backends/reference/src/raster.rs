@@ -1,4 +1,4 @@
-//! Rasterisation: blends the sorted ellipses, front to back, at every pixel.
+//! Blends the sorted ellipses front to back at every pixel.
 
 use crate::gaussian::Splats;
 use crate::order;
@@ -8,10 +8,10 @@ use rayon::prelude::*;
 use splatgraph_assets::Camera;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Told how many of how many rows of tiles are done, from any thread.
+/// Progress callback: rows of tiles done, and their total. Called from any thread.
 pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
-/// An exact image with what is known of each pixel. Arrays hold `width * height` entries, row 0 at the top.
+/// An exact image with further data of each pixel. Arrays have `width * height` entries, row 0 at the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     /// Pixels across.
@@ -20,20 +20,20 @@ pub struct Picture {
     pub height: u32,
     /// Red, green and blue as blended: display-encoded as trained, not clamped.
     pub color: Vec<[f64; 3]>,
-    /// The share of the background that shows, 0 to 1.
+    /// The remaining transmittance, 0 to 1.
     pub transmittance: Vec<f64>,
-    /// Number of splats that were blended.
+    /// Number of blended splats.
     pub contributors: Vec<u32>,
 }
 
-/// A splat that can show in an image.
+/// A splat that may be visible in an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Visible {
     /// Index among the splats.
     pub index: u32,
-    /// The view depth that is sorted by.
+    /// View depth for sorting.
     pub depth: f64,
-    /// Tiles of 16 x 16 pixels that it touches: first column, first row, and the ones after the last.
+    /// Tiles of 16 x 16 pixels that it touches: first column, first row, and the exclusive ends.
     pub tiles: [u32; 4],
 }
 
@@ -49,7 +49,7 @@ pub fn visible(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rules) 
     (visible, projector.grid)
 }
 
-/// One pixel while it is blended, and after.
+/// State of a pixel during and after blending.
 #[derive(Clone, Copy)]
 struct Pixel {
     color: [f64; 3],
@@ -57,10 +57,10 @@ struct Pixel {
     contributors: u32,
 }
 
-/// Renders the splats as the camera sees them, over `background`, by these rules.
+/// Renders splats over `background` by the given rules.
 ///
-/// Deterministic: the number of threads changes no bit. Memory: about 150 bytes per visible splat, and 4 per splat and
-/// tile of the rows in work.
+/// The result does not depend on the number of threads. Needs about 150 bytes per visible splat, and 4 per splat and
+/// tile of the rows in progress.
 pub fn render(
     splats: &(impl Splats + ?Sized),
     camera: &Camera,

@@ -1,4 +1,4 @@
-//! The rules that make an image, each with a name, so that each can be changed.
+//! The rules of the exact renderer, each with a name by which it can be changed.
 //!
 //! [`Rules::PUBLISHED`] is what the rasteriser does (graphdeco-inria/diff-gaussian-rasterization, commit 59f5f77). The
 //! table [`RULES`] lists names, published values and sources; [`Rules::set`] changes a rule by its name.
@@ -6,12 +6,12 @@
 use serde::Serialize;
 use std::str::FromStr;
 
-/// Everything that can differ between two renderers of one scene. Lengths on the image are pixels.
+/// All rules that can differ between renderers of a scene. Lengths on the image are in pixels.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rules {
     /// Splats at this view depth or nearer are culled, in world units.
     pub near: f64,
-    /// Added to the pixel position of every centre, in x and y; pixels are sampled at integers.
+    /// Offset of the pixel position of every centre, in x and y; pixels are sampled at integers.
     pub pixel_offset: f64,
     /// Multiple of tan(fov / 2) that x / z and y / z are clamped to in the Jacobian; `None` does not clamp.
     pub jacobian_clamp: Option<f64>,
@@ -21,21 +21,21 @@ pub struct Rules {
     pub extent: Extent,
     /// Highest band of the spherical harmonics, 0 to 3.
     pub sh_degree: u32,
-    /// The direction that colours are evaluated in.
+    /// The direction in which colours are evaluated.
     pub sh_direction: ShDirection,
-    /// Least value of a channel of a splat's colour.
+    /// Minimum of a channel of a splat's colour.
     pub color_floor: Option<f64>,
-    /// Greatest value of a channel of a splat's colour.
+    /// Maximum of a channel of a splat's colour.
     pub color_ceiling: Option<f64>,
-    /// The precision of the depth that is culled and sorted by.
+    /// The precision of the depth for culling and sorting.
     pub depth: Depth,
     /// The order of equal depths.
     pub ties: Ties,
-    /// Fragments with less alpha are skipped.
+    /// Fragments with a lower alpha are skipped.
     pub alpha_floor: f64,
-    /// Greatest alpha of a fragment.
+    /// Maximum alpha of a fragment.
     pub alpha_cap: f64,
-    /// A pixel is finished before the splat that would bring its transmittance below this; `None` blends every splat.
+    /// A pixel ends before the splat that would bring its transmittance below this; `None` blends every splat.
     pub stop: Option<f64>,
 }
 
@@ -62,7 +62,7 @@ impl Rules {
     /// Changes the rule of this name (see [`RULES`]). Numbers are rounded to f32, as the rasteriser holds them.
     ///
     /// # Errors
-    /// For a name that is not in [`RULES`], and for a value that the rule does not take.
+    /// An unknown name, or an invalid value.
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), RuleError> {
         let info = RULES.iter().find(|rule| rule.name == name).ok_or_else(|| RuleError::unknown(name))?;
         self.assign(name, value).ok_or_else(|| RuleError::Value {

@@ -1,4 +1,4 @@
-//! Evaluation of expressions. Where C would wrap, truncate or be undefined, evaluation fails with the place of the
+//! Evaluates expressions. Where C would wrap, truncate or be undefined, evaluation fails with the place of the
 //! operand.
 
 use super::{BinaryOp, ExprError, Function, Node, NodeKind, Scope, UnaryOp};
@@ -60,7 +60,7 @@ fn binary(node: &Node, op: BinaryOp, operands: &[Node; 2], scope: &dyn Scope) ->
     let a = eval(left, scope)?;
     if let BinaryOp::And | BinaryOp::Or = op {
         let a = truth(left, a, &symbol)?;
-        // `x && y` is decided by a false x, `x || y` by a true one.
+        // A false x decides `x && y`, a true x decides `x || y`.
         let decided = a == (op == BinaryOp::Or);
         return Ok(Value::Bool(if decided { a } else { truth(right, eval(right, scope)?, &symbol)? }));
     }
@@ -81,7 +81,7 @@ fn binary(node: &Node, op: BinaryOp, operands: &[Node; 2], scope: &dyn Scope) ->
             (Number::Int(a), Number::Int(b)) => Some(a.cmp(&b)),
             _ => a.to_float().partial_cmp(&b.to_float()),
         };
-        // Without an order (a scope may hold NaN) every comparison is false, as in C.
+        // Comparisons with NaN, which a scope may hold, are false as in C.
         return Ok(Value::Bool(match op {
             BinaryOp::Less => order.is_some_and(|o| o.is_lt()),
             BinaryOp::LessEqual => order.is_some_and(|o| o.is_le()),
@@ -102,7 +102,7 @@ fn binary(node: &Node, op: BinaryOp, operands: &[Node; 2], scope: &dyn Scope) ->
                 BinaryOp::Subtract => a.checked_sub(b),
                 BinaryOp::Multiply => a.checked_mul(b),
                 BinaryOp::Divide => a.checked_div(b),
-                // Of i64::MIN % -1 only the quotient overflows; the remainder is 0.
+                // In i64::MIN % -1 only the quotient overflows; the remainder is 0.
                 _ => Some(a.wrapping_rem(b)),
             },
         ),
@@ -145,7 +145,7 @@ fn shift(node: &Node, op: BinaryOp, right: &Node, value: i64, by: i64) -> Result
         return Ok(Value::Int(value >> by));
     }
     let shifted = value << by;
-    // Bits that left at the top, or changed the sign, do not come back.
+    // Shifting back detects lost bits and a changed sign.
     integer(node, (shifted >> by == value).then_some(shifted))
 }
 
@@ -162,7 +162,7 @@ fn call(node: &Node, function: Function, arguments: &[Node], values: Vec<Value>)
             if b == 0 {
                 return Err(division_by_zero(&arguments[1]));
             }
-            // Division truncates towards zero, so only a positive quotient that is not whole has to go up.
+            // Division truncates towards zero, so only a positive inexact quotient must be rounded up.
             let round_up = a.wrapping_rem(b) != 0 && (a < 0) == (b < 0);
             integer(node, a.checked_div(b).map(|quotient| quotient + i64::from(round_up)))
         }
@@ -212,7 +212,7 @@ fn call(node: &Node, function: Function, arguments: &[Node], values: Vec<Value>)
                 let message = format!("`log2_ceil` needs an integer from 1 on, not {n}");
                 return Err(ExprError::new(message, arguments[0].place()));
             }
-            // The bits that n - 1 takes are the smallest k with 2^k >= n.
+            // The bit length of n - 1 is the smallest k with 2^k >= n.
             Ok(Value::Int(i64::from(64 - (n - 1).leading_zeros())))
         }
         Function::Float => match values[0] {
@@ -224,7 +224,7 @@ fn call(node: &Node, function: Function, arguments: &[Node], values: Vec<Value>)
             _ => match numbers()?[0] {
                 Number::Int(v) => Ok(Value::Int(v)),
                 Number::Float(v) => {
-                    // 2^63 is exact as a float, the largest i64 is not.
+                    // 2^63 is exact as a float; i64::MAX is not.
                     let limit = (1u64 << 63) as f64;
                     integer(node, (-limit..limit).contains(&v).then_some(v as i64))
                 }
@@ -251,7 +251,7 @@ fn division_by_zero(divisor: &Node) -> ExprError {
     ExprError::new("division by zero", divisor.place())
 }
 
-/// `who` is what needs the value, as a sentence names it.
+/// `who` names the user of the value in messages.
 fn number(node: &Node, value: Value, who: &str) -> Result<Number, ExprError> {
     match value {
         Value::Int(v) => Ok(Number::Int(v)),
@@ -292,7 +292,7 @@ fn type_name(value: &Value) -> &'static str {
     }
 }
 
-/// Names listed in full where nothing is near; more than these would drown the error.
+/// Maximum number of names to list in an error if none is near.
 const MAX_LISTED_NAMES: usize = 16;
 
 fn unknown_name(node: &Node, name: &str, scope: &dyn Scope) -> ExprError {

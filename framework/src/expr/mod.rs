@@ -1,8 +1,8 @@
-//! Small expressions that a graph may hold in place of numbers: `"ceil_div(n, 4096)"`, `"blend == 'over'"`.
+//! Small expressions that a graph may contain in place of numbers: `"ceil_div(n, 4096)"`, `"blend == 'over'"`.
 //!
 //! An [`Expr`] is parsed once, when the graph is read, and evaluated for every plan against a [`Scope`] that
 //! knows the parameters, the facts and the `let`s. There are four types, those of [`Value`]: 64-bit integers,
-//! floats, bools and texts. There is no implicit conversion but one: an integer beside a float becomes a
+//! floats, bools and texts. The only implicit conversion is from an integer to a float, beside a
 //! float.
 //!
 //! Nothing wraps around, nothing is rounded silently and nothing becomes infinite. A size that overflows is a
@@ -43,11 +43,11 @@ pub struct Expr {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct ExprError {
-    /// One sentence without a full stop.
+    /// The message: one sentence without a full stop.
     pub message: String,
     /// Offset of the first byte.
     pub start: usize,
-    /// Offset behind the last byte.
+    /// Offset after the last byte.
     pub end: usize,
     /// A suggestion, if there is one.
     pub help: Option<String>,
@@ -64,7 +64,7 @@ impl ExprError {
     }
 }
 
-/// Gives the names of an expression their values.
+/// Provides the values of an expression's names.
 pub trait Scope {
     /// Returns the value of a name.
     fn get(&self, name: &str) -> Option<Value>;
@@ -84,15 +84,15 @@ impl Scope for BTreeMap<String, Value> {
 }
 
 impl Expr {
-    /// Parses an expression. Fails on what does not follow the grammar, on integers beyond 64 bits, on unknown
-    /// functions and wrong numbers of arguments, and on expressions nested more than 128 levels deep (a sum
-    /// of 129 terms is one).
+    /// Parses an expression. Fails on syntax errors, integers beyond 64 bits, unknown functions, wrong numbers
+    /// of arguments, and expressions nested more than 128 levels deep (such as a sum
+    /// of 129 terms).
     pub fn parse(text: &str) -> Result<Expr, ExprError> {
         Ok(Expr { root: parse::parse(text)? })
     }
 
-    /// Lists every use of a name from the scope, in the order of the text, with its place in it. Functions are not
-    /// among them.
+    /// Lists every use of a name from the scope, in the order of the text, with its place. Functions are not
+    /// included.
     pub fn names(&self) -> impl Iterator<Item = (&str, Range<usize>)> {
         let mut names = Vec::new();
         self.root.collect_names(&mut names);
@@ -102,8 +102,8 @@ impl Expr {
     /// Evaluates the expression in `scope`.
     ///
     /// Fails, pointing at the operand or the operation, on unknown names, wrong types, overflow, division by
-    /// zero, shifts by less than 0 or more than 63, and results that are not finite. What `&&`, `||` and `?:`
-    /// do not reach is not evaluated, as in C.
+    /// zero, shifts by less than 0 or more than 63, and results that are not finite. `&&`, `||` and `?:`
+    /// short-circuit, as in C.
     pub fn eval(&self, scope: &dyn Scope) -> Result<Value, ExprError> {
         eval::eval(&self.root, scope)
     }
@@ -171,7 +171,7 @@ enum BinaryOp {
 }
 
 impl BinaryOp {
-    /// As written, and how strongly it binds (higher is tighter). All of them group left to right.
+    /// Text and precedence (higher binds tighter). All operators are left-associative.
     const TABLE: [(BinaryOp, &str, u8); 15] = [
         (BinaryOp::Or, "||", 1),
         (BinaryOp::And, "&&", 2),
@@ -191,7 +191,7 @@ impl BinaryOp {
     ];
 
     fn symbol(self) -> &'static str {
-        // The table is in the order of the variants; a test holds it to that.
+        // The table must be in the order of the variants; a test checks this.
         Self::TABLE[self as usize].1
     }
 }
@@ -209,7 +209,7 @@ enum Function {
 }
 
 impl Function {
-    /// Name, fewest and most arguments.
+    /// Name, minimum and maximum number of arguments.
     const TABLE: [(Function, &str, usize, usize); 8] = [
         (Function::CeilDiv, "ceil_div", 2, 2),
         (Function::Min, "min", 1, usize::MAX),

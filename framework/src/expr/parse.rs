@@ -1,4 +1,4 @@
-//! Parsing by precedence climbing: an operand, then every operator that binds at least as tightly as the minimum, each
+//! Parses by precedence climbing: an operand, then every operator that binds at least as tightly as the minimum, each
 //! with a right-hand side that binds more tightly.
 
 use std::ops::Range;
@@ -7,7 +7,7 @@ use super::{BinaryOp, ExprError, Function, Node, NodeKind, UnaryOp};
 use crate::ir::Value;
 use crate::source::nearest;
 
-/// Deepest tree. It bounds the recursion of everything that walks one: parsing, evaluating, dropping.
+/// Maximum height of a tree. Bounds the recursion of parsing, evaluating and dropping.
 const MAX_DEPTH: usize = 128;
 
 pub(super) fn parse(text: &str) -> Result<Node, ExprError> {
@@ -26,7 +26,7 @@ pub(super) fn parse(text: &str) -> Result<Node, ExprError> {
 
 #[derive(Clone, Debug, PartialEq)]
 enum Token {
-    /// The digits' value. `i64::MIN` has no positive counterpart, so the sign is left to the parser.
+    /// Value of the digits. The parser handles the sign, because `i64::MIN` has no positive counterpart.
     Int(u64),
     Float(f64),
     Text(String),
@@ -41,8 +41,8 @@ const SYMBOLS: [&str; 21] = [
     ")", ",",
 ];
 
-/// A tree with its height, which must not pass [`MAX_DEPTH`], and its place with the parentheses around it:
-/// an operation on `(a + b)` is pointed at with them, the sum alone without.
+/// A tree with its height (at most [`MAX_DEPTH`]) and its place, enclosing parentheses included: errors about an
+/// operation on `(a + b)` underline them, errors about the sum itself do not.
 struct Tree {
     node: Node,
     height: usize,
@@ -50,7 +50,7 @@ struct Tree {
 }
 
 impl Tree {
-    /// From the start of this to the end of `other`.
+    /// Extends from the start of `self` to the end of `other`.
     fn through(&self, other: &Tree) -> Range<usize> {
         self.place.start..other.place.end
     }
@@ -58,9 +58,9 @@ impl Tree {
 
 struct Parser<'a> {
     text: &'a str,
-    /// The offset of the next token, before white space.
+    /// Offset of the next token, before white space.
     at: usize,
-    /// The token ahead, and its place.
+    /// The next token, and its place.
     token: Token,
     start: usize,
     end: usize,
@@ -93,7 +93,7 @@ impl Parser<'_> {
         Ok(tree)
     }
 
-    /// Operands joined by operators that bind at least as tightly as `min_binding`.
+    /// Parses operands joined by operators that bind at least as tightly as `min_binding`.
     fn binary(&mut self, min_binding: u8) -> Result<Tree, ExprError> {
         let mut left = self.operand()?;
         while let Token::Symbol(symbol) = self.token
@@ -109,14 +109,14 @@ impl Parser<'_> {
         Ok(left)
     }
 
-    /// A literal, a name, a call, a parenthesis, or one of these behind `-` or `!`.
+    /// Parses a literal, a name, a call, a parenthesis, or one of these after `-` or `!`.
     fn operand(&mut self) -> Result<Tree, ExprError> {
         let place = self.start..self.end;
         let tree = match self.token.clone() {
             Token::Symbol("-") => {
                 self.advance()?;
                 if let Token::Int(digits) = self.token {
-                    // `-9223372036854775808` is an integer; its digits alone are not.
+                    // `-9223372036854775808` fits; its digits without the sign do not.
                     let place = place.start..self.end;
                     self.advance()?;
                     let value = 0i64.checked_sub_unsigned(digits).ok_or_else(|| too_large(place.clone()))?;
@@ -173,7 +173,7 @@ impl Parser<'_> {
         self.tree(NodeKind::Unary(op, Box::new(operand.node)), place, operand.height)
     }
 
-    /// The arguments of a call; `name` stands at `place`, the token ahead is its `(`.
+    /// Parses the arguments of a call; `name` is at `place`, the next token is its `(`.
     fn call(&mut self, name: &str, place: Range<usize>) -> Result<Tree, ExprError> {
         let Some(function) = Function::named(name) else {
             let names = || Function::TABLE.iter().map(|f| f.1);
@@ -211,7 +211,7 @@ impl Parser<'_> {
         self.tree(NodeKind::Call(function, arguments), place, height)
     }
 
-    /// Takes the `)` that belongs to the `(` at `open`.
+    /// Consumes the `)` that matches the `(` at `open`.
     fn close(&mut self, open: Range<usize>) -> Result<(), ExprError> {
         if self.take(")")? {
             return Ok(());
@@ -247,7 +247,7 @@ impl Parser<'_> {
         ExprError::new(message, self.start..self.end)
     }
 
-    /// The token ahead, as a sentence names it.
+    /// Describes the next token for messages.
     fn found(&self) -> String {
         match self.token {
             Token::End => "the end of the expression".to_string(),
@@ -312,7 +312,7 @@ impl Parser<'_> {
     fn number(&self, rest: &str) -> Result<(Token, usize), ExprError> {
         let bytes = rest.as_bytes();
         let hexadecimal = rest.starts_with("0x") || rest.starts_with("0X");
-        // Everything that sticks to the number belongs to it, so that `12ab` is one bad number and not two
+        // Adjacent letters belong to the number, so that `12ab` is one bad number and not two
         // tokens.
         let mut length = 0;
         while let Some(&byte) = bytes.get(length) {

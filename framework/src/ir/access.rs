@@ -1,7 +1,7 @@
 //! Pipeline stages, memory accesses, image layouts and hazards.
 //!
-//! Names and meanings are those of Vulkan's synchronization2, the finer of the models. A plan's dependencies are in these terms, and each
-//! API maps them to its own: Vulkan one to one, Metal to the two stages of a draw.
+//! Names and meanings are those of Vulkan's synchronization2, which is finer than Metal's model. Dependencies of a plan use them.
+//! Vulkan maps them one to one, Metal to the two stages of a draw.
 
 use bitflags::bitflags;
 use serde::{Deserialize, Serialize};
@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 bitflags! {
     /// Lists pipeline stages, after `VkPipelineStageFlagBits2`.
     ///
-    /// Some follow each other within a command, and barriers know it: `INDIRECT`, `VERTEX`, `FRAGMENT`, `COLOR_OUTPUT` for
-    /// draws, and `INDIRECT`, `COMPUTE` for dispatches. (What a draw does at `INDIRECT` is not before `COMPUTE`.) `COPY`, `CLEAR` and `HOST` stand alone. See
+    /// Stages of one pipeline are ordered: `INDIRECT`, `VERTEX`, `FRAGMENT`, `COLOR_OUTPUT` for draws, and `INDIRECT`, `COMPUTE` for
+    /// dispatches. (`INDIRECT` of a draw is not before `COMPUTE`.) `COPY`, `CLEAR` and `HOST` have no order among them. See
     /// [`Barrier`](crate::plan::Barrier).
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Stages: u32 {
@@ -61,21 +61,21 @@ impl Accesses {
     pub const WRITES: Accesses =
         Accesses::STORAGE_WRITE.union(Accesses::COLOR_WRITE).union(Accesses::TRANSFER_WRITE);
 
-    /// Tells whether any of them writes.
+    /// Returns true if any of them writes.
     pub fn writes(self) -> bool {
         self.intersects(Self::WRITES)
     }
 
-    /// Tells whether any of them reads.
+    /// Returns true if any of them reads.
     pub fn reads(self) -> bool {
         !self.difference(Self::WRITES).is_empty()
     }
 }
 
-/// Names the layout of an image at one point of the frame.
+/// Names an image layout, as in Vulkan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Layout {
-    /// Contents need not be kept.
+    /// The contents may be discarded.
     Undefined,
     /// Storage image.
     General,

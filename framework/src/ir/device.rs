@@ -4,33 +4,33 @@ use serde::{Serialize, Serializer};
 
 use super::{Features, Value};
 
-/// Describes a device to graphs and to the linker. The default is a device that can do nothing.
+/// Describes a device to graphs and to the linker. By default all limits are 0 and all features absent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceFacts {
-    /// Lanes of the subgroups that compute shaders run with.
+    /// Lanes of a subgroup in compute shaders.
     pub subgroup_size: u32,
-    /// Bytes of the largest storage binding.
+    /// Maximum size of a storage buffer binding, in bytes.
     pub max_storage_bytes: u64,
-    /// Workgroups of a dispatch in x.
+    /// Maximum number of workgroups of a dispatch in x.
     pub max_groups_x: u32,
-    /// Workgroups of a dispatch in y.
+    /// Maximum number of workgroups of a dispatch in y.
     pub max_groups_y: u32,
-    /// Workgroups of a dispatch in z.
+    /// Maximum number of workgroups of a dispatch in z.
     pub max_groups_z: u32,
-    /// Bytes of shared memory of a workgroup.
+    /// Maximum shared memory of a workgroup, in bytes.
     pub shared_bytes: u32,
-    /// Invocations of a workgroup.
+    /// Maximum number of invocations of a workgroup.
     pub max_invocations: u32,
-    /// Blending rounds to the nearest half-precision float. Without it, digits are cut off.
+    /// Blending to half-precision floats rounds to nearest. Otherwise it truncates.
     pub rounds_half: bool,
-    /// Shaders' `fma` rounds once. Without it, the product is rounded before the sum.
+    /// `fma` in shaders rounds once. Otherwise it also rounds the product.
     pub fused_fma: bool,
     /// Optional features that the device was opened with, or would be.
     pub features: Features,
 }
 
 impl DeviceFacts {
-    /// Returns the most workgroups of a dispatch in x, y and z.
+    /// Returns the maximum number of workgroups of a dispatch in x, y and z.
     pub fn max_groups(&self) -> [u32; 3] {
         [self.max_groups_x, self.max_groups_y, self.max_groups_z]
     }

@@ -6,8 +6,8 @@ use std::fmt;
 bitflags! {
     /// Lists optional features that a shader uses, or that a device was opened with.
     ///
-    /// Each stands for the features of Vulkan that [`Features::LIST`] names beside it. What every device of Vulkan 1.3 has is not
-    /// among them, nor is what no backend enables: a shader that declares such a capability is refused when it is compiled.
+    /// Each stands for the Vulkan features that [`Features::LIST`] names beside it. Features that every device of Vulkan 1.3 has are
+    /// not listed, nor are features that no backend enables: shaders that need those are refused when compiled.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Features: u64 {
         /// `int16_t`, `uint16_t`
@@ -104,7 +104,7 @@ bitflags! {
 }
 
 impl Features {
-    /// Lists each feature with a description for people, and with its name in Vulkan.
+    /// Lists each feature with a description and its name in Vulkan.
     #[rustfmt::skip]
     pub const LIST: [(Features, &str, &str); 45] = [
         (Features::INT16, "16-bit integers", "shaderInt16"),

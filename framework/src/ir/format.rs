@@ -33,12 +33,12 @@ impl Format {
         }
     }
 
-    /// Finds the format that has this name in another API: `Rgba16Float`, `R16G16B16A16_SFLOAT`, `RGBA16F`.
+    /// Finds the format with this name in another API: `Rgba16Float`, `R16G16B16A16_SFLOAT`, `RGBA16F`.
     pub fn meant_by(name: &str) -> Option<Format> {
         let kept = |text: &str| -> String {
             text.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
         };
-        // The number type: Vulkan's and WebGPU's words for the letters of GLSL.
+        // The number type, as Vulkan and WebGPU spell it.
         let glsl = kept(name)
             .replace("sfloat", "f")
             .replace("float", "f")
@@ -70,12 +70,12 @@ pub enum Topology {
     TriangleStrip,
 }
 
-/// Says how a draw begins with a target's contents.
+/// Selects the contents of a target before the draw.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Load {
     /// Fills the target with red, green, blue and alpha.
     Clear(f32, f32, f32, f32),
-    /// Keeps the former contents.
+    /// Keeps the earlier contents.
     Keep,
 }
 

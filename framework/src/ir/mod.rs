@@ -1,7 +1,7 @@
-//! The ground floor: plain types that every later step, every backend and the application share.
+//! Plain types that all steps of the compiler, the backends and the application share.
 //!
-//! Nothing here computes more than a table of names or a sum of bits. The rest of this crate imports this module, and this module
-//! imports nothing of the crate. A [`Request`] comes in, a [`Plan`](crate::plan::Plan) goes out, and both are made of the
+//! The rest of this crate imports this module, which imports nothing of the crate. It contains almost no logic. The compiler turns a
+//! [`Request`] into a [`Plan`](crate::plan::Plan), and both consist of the
 //! [values](Value), [places](Span), [formats](Format), [accesses](Accesses) and [passes](Pass) declared here.
 
 mod access;

@@ -1,13 +1,13 @@
-//! Names that graphs cannot use, because the framework does.
+//! Names that are reserved for the framework.
 
-/// Names the pass at the frame's end that makes the output readable by copies.
+/// The pass at the end of a frame that makes the output readable by copies.
 pub const EXPORT: &str = "export";
 
-/// Names the host's turn after the frame.
+/// The step after the frame in which the host reads the statistics.
 pub const HOST: &str = "host";
 
-/// Binds the generated block of live parameters.
+/// Binding number of the generated block of live parameters.
 pub const LIVE_BINDING: u32 = 31;
 
-/// Names the generated block of live parameters.
+/// The generated block of live parameters.
 pub const LIVE_BLOCK: &str = "Live";

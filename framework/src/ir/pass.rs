@@ -1,7 +1,7 @@
 //! Passes: one dispatch, draw, fill or export each.
 //!
-//! The types are generic over the ids of resources (`R`) and shaders (`S`): linked passes hold handles of the lowered graph, passes of
-//! a plan hold the plan's ids, which are the default.
+//! The types are generic over the ids of resources (`R`) and shaders (`S`): linked passes use handles of the lowered graph, passes of
+//! a plan use the plan's ids (the default).
 
 use serde::{Deserialize, Serialize};
 
@@ -47,7 +47,7 @@ pub enum Work<R = ResourceId, S = ShaderId> {
         /// The number of workgroups.
         groups: Groups<R>,
     },
-    /// Draws into `targets`: all of the same size, full-size viewport and scissor, no depth, no culling of faces.
+    /// Draws into `targets`, which have equal sizes, with a full-size viewport and scissor, without depth test or face culling.
     Draw {
         /// The vertex shader.
         vertex: S,
@@ -67,23 +67,23 @@ pub enum Work<R = ResourceId, S = ShaderId> {
         /// The word.
         value: u32,
     },
-    /// Zeroes a resource with a history, in the prologue: the first frame finds zeros. Where the history of a former plan lives
-    /// on, a backend omits this pass together with the barrier on its image (not the others of its step), and brings the
-    /// image into the layout that the pass would have left it in.
+    /// Zeroes a resource with a history, in the prologue, so that the first frame finds zeros. If the history of an earlier plan
+    /// continues, a backend omits this pass together with the barrier on its image (not the other barriers of its step), and
+    /// transitions the image to the layout that the pass would have left.
     ClearHistory {
         /// The resource.
         resource: R,
     },
-    /// Makes the output and the statistics readable by copies, and copies the statistics.
+    /// Copies the statistics, and makes the output readable by copies.
     Export,
-    /// Does nothing on the device: the host reads the statistics.
+    /// Stands for the host's reading of the statistics; does nothing on the device.
     Host,
 }
 
 /// Counts the workgroups of a dispatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Groups<R = ResourceId> {
-    /// Workgroups in x, y, z, within the device's limits. More than fit in x are folded into y: shaders compute
+    /// Workgroups in x, y, z, within the device's limits. An excess in x is folded into y: shaders compute
     /// their index as `gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x` and ignore indices beyond the end.
     Direct([u32; 3]),
     /// Three words of a buffer.
@@ -119,9 +119,9 @@ pub enum DrawCall<R = ResourceId> {
 pub struct Target<R = ResourceId> {
     /// The image.
     pub image: R,
-    /// The treatment of its former contents.
+    /// Its contents before the draw.
     pub load: Load,
-    /// The blending.
+    /// The blend mode.
     pub blend: Blend,
 }
 
@@ -132,7 +132,7 @@ pub struct Binding<R = ResourceId> {
     pub name: String,
     /// The binding number in set 0.
     pub binding: u32,
-    /// Index in an array of descriptors, 0 where there is none.
+    /// Index in an array of descriptors, otherwise 0.
     pub element: u32,
     /// The type of the descriptor.
     pub kind: DescriptorKind,
@@ -162,7 +162,7 @@ pub struct Use<R = ResourceId> {
     pub accesses: Accesses,
     /// The layout that an image must be in; `None` for buffers.
     pub layout: Option<Layout>,
-    /// The former contents are not needed (an attachment that is cleared).
+    /// True if the earlier contents are not needed (a cleared attachment).
     pub discards: bool,
 }
 
@@ -180,7 +180,7 @@ pub struct Culled {
 /// Names a 32-bit word of a buffer that is read back after each frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stat<R = ResourceId> {
-    /// The name for people.
+    /// The name.
     pub name: String,
     /// The buffer.
     pub buffer: R,

@@ -1,4 +1,4 @@
-//! Reasons: the values that decided a parameter, or that a graph's requirement was held against.
+//! Reasons: the values behind a parameter's value or an unmet requirement.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -6,7 +6,7 @@ use std::fmt;
 
 use super::Value;
 
-/// Shows why an expression came to its value: the expression, and the values of the names that it used.
+/// Explains the value of an expression: the expression, and the values of the names that it used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reason {
     /// The expression, as in the file.
@@ -18,7 +18,7 @@ pub struct Reason {
 impl Reason {
     /// Returns true if a fact of the device, the scene or the viewport is among the values.
     pub fn has_fact(&self) -> bool {
-        // Names with a dot are facts: others are identifiers.
+        // Names of facts contain a dot; other names do not.
         self.values.keys().any(|name| name.contains('.'))
     }
 }
@@ -33,10 +33,10 @@ impl fmt::Display for Reason {
     }
 }
 
-/// Names a requirement of a graph that does not hold.
+/// Describes an unmet requirement of a graph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Unmet {
-    /// The need in words, as in the file.
+    /// The requirement in words, as in the file.
     pub needs: String,
     /// The condition, with the values that made it false.
     pub reason: Reason,
@@ -49,21 +49,21 @@ impl fmt::Display for Unmet {
     }
 }
 
-/// Says that a choice passes a graph over, and takes the next.
+/// Records that a choice passed over a graph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fallback {
     /// The graph whose requirements do not hold.
     pub wanted: String,
-    /// The next of the choice, which is taken; the graph wanted in the next entry, if there is one.
+    /// The next graph of the choice, which is tried instead.
     pub taken: String,
-    /// The requirements, at least one.
+    /// The unmet requirements, at least one.
     pub unmet: Vec<Unmet>,
-    /// The requirements are all the choice's own: the graph would run, and is preferred elsewhere.
+    /// True if all unmet requirements are the choice's own: the graph would run, but another is preferred.
     pub preference: bool,
 }
 
 impl Fallback {
-    /// Iterates over graphs that the device cannot run; graphs that a choice merely ranks lower are left out.
+    /// Iterates over graphs that the device cannot run, without graphs that a choice merely ranks lower.
     pub fn lacking(all: &[Fallback]) -> impl Iterator<Item = &Fallback> {
         all.iter().filter(|fallback| !fallback.preference)
     }

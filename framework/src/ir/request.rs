@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use super::{DeviceFacts, Value};
 
-/// Holds the known values that expressions can name.
+/// Values that expressions can use.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Facts {
     /// Facts of the device.
     pub device: DeviceFacts,
-    /// Facts of scene and viewport, by full name: `scene.count`, `viewport.width`, ...
+    /// Facts of the scene and the viewport, by full name: `scene.count`, `viewport.width`, ...
     pub host: BTreeMap<String, Value>,
 }
 
@@ -43,7 +43,7 @@ pub struct Catalog {
 pub struct HostBuffer {
     /// Bytes of an element.
     pub stride: u64,
-    /// The fewest elements that it ever has.
+    /// Its minimum number of elements.
     pub least: u64,
 }
 
@@ -58,20 +58,20 @@ pub struct Attribute {
     pub planes: u32,
 }
 
-/// Asks for a plan: names a graph and everything that the plan depends on.
+/// Requests a plan: a graph and everything that the plan depends on.
 #[derive(Clone, Copy, Debug)]
 pub struct Request<'a> {
     /// A preset's name or a file's path.
     pub graph: &'a str,
-    /// Names and texts of the parameters that differ from their defaults; the last of a name wins.
+    /// Names and values (as text) of parameters that differ from their defaults; the last entry of a name wins.
     pub set: &'a [(String, String)],
-    /// Least values of parameters that grow, which frames were found to need; others, and parameters that do not grow, are ignored.
+    /// Minimum values of growing parameters, as earlier frames needed; entries for other parameters are ignored.
     pub capacities: &'a [(String, i64)],
     /// Known values of scene, device and viewport.
     pub facts: &'a Facts,
     /// Importable data.
     pub catalog: &'a Catalog,
-    /// Lets resources that are never alive at the same time share memory. Without it every resource keeps its contents to
-    /// the frame's end, so that it can be inspected after any pass.
+    /// Lets resources with disjoint lifetimes share memory. Otherwise every resource keeps its contents to the end of
+    /// the frame, so that it can be inspected after any pass.
     pub share_memory: bool,
 }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Format;
 
-/// Sizes a buffer or an image. No dimension is 0.
+/// Dimensions of a buffer or an image; none is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shape {
     /// A list of elements.
@@ -27,7 +27,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// Returns the size in bytes, without any padding of a device.
+    /// Returns the size in bytes, without padding.
     pub fn bytes(self) -> u64 {
         match self {
             Shape::Buffer { stride, count } => stride * count,
@@ -38,7 +38,7 @@ impl Shape {
     }
 }
 
-/// Names the owner of a resource's memory and the writer of its contents.
+/// Selects the owner of a resource's memory and the writer of its contents.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
     /// Owned by the plan, written by its passes. One copy, for any number of frames in flight.
@@ -56,8 +56,8 @@ pub enum Source {
         /// The block's full name.
         uniform: String,
     },
-    /// A storage buffer that the host supplies with every frame, as long as that frame needs: words of the host, or the image
-    /// that another plan drew on the same device. No pass writes it. Its shape is its least length.
+    /// A storage buffer that the host supplies with every frame, of varying length: words of the host, or the image
+    /// that another plan drew on the same device. No pass writes it. Its shape has the minimum length.
     HostBuffer {
         /// The buffer's full name.
         buffer: String,
@@ -69,7 +69,7 @@ pub enum Source {
 }
 
 impl Source {
-    /// Tells whether each frame in flight has a copy of its own.
+    /// Returns true if each frame in flight has its own copy.
     pub fn is_per_frame(&self) -> bool {
         matches!(self, Source::Frame { .. } | Source::HostBuffer { .. } | Source::Live | Source::Readback)
     }

@@ -17,16 +17,16 @@ pub struct Shader {
     pub spirv: Arc<Vec<u32>>,
     /// Declarations and accesses.
     pub reflection: Reflection,
-    /// The same in Metal's language, for plans that Metal executes.
+    /// The shader in Metal's language, for plans that Metal executes.
     pub msl: Option<Arc<Msl>>,
 }
 
-/// Holds a shader in the Metal Shading Language, and where it expects its arguments.
+/// Holds a shader in the Metal Shading Language, and the indices of its arguments.
 ///
 /// Each stage has argument tables of its own: one for buffers, one for textures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Msl {
-    /// The text of a library with one function.
+    /// Source text of a library with one function.
     pub source: String,
     /// The function's name.
     pub entry: String,
@@ -34,7 +34,7 @@ pub struct Msl {
     pub arguments: Vec<MslArgument>,
     /// Index in the table of buffers for the push constants' bytes.
     pub push: Option<u32>,
-    /// Index in the table of buffers for the sizes in bytes of buffers whose length the code asks for.
+    /// Index in the table of buffers for the sizes in bytes of buffers whose length the code queries.
     ///
     /// They are 32-bit words, by buffer index.
     pub sizes: Option<u32>,
@@ -62,9 +62,9 @@ impl Msl {
 pub struct MslArgument {
     /// Number of the binding in set 0.
     pub binding: u32,
-    /// Index in an array of descriptors, 0 where there is none.
+    /// Index in an array of descriptors, otherwise 0.
     pub element: u32,
-    /// The table is that of textures (storage images), not that of buffers.
+    /// True for the table of textures (storage images), false for the table of buffers.
     pub texture: bool,
     /// Index in the table.
     pub index: u32,
@@ -110,9 +110,9 @@ pub struct Reflection {
     pub inputs: Vec<Varying>,
     /// Stage outputs with a location, sorted by it.
     pub outputs: Vec<Varying>,
-    /// The module uses subgroup operations (any GroupNonUniform capability).
+    /// True if the module uses subgroup operations (any GroupNonUniform capability).
     pub subgroups: bool,
-    /// Optional features of a device without which the module is not valid.
+    /// Optional features of a device that the module requires.
     pub features: Features,
 }
 
@@ -125,17 +125,17 @@ pub struct ReflectedBinding {
     pub set: u32,
     /// Number of the binding in its set.
     pub binding: u32,
-    /// Length of the descriptor array, 1 where there is none.
+    /// Length of the descriptor array, otherwise 1.
     pub count: u32,
     /// Type and layout.
     pub kind: ReflectedKind,
-    /// The code loads from it (also through a function argument, also by an atomic).
+    /// True if the code loads from it, directly, through a function argument or by an atomic.
     pub reads: bool,
-    /// The code stores to it (likewise).
+    /// True if the code stores to it, directly, through a function argument or by an atomic.
     pub writes: bool,
-    /// Every load and store is an atomic: invocations may make them at the same time.
+    /// True if every load and store is atomic, so that invocations may overlap.
     pub atomics_only: bool,
-    /// The first access in the order of the code is a plain store, as of a shader that clears what it then counts in.
+    /// True if the first access in the code is a plain store, as in a shader that clears counters before it uses them.
     pub writes_first: bool,
 }
 
@@ -146,7 +146,7 @@ pub enum ReflectedKind {
     StorageBuffer {
         /// Bytes of an element of the runtime array at the block's end, if it has one.
         stride: Option<u32>,
-        /// Bytes before that array; of the whole block where there is none.
+        /// Bytes before that array, or of the whole block if there is none.
         fixed_bytes: u32,
     },
     /// A uniform block.
@@ -158,7 +158,7 @@ pub enum ReflectedKind {
     },
     /// A storage image.
     StorageImage {
-        /// The format, where the shader declares one.
+        /// The format, if the shader declares one.
         format: Option<Format>,
     },
 }
@@ -181,7 +181,7 @@ pub struct Member {
     pub offset: u32,
     /// The type.
     pub kind: MemberKind,
-    /// The code may read it.
+    /// True if the code may read it.
     pub used: bool,
 }
 
@@ -207,6 +207,6 @@ pub struct Varying {
     pub location: u32,
     /// For instance `vec4`, `uint`, `vec2`.
     pub glsl_type: String,
-    /// Not interpolated.
+    /// True if it is not interpolated.
     pub flat: bool,
 }

@@ -31,7 +31,7 @@ impl fmt::Display for Value {
     }
 }
 
-/// Rounds a number to a 32-bit float. Returns `None` where that would be infinite, or zero for a number that is not.
+/// Rounds a number to a 32-bit float. Returns `None` on overflow, and on underflow to zero.
 pub fn to_f32(v: f64) -> Option<f32> {
     let rounded = v as f32;
     (rounded.is_finite() && (rounded != 0.0 || v == 0.0)).then_some(rounded)
@@ -44,24 +44,24 @@ pub struct Param {
     pub name: String,
     /// The value that the plan is built with.
     pub value: Value,
-    /// The value where nothing sets it.
+    /// The default.
     pub default: Value,
-    /// The reason for the value, where an expression of a file gave it: the default's, or that of a preset.
+    /// The reason for the value, if it is from an expression: of the default, or of a preset.
     pub reason: Option<Reason>,
-    /// The value that costs no accuracy, where the graph names one.
+    /// The value that costs no accuracy, if the graph names one.
     pub exact: Option<Value>,
-    /// The statistic that the value grows with: a frame whose statistic exceeds the value was drawn in part.
+    /// The statistic that the value grows with: a frame whose statistic exceeds the value is incomplete.
     pub grows: Option<String>,
     /// The values that it may take.
     pub domain: Domain,
-    /// The way to the shaders.
+    /// How it reaches the shaders.
     pub binding: ParamBinding,
     /// The declaration.
     pub origin: Origin,
 }
 
 impl Param {
-    /// Raises a value to the least one among `capacities`, held to the range's end, if the parameter grows.
+    /// Raises the value of a growing parameter to the minimum in `capacities`, at most to the end of its range.
     pub fn with_room(&self, value: Value, capacities: &[(String, i64)]) -> Value {
         let least = capacities.iter().filter(|(name, _)| self.grows.is_some() && *name == self.name);
         match (value, &self.domain) {
@@ -91,7 +91,7 @@ pub enum Domain {
         min: f64,
         /// The largest.
         max: f64,
-        /// The distance between two positions of a slider.
+        /// The step of a slider.
         step: f64,
     },
     /// Names.

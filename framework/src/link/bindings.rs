@@ -9,7 +9,7 @@ use crate::lower::{LoweredBind, LoweredPass, ResourceHandle};
 use crate::source::{Diagnostic, nearest};
 
 impl Linker<'_> {
-    /// The descriptors of a pass, over all its stages; adds what the shaders do to `touches`.
+    /// Returns the descriptors of a pass over all stages, and adds the shaders' accesses to `touches`.
     pub(super) fn bindings(
         &mut self,
         pass: &LoweredPass,
@@ -72,7 +72,7 @@ impl Linker<'_> {
         bindings
     }
 
-    /// A block that the shader touches and the graph does not bind.
+    /// Reports a block that the shader uses and the graph does not bind.
     fn unbound(
         &mut self,
         pass: &LoweredPass,
@@ -91,7 +91,7 @@ impl Linker<'_> {
             pass.span,
             "in this pass",
         );
-        // What is bound to no block of the pass may be meant for this one.
+        // An entry of `bind` without a block may be meant for this one.
         let stray: Vec<&str> = pass.bind.iter().map(|b| b.block.as_str()).filter(|b| !known(b)).collect();
         let near = nearest(&block.name, stray.iter().copied()).or(match stray[..] {
             [only] => Some(only),
@@ -112,14 +112,14 @@ impl Linker<'_> {
             || self.shaders[shader.index()].reflection.bindings.iter().any(used)
     }
 
-    /// Returns true if the host gives every frame its own contents of one of these.
+    /// Returns true if the host writes new contents of one of these for every frame.
     pub(super) fn changes_every_frame(&self, resources: &[ResourceHandle]) -> bool {
         resources.iter().any(|id| self.resource(*id).source.is_per_frame())
     }
 
     /// Reports an entry of `bind` that no shader of the pass uses.
     ///
-    /// It is no error if a shader declares the block and its code does not use it with the current constants: then nothing
+    /// If a shader declares the block but does not use it with the current constants, that is no error, and nothing
     /// is bound.
     fn unknown(&mut self, stages: &[(ShaderHandle, Stages)], bind: &LoweredBind) {
         if stages.iter().any(|(shader, _)| self.declares(*shader, &bind.block)) {
@@ -144,7 +144,7 @@ impl Linker<'_> {
         self.errors.push(diagnostic.with_nearest(&bind.block, blocks.iter().copied(), otherwise));
     }
 
-    /// The kind of descriptor for a block, or `None` after an error.
+    /// Returns the kind of descriptor for a block, or `None` after an error.
     fn fits(
         &mut self,
         shader: ShaderHandle,
@@ -308,7 +308,7 @@ impl Linker<'_> {
         }
     }
 
-    /// The bytes of the push constants.
+    /// Returns the bytes of the push constants.
     pub(super) fn push(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut known = Vec::new();
@@ -372,7 +372,7 @@ impl Linker<'_> {
     }
 }
 
-/// Describes a pass of the prologue that reads what the host gives to every frame.
+/// Reports a pass of the prologue that reads what the host writes for every frame.
 pub(super) fn once_every_frame(pass: &LoweredPass, span: Span, label: impl Into<String>) -> Diagnostic {
     let message = format!("`{}` runs once, and reads what changes with every frame", pass.name);
     Diagnostic::new(message, span, label).with_help("let it run every frame, or give it constants")

@@ -1,4 +1,4 @@
-//! Finds the parameters that each pass depends on through its shaders, and those that passes would if they were there.
+//! Finds the parameters that each pass depends on through its shaders, also for passes that were removed.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,14 +8,14 @@ use crate::lower::{Lowered, LoweredPass, RemovedPass};
 use crate::shader::{ShaderCompiler, ShaderRequest};
 use crate::source::{Kind, SourceMap};
 
-/// Lists the parameters that a pass depends on. The sizes and formats of its resources are not among them.
+/// The parameters that a pass depends on, without those behind the sizes and formats of its resources.
 #[derive(Clone, Debug, Default)]
 pub struct PassParams {
     /// All of them.
     pub all: ParamSet,
-    /// Those that decide whether the pass exists, which resources it uses, and how: it can matter to other passes.
+    /// Parameters that decide whether the pass exists, and which resources it uses and how. They can affect other passes.
     pub structure: ParamSet,
-    /// Parameters that its shaders mention, and not in what is compiled.
+    /// Parameters that its shaders mention only in code that is not compiled.
     pub skipped: ParamSet,
 }
 
@@ -41,7 +41,7 @@ impl Linker<'_> {
     }
 }
 
-/// The parameters behind the constants whose names are among `names`.
+/// Returns the parameters behind the constants whose names are among `names`.
 fn behind<'a>(
     constants: &'a BTreeMap<String, ParamSet>,
     names: &'a BTreeSet<String>,
@@ -49,8 +49,8 @@ fn behind<'a>(
     constants.iter().filter(|(name, _)| names.contains(*name)).flat_map(|(_, params)| params)
 }
 
-/// Lists, for each removed pass, the parameters that its shaders mention. Empty where every parameter has an effect: only those
-/// without one need a reason.
+/// Lists, for each removed pass, the parameters that its shaders mention. Empty if every parameter has an effect, because
+/// only parameters without one need a reason.
 pub(super) fn mentioned(
     lowered: &Lowered,
     passes: &[LinkedPass],
@@ -62,7 +62,7 @@ pub(super) fn mentioned(
     if used.len() == lowered.params.len() {
         return Vec::new();
     }
-    // A text that includes it names the block, and no parameter that it does not use.
+    // Including it names the block, and uses no parameter by itself.
     let generated = [("live.glsl".to_string(), LIVE_BLOCK.to_string())];
     let mut known: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
     let mut of_shader = |removed: &RemovedPass, name: &String| -> ParamSet {
@@ -70,7 +70,7 @@ pub(super) fn mentioned(
             return ParamSet::new();
         }
         let names = known.entry((removed.file, name.clone())).or_insert_with(|| {
-            // A mistake in a shader that is not compiled is not looked for.
+            // Shaders that are not compiled are not checked.
             let Ok(file) = files.find(Some(removed.file), name, Kind::Shader) else {
                 return BTreeSet::new();
             };

@@ -29,9 +29,9 @@ pub use effects::PassParams;
 pub struct Linked {
     /// Resources, parameters and names of the graph.
     pub lowered: Lowered,
-    /// Compiled shaders, each with its defines once.
+    /// Compiled shaders, one per file and set of defines.
     pub shaders: Vec<Shader>,
-    /// Passes in the order of the file; those of `Once` and of every frame are mixed.
+    /// Passes in the order of the file, of the prologue and of the frame mixed.
     pub passes: Vec<LinkedPass>,
 }
 
@@ -85,7 +85,7 @@ pub fn link(
         if let Some(pass) = linker.pass(pass) {
             passes.push(pass);
         }
-        // A mistake in a repeated pass or in a shared include is one mistake.
+        // Report a mistake in a repeated pass or a shared include once.
         if linker.errors.len() >= 20 {
             break;
         }
@@ -106,16 +106,16 @@ pub fn link(
         });
         return Err(errors);
     }
-    // What a shader that is not compiled mentions is words for people: the plan does not depend on its file.
+    // Shaders that are not compiled only affect messages: the plan does not depend on their files.
     let mentioned = files.aside(|files| effects::mentioned(&lowered, &passes, files, compiler));
     lowered.removed.iter_mut().zip(mentioned).for_each(|(removed, params)| removed.named.extend(params));
     Ok(Linked { lowered, shaders, passes })
 }
 
-/// Compilations of shaders that a graph may need: far beyond any use, and short of keeping a processor busy for minutes.
+/// Maximum number of shader compilations of a graph: far beyond any use, but less than minutes of work.
 const MOST_COMPILATIONS: usize = 500;
 
-/// Refuses a graph that needs too many different compilations, before the first is begun.
+/// Refuses a graph that needs too many different compilations, before the first one.
 fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagnostic>> {
     let mut different = HashSet::new();
     let mut passed = None;
@@ -148,9 +148,9 @@ struct Linker<'a> {
     compiler: &'a mut dyn ShaderCompiler,
     generated: Vec<(String, String)>,
     shaders: Vec<Shader>,
-    /// The names of the blocks that each shader declares: see [`Compiled::declared`].
+    /// Names of the blocks that each shader declares: see [`Compiled::declared`].
     declared: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
-    /// The names that each shader depends on: see [`Compiled::reached`].
+    /// Names that each shader depends on: see [`Compiled::reached`].
     reached: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
     /// Shaders compiled so far, by file and list of defines; the passes of a repeat share theirs.
     compiled: HashMap<(FileId, Rc<Defines>), ShaderHandle>,
@@ -274,7 +274,7 @@ impl Linker<'_> {
                 let id = ShaderHandle(at as u32);
                 self.features(id, name.span);
                 self.declared.insert(id, declared);
-                // Texts that differ in what is not compiled can be one shader.
+                // Texts that differ only in code that is not compiled give one shader.
                 let known = self.reached.entry(id).or_insert_with(|| reached.clone());
                 if *known != reached {
                     Arc::make_mut(known).extend(reached.iter().cloned());
@@ -289,7 +289,7 @@ impl Linker<'_> {
         }
     }
 
-    /// Checks a shader's optional features against those that the device was opened with.
+    /// Checks a shader's optional features against those of the device.
     fn features(&mut self, id: ShaderHandle, span: Span) {
         let shader = &self.shaders[id.index()];
         let missing = shader.reflection.features.difference(self.device.features);
@@ -298,7 +298,7 @@ impl Linker<'_> {
         }
         let message = format!("`{}` needs {missing}", shader.name);
         let error = Diagnostic::new(message, span, "the device does not have this");
-        // No fact tells of stores in draws, so a graph cannot `require` them.
+        // There is no fact for stores in draws, so a graph cannot `require` them.
         let error = match missing.intersects(Features::VERTEX_STORES | Features::FRAGMENT_STORES) {
             true => error.with_help(
                 "for every device, let a `Dispatch` write this, or draw it to a target of its own: \
@@ -331,7 +331,7 @@ impl Linker<'_> {
 
     fn groups(&mut self, id: ShaderHandle, size: LoweredSize, span: Span) -> Option<Groups<ResourceHandle>> {
         let local = self.shaders[id.index()].reflection.local_size.map(|n| u64::from(n.max(1)));
-        // Invocations of a workgroup that its indices count: all of those where groups are counted.
+        // Invocations per unit of `size`: 1 for `Groups`, the local size for `Threads`.
         let (extent, each) = match size {
             LoweredSize::Indirect { buffer, offset } => return Some(Groups::Indirect { buffer, offset }),
             LoweredSize::Groups(extent) => (extent, [1; 3]),
@@ -360,7 +360,7 @@ impl Linker<'_> {
             ));
         };
         if dimensions == 1 {
-            // Rows as short as they can be for their number, so that few groups are idle.
+            // The shortest rows for this number of rows, so that few groups are idle.
             let [all, rows] = [groups[0], groups[0].div_ceil(limits[0]).max(1)];
             if rows > limits[1] {
                 too_large(format!(
@@ -399,7 +399,7 @@ impl Linker<'_> {
     }
 }
 
-/// Adds to a pass's touches: one entry per resource and stage.
+/// Adds accesses to a pass's list, with one entry per resource and stage.
 fn touch(
     uses: &mut Vec<Use<ResourceHandle>>,
     resource: ResourceHandle,
@@ -414,7 +414,7 @@ fn touch(
     }
 }
 
-/// "12 x 4 bytes" or "960 x 540 Rgba16Float".
+/// Formats a shape: "12 x 4 bytes" or "960 x 540 Rgba16Float".
 fn describe(resource: &LoweredResource) -> String {
     match resource.shape {
         Shape::Buffer { stride, count } => format!("{count} elements of {stride} bytes"),

@@ -1,14 +1,14 @@
 //! Checks for races inside one pass.
 //!
-//! Barriers stand between passes: two accesses of one pass to the same memory have no order, and where one of them writes, no
-//! plan can be right. Such a pass is refused here:
+//! Barriers order passes. Two accesses within one pass have no order, so if one of them writes, no plan can be correct. These
+//! passes are refused:
 //!
 //! - a resource that is written and bound twice, or drawn to and bound;
-//! - a dispatch or a draw that writes the buffer that its own arguments are in;
-//! - a draw whose one stage accesses what the other writes, except by atomics in both.
+//! - a dispatch or a draw that writes the buffer of its own arguments;
+//! - a draw in which one stage accesses what the other writes, unless all accesses are atomic.
 //!
-//! Between the invocations of one stage there is no order either, and it is the shader that has to see to it: by atomics, by a
-//! barrier of the workgroup, or by keeping to elements of its own. Whether it does cannot be told from its accesses.
+//! The invocations of one stage have no order either. The shader is responsible for it: by atomics, by a workgroup barrier, or by
+//! accessing disjoint elements. Its accesses do not show whether it does.
 
 use super::{Linker, ShaderHandle};
 use crate::ir::{DrawCall, ReflectedBinding, Span, Stages, Use};
@@ -28,9 +28,9 @@ impl Linker<'_> {
         self.between_stages(pass, stages);
     }
 
-    /// A resource must not be bound twice to a pass that writes it: its invocations run in any order.
+    /// Refuses a resource that is bound twice to a pass that writes it: invocations run in any order.
     fn bound_twice(&mut self, pass: &LoweredPass, uses: &[Use<ResourceHandle>]) {
-        // What the frame before left in a resource stands in the resource itself.
+        // The previous frame's contents are in the resource itself.
         let real = |id: &ResourceHandle| self.lowered.real(*id);
         for (i, bind) in pass.bind.iter().enumerate() {
             for id in &bind.resources {
@@ -65,7 +65,7 @@ impl Linker<'_> {
         }
     }
 
-    /// An attachment must not be read or written by other means in the same pass.
+    /// Refuses an attachment that is also bound in the same pass.
     fn drawn_and_bound(&mut self, pass: &LoweredPass) {
         let LoweredWork::Draw { targets, .. } = &pass.work else { return };
         for (target, span) in targets {
@@ -85,8 +85,8 @@ impl Linker<'_> {
         }
     }
 
-    /// The arguments of a command must not be written by its own shaders: which words a shader writes is not known, so this
-    /// holds for the whole buffer.
+    /// Refuses a command whose shaders write its own arguments. Which words a shader writes is unknown, so this
+    /// covers the whole buffer.
     fn arguments(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) {
         let Some((buffer, span)) = arguments(pass) else { return };
         for bind in &pass.bind {
@@ -108,7 +108,7 @@ impl Linker<'_> {
         }
     }
 
-    /// What one stage of a draw writes, the other must not access: the stages of different primitives overlap.
+    /// Refuses a draw in which one stage writes what the other accesses: stages of different primitives overlap.
     fn between_stages(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) {
         if stages.len() < 2 {
             return;
@@ -145,7 +145,7 @@ impl Linker<'_> {
         }
     }
 
-    /// The shaders that use a block of this name.
+    /// Returns the shaders that use a block of this name.
     fn blocks<'s>(
         &'s self,
         stages: &'s [(ShaderHandle, Stages)],
@@ -158,7 +158,7 @@ impl Linker<'_> {
     }
 }
 
-/// The buffer of a pass's indirect arguments, and the place that names it.
+/// Returns the buffer of a pass's indirect arguments, and the place that names it.
 pub(super) fn arguments(pass: &LoweredPass) -> Option<(ResourceHandle, Span)> {
     match &pass.work {
         LoweredWork::Dispatch { size: LoweredSize::Indirect { buffer, .. }, size_span, .. } => {

@@ -1,4 +1,4 @@
-//! Conditions: leaves out passes and includes whose `when` is false, and notes what went with them.
+//! Removes passes and includes whose `when` is false, and records what they would have used.
 
 use super::passes::{Level, Lowering};
 use super::resources::Handle;
@@ -19,7 +19,7 @@ struct False<'a> {
 }
 
 impl Lowering<'_> {
-    /// Evaluates the `when` of a pass or an include; where it is false, the pass is listed as culled.
+    /// Evaluates the `when` of a pass or an include. If it is false, the pass is listed as culled.
     pub(super) fn wanted(
         &mut self,
         level: &Level,
@@ -51,7 +51,7 @@ impl Lowering<'_> {
                 pair.front = 1 - pair.front;
             }
             Some(None) => {}
-            // A plain resource and an unknown one are told apart by the usual look-up.
+            // The usual look-up distinguishes a plain resource from an unknown one.
             _ => {
                 let front = ResourceName { name: name.into(), part: Part::Front, range: 0..name.len() };
                 self.look_up_name(level, Some(&front), at, at.span())?;
@@ -60,7 +60,7 @@ impl Lowering<'_> {
         Ok(())
     }
 
-    /// Lists a pass as culled, and the uses that go with it.
+    /// Lists a pass as culled, with the uses that are removed with it.
     fn leave_out(&mut self, level: &Level, pass: &PassDecl, place: &Place, why: &False) {
         let Some(Parts { name, users, numbers, shaders }) = Parts::of(pass) else { return };
         let name = format!("{}{name}{}", level.prefix, level.suffix);
@@ -101,7 +101,7 @@ impl Lowering<'_> {
     }
 }
 
-/// What a pass or an include names.
+/// The names that a pass or an include mentions.
 struct Parts<'a> {
     name: &'a str,
     users: Vec<&'a Reference>,

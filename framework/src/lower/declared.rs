@@ -1,9 +1,8 @@
 //! The parameters of a graph: its own, and the exposed parameters of included graphs.
 //!
-//! An exposed parameter is the includer's as if its declaration stood after the includer's own: its value is the included graph's as well.
-//! In its expressions, the names of the included graph's parameters keep their meaning there: those that are exposed, too, have the
-//! includer's value, and those that the include sets have the value that it sets ([`Around`]). All other names are the includer's.
-//! Two includes that expose a parameter of one declaration share it.
+//! An exposed parameter belongs to the includer, as if it were declared after the includer's own; the included graph uses its value.
+//! Its expressions can name parameters of the included graph: exposed ones have the includer's value, and those in `set` have that
+//! value ([`Around`]). All other names are the includer's. Includes that expose the same declaration share the parameter.
 
 use indexmap::IndexMap;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -24,21 +23,21 @@ pub(super) struct Declared {
     graph: Rc<Graph>,
     /// The declaration.
     pub place: Place,
-    /// Takes the place of the default in the declaration: a preset of an included graph, or the includer's `set`. With it, the
-    /// number of includes in `around` that it does not stand in.
+    /// Replaces the declared default: the value of a preset of an included graph, or of the includer's `set`; with the
+    /// number of includes in `around` outside of which it was written.
     pub default: Option<(Setting, usize)>,
-    /// The include that it comes from, in the graph whose parameter it is; none for its own.
+    /// The include that exposes it; `None` for the graph's own.
     pub part: Option<String>,
     /// The includes that it comes through, innermost first.
     pub around: Vec<Rc<Around>>,
 }
 
-/// The parameters of an included graph that its includer does not expose.
+/// Parameters of an included graph that its includer does not expose.
 #[derive(Debug, Default)]
 pub(super) struct Around {
-    /// Those that the include sets, with their values over the includer's names.
+    /// Parameters in `set`, with their values over the includer's names.
     pub set: BTreeMap<String, Given>,
-    /// The others, which have their defaults, with the places of their declarations.
+    /// Parameters with their defaults, with the places of their declarations.
     hidden: BTreeMap<String, Span>,
 }
 
@@ -58,12 +57,12 @@ impl Given {
     }
 }
 
-/// The names that the expressions of a parameter lead to.
+/// The names that the expressions of a parameter depend on.
 #[derive(Debug, Default)]
 pub(super) struct Reach {
-    /// Names of the graph whose parameter it is.
+    /// Names of the graph that has the parameter.
     pub names: BTreeSet<String>,
-    /// Names that an include of [`Declared::around`] sets, with that one's index.
+    /// Names that an include of [`Declared::around`] sets, with its index.
     pub set: BTreeSet<(usize, String)>,
     /// A parameter of an included graph that is neither exposed nor set, and the place of its declaration.
     pub hidden: Option<(String, Span)>,
@@ -116,7 +115,7 @@ impl Declared {
         reach
     }
 
-    /// Lists the values that includes set and its expressions lead to: two includes that share a parameter agree in them.
+    /// Lists the values of `set` that its expressions depend on. Two includes that share a parameter must agree in them.
     fn values_around(&self) -> Vec<(usize, String, &Number)> {
         let set = self.reach(None).set.into_iter();
         set.map(|(level, name)| {
@@ -126,13 +125,13 @@ impl Declared {
         .collect()
     }
 
-    /// The graph whose statistics it can grow with.
+    /// Returns the graph whose statistics it can grow with.
     pub fn graph(&self) -> &Graph {
         &self.graph
     }
 }
 
-/// Lists the names in a number that gives a parameter its value. Of a choice, a text that is one of its names stands for itself.
+/// Lists the names in the expression of a parameter's value. In a choice, a text that is one of its names is a literal.
 fn names_in(number: &Number, kind: &ParamKind) -> Vec<String> {
     let is_text = |text| matches!(kind, ParamKind::Choice { of, .. } if of.contains(text));
     match number {
@@ -152,12 +151,12 @@ pub(super) struct Parameters {
     pub all: Vec<Declared>,
     /// The parameters that each include exposes, by the include's place in the file.
     pub exposed: Exposed,
-    /// Names that a preset of a choice may set, since other graphs of the choice have them.
+    /// Names that a preset of a choice may set because other graphs of the choice have them.
     pub elsewhere: BTreeSet<String>,
 }
 
 impl Parameters {
-    /// Sorts parameters by dependency, and by declaration where there is none; returns their indices.
+    /// Sorts parameters topologically, with ties in declaration order; returns their indices.
     ///
     /// `settings` replace defaults. Parameters on a cycle, and their dependants, are left out, with the error for one cycle.
     pub fn order(&self, settings: &IndexMap<String, Setting>) -> (Vec<usize>, Option<Diagnostic>) {
@@ -191,14 +190,14 @@ impl Parameters {
             order,
             first.map(|first| {
                 self.circle(first, |index| {
-                    // Each has such a need, or it would have its turn.
+                    // Each has an unresolved dependency, or it would have been sorted.
                     needed[index].iter().copied().find(|name| needs[*name] > 0).unwrap_or(first)
                 })
             }),
         )
     }
 
-    /// Makes the error for the circle that a parameter leads to.
+    /// Makes the error for a circle of parameters, starting at one of them.
     fn circle(&self, first: usize, next: impl Fn(usize) -> usize) -> Diagnostic {
         let mut way = vec![first];
         let start = loop {
@@ -240,13 +239,13 @@ impl Parameters {
     }
 }
 
-/// Parameters by the file of their graph, each listed once: parts may include parts several times over.
+/// Caches parameters by the file of their graph, because parts may be included several times.
 pub(super) type Known = HashMap<FileId, Rc<Parameters>>;
 
 /// Lists the parameters of a graph.
 ///
 /// # Errors
-/// Names that are exposed twice or not there, and those of the files that are included.
+/// Names that are exposed twice or do not exist, and errors of the included files.
 pub(super) fn parameters(
     opened: &Opened,
     choices: &mut Choices,
@@ -270,7 +269,7 @@ struct Collect<'a, 'r> {
     choices: &'a mut Choices<'r>,
     files: &'a mut SourceMap,
     known: &'a mut Known,
-    /// The files whose parameters are being listed, outermost first.
+    /// Files whose parameters are being listed, outermost first.
     around: Vec<FileId>,
 }
 
@@ -289,7 +288,7 @@ impl Collect<'_, '_> {
             around: Vec::new(),
         });
         let mut found = Parameters { all: own.collect(), ..Parameters::default() };
-        // Includes that lead back are an error of the walk, which says more.
+        // The walk reports circular includes, with more detail.
         if self.around.contains(&opened.file) || self.around.len() > MAX_DEPTH {
             return Ok(Rc::new(found));
         }
@@ -363,7 +362,7 @@ impl Collect<'_, '_> {
         let around = Rc::new(around);
         for declared in inner.all.iter().filter(|inner| is_exposed(&inner.name)) {
             let name_of = &declared.name;
-            // A value in `set` stands in this graph, one of a preset in the included one.
+            // A value in `set` uses this graph's names, a value of a preset those of the included graph.
             let level = declared.around.len();
             let default = (given(name_of).map(|setting| (setting, level + 1)))
                 .or_else(|| Some((chosen.opened.set.get(name_of)?.clone(), level)))

@@ -5,14 +5,14 @@ use std::collections::BTreeMap;
 use super::scope::Names;
 use crate::ir::{Domain, Param, ParamSet, Value, to_f32};
 
-/// The constants of a graph, as its shaders know them: by their names in capitals.
+/// The constants of a graph by their names in shaders, in capitals.
 #[derive(Debug, Default)]
 pub(super) struct Constants {
-    /// Names and texts of those that are 32-bit literals.
+    /// Names and texts of constants that are 32-bit literals.
     pub defines: Vec<(String, String)>,
-    /// Names and values of those that are numbers beyond 32 bits. A shader that mentions one is in error.
+    /// Names and values of numbers beyond 32 bits. A shader that mentions one is an error.
     pub unfit: Vec<(String, String)>,
-    /// The parameters behind each name, also behind those of texts, which have no define now.
+    /// The parameters behind each name, also of texts, which have no define.
     pub params: BTreeMap<String, ParamSet>,
 }
 
@@ -44,13 +44,13 @@ pub(super) fn defines(names: &Names, params: &[Param]) -> Constants {
     }
     let mut behind: BTreeMap<String, ParamSet> = BTreeMap::new();
     for (name, params) in &names.params {
-        // Several names may be one in capitals.
+        // Several names may be equal in capitals.
         behind.entry(capital(name)).or_default().extend(params);
     }
     Constants { defines, unfit, params: behind }
 }
 
-/// A value as a GLSL literal; `None` where it is none or does not fit 32 bits.
+/// Formats a value as a GLSL literal; `None` for texts and numbers beyond 32 bits.
 fn define_text(value: &Value) -> Option<String> {
     match value {
         Value::Bool(v) => Some(i32::from(*v).to_string()),

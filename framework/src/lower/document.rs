@@ -1,4 +1,4 @@
-//! Loading of graph files, and the chain of presets that leads to one.
+//! Loads graph files, and follows presets and choices to them.
 
 use indexmap::IndexMap;
 use std::rc::Rc;
@@ -7,7 +7,7 @@ use crate::ir::{FileId, Span};
 use crate::schema::{Document, Expression, GRAPH_VERSION, Graph, Number};
 use crate::source::{Diagnostic, Kind, Outline, Path, SourceMap, ron_error};
 
-/// A graph with what presets changed of it.
+/// A graph with the changes of presets.
 #[derive(Clone, Debug)]
 pub(super) struct Opened {
     pub file: FileId,
@@ -15,26 +15,26 @@ pub(super) struct Opened {
     pub outline: Rc<Outline>,
     /// The summary of the outermost preset or choice, or of the graph.
     pub summary: String,
-    /// Settings of the presets, outer ones already laid over inner ones.
+    /// Settings of the presets, merged; outer presets win.
     pub set: IndexMap<String, Setting>,
-    /// The graphs and presets that it is based on, as presets and choices name them, the graph last.
+    /// Names of the graphs and presets that it is based on, the graph last.
     pub based_on: Vec<String>,
-    /// The name under which a choice has it.
+    /// Its name in a choice.
     pub candidate: Option<String>,
     /// The other graphs of the choice.
     pub others: Rc<Vec<Opened>>,
-    /// The needs of choices, presets and the graph, from the outside in.
+    /// Requirements of choices, presets and the graph, outermost first.
     pub require: Vec<Requirement>,
 }
 
-/// A need of a graph, of a preset, or of a choice for one of its graphs: an entry of `require`.
+/// An entry of `require`: a requirement of a graph, of a preset, or of a choice for one of its graphs.
 #[derive(Clone, Debug)]
 pub(super) struct Requirement {
     pub condition: Expression,
     pub words: String,
     pub outline: Rc<Outline>,
     pub path: Path,
-    /// It stands in a choice: the graph would run, and another is preferred.
+    /// True if it is in a choice: the graph would run, but another is preferred.
     pub preference: bool,
 }
 
@@ -45,32 +45,32 @@ pub(super) struct Setting {
     pub path: Path,
 }
 
-/// Limits how deep presets, choices and includes nest, so that the stack cannot overflow.
+/// Maximum nesting of presets, choices and includes, so that the stack cannot overflow.
 pub(super) const MAX_DEPTH: usize = 16;
 
-/// Limits the graphs that a choice leads to: choices of choices could double them at each step.
+/// Maximum number of graphs reachable from a choice: nested choices could double them at each level.
 const MAX_CANDIDATES: usize = 64;
 
-/// Finds a graph that is named on the command line.
+/// Finds a graph named on the command line.
 pub(super) fn find(files: &mut SourceMap, name: &str) -> Result<FileId, Vec<Diagnostic>> {
     files.find(None, name, Kind::Graph).map_err(|error| {
-        // There is no file to point into: the name is shown as a text of its own.
+        // There is no file to point into, so the diagnostic shows the name as its source text.
         let file = files.add("command line", name);
         vec![error.at(Span { file, start: 0, end: name.len() })]
     })
 }
 
-/// Reads a file and follows presets and choices to the graphs that it can stand for, in order of preference.
+/// Reads a file and follows presets and choices to the possible graphs, in order of preference.
 ///
-/// All are read whether they are needed or not: a mistake is to be found on every device.
+/// All of them are read, so that mistakes are found on every device.
 pub(super) fn follow(files: &mut SourceMap, file: FileId) -> Result<Vec<Opened>, Vec<Diagnostic>> {
     Follow { files, chain: Vec::new(), found: 0 }.file(file)
 }
 
-/// The state of the way from a file to its graphs.
+/// State of the walk from a file to its graphs.
 struct Follow<'a> {
     files: &'a mut SourceMap,
-    /// The presets and choices on the way, and where each names the next.
+    /// Presets and choices on the way, and the place where each names the next.
     chain: Vec<(FileId, Span)>,
     /// Graphs so far.
     found: usize,
@@ -194,7 +194,7 @@ fn requirements(
 /// Reads one file, without following anything.
 pub(super) fn parse(files: &SourceMap, file: FileId) -> Result<(Document, Rc<Outline>), Vec<Diagnostic>> {
     let text = files.text(file);
-    // The outline is made first because it limits the depth of nesting, which the RON parser recurses into.
+    // The outline comes first because it limits the nesting, on which the RON parser recurses.
     let outline = Outline::parse(file, text).map_err(|e| vec![e])?;
     let document = Document::parse(text).map_err(|e| vec![ron_error(file, text, &e)])?;
     let twice = outline.duplicates();

@@ -17,7 +17,7 @@ use crate::source::{Diagnostic, Kind, Path};
 /// The name of an included graph's output.
 const PICTURE: &str = "picture";
 
-/// Makes the error for a name of an included graph that is also that of its output.
+/// Makes the error for a name of an included graph that collides with its output.
 fn hides_the_output(inner: &Level) -> Diagnostic {
     let Graph { imports, resources, .. } = &*inner.graph;
     let list = match () {
@@ -36,7 +36,7 @@ fn hides_the_output(inner: &Level) -> Diagnostic {
     .with_help("rename it, or make it the output")
 }
 
-/// An include as written, besides its condition.
+/// An include as written, without its condition.
 pub(super) struct Written<'a> {
     pub graph: &'a str,
     pub name: &'a str,
@@ -170,8 +170,8 @@ impl Lowering<'_> {
 
     /// Gives the includer the names of an included graph's resources: `include.resource`.
     ///
-    /// A name means what it means to the last of its passes: of a ping-pong buffer, the front is the half left in front. A constant that
-    /// is the name of a resource gives that one, and the output is the `picture`.
+    /// Names have the meaning that they have at the end of the included graph: the front of a ping-pong buffer is the half left in
+    /// front. A constant that holds the name of a resource works, too, and the output is `picture`.
     fn give(&mut self, level: &mut Level, include: &str, inner: &Level) {
         let ports = &inner.graph.ports;
         let own = inner.handles.iter().filter(|(name, _)| !ports.contains_key(*name));

@@ -1,13 +1,13 @@
 //! Lowering: turns the tree of a graph file into a flat list of passes.
 //!
-//! A graph may be a preset of another, include sub-graphs, repeat passes, omit some and swap ping-pong resources. Lowering
+//! A graph may be a preset of another, include graphs, repeat passes, omit passes and swap ping-pong resources. Lowering
 //! walks the tree once, in the order of the file, and resolves all of these: the result ([`Lowered`]) has only dispatches,
 //! draws and fills over numbered resources, every expression has a value, and `front(keys)` is one definite buffer. Lowering
-//! does not look at shaders; whether the names under `bind` exist is checked by linking.
+//! does not read shaders; linking checks the names under `bind`.
 //!
-//! Files: `document` loads files and follows presets and choices; `require` takes the first graph of a choice whose needs hold;
+//! Files: `document` loads files and follows presets and choices; `require` takes the first graph of a choice whose requirements hold;
 //! `declared` lists a graph's parameters, `params` gives them values, and `defines` turns them into preprocessor defines; `scope`
-//! evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes, `conditions` leaves some of them out,
+//! evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes, `conditions` removes some of them,
 //! and `include` lowers included graphs; `results` finds the output and the statistics.
 
 mod conditions;
@@ -39,40 +39,40 @@ use crate::ir::{
 use crate::schema::folded;
 use crate::source::{Diagnostic, Path, SourceMap};
 
-/// Holds a graph without its constructs. Passes are in the order of the file.
+/// A lowered graph: only dispatches, draws and fills, in the order of the file.
 #[derive(Clone, Debug)]
 pub struct Lowered {
-    /// The name that the graph was asked for by.
+    /// The name under which the graph was requested.
     pub name: String,
-    /// One line about it, of the outermost preset or the graph.
+    /// Summary of the outermost preset, or of the graph.
     pub summary: String,
-    /// The graphs and presets that it is based on, the graph last; empty for a graph.
+    /// The chain of presets and choices that leads to it, the graph last; empty for a plain graph.
     pub based_on: Vec<String>,
     /// The graphs that a choice passed over, in order; the last one's fallback is this graph.
     pub fallbacks: Vec<Fallback>,
     /// Known values of scene, device and viewport.
     pub facts: BTreeMap<String, Value>,
-    /// The parameters of the graph that was asked for.
+    /// Parameters of the requested graph.
     pub params: Vec<Param>,
-    /// Buffers and images, those that stand for the previous frame's contents among them.
+    /// Buffers and images, including those for the previous frame's contents.
     pub resources: Vec<LoweredResource>,
     /// Dispatches, draws and fills.
     pub passes: Vec<LoweredPass>,
     /// Passes that a `when` removed.
     pub culled: Vec<Culled>,
-    /// The same passes, with the parameters that they would use.
+    /// The removed passes, with the parameters that they would use.
     pub removed: Vec<RemovedPass>,
     /// Uses of parameters in expressions that were not evaluated.
     pub skipped: Vec<SkippedUse>,
     /// Uses that a `when` removed together with their pass.
     pub unwritten: Vec<RemovedUse>,
-    /// Graphs that were included, those that include others before these.
+    /// Included graphs, includers before their includes.
     pub includes: Vec<LoweredInclude>,
-    /// The image that is shown.
+    /// The output image.
     pub output: ResourceHandle,
     /// The output's name in the file.
     pub output_span: Span,
-    /// The words that are read back.
+    /// Words to read back.
     pub stats: Vec<Stat<ResourceHandle>>,
     /// The text of the generated include `live.glsl`.
     pub live_glsl: String,
@@ -86,10 +86,10 @@ pub struct Lowered {
     pub results: ParamSet,
 }
 
-/// Describes a `let` or a parameter whose expression names parameters that its evaluation did not reach.
+/// A `let` or a parameter whose expression names parameters that its evaluation did not read.
 #[derive(Clone, Debug)]
 pub struct SkippedUse {
-    /// The parameters.
+    /// The parameters that were not read.
     pub params: ParamSet,
     /// The name that has the expression.
     pub name: String,
@@ -105,7 +105,7 @@ impl Lowered {
         &self.resources[handle.index()]
     }
 
-    /// Returns the handle whose memory `handle` names: another one for the previous frame's contents.
+    /// Returns the handle that owns the memory of `handle`: a different one for the previous frame's contents.
     pub fn real(&self, handle: ResourceHandle) -> ResourceHandle {
         self.resource(handle).previous_frame_of.unwrap_or(handle)
     }
@@ -131,7 +131,7 @@ pub struct LoweredResource {
     pub shape: Shape,
     /// The owner and writer.
     pub source: Source,
-    /// The name under which its contents are kept from frame to frame.
+    /// The name under which its contents persist from frame to frame.
     pub history: Option<String>,
     /// Set for `last(name)`, whose readers run before the writers of this frame: the resource itself; of a ping-pong resource,
     /// the half that is the front when the frame ends.
@@ -151,11 +151,11 @@ pub struct LoweredInclude {
     pub span: Span,
     /// The include that it stands in, as an index into [`Lowered::includes`].
     pub parent: Option<usize>,
-    /// What its ports are given: the name, and the resources that it stands for; both halves of a ping-pong buffer.
+    /// The name and the resources of each port; both halves of a ping-pong buffer.
     pub given: Vec<(String, Vec<ResourceHandle>)>,
 }
 
-/// Names a use that went with its pass.
+/// A use that was removed with its pass.
 #[derive(Clone, Debug)]
 pub struct RemovedUse {
     /// The resource.
@@ -166,24 +166,24 @@ pub struct RemovedUse {
     pub when: Span,
 }
 
-/// Describes a pass that a `when` removed, or an include, or a pass of a repeat.
+/// A removed pass, include, or pass of a repeat.
 #[derive(Clone, Debug)]
 pub struct RemovedPass {
     /// Its `when`, or that of its repeat.
     pub condition: String,
     /// The condition in the file.
     pub when: Span,
-    /// Why it is false; none for one without names.
+    /// The reason why it is false; `None` without names.
     pub reason: Option<Reason>,
     /// Parameters that the condition depends on.
     pub decided: ParamSet,
-    /// Parameters behind the names in the pass's expressions.
+    /// Parameters behind the names in its expressions.
     pub named: ParamSet,
     /// The graph file that declares it.
     pub file: FileId,
     /// File names of its shaders.
     pub shaders: Vec<String>,
-    /// As for a pass that is there.
+    /// As in [`LoweredPass::constants`].
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
@@ -210,13 +210,13 @@ pub struct LoweredPass {
     pub push: Vec<LoweredPush>,
     /// Names and values of the defines: the constants of the scope.
     pub defines: Rc<Vec<(String, String)>>,
-    /// Names, as defines would have them, and values of the constants of the scope that are numbers beyond 32 bits.
+    /// Names (as of defines) and values of constants that are numbers beyond 32 bits.
     pub unfit: Rc<Vec<(String, String)>>,
-    /// Parameters that decide that the pass exists, and which resources it uses.
+    /// Parameters that decide whether the pass exists, and which resources it uses.
     pub decided: ParamSet,
     /// Parameters that its numbers depend on: size, push constants, offsets, the word of a fill.
     pub read: ParamSet,
-    /// Parameters behind the names that shaders can have of constants.
+    /// Parameters behind the constants that shaders can use.
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
@@ -265,7 +265,7 @@ pub enum LoweredWork {
     },
 }
 
-/// Sizes a dispatch.
+/// The size of a dispatch.
 #[derive(Clone, Copy, Debug)]
 pub enum LoweredSize {
     /// Invocations.
@@ -281,18 +281,18 @@ pub enum LoweredSize {
     },
 }
 
-/// Counts something in x, y and z.
+/// Numbers in x, y and z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Extent {
     /// The numbers; 1 in the dimensions that are not given.
     pub size: [u64; 3],
     /// The number of dimensions that are given, 1 to 3.
     ///
-    /// With one, what does not fit in x may continue in y.
+    /// A single dimension may be folded into y.
     pub dimensions: usize,
 }
 
-/// Binds resources to a block: one for each element of its array, or a single one.
+/// Resources for a block: one for each element of its array, or a single one.
 #[derive(Clone, Debug)]
 pub struct LoweredBind {
     /// The block's name.
@@ -305,7 +305,7 @@ pub struct LoweredBind {
     pub resource_span: Span,
 }
 
-/// Gives a push constant its value.
+/// The value of a push constant.
 #[derive(Clone, Debug)]
 pub struct LoweredPush {
     /// The member's name.
@@ -318,16 +318,16 @@ pub struct LoweredPush {
     pub value_span: Span,
 }
 
-/// Describes a parameter together with its texts for people.
+/// A parameter with its texts for users.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Control {
     /// The parameter.
     pub param: Param,
-    /// A short name.
+    /// A short label.
     pub label: String,
-    /// A sentence, or nothing.
+    /// The help text; may be empty.
     pub help: String,
-    /// The title of the part that it is exposed of; none for the graph's own.
+    /// The title of the part that exposes it; `None` for the graph's own.
     pub part: Option<String>,
 }
 
@@ -407,18 +407,18 @@ pub fn expression_names(
     Ok(ExpressionNames(names.values))
 }
 
-/// Says which graph a device is given for the one that a request names.
+/// The outcome of a choice for a device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Standing {
-    /// The graphs of a choice that are passed over, in order.
+    /// Graphs of the choice that were passed over, in order.
     pub fallbacks: Vec<Fallback>,
-    /// The needs of the last of them (or of the graph) that do not hold.
+    /// Unmet requirements of the last graph.
     ///
-    /// There are some where nothing suits the device.
+    /// Empty unless no graph suits the device.
     pub unmet: Vec<Unmet>,
 }
 
-/// Holds a graph's `require` against the facts, without lowering it.
+/// Checks a graph's `require` against the facts, without lowering the graph.
 ///
 /// # Errors
 /// Those of the graph's file, of its `require`, and of the files that it leads to.

@@ -19,18 +19,18 @@ pub(super) struct Resolved {
     /// Facts and constants, ready for `let`s and passes.
     pub names: Names,
     pub live_bytes: u64,
-    /// The parameters behind each live one.
+    /// The parameters behind each live parameter.
     pub live: BTreeMap<String, ParamSet>,
     pub skipped: Vec<SkippedUse>,
 }
 
-/// A setting from the command line: the text and where it is shown.
+/// A setting from the command line: its text, and the place at which errors show it.
 struct Text<'a> {
     value: &'a str,
     span: Span,
 }
 
-/// Gives the parameters of the root graph their values: defaults, then presets, then the request's settings.
+/// Evaluates the parameters of the root graph: defaults, then presets, then the request's settings.
 pub(super) fn resolve(
     root: &Opened,
     parameters: &Parameters,
@@ -65,7 +65,7 @@ pub(super) fn resolve(
         let declared = &parameters.all[index];
         let name = &declared.name;
         if declared.reach(root.set.get(name)).names.iter().any(|name| failed.contains(name.as_str())) {
-            // Its own error would only follow from that one.
+            // A further error would only be a consequence of that one.
             failed.insert(name);
             continue;
         }
@@ -80,7 +80,7 @@ pub(super) fn resolve(
                     // It ends at the range's end.
                     behind.extend(&range);
                 }
-                // What frames needed is no reason that the file knows.
+                // Growth is no reason in the file.
                 param.reason.take_if(|_| value != param.value);
                 param.value = value;
                 if !others.is_empty() {
@@ -111,11 +111,11 @@ pub(super) fn resolve(
 /// A parameter with the parameters of the root graph that it depends on, besides itself.
 struct Made {
     param: Param,
-    /// Behind its value.
+    /// Parameters behind its value.
     params: ParamSet,
-    /// Behind its range.
+    /// Parameters behind its range.
     range: ParamSet,
-    /// Named by the expression of its value, and not reached.
+    /// Parameters that the expression of its value names and did not read.
     skipped: ParamSet,
 }
 
@@ -172,10 +172,10 @@ fn one(
     Ok(Made { param, params, range, skipped })
 }
 
-/// Returns the names that a parameter's expressions see: in each include around it, innermost first, and in its graph.
+/// Returns the scopes of a parameter's expressions: of each include around it, innermost first, and of its graph.
 ///
-/// An include adds the values that it sets. Only those are evaluated that the parameter needs: a value of `set` can name a `let` of the
-/// includer, which has no value yet.
+/// An include adds the values of `set`, and evaluates only those that the parameter needs: the others may use `let`s of the
+/// includer, which have no values yet.
 fn around<'a>(
     declared: &Declared,
     setting: Option<&Setting>,
@@ -212,7 +212,7 @@ fn around<'a>(
     Ok(all)
 }
 
-/// The domain of all values that a parameter of a kind can have, whatever its range.
+/// Returns the domain of all values of a kind of parameter, without its range.
 fn any(kind: &ParamKind) -> Domain {
     match kind {
         ParamKind::Bool { .. } => Domain::Bool,
@@ -222,7 +222,7 @@ fn any(kind: &ParamKind) -> Domain {
     }
 }
 
-/// The statistic that a parameter grows with: one of the graph that declares it.
+/// Returns the statistic that a parameter grows with, of the graph that declares it.
 fn grows(declared: &Declared) -> Result<Option<String>, Diagnostic> {
     let declaration = declared.declaration();
     let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
@@ -255,7 +255,7 @@ pub(super) fn texts(declaration: &ParamDecl) -> (&str, &str) {
     }
 }
 
-/// Evaluates the domain, the default, which stands at a place and among names of its own, and the exact value of a declaration.
+/// Evaluates the domain, the default (at its own place and in its own scope) and the exact value of a declaration.
 fn domain(
     kind: &ParamKind,
     place: &Place,
@@ -321,7 +321,7 @@ fn domain(
             };
             Domain::Float { min, max, step }
         }
-        // A name of the list, or an expression that comes to one.
+        // A name of the list, or an expression that gives one.
         ParamKind::Choice { of, .. } => Domain::Choice(of.clone()),
     };
     let default = given(default, &domain, default_names, default_at)?;
@@ -329,7 +329,7 @@ fn domain(
     Ok((domain, default, exact))
 }
 
-/// A value that a file gives to a parameter. For a choice, a string that is one of its names stands for itself.
+/// Evaluates a value that a file gives to a parameter. In a choice, a string that is one of its names is a literal.
 pub(super) fn given(
     number: &Number,
     domain: &Domain,
@@ -347,8 +347,8 @@ pub(super) fn given(
     within(value, domain).map_err(|m| at.error("this value does not fit the parameter", m))
 }
 
-/// The reason for a value that [`given`] returns, the parameters that it depends on, and those that its expression names besides:
-/// none for one that stands there as it is.
+/// Returns the reason for a value of [`given`], the parameters that it depends on, and further parameters that its expression
+/// names; nothing for a literal.
 fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, ParamSet, ParamSet) {
     match (number, domain) {
         (Number::Literal(_), _) => Default::default(),
@@ -363,7 +363,7 @@ fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, P
     }
 }
 
-/// The value, in the domain's type, or what is wrong with it.
+/// Converts a value to the domain's type, or describes what is wrong with it.
 fn within(value: Value, domain: &Domain) -> Result<Value, String> {
     match (domain, value) {
         (Domain::Bool, Value::Bool(v)) => Ok(Value::Bool(v)),
@@ -411,7 +411,7 @@ fn wanted(domain: &Domain) -> String {
 
 /// Reads a value as typed on a command line or kept by the viewer: `true` or `false`, an integer, a number, or one of the names.
 ///
-/// An error says what was expected, and what was found.
+/// The error has the form `expected X, found Y`.
 pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
     let parsed = match domain {
         Domain::Bool => text.parse().ok().map(Value::Bool),
@@ -422,8 +422,8 @@ pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
     within(parsed.ok_or_else(|| format!("is not {}", wanted(domain)))?, domain)
 }
 
-/// A parameter of an included graph, with the parameters of the root graph behind its value. `given` is what the includer sets,
-/// the names that this is over, and where it stands.
+/// Evaluates a parameter of an included graph, with the parameters of the root graph behind it. `given` is the includer's
+/// setting, its scope, and its place.
 pub(super) fn included(
     declared: &Declared,
     setting: Option<&Setting>,
@@ -445,7 +445,7 @@ pub(super) fn is_identifier(name: &str) -> bool {
         && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
-/// The text of `live.glsl`: one uniform block with the live parameters, in their order.
+/// Generates `live.glsl`: one uniform block with the live parameters, in their order.
 pub(super) fn live_glsl(params: &[Param]) -> String {
     let members: Vec<String> = params
         .iter()
@@ -454,7 +454,7 @@ pub(super) fn live_glsl(params: &[Param]) -> String {
             let kind = match p.domain {
                 Domain::Float { .. } => "float",
                 Domain::Int { .. } => "int",
-                // A bool is 0 or 1, a choice the index of its name.
+                // A bool is 0 or 1, a choice is the index of its name.
                 Domain::Bool | Domain::Choice(_) => "uint",
             };
             format!("    {kind} {};\n", p.name)

@@ -1,4 +1,4 @@
-//! The walk over the passes: conditions, repeats, swaps and includes.
+//! Walks the passes, and resolves conditions, repeats, swaps and includes.
 
 use indexmap::IndexMap;
 use std::collections::BTreeMap;
@@ -23,16 +23,16 @@ use crate::ir::{
 use crate::schema::{Call, Expression, Graph, Number, PassDecl, Reference, Size, folded, is_choice};
 use crate::source::{Diagnostic, Outline, Path, SourceMap};
 
-/// Passes that a graph may have after its repeats: far beyond any use, and short of exhausting memory by a typing error.
+/// Maximum number of passes after repeats: far beyond any use, but few enough that a typing error cannot exhaust memory.
 const MAX_PASSES: usize = 20_000;
 
-/// Limits the work of the walk. Each declaration that it meets counts, with the entries that it has, and each turn of a repeat.
+/// Limits the work of the walk: declarations with their entries, and iterations of repeats.
 const MAX_STEPS: usize = 25 * MAX_PASSES;
 
-/// Bytes of the name of a pass, in the file.
+/// Maximum length of a pass's name in the file, in bytes.
 const LONGEST_NAME: usize = 256;
 
-/// Errors after which the walk ends: the rest would hardly be read.
+/// Maximum number of errors before the walk ends.
 const MAX_ERRORS: usize = 20;
 
 /// The state of the walk.
@@ -41,7 +41,7 @@ pub(super) struct Lowering<'a> {
     pub files: &'a mut SourceMap,
     pub errors: Vec<Diagnostic>,
     pub resources: Vec<LoweredResource>,
-    /// Name and place of every resource, to refuse one used twice.
+    /// Name and place of every resource, to detect duplicates.
     pub resource_names: BTreeMap<String, Span>,
     pub ping_pongs: Vec<PingPong>,
     passes: Vec<LoweredPass>,
@@ -49,9 +49,9 @@ pub(super) struct Lowering<'a> {
     steps: usize,
     pub choices: Choices<'a>,
     pub known: declared::Known,
-    /// Name and place of every pass, to refuse one used twice.
+    /// Name and place of every pass, to detect duplicates.
     pass_names: BTreeMap<String, Option<Span>>,
-    /// Name and place of every include, likewise.
+    /// Name and place of every include, to detect duplicates.
     pub include_names: BTreeMap<String, Span>,
     pub culled: Vec<Culled>,
     pub histories: Vec<History>,
@@ -78,15 +78,15 @@ pub(super) struct Level {
     /// Its own parameters and the exposed ones of its parts.
     pub params: Vec<Param>,
     pub exposed: Exposed,
-    /// `None` for a declaration that was in error.
+    /// `None` for an invalid declaration.
     pub handles: IndexMap<String, Option<Handle>>,
     /// Parameters that decide which resource of an include a name means.
     pub given: BTreeMap<String, ParamSet>,
-    /// Includes whose resources are not there: left out by the condition at a place, or in error.
+    /// Includes without resources: removed by the condition at a place, or invalid.
     pub absent: BTreeMap<String, Option<Span>>,
-    /// In front of the names of passes and resources.
+    /// Prefix for the names of passes and resources.
     pub prefix: String,
-    /// Behind the names of passes: the indices of the repeats.
+    /// Suffix for the names of passes: the indices of repeats.
     pub suffix: String,
     /// Index into [`Lowering::included`]; `None` for the root.
     pub include: Option<usize>,
@@ -107,7 +107,7 @@ impl Level {
     }
 }
 
-/// The start of a level.
+/// The names at the start of a level.
 pub(super) struct Scope {
     /// Facts and parameters.
     pub names: Names,
@@ -212,7 +212,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// A level with its `let`s evaluated.
+    /// Creates a level, and evaluates its `let`s.
     pub(super) fn level(&mut self, opened: &Opened, scope: Scope, prefix: String) -> Level {
         let Scope { mut names, params, exposed } = scope;
         for (name, number) in &opened.graph.lets {
@@ -266,7 +266,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Counts work, and returns false when it is too much; the first time with an error at `place`.
+    /// Counts work. Returns false beyond the limit, the first time with an error at `place`.
     pub(super) fn count(&mut self, steps: usize, place: &Place) -> bool {
         let before = self.steps;
         self.steps = before.saturating_add(steps);
@@ -403,7 +403,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// The file name of a shader, or the one that an expression chooses.
+    /// Evaluates the file name of a shader, which may be an expression.
     pub(super) fn shader(
         &self,
         level: &Level,
@@ -434,7 +434,7 @@ impl<'a> Lowering<'a> {
                     at.error("a target is cleared to finite numbers of 32 bits", format!("found {v}"))
                 );
             }
-            // Floats from 2^32 on are no `uint`s, and the largest below it is one.
+            // The largest float below 2^32 fits a `uint`; 2^32 does not.
             if integers && !(v.fract() == 0.0 && (0.0..4_294_967_296.0).contains(&v)) {
                 let found = format!("expected an integer from 0 to 4294967295, found {v}");
                 return Err(at.error("a target of the format r32ui is cleared to integers", found));
@@ -443,7 +443,7 @@ impl<'a> Lowering<'a> {
         Ok(())
     }
 
-    /// The arguments of an indirect command.
+    /// Resolves the arguments of an indirect command.
     fn arguments(
         &self,
         level: &Level,
@@ -455,8 +455,8 @@ impl<'a> Lowering<'a> {
         self.words(level, named, (bytes, &what), at)
     }
 
-    /// The buffer and the byte offset of some words of it, whose names stand at `at`. `what` says in an error that they are not
-    /// there.
+    /// Resolves a buffer and the byte offset of words in it, whose names are at `at`. `what` describes the words in
+    /// errors.
     pub(super) fn words(
         &self,
         level: &Level,
@@ -593,7 +593,7 @@ impl<'a> Lowering<'a> {
             level.names.values.insert(var.into(), Value::Int(i as i64));
             level.suffix = format!("{suffix}[{i}]");
             self.walk(level, body, &place.field("body"));
-            // The second time round would only say the same again.
+            // A second iteration would only repeat the errors.
             if self.errors.len() > errors {
                 break;
             }

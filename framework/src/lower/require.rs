@@ -1,4 +1,4 @@
-//! Requirements: the needs of a graph held against the facts, and the choice between graphs that follows.
+//! Checks the requirements of graphs against the facts, and chooses between graphs accordingly.
 
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -13,20 +13,20 @@ use crate::source::{Diagnostic, Kind, SourceMap};
 #[derive(Debug)]
 pub(super) struct Chosen {
     pub opened: Rc<Opened>,
-    /// Those before it.
+    /// The graphs before it.
     pub fallbacks: Vec<Fallback>,
-    /// Needs that do not hold; there are some where nothing suits the facts.
+    /// Unmet requirements; empty unless no graph suits the facts.
     pub unmet: Vec<Unmet>,
-    /// The same, as errors.
+    /// The unmet requirements as errors.
     pub errors: Vec<Diagnostic>,
 }
 
 type Found = Result<Rc<Chosen>, Vec<Diagnostic>>;
 
-/// Chooses graphs by the facts of a request, each file's once.
+/// Chooses graphs by the facts of a request, once per file.
 pub(super) struct Choices<'a> {
     request: &'a Request<'a>,
-    /// None while the file's own includes are being looked at.
+    /// `None` while the file's own includes are being visited.
     known: HashMap<FileId, Option<Found>>,
 }
 
@@ -35,9 +35,9 @@ impl<'a> Choices<'a> {
         Choices { request, known: HashMap::new() }
     }
 
-    /// Opens the graph that the request names: of a choice, the first whose needs hold.
+    /// Opens the graph that the request names; for a choice, the first graph whose requirements hold.
     ///
-    /// An error says which needs do not hold where nothing suits the facts.
+    /// If no graph suits the facts, the error lists the unmet requirements.
     pub fn root(&mut self, files: &mut SourceMap) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
         let chosen = self.standing(files)?;
         if chosen.unmet.is_empty() {
@@ -47,13 +47,13 @@ impl<'a> Choices<'a> {
         }
     }
 
-    /// Takes the first graph whose needs all hold of what the request names; the last one, if there is none.
+    /// Returns the first graph of the request whose requirements hold, or else the last one.
     pub fn standing(&mut self, files: &mut SourceMap) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
         let file = document::find(files, self.request.graph)?;
         self.choose(file, files, 0)
     }
 
-    /// Takes the first graph that a file can stand for and whose needs all hold; the last one, if there is none.
+    /// Returns the first graph of a file whose requirements hold, or else the last one.
     pub fn choose(
         &mut self,
         file: FileId,
@@ -94,7 +94,7 @@ impl<'a> Choices<'a> {
         }
     }
 
-    /// Holds the needs of a graph against the facts, and those of the graphs that it always includes.
+    /// Checks the requirements of a graph, and of the graphs that it includes unconditionally.
     fn needs(
         &mut self,
         opened: &Opened,
@@ -102,7 +102,7 @@ impl<'a> Choices<'a> {
         depth: usize,
     ) -> Result<Needs, Vec<Diagnostic>> {
         let mut needs = unmet(&opened.require, &Names::of(self.request.facts))?;
-        // Includes that lead back, or to nothing, are errors of the walk.
+        // The walk reports circular and missing includes.
         if depth < MAX_DEPTH {
             for graph in always_included(&opened.graph.passes) {
                 let Ok(file) = files.find(Some(opened.file), graph, Kind::Graph) else { continue };
@@ -111,7 +111,7 @@ impl<'a> Choices<'a> {
                 }
                 let Ok(chosen) = self.choose(file, files, depth + 1) else { continue };
                 needs.preference &= chosen.unmet.is_empty();
-                // A part that is included several times needs what it needs once.
+                // Report a requirement once, even if its part is included several times.
                 for (unmet, error) in chosen.unmet.iter().zip(&chosen.errors) {
                     if !needs.unmet.contains(unmet) {
                         needs.unmet.push(unmet.clone());
@@ -124,16 +124,16 @@ impl<'a> Choices<'a> {
     }
 }
 
-/// The needs of a graph that do not hold, each with the error that it is where nothing stands in.
+/// Unmet requirements of a graph, each with its error for the case that there is no fallback.
 #[derive(Default)]
 struct Needs {
     unmet: Vec<Unmet>,
     errors: Vec<Diagnostic>,
-    /// All of them are preferences of a choice.
+    /// Returns true if all of them are preferences of a choice.
     preference: bool,
 }
 
-/// Lists the graphs that passes include whatever the parameters are.
+/// Lists the graphs that passes include unconditionally.
 fn always_included(passes: &[PassDecl]) -> Vec<&str> {
     let graphs = passes.iter().flat_map(|pass| match pass {
         PassDecl::Include { graph, when: None, .. } => vec![graph.as_str()],
@@ -171,7 +171,7 @@ fn unmet(require: &[Requirement], names: &Names) -> Result<Needs, Vec<Diagnostic
     if errors.is_empty() { Ok(needs) } else { Err(errors) }
 }
 
-/// Adds to errors that another graph stands in for the one that was asked for.
+/// Adds a note to errors that a fallback of the requested graph is being drawn.
 pub(super) fn explained(errors: Vec<Diagnostic>, fallbacks: &[Fallback]) -> Vec<Diagnostic> {
     let explain = |error: Diagnostic| fallbacks.iter().fold(error, |error, s| error.with_help(s.to_string()));
     errors.into_iter().map(explain).collect()

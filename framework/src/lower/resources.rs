@@ -1,4 +1,4 @@
-//! Resources: from declarations, imports and ports to numbered buffers and images.
+//! Resolves declarations, imports and ports to numbered buffers and images.
 
 use super::params::is_identifier;
 use super::passes::{Level, Lowering};
@@ -18,7 +18,7 @@ pub(super) enum Handle {
     PingPong(usize),
 }
 
-/// Two buffers; which one is the front changes as `Swap`s are met.
+/// Two buffers. `Swap` changes which one is the front.
 #[derive(Clone, Debug)]
 pub(super) struct PingPong {
     pub halves: [ResourceHandle; 2],
@@ -68,7 +68,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Notes the parameters that a declaration depends on with the resources that it added, the first of them at `first`.
+    /// Records the parameters of a declaration with the resources that it added, starting at `first`.
     fn note(&mut self, level: &Level, first: usize) {
         let params = level.names.take_notes().all();
         self.resources[first..].iter_mut().for_each(|resource| resource.params = params.clone());
@@ -87,7 +87,7 @@ impl Lowering<'_> {
             }
             Err(diagnostic) => {
                 self.errors.push(diagnostic);
-                // Known, so that its users are not blamed as well.
+                // Declare it anyway, so that its users are not reported as well.
                 level.handles.insert(name.into(), None);
             }
         }
@@ -213,7 +213,7 @@ impl Lowering<'_> {
         self.histories.push(History { name, previous_frame, of: of.clone() });
     }
 
-    /// Connects the names of the previous frame's contents to their resources, once every swap of the frame is known.
+    /// Resolves the previous frame's contents, once all swaps of the frame are known.
     pub(super) fn end_histories(&mut self) {
         for History { name, previous_frame, of } in std::mem::take(&mut self.histories) {
             let real = match of {
@@ -235,7 +235,7 @@ impl Lowering<'_> {
             return Ok(format);
         }
         let all = Format::ALL.map(|f| f.name());
-        // A single word that nothing is called is a misspelt format rather than an expression.
+        // A single unknown word is a misspelt format rather than an expression.
         let wrong = |name: &str| {
             let diagnostic = place.error(format!("there is no format `{name}`"), "cannot be used");
             match Format::meant_by(name) {
@@ -254,7 +254,7 @@ impl Lowering<'_> {
 
     pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceHandle {
         let id = ResourceHandle(self.resources.len() as u32);
-        // The block of live parameters has a name, too.
+        // The name of the block of live parameters is taken.
         if let Some(first) = self.resource_names.insert(name.clone(), span) {
             self.errors.push(
                 Diagnostic::new(format!("two resources are called `{name}`"), span, "the second")
@@ -275,8 +275,8 @@ impl Lowering<'_> {
         id
     }
 
-    /// Returns the resources that the reference at `place` stands for at this point of the walk, or `Ok(None)` if the name is
-    /// known but its declaration is in error.
+    /// Returns the resources of the reference at `place` at this point of the walk, or `Ok(None)` if the name is
+    /// known but its declaration is invalid.
     pub(super) fn look_up(
         &self,
         level: &Level,
@@ -323,7 +323,7 @@ impl Lowering<'_> {
             let diagnostic = Diagnostic::new(format!("there is no resource `{name}`"), span, "not declared");
             match name.split_once('.').and_then(|(include, _)| level.absent.get(include)) {
                 None => {}
-                // Its own errors are told.
+                // Its own errors have been reported.
                 Some(None) => return Ok(None),
                 Some(Some(when)) => return Err(diagnostic.with_label(*when, "its include is left out here")),
             }
@@ -370,7 +370,7 @@ impl Lowering<'_> {
 
     /// Checks an includer's resource against a port, and returns its handle inside the included graph.
     ///
-    /// Of a ping-pong resource, a port that does not ask for one gets only the front, so that the included graph cannot
+    /// A port without `ping_pong` gets only the front of a ping-pong resource, so that the included graph cannot
     /// exchange the halves.
     pub(super) fn port(
         &self,
@@ -440,7 +440,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Selects a part of a resource; none if it has no such part. The whole of a ping-pong buffer stays a pair.
+    /// Selects a part of a resource; `None` if it has no such part. A whole ping-pong buffer stays a pair.
     pub(super) fn part(&self, handle: &Handle, part: Part) -> Option<Handle> {
         match (handle, part) {
             (_, Part::Whole) => Some(handle.clone()),

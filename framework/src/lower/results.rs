@@ -1,4 +1,4 @@
-//! Results: the output and the statistics of a graph, its own and those of its parts.
+//! Resolves the output and the statistics of a graph and its parts.
 
 use super::ResourceHandle;
 use super::passes::{Level, Lowering};
@@ -34,7 +34,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Refuses the contents of the previous frame where a frame's results are named: by then this frame has written over them.
+    /// Refuses `last(name)` as a result: this frame has overwritten it by then.
     fn of_this_frame(
         &self,
         id: Option<ResourceHandle>,

@@ -1,4 +1,4 @@
-//! Names with their values, and the evaluation of expressions in their scope.
+//! Evaluates expressions in a scope of names with values.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -12,14 +12,14 @@ use crate::source::{Diagnostic, Outline, Path};
 
 /// Names visible to the expressions of one graph: facts, constant parameters, `let`s and repeat variables.
 ///
-/// Every evaluation notes the parameters of the root graph that the names it reads depend on. A statement of the graph takes
-/// these notes when it is lowered.
+/// Every evaluation records the parameters of the root graph that it read. Lowering a statement takes these
+/// records.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Names {
     pub values: Values,
-    /// Live parameters: known, but without a value when the plan is built.
+    /// Live parameters, which have no value when the plan is built.
     pub live: BTreeSet<String>,
-    /// The parameters of the root graph behind values; names that depend on none are missing.
+    /// The parameters of the root graph behind each name, for names with such parameters.
     pub params: BTreeMap<String, ParamSet>,
     notes: RefCell<Notes>,
 }
@@ -120,12 +120,12 @@ impl Names {
         }
     }
 
-    /// Returns what was noted since the last call.
+    /// Takes the records since the last call.
     pub fn take_notes(&self) -> Notes {
         self.notes.take()
     }
 
-    /// Evaluates apart from the notes, and returns what it read with the result.
+    /// Evaluates without recording, and returns the result with what was read.
     pub fn traced<T>(&self, evaluate: impl FnOnce() -> T) -> (T, ParamSet) {
         let outer = self.notes.take();
         let result = evaluate();
@@ -139,12 +139,12 @@ impl Names {
         result
     }
 
-    /// Notes what a condition depends on.
+    /// Records the parameters of a condition.
     pub fn note_decided(&self, params: &ParamSet) {
         self.notes.borrow_mut().decided.extend(params);
     }
 
-    /// Returns the parameters behind all names of a number, whether its evaluation reaches them or not.
+    /// Returns the parameters behind all names in a number, whether its evaluation reads them or not.
     pub fn named_by(&self, number: &Number) -> ParamSet {
         match number {
             Number::Literal(_) => ParamSet::new(),
@@ -166,7 +166,7 @@ impl Names {
         names.filter_map(|(name, _)| self.params.get(name)).flatten().copied().collect()
     }
 
-    /// The value of `number`, which stands at `place`.
+    /// Returns the value of `number`, which is at `place`.
     pub fn evaluate(&self, number: &Number, place: &Place) -> Result<Value, Diagnostic> {
         match number {
             Number::Literal(value) => Ok(value.clone()),
@@ -199,9 +199,9 @@ impl Names {
         expr.eval(self).map_err(show)
     }
 
-    /// Says why an expression has its value: which names its evaluation reached.
+    /// Returns the reason for an expression's value: the names that its evaluation read.
     ///
-    /// None for one that has no value, or names nothing.
+    /// `None` without a value, or without names.
     pub fn reason(&self, expression: &Expression) -> Option<Reason> {
         let reached = Reached { names: self, values: RefCell::default() };
         expression.parsed.as_ref().ok()?.eval(&reached).ok()?;
@@ -216,13 +216,13 @@ impl Names {
         }
     }
 
-    /// An integer from 0 up.
+    /// Evaluates a non-negative integer.
     pub fn natural(&self, number: &Number, place: &Place) -> Result<u64, Diagnostic> {
         let v = self.integer(number, place)?;
         u64::try_from(v).map_err(|_| place.error("this cannot be negative", format!("is {v}")))
     }
 
-    /// Integers from 0 up in one to three dimensions.
+    /// Evaluates non-negative integers in one to three dimensions.
     pub fn extent(&self, extent: &schema::Extent, place: &Place) -> Result<Extent, Diagnostic> {
         let mut size = [1; 3];
         for (axis, number) in extent.0.iter().enumerate() {
@@ -231,7 +231,7 @@ impl Names {
         Ok(Extent { size, dimensions: extent.0.len() })
     }
 
-    /// An integer from 1 up.
+    /// Evaluates a positive integer.
     pub fn positive(&self, number: &Number, place: &Place) -> Result<u64, Diagnostic> {
         match self.natural(number, place)? {
             0 => Err(place.error("this must be at least 1", "is 0")),
@@ -249,7 +249,7 @@ impl Names {
     }
 }
 
-/// Notes the names that an evaluation reaches.
+/// Records the names that an evaluation reads.
 struct Reached<'a> {
     names: &'a Names,
     values: RefCell<Values>,
@@ -267,7 +267,7 @@ impl Scope for Reached<'_> {
     }
 }
 
-/// A value with its type, for messages.
+/// Formats a value with its type, for messages.
 pub(super) fn describe(value: &Value) -> String {
     match value {
         Value::Bool(v) => v.to_string(),

@@ -1,15 +1,15 @@
-//! SPIR-V to the Metal Shading Language with SPIRV-Cross, Khronos' own translator, linked in.
+//! Translates SPIR-V to the Metal Shading Language with SPIRV-Cross, which is linked in.
 //!
-//! Metal runs the code that Vulkan runs: each shader's SPIR-V becomes the text of a library with one function, which a Mac compiles
-//! when it makes the pipeline. Vulkan numbers a shader's bindings freely; Metal has tables of arguments, one for buffers and one for
-//! textures. `places` numbers them, and the function is told so.
+//! Each shader's SPIR-V becomes the text of a library with one function, which Metal compiles when the pipeline is made. Vulkan
+//! numbers a shader's bindings freely. Metal has argument tables, one for buffers and one for textures; `places` assigns the
+//! indices, and SPIRV-Cross generates the function with them.
 //!
-//! The executor owes the function:
+//! The function requires of the executor:
 //!
-//! - `MTLCompileOptions` of [`VERSION`] without fast math: keys and culling count on every rounding;
-//! - a pipeline whose `threadExecutionWidth` is the width of subgroups that the plan was built for, which is a constant of the text;
-//! - the buffers of push constants and sizes, where [`Msl::push`] and [`Msl::sizes`] give them a place;
-//! - nothing for the y axis: positions leave the vertex function with y upwards, as Metal's clip space has it.
+//! - `MTLCompileOptions` of [`VERSION`] without fast math, because keys and culling depend on exact rounding;
+//! - a pipeline whose `threadExecutionWidth` is the subgroup width that the plan was built for, a constant of the text;
+//! - buffers with the push constants and sizes at the indices [`Msl::push`] and [`Msl::sizes`];
+//! - nothing for the y axis: the vertex function returns positions with y upwards, as in Metal's clip space.
 //!
 //! SPIRV-Cross is C++ and throws on what it cannot translate; its C interface, which the crate calls, turns exceptions into errors.
 
@@ -29,10 +29,10 @@ use spirv_cross2::{Compiler, Module, spirv::ExecutionModel};
 use crate::ir::{Msl, MslArgument, ReflectedKind, Reflection, Shader, ShaderStage, Value};
 use crate::plan::Plan;
 
-/// Names the version of the language, major and minor: all GPUs of family Apple 7 and later have it since macOS 12.
+/// The version of the language, major and minor. All GPUs of family Apple 7 and later support it since macOS 12.
 pub const VERSION: (u32, u32) = (2, 4);
 
-/// Reports a shader that has no equal in Metal's language.
+/// A shader that cannot be translated to Metal's language.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the shader `{shader}` cannot be translated to Metal's language: {problem}")]
 pub struct MslError {
@@ -44,7 +44,7 @@ pub struct MslError {
 
 /// Translates all shaders of a plan.
 ///
-/// Fails with one error for each shader that cannot be translated; the others are.
+/// Translates all others if a shader fails, and returns one error per failed shader.
 pub fn add_msl(plan: &mut Plan) -> Result<(), Vec<MslError>> {
     let lanes = match plan.facts.get("device.subgroup_size") {
         Some(Value::Int(lanes)) => u32::try_from(*lanes).unwrap_or(0),
@@ -60,15 +60,15 @@ pub fn add_msl(plan: &mut Plan) -> Result<(), Vec<MslError>> {
     if errors.is_empty() { Ok(()) } else { Err(errors) }
 }
 
-/// Holds the places of a shader's arguments.
+/// The indices of a shader's arguments.
 struct Places {
     arguments: Vec<MslArgument>,
     push: Option<u32>,
-    /// The first index in the table of buffers that nothing has.
+    /// The first free index in the table of buffers.
     free: u32,
 }
 
-/// Numbers the arguments of a shader: buffers in the order of their bindings, then the push constants; textures apart.
+/// Numbers the arguments of a shader: buffers in the order of their bindings, then push constants; textures separately.
 fn places(reflection: &Reflection) -> Places {
     let (mut buffers, mut textures) = (0, 0);
     let mut arguments = Vec::new();
@@ -87,7 +87,7 @@ fn places(reflection: &Reflection) -> Places {
     Places { arguments, push, free: buffers + u32::from(push.is_some()) }
 }
 
-/// Refuses what is beyond the limits of Metal.
+/// Checks the arguments against Metal's limits.
 fn check(places: &Places, sizes: bool, reflection: &Reflection) -> Result<(), String> {
     let buffers = places.free + u32::from(sizes);
     let most = Msl::MOST_BUFFERS;
@@ -138,10 +138,10 @@ fn call(
     lanes: u32,
 ) -> Result<(String, String, bool), SpirvCrossError> {
     let mut compiler = Compiler::<targets::Msl>::new(Module::from_words(spirv))?;
-    // What is declared and never used would be given a place that another argument has.
+    // SPIRV-Cross would give unused arguments indices that other arguments have.
     let used = compiler.active_interface_variables()?;
     compiler.set_enabled_interface_variables(used)?;
-    // An array of descriptors is one binding, with a count, at the place of its first element.
+    // An array of descriptors is one binding with a count, at the index of its first element.
     let mut bindings: BTreeMap<u32, (MslArgument, u32)> = BTreeMap::new();
     for argument in &places.arguments {
         bindings.entry(argument.binding).or_insert((*argument, 0)).1 += 1;
@@ -157,7 +157,7 @@ fn call(
         compiler.add_resource_binding(stage, ResourceBinding::PushConstantBuffer, &target)?;
     }
     let done = compiler.compile(&options(places.free, lanes))?;
-    // `main` is no name for a function of Metal's.
+    // Metal functions cannot be called `main`.
     let entry = done.cleansed_entry_point_name("main", stage)?;
     let entry = entry
         .ok_or_else(|| SpirvCrossError::InvalidSpirv("expected an entry point `main`".to_string()))?
@@ -179,13 +179,13 @@ fn options(sizes: u32, lanes: u32) -> CompilerOptions {
     options.common.fixup_clipspace = false;
     // Comparisons and minima with NaN are those of the SPIR-V: degenerate splats are culled by them.
     options.common.relax_nan_checks = false;
-    // Only where the SPIR-V forbids contraction (`precise`) are products and sums kept apart, as by Vulkan's drivers.
+    // Products and sums may be contracted unless the SPIR-V forbids it (`precise`), as in Vulkan.
     options.invariant_fp_math = false;
     // A fragment function must return as many components as its target has.
     options.pad_fragment_output_components = true;
     // No topology has points.
     options.enable_point_size_builtin = false;
-    // Stores of fragments after they are discarded would be seen on some devices.
+    // On some devices, stores of discarded fragments would take effect.
     options.check_discarded_frag_stores = true;
     options
 }

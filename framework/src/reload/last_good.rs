@@ -1,8 +1,8 @@
-//! Keeps the last product that was built without an error while files are being edited, and perhaps an error.
+//! Keeps the last good product, and the error of a newer attempt, while files are being edited.
 //!
-//! A small state machine. The picture never depends on the newest attempt, only on the newest that worked; and an error
-//! right after a change is kept back for a while ([`GRACE`]), since the file may be half written. When the other half arrives,
-//! the next attempt begins and the error was never shown. Time is passed in.
+//! This is a small state machine; the caller passes the time in. The picture depends on the newest attempt that succeeded. An error
+//! right after a change is delayed ([`GRACE`]), because the file may be half written. If the other half arrives in time,
+//! the next attempt begins and the error is never shown.
 
 use std::time::{Duration, Instant};
 
@@ -24,9 +24,9 @@ pub struct LastGood<P, E> {
     newest: Attempt,
     /// Earliest time to show an error of the newest attempt. `None`: at once.
     patient_until: Option<Instant>,
-    /// Shown, while attempts after it are on their way, too.
+    /// The error to show, also while newer attempts are running.
     shown: Option<E>,
-    /// Error of the newest attempt; not shown before `patient_until`.
+    /// Error of the newest attempt, delayed until `patient_until`.
     kept_back: Option<E>,
 }
 
@@ -44,18 +44,18 @@ impl<P, E> Default for LastGood<P, E> {
 }
 
 impl<P, E> LastGood<P, E> {
-    /// Returns a state without a plan and without attempts.
+    /// Creates a state without a product.
     pub fn new() -> Self {
         LastGood::default()
     }
 
-    /// Begins an attempt because files changed. Its error, if it has one, is kept back for [`GRACE`] from `now` on; an
-    /// error of the attempt before that is still kept back is never shown.
+    /// Begins an attempt because files changed. Its error will be delayed until [`GRACE`] after `now`. A delayed error
+    /// of the previous attempt is dropped.
     pub fn changed(&mut self, now: Instant) -> Attempt {
         self.begin(now, Some(now + GRACE))
     }
 
-    /// Begins an attempt for another reason (the start, a parameter): its error is worth showing at once, unless a file
+    /// Begins an attempt for another reason (the start, a parameter). Its error is shown at once, unless a file
     /// changed just before.
     pub fn asked(&mut self, now: Instant) -> Attempt {
         self.begin(now, self.patient_until)
@@ -71,7 +71,7 @@ impl<P, E> LastGood<P, E> {
         self.newest
     }
 
-    /// Records the product of an attempt and drops the errors. Returns false if a newer attempt's product is already there.
+    /// Records the product of an attempt and drops the errors. Returns false if there is a newer product.
     pub fn succeeded(&mut self, attempt: Attempt, product: P) -> bool {
         if self.good.is_some() && attempt.number < self.good_attempt {
             return false;
@@ -85,30 +85,30 @@ impl<P, E> LastGood<P, E> {
         true
     }
 
-    /// Records the error of an attempt. It counts only if no newer attempt was begun.
+    /// Records the error of an attempt, unless a newer attempt has begun.
     pub fn failed(&mut self, attempt: Attempt, error: E) {
         if attempt == self.newest {
             self.kept_back = Some(error);
         }
     }
 
-    /// Returns the newest product, if there ever was one.
+    /// Returns the newest product.
     pub fn good(&self) -> Option<&P> {
         self.good.as_ref()
     }
 
-    /// Returns the newest product, to be changed or taken out.
+    /// Returns the newest product, mutably.
     pub fn good_mut(&mut self) -> &mut Option<P> {
         &mut self.good
     }
 
-    /// Returns the error to show: that of the newest finished attempt. `None` while there is none, or one is kept back.
+    /// Returns the error of the newest finished attempt, unless it is delayed.
     pub fn error(&self, now: Instant) -> Option<&E> {
         let newer = if self.is_due(now) { self.kept_back.as_ref() } else { None };
         newer.or(self.shown.as_ref())
     }
 
-    /// Returns the time at which [`LastGood::error`] changes by itself.
+    /// Returns the time at which a delayed error becomes visible.
     pub fn due(&self, now: Instant) -> Option<Instant> {
         self.patient_until.filter(|_| self.kept_back.is_some() && !self.is_due(now))
     }

@@ -1,9 +1,9 @@
-//! Builds on a thread of its own, so that drawing never waits.
+//! Builds on a separate thread, so that drawing never waits.
 //!
-//! At most one job waits: a newer one replaces it. A job that was begun is finished if it takes less than [`PATIENCE`], even where a
-//! newer one waits, and every output is returned, in order: an older one may be the last without an error. A job that takes longer
-//! is asked to end, by the [`Cancel`] that its function was made with, as soon as a newer one waits (here, or with the owner, who says
-//! so by [`Rebuilder::set_outdated`]) or the rebuilder is dropped.
+//! At most one job waits: a newer one replaces it. A running job is finished if it takes less than [`PATIENCE`], even if a newer one
+//! waits. Every output is returned, in order, because an older one may be the last without an error. A longer job is asked to end,
+//! through the [`Cancel`] passed to its function, once a newer job waits here, once the owner has one
+//! ([`Rebuilder::set_outdated`]), or when the rebuilder is dropped.
 
 use std::any::Any;
 use std::collections::VecDeque;
@@ -14,18 +14,18 @@ use std::time::{Duration, Instant};
 
 use crate::shader::Cancel;
 
-/// Time that a job has although a newer one waits: long enough for most plans, so that a slider that moves shows its way.
+/// Minimum time that a job gets, even if a newer one waits: enough for most plans, so that a moving slider shows progress.
 pub const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Builds on a thread of its own. Dropping it asks the job that is being built to end, and waits for that; one that waits is dropped
-/// undone.
+/// Builds on a separate thread. Dropping it asks the running job to end and waits for it. A waiting job is
+/// discarded.
 #[derive(Debug)]
 pub struct Rebuilder<Job, Output> {
     shared: Arc<Shared<Job, Output>>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// Reports a build that panicked, which is a bug in it.
+/// A panic of a build, which is a bug.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the build stopped unexpectedly: {message}")]
 pub struct Panicked {
@@ -36,23 +36,23 @@ pub struct Panicked {
 #[derive(Debug)]
 struct Shared<Job, Output> {
     state: Mutex<State<Job, Output>>,
-    /// A job waits, or the thread is to end.
+    /// Signalled when a job waits, or the thread should end.
     called: Condvar,
 }
 
 #[derive(Debug)]
 struct State<Job, Output> {
     waiting: Option<Job>,
-    /// Since when a job is being built.
+    /// Start of the running job.
     building: Option<Instant>,
     done: VecDeque<Result<Output, Panicked>>,
-    /// The owner has a newer job.
+    /// True if the owner has a newer job.
     outdated: bool,
     ending: bool,
 }
 
 impl<Job, Output> State<Job, Output> {
-    /// Returns true if nobody waits for the job that is being built.
+    /// Returns true if the running job is outdated.
     fn is_cancelled(&self) -> bool {
         let newer = self.outdated || self.waiting.is_some();
         self.ending || newer && self.building.is_some_and(|begun| begun.elapsed() > PATIENCE)
@@ -67,9 +67,9 @@ impl<Job, Output> Shared<Job, Output> {
 }
 
 impl<Job: Send + 'static, Output: Send + 'static> Rebuilder<Job, Output> {
-    /// Starts the thread. `make` is called there before the first job and again after a panic, and returns the function that
-    /// does a job; the function may own data that must stay on its thread, and should ask the [`Cancel`] now and then while it works.
-    /// `wake` is called there when an output is ready.
+    /// Starts the thread. It calls `make` before the first job and after a panic, to get the function that runs
+    /// jobs. The function may own data that is not `Send`, and should check the [`Cancel`] regularly.
+    /// The thread calls `wake` when an output is ready.
     pub fn new<Build: FnMut(Job) -> Output>(
         mut make: impl FnMut(Cancel) -> Build + Send + 'static,
         wake: impl Fn() + Send + 'static,
@@ -96,12 +96,12 @@ impl<Job, Output> Rebuilder<Job, Output> {
         before
     }
 
-    /// Says whether the owner has a job that is newer than all that were queued, and waits for their end.
+    /// Tells whether the owner holds a newer job than all queued ones, and waits for these to end.
     pub fn set_outdated(&self, outdated: bool) {
         self.shared.state().outdated = outdated;
     }
 
-    /// Takes the oldest output that was not taken yet.
+    /// Takes the oldest output.
     pub fn poll(&self) -> Option<Result<Output, Panicked>> {
         self.shared.state().done.pop_front()
     }

@@ -1,7 +1,7 @@
-//! Strings of a graph that are more than names: expressions and references to resources, parsed once when a file is read.
+//! Expressions and references to resources in a graph's strings, parsed once when a file is read.
 //!
-//! A string that does not follow its grammar keeps its error, which is reported at the string's place in the file as soon as the
-//! graph needs its value: whether a string is an expression can depend on the parameter that it is for.
+//! A string with a syntax error keeps the error. It is reported at the string's place in the file when the graph needs the value,
+//! because whether a string is an expression can depend on the parameter that it is for.
 
 use std::ops::Range;
 
@@ -15,7 +15,7 @@ use crate::expr::{Expr, ExprError};
 pub struct Expression {
     /// The text in the file.
     pub text: String,
-    /// The tree, or the mistake in the text.
+    /// The tree, or the error.
     pub parsed: Result<Expr, ExprError>,
 }
 
@@ -32,18 +32,18 @@ impl Expression {
     }
 }
 
-/// Folds the line breaks of a text in a graph file, with the spaces around them, to one space each.
+/// Replaces each line break, with the spaces around it, by one space.
 pub fn folded(text: &str) -> String {
     text.lines().map(str::trim).collect::<Vec<_>>().join(" ")
 }
 
-/// Refers to a resource: by name, by a half of it or its previous contents, or by an expression that chooses such a text.
+/// Refers to a resource: a name, a half, the previous contents, or an expression that chooses one of these.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(from = "String")]
 pub struct Reference {
     /// The text in the file.
     pub text: String,
-    /// `name`, `front(name)`, `back(name)` or `last(name)`; `None` if the text is neither of these nor a choice.
+    /// `name`, `front(name)`, `back(name)` or `last(name)`; `None` for a choice and for invalid text.
     pub name: Option<ResourceName>,
     /// `condition ? 'a' : 'b'`
     pub choice: Option<Expression>,
@@ -60,19 +60,19 @@ impl From<String> for Reference {
     }
 }
 
-/// Tells whether a text is an expression rather than the name of a resource.
+/// Returns true if a text is an expression rather than the name of a resource.
 pub fn is_choice(text: &str) -> bool {
     text.contains(['?', '\''])
 }
 
-/// Names a resource and the part of it that is meant.
+/// A parsed reference: the name of a resource, and a part of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResourceName {
-    /// The name alone.
+    /// The name.
     pub name: String,
     /// The part.
     pub part: Part,
-    /// The bytes of the text that hold the name.
+    /// The byte range of the name in the text.
     pub range: Range<usize>,
 }
 

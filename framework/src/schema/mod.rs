@@ -1,7 +1,7 @@
 //! The graph as written: the typed tree that serde builds from a RON file.
 //!
-//! Nothing is resolved here. Numbers may still be expressions ([`Number`]), names may still be wrong, an included
-//! graph is still a name. Fields are documented here; lowering gives them their values.
+//! Nothing is resolved here: numbers may be expressions ([`Number`]), names may be wrong, and an included graph is a
+//! name. Lowering resolves them.
 
 mod expression;
 
@@ -19,7 +19,7 @@ use crate::ir::{Blend, Load, Run, Topology, Value};
 pub const GRAPH_VERSION: u32 = 1;
 
 /// Holds one graph file, such as those of `pipelines/`.
-// A tree of a few kilobytes that is dropped soon: the size of its variants does not matter.
+// Short-lived and a few kilobytes large, so the size of variants does not matter.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 pub enum Document {
@@ -53,12 +53,12 @@ pub struct Preset {
     pub summary: String,
     /// Parameters with their values.
     pub set: IndexMap<String, Number>,
-    /// Needs that it has besides those of the graph; as there.
+    /// Requirements in addition to those of the graph.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
 }
 
-/// Names graphs in order of preference: the first whose needs hold is drawn.
+/// Lists graphs in order of preference: the first whose requirements hold is drawn.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename = "Choice")]
 pub struct GraphChoice {
@@ -74,7 +74,7 @@ pub struct GraphChoice {
 pub struct Candidate {
     /// The graph, a preset or another choice.
     pub graph: String,
-    /// Needs that it has here besides its own; as those of a graph.
+    /// Requirements in this choice, in addition to its own.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
 }
@@ -87,30 +87,30 @@ pub struct Graph {
     pub version: u32,
     /// One line that says what this renderer does.
     pub summary: String,
-    /// The needs of the graph: conditions over facts, each with words for a person.
+    /// Requirements of the graph: conditions over facts, each with a description.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
-    /// Parameters, in the order of panels. Each may use the others, as long as none needs itself.
+    /// Parameters, in the order of panels. They may use each other, but not in a circle.
     #[serde(default)]
     pub params: IndexMap<String, ParamDecl>,
-    /// Named expressions over parameters, facts and the entries before.
+    /// Named expressions over parameters, facts and earlier entries.
     #[serde(default, rename = "let")]
     pub lets: IndexMap<String, Number>,
     /// Data of the scene and the host.
     #[serde(default)]
     pub imports: IndexMap<String, Import>,
-    /// In a graph made to be included: the resources that the includer gives.
+    /// Resources that an includer supplies.
     #[serde(default)]
     pub ports: IndexMap<String, Port>,
-    /// Buffers and images. The includer knows them as `include.resource`.
+    /// Buffers and images. An includer names them `include.resource`.
     #[serde(default)]
     pub resources: IndexMap<String, ResourceDecl>,
     /// Passes, in order.
     pub passes: Vec<PassDecl>,
-    /// 32-bit words to read back after each frame: buffer, byte offset. Those of an included graph are the includer's, too.
+    /// 32-bit words to read back after each frame: buffer and byte offset. An includer has them, too.
     #[serde(default)]
     pub stats: IndexMap<String, (Reference, Number)>,
-    /// The image that is shown; `include.picture` to a graph that includes this one. Parts of a renderer have none.
+    /// The output image; `include.picture` for an includer. Parts of a renderer have none.
     #[serde(default)]
     pub output: Option<Reference>,
 }
@@ -118,7 +118,7 @@ pub struct Graph {
 /// Holds a number or a bool, or an expression in quotes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Number {
-    /// A number or a bool as it stands.
+    /// A literal number or bool.
     Literal(Value),
     /// An expression in quotes.
     Expression(Expression),
@@ -285,25 +285,25 @@ pub enum Port {
     Buffer {
         /// Bytes per element.
         stride: Number,
-        /// Takes both halves of a ping-pong buffer; false takes the front half alone.
+        /// Takes both halves of a ping-pong buffer; otherwise only the front half.
         #[serde(default)]
         ping_pong: bool,
     },
     /// An image of the including graph.
     Image {
-        /// As of a resource; any by default.
+        /// Required format; any by default.
         #[serde(default)]
         format: Option<Expression>,
     },
 }
 
-/// Selects the parameters of an included graph that are the includer's, too.
+/// Selects the parameters of an included graph that become the includer's.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Expose {
     /// Every parameter that `set` does not name.
     All,
-    /// These. A value that `set` gives is their default.
+    /// These parameters, with values in `set` as their defaults.
     Only(Vec<String>),
 }
 
@@ -317,10 +317,10 @@ pub enum ResourceDecl {
         stride: Number,
         /// Number of elements.
         count: Number,
-        /// Two buffers, of which one is the front; `Swap` exchanges them. Each frame starts at the same front.
+        /// Makes two buffers, front and back, which `Swap` exchanges. Each frame starts with the same front.
         #[serde(default)]
         ping_pong: bool,
-        /// Keeps the contents from frame to frame, if true: `last(name)` reads those of the previous frame. Zeros at first.
+        /// Keeps the contents from frame to frame: `last(name)` reads those of the previous frame. Initially zeros.
         #[serde(default = "no")]
         history: Number,
     },
@@ -330,7 +330,7 @@ pub enum ResourceDecl {
         format: Expression,
         /// Width and height in pixels.
         size: (Number, Number),
-        /// As for buffers. An image of another size starts from zeros again.
+        /// As for buffers. A resized image starts from zeros.
         #[serde(default = "no")]
         history: Number,
     },
@@ -346,13 +346,13 @@ pub enum PassDecl {
     Dispatch {
         /// Unique name of the pass.
         name: String,
-        /// The group that its time is counted under; its name where nothing is said.
+        /// The group that its time is counted under; its name by default.
         #[serde(default)]
         phase: Option<String>,
         /// Runs in every frame by default, or once after a change of plan or scene.
         #[serde(default = "every_frame")]
         run: Run,
-        /// Removes the pass where it is false.
+        /// Removes the pass if false.
         #[serde(default)]
         when: Option<Number>,
         /// File name of the compute shader, or an expression that chooses one.
@@ -373,7 +373,7 @@ pub enum PassDecl {
         /// The group that its time is counted under; its name by default.
         #[serde(default)]
         phase: Option<String>,
-        /// Removes the pass where it is false.
+        /// Removes the pass if false.
         #[serde(default)]
         when: Option<Number>,
         /// File name of the vertex shader, or an expression that chooses one.
@@ -393,14 +393,14 @@ pub enum PassDecl {
         /// Colour attachments, in the order of output locations.
         targets: Vec<TargetDecl>,
     },
-    /// Every 32-bit word of the buffer becomes `value`.
+    /// Sets every 32-bit word of the buffer to `value`.
     Fill {
         /// Unique name of the pass.
         name: String,
         /// The group that its time is counted under; its name by default.
         #[serde(default)]
         phase: Option<String>,
-        /// Removes the pass where it is false.
+        /// Removes the pass if false.
         #[serde(default)]
         when: Option<Number>,
         /// Buffer to fill.
@@ -408,7 +408,7 @@ pub enum PassDecl {
         /// 32-bit word to fill with.
         value: Number,
     },
-    /// The body, `count` times, with `var` counting from 0.
+    /// Repeats the body `count` times, with `var` counting from 0.
     Repeat {
         /// Name of the counter in expressions of the body.
         var: String,
@@ -417,15 +417,15 @@ pub enum PassDecl {
         /// Passes of one iteration.
         body: Vec<PassDecl>,
     },
-    /// From here on the resource's front is its back, and the other way round.
+    /// Exchanges the front and the back of a resource for the passes that follow.
     Swap(String),
-    /// The passes of another graph, with its ports bound to resources of this one.
+    /// Includes the passes of another graph, with its ports bound to resources of this one.
     Include {
         /// Name of the included graph.
         graph: String,
-        /// Goes in front of the names of its passes and resources.
+        /// Prefix for the names of its passes and resources.
         name: String,
-        /// Removes all passes of the included graph where it is false.
+        /// Removes all passes of the included graph if false.
         #[serde(default)]
         when: Option<Number>,
         /// Resource of this graph for each port, by the port's name.
@@ -434,7 +434,7 @@ pub enum PassDecl {
         /// Parameters of the included graph that differ from their defaults, by name.
         #[serde(default)]
         set: IndexMap<String, Number>,
-        /// Parameters of the included graph that are this graph's as well, as if they were declared after its own; none by default.
+        /// Parameters of the included graph that become this graph's; none by default.
         #[serde(default = "nothing")]
         expose: Expose,
     },
@@ -463,7 +463,7 @@ pub enum Size {
 
 /// Counts something in one to three dimensions: `(n)`, `(x, y)` or `(x, y, z)`.
 ///
-/// In one, what does not fit in x is folded into y.
+/// A single dimension is folded into y if it exceeds the limit in x.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Extent(pub Vec<Number>);
 
@@ -511,8 +511,8 @@ pub enum Call {
 pub struct TargetDecl {
     /// The image.
     pub image: Reference,
-    /// The treatment of its former contents.
+    /// Its contents before the draw.
     pub load: Load,
-    /// The blending.
+    /// The blend mode.
     pub blend: Blend,
 }

@@ -1,8 +1,8 @@
 //! Compiles GLSL to SPIR-V, and reflects the result.
 //!
-//! The graph names a shader file; this module compiles it with the defines that the graph's constants give, resolves
-//! its `#include`s, and reads the SPIR-V back: bindings by block name, array strides, push constants, workgroup size,
-//! and which bindings the code really loads from and stores to. `link` holds the graph against that.
+//! This module compiles a shader file with defines for the graph's constants, resolves its `#include`s, and reflects the
+//! SPIR-V: bindings by block name, array strides, push constants, workgroup size,
+//! and which bindings the code loads from and stores to. `link` checks the graph against this.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -19,20 +19,20 @@ pub use compile::{Glslang, Limits, Worker, serve_if_asked};
 #[cfg(feature = "glslang")]
 pub use reflect::reflect;
 
-/// Names a shader and the constants to compile it with.
+/// A shader with the constants to compile it with.
 #[derive(Clone, Debug)]
 pub struct ShaderRequest<'a> {
-    /// The shader's own file, already in the source map.
+    /// The shader's file in the source map.
     pub file: FileId,
     /// The stage of the shader.
     pub stage: ShaderStage,
-    /// Every define that the graph offers, name and value. Only those whose name occurs as an identifier in the
-    /// shader or its includes are used, and only these are in [`Compiled::defines`].
+    /// Names and values of all defines of the graph. Only those whose name occurs as an identifier in the
+    /// shader or its includes are used and listed in [`Compiled::defines`].
     pub defines: &'a [(String, String)],
-    /// Names and values of constants of the graph that are numbers beyond 32 bits and so have no define. A shader that mentions
-    /// one is in error.
+    /// Names and values of constants beyond 32 bits, which have no define. A shader that mentions one is an
+    /// error.
     pub unfit: &'a [(String, String)],
-    /// Files that exist only in memory, found by `#include` before anything else: name and text (`live.glsl`).
+    /// Names and texts of files in memory, which `#include` finds first (`live.glsl`).
     pub generated: &'a [(String, String)],
 }
 
@@ -43,21 +43,21 @@ pub struct Compiled {
     pub spirv: Arc<Vec<u32>>,
     /// The defines that occur in the text, name and value.
     pub defines: Vec<(String, String)>,
-    /// Identifiers that the compiled text depends on: those of the lines that its `#if`s let through, and of the conditions.
+    /// Identifiers that the compiled text depends on: of lines in active branches of `#if`s, and of conditions.
     ///
-    /// The value of a define that is not among them changes nothing in the SPIR-V.
+    /// Other defines do not change the SPIR-V.
     pub reached: Arc<BTreeSet<String>>,
     /// Declarations and accesses.
     pub reflection: Reflection,
-    /// Names of the blocks and images that the texts declare, in every branch of an `#if`. [`Reflection::bindings`] has those
-    /// that the code uses.
+    /// Names of all blocks and images that the texts declare, in any branch of an `#if`. [`Reflection::bindings`] has the
+    /// used ones.
     pub declared: Arc<BTreeSet<String>>,
 }
 
-/// Compiles shaders, and caches the results. `Glslang` (feature `glslang`) is the only implementation; tests of the rest
-/// of the framework use reflections made by hand.
+/// Compiles shaders, and caches the results. `Glslang` (feature `glslang`) is the only implementation; other tests of
+/// the framework use hand-made reflections.
 pub trait ShaderCompiler {
-    /// Compiles a shader, or returns it if it was compiled before.
+    /// Returns a compiled shader, from the cache if possible.
     fn compile(
         &mut self,
         files: &mut SourceMap,
@@ -72,7 +72,7 @@ pub trait ShaderCompiler {
         BTreeSet::new()
     }
 
-    /// Returns true if nobody waits for the build any more.
+    /// Returns true if the build was cancelled.
     fn is_cancelled(&self) -> bool {
         false
     }
@@ -80,24 +80,24 @@ pub trait ShaderCompiler {
 
 /// Keeps SPIR-V from one run of a program to the next.
 ///
-/// What it returns is trusted: a store answers only with what it was given under the same key, by the same build of the program.
+/// Its contents are trusted: a store returns only words stored under the same key by the same build of the program.
 pub trait SpirvStore: Send + Sync + std::fmt::Debug {
-    /// Returns the words that were stored under a key, if they are still there and whole.
+    /// Returns the words stored under a key, if they are present and undamaged.
     fn load(&self, key: &[u8]) -> Option<Vec<u32>>;
 
-    /// Stores the words of a key. A store that cannot does nothing.
+    /// Stores words under a key. Does nothing on failure.
     fn store(&self, key: &[u8], spirv: &[u32]);
 }
 
-/// The message of a build that ended early because nobody waited for it.
+/// The message of a cancelled build.
 pub const CANCELLED: &str = "the build was cancelled";
 
-/// Asks whether a build should end early. The default never does.
+/// Cancels builds. The default never does.
 #[derive(Clone, Default)]
 pub struct Cancel(Option<Arc<dyn Fn() -> bool + Send + Sync>>);
 
 impl Cancel {
-    /// Asks `wanted_no_more`, often and from any thread.
+    /// Creates a cancellation from `wanted_no_more`, which is called often and from any thread.
     pub fn new(wanted_no_more: impl Fn() -> bool + Send + Sync + 'static) -> Cancel {
         Cancel(Some(Arc::new(wanted_no_more)))
     }

@@ -1,11 +1,11 @@
-//! The contents of paths, as hashes: they tell later whether a build would read the same again.
+//! Hashes of the contents of paths, which show later whether a build would read the same again.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::hash::{DefaultHasher, Hasher};
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-/// Larger files are not graphs or shaders; reading one by mistake must not fill the memory.
+/// Maximum size of a file that is read: graphs and shaders are smaller, and other files must not fill the memory.
 pub(super) const LARGEST_FILE: u64 = 16 << 20;
 
 /// Identifies the contents of a path.
@@ -13,9 +13,9 @@ pub(super) const LARGEST_FILE: u64 = 16 << 20;
 pub enum Content {
     /// No file. A folder counts as none: it does not end a search either.
     Missing,
-    /// Something that cannot be read, that is no file (a pipe, a device), or that is too large to be meant.
+    /// An unreadable entry, a special file (a pipe, a device), or a file that is too large.
     Unusable,
-    /// A file of `length` bytes. The hash is SipHash with fixed keys, 64 bits; it means nothing outside of this process.
+    /// A file of `length` bytes. The hash is SipHash with fixed keys, 64 bits, for use in this process only.
     Bytes {
         /// Length in bytes.
         length: u64,
@@ -24,10 +24,10 @@ pub enum Content {
     },
 }
 
-/// Names a path on disk that a build read, and its contents. A build has the same result while none of them changes.
+/// A path on disk that a build read, and its contents. A build has the same result while none of them changes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Wanted {
-    /// As it was opened: relative to the working directory, unless it is absolute.
+    /// The path as opened, relative to the working directory or absolute.
     pub path: PathBuf,
     /// The contents at that time.
     pub content: Content,
@@ -51,23 +51,23 @@ impl Content {
         read.unwrap_or(Content::Unusable)
     }
 
-    /// No file, or one without a byte in it: what editors leave for a moment while they save.
+    /// Returns true for a missing or empty file, as editors leave for a moment while they save.
     pub fn is_empty(self) -> bool {
         matches!(self, Content::Missing | Content::Bytes { length: 0, .. })
     }
 }
 
-/// What is at a path, links followed.
+/// The entry at a path, links followed.
 pub(super) enum Found {
     /// Nothing, or a folder, which does not end a search.
     Nothing,
     /// A regular file.
     File(File),
-    /// Something that cannot be read as a file, in words: a pipe, say.
+    /// An entry that cannot be read as a file, with a description, such as a pipe.
     Other(&'static str),
 }
 
-/// Opens a regular file. Nothing else is opened: a pipe would wait for its other end, and opening a device can have effects.
+/// Opens a regular file, and nothing else: a pipe would wait for its other end, and opening a device can have effects.
 pub(super) fn open(path: &Path) -> std::io::Result<Found> {
     let looked = |result: std::io::Result<Metadata>| match result {
         Ok(metadata) if metadata.is_file() => Ok(None),
@@ -81,7 +81,7 @@ pub(super) fn open(path: &Path) -> std::io::Result<Found> {
     }
     let mut options = OpenOptions::new();
     options.read(true);
-    // The path can hold something else by now.
+    // The entry may have been replaced meanwhile.
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NONBLOCK | libc::O_NOCTTY);
     let file = match options.open(path) {
@@ -109,14 +109,14 @@ fn kind(metadata: &Metadata) -> &'static str {
     "something else"
 }
 
-/// The bytes of a file; `None` if they are more than [`LARGEST_FILE`].
+/// Reads a file; `None` if it is larger than [`LARGEST_FILE`].
 pub(super) fn read(file: File) -> std::io::Result<Option<Vec<u8>>> {
     let mut bytes = Vec::new();
     file.take(LARGEST_FILE + 1).read_to_end(&mut bytes)?;
     Ok((bytes.len() as u64 <= LARGEST_FILE).then_some(bytes))
 }
 
-/// The errors that mean that there is no such file, rather than one that cannot be had.
+/// Returns true for errors that mean that the file does not exist, rather than that it cannot be read.
 fn is_missing(kind: ErrorKind) -> bool {
     matches!(
         kind,

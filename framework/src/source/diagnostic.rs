@@ -1,4 +1,4 @@
-//! Errors with their places and suggestions, drawn under the source text as rustc does.
+//! Errors with places and suggestions, rendered under the source text as in rustc.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -9,7 +9,7 @@ use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet, normali
 use super::SourceMap;
 use crate::ir::{FileId, Span};
 
-/// Marks a place with a text, which may be empty.
+/// A place with a text, which may be empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
     /// The place.
@@ -21,24 +21,24 @@ pub struct Label {
 /// Describes an error in a file, or a warning about one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
-    /// The error, as a sentence without a full stop that starts in lower case.
+    /// The message: a sentence in lower case without a full stop.
     pub message: String,
     /// The place of the mistake.
     pub primary: Label,
-    /// Other places that explain it, in any file.
+    /// Related places, in any file.
     pub secondary: Vec<Label>,
     /// Suggestions.
     pub help: Vec<String>,
 }
 
 impl Diagnostic {
-    /// Creates an error at `span`; `label` is drawn under it and may be empty.
+    /// Creates an error at `span`, with a `label` under it, which may be empty.
     pub fn new(message: impl Into<String>, span: Span, label: impl Into<String>) -> Self {
         let primary = Label { span, text: label.into() };
         Diagnostic { message: message.into(), primary, secondary: Vec::new(), help: Vec::new() }
     }
 
-    /// Points at another place too.
+    /// Adds a related place.
     pub fn with_label(mut self, span: Span, text: impl Into<String>) -> Self {
         self.secondary.push(Label { span, text: text.into() });
         self
@@ -50,7 +50,7 @@ impl Diagnostic {
         self
     }
 
-    /// Offers the nearest of the names that would have been right; where none is near, says `otherwise`, unless it is empty.
+    /// Suggests the nearest of the valid names; if none is near, adds `otherwise`, unless it is empty.
     pub fn with_nearest<'a>(
         self,
         name: &str,
@@ -74,7 +74,7 @@ impl fmt::Display for Diagnostic {
 
 impl std::error::Error for Diagnostic {}
 
-/// Draws diagnostics, one after the other with a blank line between, ending in a line break.
+/// Renders diagnostics, separated by blank lines, ending in a line break.
 ///
 /// ```text
 /// error: unknown field `shadr` in `Dispatch`
@@ -84,13 +84,13 @@ impl std::error::Error for Diagnostic {}
 ///    |                               ^^^^^ did you mean `shader`?
 /// ```
 ///
-/// Any span can be drawn: what is beyond the text, inside a character or the wrong way round is moved to the
-/// nearest place that exists. `colour` adds ANSI escapes.
+/// Invalid spans (beyond the text, inside a character, reversed) are moved to the nearest valid place. `colour`
+/// adds ANSI escapes.
 pub fn render(files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
     render_as(Level::ERROR, files, diagnostics, colour)
 }
 
-/// Draws diagnostics as [`render`] does, as warnings.
+/// Renders diagnostics as warnings; see [`render`].
 pub fn render_warnings(files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
     render_as(Level::WARNING, files, diagnostics, colour)
 }
@@ -114,7 +114,7 @@ fn render_one(
     diagnostic: &Diagnostic,
     renderer: &Renderer,
 ) -> String {
-    // One snippet per file, that of the primary label first, the others as they come.
+    // One snippet per file, the primary label's first.
     let mut snippets: Vec<(FileId, Vec<(AnnotationKind, &Label)>)> = Vec::new();
     let primary = (AnnotationKind::Primary, &diagnostic.primary);
     let secondary = diagnostic.secondary.iter().map(|label| (AnnotationKind::Context, label));
@@ -125,7 +125,7 @@ fn render_one(
         }
     }
     let texts: Vec<Cow<str>> = snippets.iter().map(|(file, _)| harmless(files.text(*file))).collect();
-    // No file may send escape sequences to the terminal, or look like another line of the message.
+    // Files must not send escape sequences to the terminal, or imitate lines of the message.
     let mut group = Group::with_title(level.clone().primary_title(one_line(&diagnostic.message)));
     for ((file, labels), text) in snippets.iter().zip(&texts) {
         let mut snippet = Snippet::source(&**text).path(one_line(files.path(*file)));
@@ -144,9 +144,9 @@ fn render_one(
     renderer.render(&[group])
 }
 
-/// Replaces the characters that terminals act on and `annotate_snippets` leaves as they are: the control characters of the
-/// second block (some terminals take U+009B for an escape sequence's start), and marks that turn the direction of a line or break
-/// it. Each becomes one of as many bytes, so that places stay.
+/// Replaces characters that terminals interpret and `annotate_snippets` keeps: C1 control characters (for some terminals,
+/// U+009B begins an escape sequence), and characters that change the direction of text or break lines.
+/// Replacements have as many bytes, so that places stay valid.
 fn harmless(text: &str) -> Cow<'_, str> {
     let replaced = |c: char| match c {
         '\u{80}'..='\u{9f}' | '\u{61c}' => Some('\u{bf}'),
@@ -159,12 +159,12 @@ fn harmless(text: &str) -> Cow<'_, str> {
     text.chars().map(|c| replaced(c).unwrap_or(c)).collect()
 }
 
-/// A text for one line of a message, without characters that terminals act on.
+/// Converts a text to one line, without characters that terminals interpret.
 fn one_line(text: &str) -> String {
     normalize_untrusted_str(&harmless(text)).replace('\n', "\u{240a}")
 }
 
-/// The part of a span that exists in the text, on character boundaries.
+/// Clamps a span to the text and to character boundaries.
 fn drawable(text: &str, span: Span) -> Range<usize> {
     let on_boundary = |offset: usize| {
         let mut offset = offset.min(text.len());
@@ -177,13 +177,13 @@ fn drawable(text: &str, span: Span) -> Range<usize> {
     start..on_boundary(span.end).max(start)
 }
 
-/// Longer names are not compared: they are no typing mistakes, and comparing them takes long.
+/// Maximum length of names to compare: longer ones are no typing mistakes, and comparing them takes long.
 const LONGEST_NAME: usize = 256;
 
-/// The candidate that was probably meant by `name`: the nearest by Damerau-Levenshtein distance (a change, an
-/// insertion, a removal or a swap of neighbours each count one), the first of equally near ones; before all of them, one that
-/// differs only in its capitals. `None` if more than a third of the name, and more than one character, would have to change,
-/// or if nothing of it would stay.
+/// Returns the candidate that was probably meant by `name`: one that differs only in case, or else the first of the nearest
+/// by Damerau-Levenshtein distance (changes, insertions, removals and swaps of neighbours count one). `None` if more than a
+/// third of the name, and more than one character, would have to change,
+/// or if no character would stay.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let length = name.chars().count();
     if length > LONGEST_NAME {
@@ -192,12 +192,12 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     let limit = (length / 3).max(1);
     let mut best: Option<(usize, &str)> = None;
     for candidate in candidates {
-        // The same in other capitals.
+        // Equal but for case.
         if candidate != name && candidate.to_lowercase() == name.to_lowercase() {
             return Some(candidate);
         }
         let candidate_length = candidate.chars().count();
-        // The distance is at least the difference in length.
+        // The distance is at least the difference of the lengths.
         if candidate_length.abs_diff(length) > limit {
             continue;
         }

@@ -1,12 +1,12 @@
-//! Files by name: found once, read once, remembered for as long as spans point into them.
+//! Finds files by name, and keeps their texts, into which spans point.
 //!
-//! A name is looked for in three places, in this order: in memory (what tests and editors hold), on disk, and
+//! A name is looked for in three places, in this order: in memory (texts of tests and editors), on disk, and
 //! among the files built into the binary. In memory and in the binary, paths are those of the repository:
-//! graphs in `pipelines/`, shaders in `shaders/`. On disk the two folders are looked for around the file that
-//! names another, so that a graph finds its shaders wherever the pair of folders was copied to.
+//! graphs in `pipelines/`, shaders in `shaders/`. On disk, the two folders are looked for around the referring
+//! file, so that a graph finds its shaders wherever the two folders were copied to.
 //!
-//! A graph comes from anyone, and what it names is read, and quoted in diagnostics. So the files that it names, and those that these
-//! name, lie in the graph's own folders ([`Roots`]) once links are followed, or in one of [`Library::include_roots`].
+//! Graphs are untrusted, and the files that they name are read and quoted in diagnostics. With links followed, these files must
+//! therefore be in the graph's own folders ([`Roots`]), or in one of [`Library::include_roots`].
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -18,12 +18,12 @@ use super::content::{self, Content, Found, LARGEST_FILE, Wanted};
 use super::{Diagnostic, nearest};
 use crate::ir::{FileId, Origin, Span};
 
-/// Names the kind of a file, which says where to look for it.
+/// The kind of a file, which determines where to look for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
-    /// A graph or a preset, kept in `pipelines`. Its name may lack the `.ron`.
+    /// A graph or a preset, in `pipelines`. The extension `.ron` is optional.
     Graph,
-    /// A shader or what a shader includes, kept in `shaders`.
+    /// A shader or an include of one, in `shaders`.
     Shader,
 }
 
@@ -45,20 +45,20 @@ impl fmt::Display for Kind {
     }
 }
 
-/// Holds the files that are not on disk.
+/// Files that are not on disk.
 #[derive(Clone, Debug, Default)]
 pub struct Library {
-    /// Path and text of the files built into the binary: `pipelines/splat.ron`, `shaders/sort/scatter.comp`.
+    /// Paths and texts of files built into the binary: `pipelines/splat.ron`, `shaders/sort/scatter.comp`.
     pub builtin: &'static [(&'static str, &'static str)],
-    /// Path and text of files that exist only in memory; they come before those on disk.
+    /// Paths and texts of files in memory, which take precedence over the disk.
     pub memory: BTreeMap<String, String>,
-    /// Folders on disk that files may lie in besides those of the graph that names them.
+    /// Further folders on disk that graphs may name files in.
     pub include_roots: Vec<PathBuf>,
-    /// Texts of files on disk as an editor holds them, not saved yet, by their paths. What is not on disk is not found.
+    /// Unsaved texts of an editor for files that exist on disk, by their paths.
     pub unsaved: BTreeMap<PathBuf, String>,
 }
 
-/// The folders, with links followed, that the files of a graph lie in.
+/// The folders, with links followed, that may contain the files of a graph.
 type Roots = Arc<Vec<PathBuf>>;
 
 /// Finds files by name, and keeps those that were opened. See the module's documentation for the search.
@@ -77,18 +77,18 @@ pub struct SourceMap {
     library: Library,
     files: Vec<File>,
     known: HashMap<Identity, FileId>,
-    /// Every path on disk that was looked at, and what was there the first time.
+    /// Every path on disk that was looked at, with its contents at the first look.
     looked: BTreeMap<PathBuf, Content>,
 }
 
 #[derive(Debug)]
 struct File {
-    /// As people see it; for files on disk, also as they can be opened.
+    /// The path for messages; for files on disk, it can also be opened.
     path: String,
     text: Cow<'static, str>,
     /// Offset at which each line starts; the first is 0.
     lines: Vec<usize>,
-    /// For files on disk.
+    /// For files on disk only.
     disk: Option<OnDisk>,
 }
 
@@ -97,14 +97,14 @@ struct File {
 struct OnDisk {
     /// The content read.
     content: Content,
-    /// Where the files that it names may lie: as for the graph that led to it.
+    /// Where files that it names may be: as for the graph that led to it.
     roots: Roots,
 }
 
-/// The identity of a file: two names with equal identities are one file.
+/// The identity of a file, independent of the name that led to it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Identity {
-    /// Normalised path in the library.
+    /// In memory: the normalised path.
     Memory(String),
     /// Absolute, with links followed.
     Disk(PathBuf),
@@ -112,7 +112,7 @@ enum Identity {
     BuiltIn(usize),
 }
 
-/// Describes a file that was not found, or that cannot be used.
+/// A file that was not found, or cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NotFound {
     /// The name as written.
@@ -123,12 +123,12 @@ pub struct NotFound {
     pub tried: Vec<String>,
     /// The nearest existing name.
     pub nearest: Option<String>,
-    /// The last of `tried` exists and cannot be read, and this is why.
+    /// The reason why the last of `tried`, which exists, cannot be read.
     pub why: Option<String>,
 }
 
 impl NotFound {
-    /// The same as an error in the file that names it, at the name.
+    /// Converts to a diagnostic at the name in the referring file.
     pub fn at(&self, span: Span) -> Diagnostic {
         if self.why.is_some() {
             return Diagnostic::new(self.to_string(), span, "");
@@ -177,23 +177,23 @@ impl SourceMap {
         SourceMap { library, ..SourceMap::default() }
     }
 
-    /// Adds a text with no file behind it. Every call makes a new file, whatever its path, and
-    /// [`SourceMap::find`] does not find it; but what it names is found as if it stood in memory at that
+    /// Adds a text without a file. Every call makes a new file, whatever its path, and
+    /// [`SourceMap::find`] does not find it. Names in it are resolved as if it were in memory at that
     /// path.
     pub fn add(&mut self, path: impl Into<String>, text: impl Into<String>) -> FileId {
         self.insert(path.into(), Cow::Owned(text.into()), None)
     }
 
-    /// Finds the file called `name` in the file `from`, or on the command line if `from` is `None`, and reads
-    /// it if it was not read before. The first of these that exists:
+    /// Finds the file that `from`, or the command line if `None`, calls `name`, and reads it if necessary. The first
+    /// of these that exists:
     ///
     /// 1. in memory: beside `from`, at exactly `name`, in the folder of its kind;
     /// 2. on disk, if `from` is: beside `from`, then in the folder of its kind (`pipelines` or `shaders`)
     ///    beside the one that `from` is in. Without a `from`: at `name`, then in that folder;
     /// 3. built in, with the same paths as in memory.
     ///
-    /// A graph's name may lack its `.ron`. A file that exists and cannot be read, is no UTF-8 text, or lies outside of the folders
-    /// that the graph may use, ends the search.
+    /// The extension `.ron` of a graph is optional. A file that exists but cannot be read, is not UTF-8, or is outside of the
+    /// graph's folders, ends the search.
     pub fn find(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Result<FileId, NotFound> {
         let mut tried = Vec::new();
         for spelling in spellings(name, kind) {
@@ -241,14 +241,14 @@ impl SourceMap {
         self.files.iter().enumerate().map(|(i, f)| (FileId(i as u32), f.path.as_str(), f.disk.is_some()))
     }
 
-    /// Every path on disk that [`SourceMap::find`] looked at, sorted: files that were read, files that could not be, and
-    /// the places where a file was looked for and was not. As files are read once, a map stands for one build: when
-    /// something changed, build with a new one. See [`crate::reload`].
+    /// Returns every path on disk that [`SourceMap::find`] looked at, sorted: files that were read, files that could not be
+    /// read, and places without a file. Files are read once, so each build needs a new map.
+    /// See [`crate::reload`].
     pub fn wanted(&self) -> Vec<Wanted> {
         self.looked.iter().map(|(path, content)| Wanted { path: path.clone(), content: *content }).collect()
     }
 
-    /// Runs `read`, and forgets the files that it finds: what is built does not depend on them.
+    /// Runs `read`, and forgets the files that it finds, because the build does not depend on them.
     ///
     /// Their ids are not valid afterwards.
     pub fn aside<T>(&mut self, read: impl FnOnce(&mut SourceMap) -> T) -> T {
@@ -270,7 +270,7 @@ impl SourceMap {
         FileId(self.files.len() as u32 - 1)
     }
 
-    /// One spelling of a name in all places. An error is why a file that exists cannot be used.
+    /// Looks one spelling of a name up in all places. The error says why an existing file cannot be used.
     fn find_spelling(
         &mut self,
         from: Option<FileId>,
@@ -331,7 +331,7 @@ impl SourceMap {
         paths
     }
 
-    /// The folders on disk in which a name may be, nearest first.
+    /// Returns the folders on disk to search for a name, nearest first.
     fn disk_folders(&self, from: Option<FileId>, kind: Kind) -> Vec<String> {
         let Some(from) = from else { return vec![String::new(), kind.folder().to_string()] };
         let Some(file) = self.file(from).filter(|f| f.disk.is_some()) else { return Vec::new() };
@@ -344,10 +344,10 @@ impl SourceMap {
         folders
     }
 
-    /// Reads a file from disk, unless it was read before. `None` if there is none.
+    /// Reads a file from disk, unless it was read before. `None` if it does not exist.
     fn open(&mut self, from: Option<FileId>, path: &Path) -> Result<Option<FileId>, String> {
         let (content, found) = self.look(from, path);
-        // A path that held something else a moment ago has changed since, whatever it holds now.
+        // If the path had other contents before, keep those: it has changed since.
         self.looked.entry(path.to_path_buf()).or_insert(content);
         found
     }
@@ -401,7 +401,7 @@ impl SourceMap {
         (content, Ok(Some(file)))
     }
 
-    /// Returns true if files of a graph with these roots may lie at `path`, which is canonical.
+    /// Returns true if a graph with these roots may use `path`, which is canonical.
     fn allows(&self, roots: &Roots, path: &Path) -> bool {
         roots.iter().chain(&self.library.include_roots).any(|root| path.starts_with(root))
     }
@@ -445,33 +445,33 @@ impl SourceMap {
         if let Some(near) = nearest(name, candidates.iter().map(String::as_str)) {
             return Some(near.to_string());
         }
-        // The right file in the wrong folder.
+        // A file of the right name in another folder.
         let last = |path: &str| path.rsplit('/').next().unwrap_or_default().to_string();
         candidates.into_iter().find(|candidate| !name.is_empty() && last(candidate) == last(name))
     }
 }
 
-/// Entries of a folder that are looked at for a similar name.
+/// Maximum number of entries of a folder to compare with a name.
 const MOST_LISTED: usize = 1000;
 
-/// The ways to write a file's name, likelier ones first.
+/// Returns the possible spellings of a file's name, likelier ones first.
 fn spellings(name: &str, kind: Kind) -> Vec<String> {
     let last = name.rsplit('/').next().unwrap_or_default();
     if kind == Kind::Shader || last.is_empty() || name.ends_with(".ron") {
         return vec![name.to_string()];
     }
     let full = format!("{name}.ron");
-    // `splat` is a graph's short name, even where a file or a program called `splat` lies about. `splat.old`
-    // is a file.
+    // `splat` means `splat.ron` first, even if a file or a program called `splat` exists. `splat.old`
+    // is a complete name.
     if last.contains('.') { vec![name.to_string(), full] } else { vec![full, name.to_string()] }
 }
 
-/// A path with links followed; the path itself where it leads to nothing.
+/// Canonicalises a path; returns it unchanged if it does not exist.
 fn canonical(path: &Path) -> PathBuf {
     fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
 }
 
-/// The folders that the files of the graph at `path` may lie in, its own first: those that [`SourceMap::find`] looks in.
+/// Returns the folders for files of the graph at `path`, its own first: those that [`SourceMap::find`] searches.
 fn own_roots(path: &Path) -> Vec<PathBuf> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
@@ -490,7 +490,7 @@ fn cannot_be_read(error: &std::io::Error) -> String {
     format!("cannot be read ({error})")
 }
 
-/// The text of a file, without the byte order mark.
+/// Decodes the text of a file, without a byte order mark.
 fn as_text(bytes: Vec<u8>) -> Result<String, String> {
     let text = String::from_utf8(bytes).map_err(|error| {
         format!("is not UTF-8 text (the first wrong byte is at offset {})", error.utf8_error().valid_up_to())
@@ -501,18 +501,18 @@ fn as_text(bytes: Vec<u8>) -> Result<String, String> {
     })
 }
 
-/// A path without `.` and `..` where that leaves the same file, for people to read.
+/// Simplifies `.` and `..` in a path for messages, if it still leads to the same file.
 fn displayed(path: &Path) -> String {
     let plain = path.to_string_lossy();
     let short = normalised(&plain);
-    // Behind a link to a folder, `..` is not the folder before it in the path.
+    // After a link to a folder, `..` is not the previous folder of the path.
     match (fs::canonicalize(path), fs::canonicalize(&short)) {
         (Ok(a), Ok(b)) if a != b => plain.into_owned(),
         _ => short,
     }
 }
 
-/// A path with `.`, `..` and doubled slashes taken out, as text; `..` stays where it leads out of the path.
+/// Normalises `.`, `..` and doubled slashes in a path, as text; a leading `..` stays.
 fn normalised(path: &str) -> String {
     let mut parts: Vec<&str> = Vec::new();
     let absolute = path.starts_with('/');
@@ -529,7 +529,7 @@ fn normalised(path: &str) -> String {
     format!("{}{}", if absolute { "/" } else { "" }, parts.join("/"))
 }
 
-/// `name` as seen from `folder`, normalised.
+/// Joins `name` to `folder`, normalised.
 fn joined(folder: &str, name: &str) -> String {
     if name.starts_with('/') { normalised(name) } else { normalised(&appended(folder, name)) }
 }
@@ -542,7 +542,7 @@ fn appended(folder: &str, name: &str) -> String {
     }
 }
 
-/// The folder of a path, `""` where it has none.
+/// Returns the folder of a path, `""` if it has none.
 fn parent(path: &str) -> &str {
     match path.rsplit_once('/') {
         Some(("", _)) => "/",
@@ -551,7 +551,7 @@ fn parent(path: &str) -> &str {
     }
 }
 
-/// Splits a folder before its last part that is called `pipelines` or `shaders`.
+/// Splits a folder before its last component called `pipelines` or `shaders`.
 fn root_and_rest(folder: &str) -> Option<(&str, &str)> {
     let mut end = folder.len();
     loop {

@@ -1,19 +1,18 @@
-//! Source texts of graphs and shaders, and diagnostics drawn under them.
+//! Source texts of graphs and shaders, and diagnostics that point into them.
 //!
-//! Everything that this crate reads (graphs, presets, shaders and what they include) is text, and everything
-//! it complains about is a place in such a text. Four small things make that work:
+//! Everything that this crate reads (graphs, presets, shaders and their includes) is text, and every error has a place
+//! in such a text. This module has four parts:
 //!
 //! - a [`SourceMap`] finds files by name (in memory, on disk, built into the binary), reads each once and
 //!   hands out a [`FileId`](crate::ir::FileId) for it. A [`Span`](crate::ir::Span) is a range of bytes in one such file;
-//! - an [`Outline`] knows the span of every element of a RON text. `serde` builds the typed tree and forgets
-//!   where things stood; the outline is asked afterwards, by [`Path`], when something turns out to be wrong
-//!   with the meaning of an element rather than with its syntax;
-//! - a [`Diagnostic`] says what is wrong, where, and what to do about it, and [`render`] draws a list of them
-//!   as a compiler would. [`nearest`] finds the name that was probably meant;
-//! - [`ron_error`] turns the `ron` crate's own errors into diagnostics.
+//! - an [`Outline`] has the span of every element of a RON text. `serde` builds the typed tree without spans;
+//!   when an element turns out to be wrong later, the outline returns its span by [`Path`];
+//! - a [`Diagnostic`] says what is wrong, where, and what to do about it. [`render`] formats a list of them
+//!   as a compiler would, and [`nearest`] finds the name that was probably meant;
+//! - [`ron_error`] converts errors of the `ron` crate to diagnostics.
 //!
-//! And what of the disk a build has seen, the map remembers as [`Wanted`] paths: as long as each of them holds the same
-//! [`Content`], building again is of no use.
+//! The map records all paths on disk that a build looked at as [`Wanted`]: while each has the same
+//! [`Content`], another build would give the same result.
 
 mod content;
 mod diagnostic;

@@ -1,8 +1,8 @@
 //! Byte spans of every element of a RON text.
 //!
-//! `serde` and the `ron` crate turn the text into typed values and know places only for their own errors. The
-//! outline reads the text a second time, into a tree that has no values but spans, and is asked by [`Path`]:
-//! the way from the root to an element, by fields, keys and indices.
+//! `serde` and the `ron` crate turn the text into typed values, with places for syntax errors only. The outline parses the
+//! text again, into a tree of spans without values. A [`Path`] selects an element: the way from the root, by fields, keys
+//! and indices.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -15,10 +15,10 @@ use crate::ir::{FileId, Span};
 
 /// The way from the root of a RON text to one of its elements.
 ///
-/// A step is a field of a struct, a key of a map (the two are the same where they have the same name) or an
-/// index: of a list, a tuple, or what stands in a variant's parentheses. In `params: {"x": Const(Int(default:
-/// 8))}` the 8 is at `root().field("params").key("x").index(0).field("default")`. `Some(x)` is as good as
-/// `x`: it is no step.
+/// A step is a field of a struct, a key of a map (equal names make equal steps) or an index of a list, a tuple
+/// or a variant's parentheses. In `params: {"x": Const(Int(default:
+/// 8))}` the 8 is at `root().field("params").key("x").index(0).field("default")`. `Some(x)` counts as `x`,
+/// without a step.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Path(Arc<[Step]>);
 
@@ -34,17 +34,17 @@ impl Path {
         Path(Arc::new([]))
     }
 
-    /// To the field of this name.
+    /// Appends a field.
     pub fn field(&self, name: &str) -> Self {
         self.then(Step::Name(name.into()))
     }
 
-    /// To the value of this key; keys that are no texts are named as they are written.
+    /// Appends a key; keys that are not strings are named as written.
     pub fn key(&self, name: &str) -> Self {
         self.then(Step::Name(name.into()))
     }
 
-    /// To the element with this index, counted from 0.
+    /// Appends an index, counted from 0.
     pub fn index(&self, index: usize) -> Self {
         self.then(Step::Index(index))
     }
@@ -54,7 +54,7 @@ impl Path {
     }
 }
 
-/// For instance `passes[2].bind.Keys`.
+/// Formats as `passes[2].bind.Keys`.
 impl fmt::Display for Path {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         for (i, step) in self.0.iter().enumerate() {
@@ -68,7 +68,7 @@ impl fmt::Display for Path {
     }
 }
 
-/// The places of the elements of one RON text.
+/// The spans of the elements of one RON text.
 #[derive(Clone, Debug)]
 pub struct Outline {
     file: FileId,
@@ -80,7 +80,7 @@ pub struct Outline {
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     pub place: Range<usize>,
-    /// A short span for diagnostics: the name before the parenthesis, else the opening bracket.
+    /// A short span for diagnostics: the name before the parenthesis, or the opening bracket.
     pub head: Range<usize>,
     /// The field's name or the map's key before it.
     pub key: Option<Range<usize>>,
@@ -89,7 +89,7 @@ pub(super) struct Node {
 
 #[derive(Clone, Debug)]
 pub(super) enum Content {
-    /// A number, a character, a byte string, or a name with nothing behind it.
+    /// A number, a character, a byte string, or a name alone.
     Scalar,
     Text(Text),
     /// `(a, b)`, `Name(a, b)`, `[a, b]`
@@ -104,12 +104,12 @@ pub(super) enum Content {
     },
 }
 
-/// Deepest nesting. What is deeper is hostile, and must not overflow the stack.
+/// Maximum nesting, so that hostile texts cannot overflow the stack.
 const MAX_DEPTH: usize = 128;
 
 impl Outline {
-    /// Reads a RON text, all of the language. Fails on what is not balanced, not separated or not named as
-    /// RON has it; what the values mean is not looked at.
+    /// Parses a RON text (the whole language). Fails on unbalanced brackets, missing separators and invalid names;
+    /// values are not interpreted.
     pub fn parse(file: FileId, text: &str) -> Result<Outline, Diagnostic> {
         let (tokens, lexical_error) = tokens(file, text);
         let mut parser =
@@ -118,27 +118,27 @@ impl Outline {
         Ok(Outline { file, nodes: parser.nodes, root })
     }
 
-    /// The place of the element at `path`; of a text, without its quotes. Where the path leads to nothing,
-    /// that of the nearest element around it.
+    /// Returns the span of the element at `path`; of a string, without its quotes. If there is no such element,
+    /// returns the span of the nearest enclosing one.
     pub fn value(&self, path: &Path) -> Span {
         self.span(self.walk(path).0.inside())
     }
 
-    /// The place of the field's name or the map's key that leads to the element at `path`; of a text, without
-    /// its quotes. The element itself where it has neither, or where the path leads to nothing.
+    /// Returns the span of the field's name or the map's key of the element at `path`; of a string, without
+    /// its quotes. Returns the span of the element itself if it has neither, or does not exist.
     pub fn key(&self, path: &Path) -> Span {
         let (node, found) = self.walk(path);
         self.span(node.key.clone().filter(|_| found).unwrap_or(node.inside()))
     }
 
-    /// Like [`Outline::value`], but of a struct, a variant or a list only the name or the bracket that it
-    /// starts with: what to point at where something is missing in it.
+    /// Like [`Outline::value`], but for a struct, a variant or a list only the name or the bracket that it
+    /// starts with, to point at when something is missing in it.
     pub fn head(&self, path: &Path) -> Span {
         self.span(self.walk(path).0.shallow())
     }
 
-    /// The offset in the file of byte `offset_in_value` of the text at `path`, as it is without its escapes.
-    /// Falls back to the nearest place where the text is missing or shorter.
+    /// Returns the file offset of byte `offset_in_value` of the string at `path`, after its escapes are resolved.
+    /// Falls back to the nearest place if the string is missing or shorter.
     pub fn string_offset(&self, path: &Path, offset_in_value: usize) -> usize {
         let node = self.walk(path).0;
         match &node.content {
@@ -147,8 +147,8 @@ impl Outline {
         }
     }
 
-    /// The place of a range of bytes of the text at `path`, as it is without its escapes: where an expression
-    /// in it has its mistake. Where there is no text, the whole element.
+    /// Returns the span of a byte range of the string at `path` after its escapes are resolved, for errors of
+    /// expressions in it. Returns the whole element if it is not a string.
     pub fn within_string(&self, path: &Path, range: Range<usize>) -> Span {
         if !matches!(self.walk(path).0.content, Content::Text(_)) {
             return self.value(path);
@@ -157,7 +157,7 @@ impl Outline {
         self.span(start..end.max(start))
     }
 
-    /// An error for every name that a struct or a map gives twice. Maps keep the last one silently otherwise.
+    /// Returns an error for every duplicate name in a struct or a map. (Maps would silently keep the last one.)
     pub fn duplicates(&self) -> Vec<Diagnostic> {
         let mut errors = Vec::new();
         for node in &self.nodes {
@@ -182,7 +182,7 @@ impl Outline {
         errors
     }
 
-    /// The element at a path, or the nearest around it, and whether it is the one asked for.
+    /// Returns the element at a path or the nearest enclosing one, and whether the path exists.
     fn walk(&self, path: &Path) -> (&Node, bool) {
         let mut node = &self.nodes[self.root];
         for step in path.0.iter() {
@@ -209,28 +209,27 @@ impl Outline {
         Span { file: self.file, start: place.start, end: place.end }
     }
 
-    /// The element that starts at `offset`, if there is one.
+    /// Returns the element that starts at `offset`, if any.
     pub(super) fn starting_at(&self, offset: usize) -> Option<&Node> {
-        // Of a list and its first element only a list without a bracket could start at the same place; there
-        // is none.
+        // No two elements start at the same place, because lists start with a bracket.
         self.nodes.iter().find(|node| node.place.start == offset)
     }
 
-    /// The field's name or map's key that starts at `offset` (with its quote, if it has one).
+    /// Returns the field's name or map's key that starts at `offset` (with its quote, if any).
     pub(super) fn key_starting_at(&self, offset: usize) -> Option<Range<usize>> {
         let keys = self.nodes.iter().filter_map(|node| node.key.clone());
         keys.min_by_key(|key| key.start.abs_diff(offset))
             .filter(|key| key.start == offset || key.start == offset + 1)
     }
 
-    /// The innermost element that `offset` is in or just behind.
+    /// Returns the innermost element that contains `offset` or ends there.
     pub(super) fn innermost(&self, offset: usize) -> &Node {
         let holds = |node: &&Node| node.place.start <= offset && offset <= node.place.end;
         let innermost = self.nodes.iter().filter(holds).min_by_key(|node| node.place.len());
         innermost.unwrap_or(&self.nodes[self.root])
     }
 
-    /// The innermost struct, list or map that is open at `offset`.
+    /// Returns the innermost struct, list or map that is open at `offset`.
     pub(super) fn enclosing(&self, offset: usize) -> &Node {
         let holds = |node: &&Node| {
             node.place.start <= offset
@@ -241,7 +240,7 @@ impl Outline {
         innermost.unwrap_or(&self.nodes[self.root])
     }
 
-    /// The first field called `name` in an element.
+    /// Returns the first field called `name` in an element.
     pub(super) fn field_of(&self, node: &Node, name: &str) -> Option<Range<usize>> {
         let Content::Record { children, .. } = &node.content else { return None };
         children.iter().find(|(n, _)| n == name).and_then(|(_, child)| self.nodes[*child].key.clone())
@@ -249,7 +248,7 @@ impl Outline {
 }
 
 impl Node {
-    /// The element, a text without its quotes.
+    /// Returns the span of the element, without the quotes of a string.
     pub fn inside(&self) -> Range<usize> {
         match &self.content {
             Content::Text(text) => text.inside.clone(),
@@ -273,7 +272,7 @@ struct Parser<'a> {
     /// The lexical error that ended the tokens, if any.
     lexical_error: Option<Diagnostic>,
     at: usize,
-    /// The brackets that are open, outermost first.
+    /// The open brackets, outermost first.
     open: Vec<&'a Token>,
     nodes: Vec<Node>,
 }
@@ -329,7 +328,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// From an opening bracket to the closing one. `name` is the identifier before it.
+    /// Parses from an opening bracket to the closing one. `name` is the identifier before it.
     fn bracketed(&mut self, name: Option<&'a Token>) -> ParseResult<usize> {
         let opener = &self.tokens[self.at];
         let TokenKind::Open(bracket) = opener.kind else { return Err(self.expected("an opening bracket")) };
@@ -380,13 +379,13 @@ impl<'a> Parser<'a> {
         Ok(self.push(first.start..end, first.start..first.end, content))
     }
 
-    /// A field's name or a map's key, with the colon behind it: the name, and its place.
+    /// Parses a field's name or a map's key and the colon; returns the name and its place.
     fn key(&mut self, bracket: char) -> ParseResult<(String, Range<usize>)> {
         let Some(token) = self.peek(0) else { return Err(self.expected("a name")) };
         let (name, place) = match &token.kind {
             TokenKind::Identifier if bracket == '(' && self.peek_kind(1) == Some(&TokenKind::Open('(')) => {
-                // Most likely the next element of a list, and the parenthesis of the one before was
-                // forgotten.
+                // Most likely this is the next element of a list, and a closing parenthesis is missing before
+                // it.
                 let name = &self.text[token.start..token.end];
                 let message = format!("expected a field `name: value`, found `{name}(`");
                 let mut error = self.error(token.start..token.end, message, "not expected here");
@@ -439,7 +438,7 @@ impl<'a> Parser<'a> {
         Box::new(Diagnostic::new(message, span, label))
     }
 
-    /// After an element, neither a comma nor the bracket's end.
+    /// Reports an element that is followed by neither a comma nor the closing bracket.
     fn expected_separator(&mut self, closer: char) -> Box<Diagnostic> {
         let starts_element = matches!(
             self.peek_kind(0),
@@ -450,7 +449,7 @@ impl<'a> Parser<'a> {
         }
         let (before, next) = (&self.tokens[self.at - 1], &self.tokens[self.at]);
         let end = before.end;
-        // `Threads(scene.count)`: a name of two words.
+        // `Threads(scene.count)`: an expression without quotes.
         if before.end == next.start
             && before.kind == TokenKind::Identifier
             && self.text[next.start..next.end].starts_with('.')
@@ -468,7 +467,7 @@ impl<'a> Parser<'a> {
         error
     }
 
-    /// The token ahead is not what should come.
+    /// Reports an unexpected token.
     fn expected(&mut self, what: &str) -> Box<Diagnostic> {
         let Some(token) = self.peek(0) else { return self.expected_more(what) };
         let found = match &token.kind {
@@ -499,12 +498,12 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// There are no more tokens, and there should be.
+    /// Reports an unexpected end of the text.
     fn expected_more(&mut self, what: &str) -> Box<Diagnostic> {
         if let Some(error) = self.lexical_error.take() {
             return Box::new(error);
         }
-        // Behind the last thing that stands there: no editor, and no drawing, has a line behind the last line's end.
+        // After the last token, because there may be no line after it to point at.
         let end = self.text.trim_end().len();
         if let Some(opener) = self.open.last() {
             let opened = &self.text[opener.start..opener.end];
@@ -523,7 +522,7 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// Describes an expression that is written without its quotes.
+/// Reports an expression without quotes.
 pub(super) fn unquoted(name: &str, span: Span) -> Diagnostic {
     Diagnostic::new(format!("`{name}` is not in quotes"), span, "an expression")
         .with_help(format!("write it as a text: `\"{name}\"`"))

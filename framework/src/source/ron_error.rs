@@ -1,9 +1,8 @@
-//! The `ron` crate's errors as diagnostics.
+//! Converts errors of the `ron` crate to diagnostics.
 //!
-//! The crate says where its cursor was when it gave up. Depending on the error this is before the value that
-//! it did not want, behind the name that it did not know, or at the end of the struct that lacks a field.
-//! Here the place that a person would point at is found again, with the help of the [`Outline`]; and where
-//! the text is not even balanced, the outline's own error is the better one, because it knows which bracket
+//! The crate reports the position of its cursor. Depending on the error this is before an unexpected value, after an unknown
+//! name, or at the end of a struct that lacks a field. This module finds the element that a person would point at, with the
+//! [`Outline`]. For unbalanced brackets, the outline's own error is better, because it knows which bracket
 //! was opened where.
 
 use std::ops::Range;
@@ -20,7 +19,7 @@ use crate::ir::{FileId, Span};
 pub fn ron_error(file: FileId, text: &str, error: &SpannedError) -> Diagnostic {
     let outline = match Outline::parse(file, text) {
         Ok(outline) => Some(outline),
-        // What is wrong with a name or a value is wrong whether or not a bracket is missing further on.
+        // Report a wrong name or value even if a bracket is missing further on.
         Err(_) if is_about_a_name_or_value(&error.code) => None,
         Err(diagnostic) => return diagnostic,
     };
@@ -41,7 +40,7 @@ fn is_about_a_name_or_value(error: &Error) -> bool {
     )
 }
 
-/// The byte that a line and a column (both from 1, in characters) stand for, or the nearest there is.
+/// Converts a line and a column (both from 1, in characters) to a byte offset, clamped to the text.
 fn offset(text: &str, position: Position) -> usize {
     let line_start = match position.line {
         0 | 1 => 0,
@@ -56,7 +55,7 @@ struct Translator<'a> {
     file: FileId,
     text: &'a str,
     outline: Option<Outline>,
-    /// The crate's cursor, before and after its last step.
+    /// The crate's cursor, before and after its last token.
     start: usize,
     end: usize,
 }
@@ -102,7 +101,7 @@ impl Translator<'_> {
                 let label = format!("write `{expected}`, or nothing, before the `(`");
                 self.error(format!("expected `{expected}`, found `{found}`"), place, &label)
             }
-            // The crate takes a bare name for a unit value.
+            // The crate parses a bare name as a unit value.
             Error::InvalidValueForType { expected, .. }
                 if expected.contains("in quotes") && is_name(&self.text[self.value_at_cursor()]) =>
             {
@@ -175,7 +174,7 @@ impl Translator<'_> {
         self.error(message, place, &label).with_help(help)
     }
 
-    /// A value of another kind stands where `wanted` should.
+    /// Reports a value of another kind than `wanted`.
     fn wrong_kind(&self, wanted: &str) -> Diagnostic {
         let place = self.value_at_cursor();
         let Some(node) = self.node_at_cursor() else {
@@ -207,7 +206,7 @@ impl Translator<'_> {
         error
     }
 
-    /// Something else than `wanted` was read only in part.
+    /// Reports a value that was read only in part, where `wanted` was expected.
     fn wrong_kind_before(&self, wanted: &str) -> Diagnostic {
         let place = self.value_at_cursor();
         let message = format!("expected {wanted}, found `{}`", &self.text[place.clone()]);
@@ -222,22 +221,22 @@ impl Translator<'_> {
         Span { file: self.file, start: place.start, end: place.end }
     }
 
-    /// The character at the cursor.
+    /// Returns the character at the cursor.
     fn cursor(&self) -> Range<usize> {
         let width = self.text[self.end..].chars().next().filter(|c| *c != '\n').map_or(0, char::len_utf8);
         self.end..self.end + width
     }
 
-    /// Finds the occurrence of `name` that the crate has just read.
+    /// Finds the occurrence of `name` that the crate read last.
     fn name_before_cursor(&self, name: &str) -> Option<Range<usize>> {
-        // White space and quotes may lie between; the last occurrence is the one that was read.
+        // White space and quotes may follow it; the last occurrence before the cursor is the right one.
         let start = self.text[..self.end].rfind(name)?;
         let between = &self.text[start + name.len()..self.end];
         let is_near = between.chars().all(|c| c.is_whitespace() || c == '"');
         (!name.is_empty() && is_near).then_some(start..start + name.len())
     }
 
-    /// The crate reads an integer up to its point and then wonders at the rest.
+    /// Reports a float where an integer was expected: the crate stops at the decimal point.
     fn cursor_is_inside_a_number(&self) -> bool {
         let Some(outline) = &self.outline else { return false };
         let node = outline.innermost(self.end);
@@ -248,18 +247,18 @@ impl Translator<'_> {
                 .starts_with(|c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.'))
     }
 
-    /// The element that the crate was about to read, if one starts at the cursor.
+    /// Returns the element that starts at the cursor, if any.
     fn node_at_cursor(&self) -> Option<&Node> {
         self.outline.as_ref()?.starting_at(self.end)
     }
 
-    /// The element that the crate was about to read, or has just read.
+    /// Returns the element that the crate was about to read or read last.
     fn value_at_cursor(&self) -> Range<usize> {
         let Some(outline) = &self.outline else { return self.start..self.end };
         if let Some(node) = self.node_at_cursor() {
             return node.shallow();
         }
-        // The cursor skips the comma and the white space behind a value.
+        // The cursor is after the comma and the white space that follow a value.
         let before = self.text[..self.end].trim_end_matches(|c: char| c.is_whitespace() || c == ',');
         outline.innermost(before.len()).shallow()
     }

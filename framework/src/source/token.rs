@@ -1,5 +1,5 @@
-//! The tokens of RON, with their places. Numbers, characters and identifiers are only delimited, not judged:
-//! the `ron` crate reads the values, this is here to know where they stood. Texts are read in full, because
+//! Splits RON into tokens with places. Numbers, characters and identifiers are only delimited, because the `ron`
+//! crate parses the values. Strings are parsed completely, because
 //! errors point into them.
 
 use std::ops::Range;
@@ -26,33 +26,33 @@ pub(super) enum TokenKind {
     /// A number, a range of numbers, a character, a byte or a byte string.
     Scalar,
     Text(Text),
-    /// `#![enable(...)]`, whole.
+    /// `#![enable(...)]`.
     Attribute,
 }
 
-/// A text between double quotes, as written and as meant.
+/// A string, as written and with its escapes resolved.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Text {
-    /// The text with its escapes resolved.
+    /// The string with its escapes resolved.
     pub value: String,
     /// The bytes between the quotes.
     pub inside: Range<usize>,
-    /// Pairs of (offset in the value, offset in the file); both advance together up to the next pair.
+    /// Pairs of (offset in the value, offset in the file), in step up to the next pair.
     pub steps: Vec<(usize, usize)>,
 }
 
 impl Text {
-    /// The offset in the file of a byte of the value.
+    /// Returns the file offset of a byte of the value.
     pub fn file_offset(&self, offset: usize) -> usize {
         let next = self.steps.partition_point(|(value, _)| *value <= offset);
         let (value, file) = self.steps[next - 1];
-        // Inside a character that an escape stands for, the file may have fewer bytes than the value.
+        // An escape may have fewer bytes in the file than its character in the value.
         let end = self.steps.get(next).map_or(self.inside.end, |(_, file)| *file);
         (file + (offset - value)).min(end)
     }
 }
 
-/// Reads all tokens. On an error, those before it come with it.
+/// Reads all tokens. An error comes with the tokens before it.
 pub(super) fn tokens(file: FileId, text: &str) -> (Vec<Token>, Option<Diagnostic>) {
     let mut lexer = Lexer { file, text, at: 0 };
     let mut tokens = Vec::new();
@@ -117,7 +117,7 @@ impl<'a> Lexer<'a> {
                 TokenKind::Text(self.raw(start)?)
             }
             'r' if rest.starts_with("r#") => {
-                // `r#type`: an identifier that may hold more characters than others.
+                // `r#type`: a raw identifier, which allows more characters.
                 self.at += 2;
                 self.take_while(|c| continues_identifier(c) || matches!(c, '.' | '+' | '-'));
                 TokenKind::Identifier
@@ -162,7 +162,7 @@ impl<'a> Lexer<'a> {
         self.at += self.rest().find(|c| !holds(c)).unwrap_or(self.rest().len());
     }
 
-    /// White space and comments.
+    /// Skips white space and comments.
     fn skip_space(&mut self) -> Result<()> {
         loop {
             self.take_while(is_space);
@@ -177,7 +177,7 @@ impl<'a> Lexer<'a> {
         }
     }
 
-    /// Block comments nest.
+    /// Skips a block comment; they nest.
     fn block_comment(&mut self) -> Result<()> {
         let start = self.at;
         let mut depth = 0;
@@ -233,8 +233,8 @@ impl<'a> Lexer<'a> {
         }
     }
 
-    /// Everything that sticks together and starts like a number: numbers, bytes (`b'x'`), and ranges with
-    /// both of their ends (`0..=9`).
+    /// Reads adjacent characters that start like a number: numbers, bytes (`b'x'`), and ranges with
+    /// both ends (`0..=9`).
     fn number(&mut self) -> Result<TokenKind> {
         let start = self.at;
         while let Some(&byte) = self.text.as_bytes().get(self.at) {
@@ -259,7 +259,7 @@ impl<'a> Lexer<'a> {
         Ok(TokenKind::Scalar)
     }
 
-    /// `'c'` or `b'c'`, `prefix` bytes before the character.
+    /// Reads `'c'` or `b'c'`, with `prefix` bytes before the character.
     fn character(&mut self, start: usize, prefix: usize) -> Result<TokenKind> {
         self.at += prefix;
         match self.rest().chars().next() {
@@ -286,7 +286,7 @@ impl<'a> Lexer<'a> {
         Ok(TokenKind::Scalar)
     }
 
-    /// The rest of a text whose opening quote was read. Of byte strings only the place is of use.
+    /// Reads the rest of a string after its opening quote. For byte strings only the place matters.
     fn escaped(&mut self, start: usize, binary: bool) -> Result<Text> {
         let inside = self.at;
         let mut text = Text { value: String::new(), inside: inside..inside, steps: vec![(0, inside)] };
@@ -302,7 +302,7 @@ impl<'a> Lexer<'a> {
             }
             let before = (text.value.len(), self.at - 1);
             if let Some(line) = self.rest().strip_prefix("\r\n").or(self.rest().strip_prefix('\n')) {
-                // A backslash at the end of a line leaves out the break and the indentation after it.
+                // A backslash at the end of a line skips the break and the following indentation.
                 self.at = self.text.len() - line.trim_start_matches([' ', '\t', '\n', '\r']).len();
             } else if self.rest().is_empty() {
                 return Err(self.unclosed(start, inside));
@@ -342,7 +342,7 @@ impl<'a> Lexer<'a> {
                 if binary || first < 0x80 {
                     return Ok(char::from(first));
                 }
-                // Several escapes may spell the bytes of one character.
+                // Several escapes may encode one character.
                 let mut bytes = vec![first];
                 loop {
                     if let Ok(decoded) = std::str::from_utf8(&bytes) {
@@ -387,7 +387,7 @@ impl<'a> Lexer<'a> {
         u8::from_str_radix(digits, 16).ok()
     }
 
-    /// The rest of a raw text, from its hashes or its quote on.
+    /// Reads the rest of a raw string, from its hashes or its quote on.
     fn raw(&mut self, start: usize) -> Result<Text> {
         let hashes = self.rest().len() - self.rest().trim_start_matches('#').len();
         self.at += hashes;
@@ -408,8 +408,8 @@ impl<'a> Lexer<'a> {
     }
 }
 
-/// Keeps the last pair for every offset in the value, so that an offset behind an escape is behind it in the
-/// file too.
+/// Keeps the last pair for every offset in the value, so that an offset after an escape is also after it in the
+/// file.
 fn push_step(steps: &mut Vec<(usize, usize)>, step: (usize, usize)) {
     match steps.last_mut() {
         Some(last) if last.0 == step.0 => *last = step,
@@ -417,12 +417,12 @@ fn push_step(steps: &mut Vec<(usize, usize)>, step: (usize, usize)) {
     }
 }
 
-/// Behind an `r`: a quote, with or without hashes before it.
+/// Returns true if a quote follows an `r`, with or without hashes.
 fn raw_text_ahead(rest: &str) -> bool {
     rest.trim_start_matches('#').starts_with('"')
 }
 
-// Letters outside ASCII are left to the `ron` crate to judge.
+// The `ron` crate checks non-ASCII letters.
 fn starts_identifier(c: char) -> bool {
     c == '_' || c.is_ascii_alphabetic() || !c.is_ascii() && !is_space(c)
 }

@@ -1,16 +1,16 @@
 //! Reports changed contents of the files that a build read.
 //!
-//! The operating system's events tell *when* to look, and no more. They come in bursts, differ between systems and editors, and
-//! are often spurious: so each event makes the watcher read all wanted files and compare hashes of their contents. Folders
-//! are watched rather than files, since most editors save by replacing the file. For each wanted path these are all folders
-//! along it, through symlinks too (the `symlink_path` module), so that the watcher also notices folders that appear, disappear
-//! and return, and links that are redirected.
+//! Events of the operating system only say *when* to look. They come in bursts, differ between systems and editors, and
+//! are often spurious, so each event makes the watcher read all wanted files and compare hashes of their contents. It
+//! watches folders rather than files, because most editors save by replacing the file. For each wanted path these are all folders
+//! along it, also through symlinks (module `symlink_path`), so that the watcher notices folders that appear and disappear,
+//! and links that are redirected.
 //!
-//! A thread does this. Beside events it looks at regular intervals ([`ROUNDS`]): some network and virtual file systems send no
-//! events for writes of others. Where there are no events at all, it looks more often ([`POLLING`]). `notify`'s own polling
-//! would list whole folders; here the files that matter are known.
+//! The watcher has a thread. Besides events it looks at regular intervals ([`ROUNDS`]), because some network and virtual file systems
+//! send no events for writes by other machines. Without any events, it looks more often ([`POLLING`]). (`notify`'s own polling
+//! would list whole folders.)
 //!
-//! The constants below set the delays for files that are being written.
+//! The constants below are the delays for files that are being written.
 
 mod subject;
 mod symlink_path;
@@ -36,7 +36,7 @@ use symlink_path::Walk;
 pub const QUIET: Duration = Duration::from_millis(20);
 /// Limits the delay of a file that keeps changing.
 pub const MOVING: Duration = Duration::from_secs(1);
-/// Delays the change of a file that is gone or empty: a save may have just begun.
+/// Delays the change of a missing or empty file: a save may have just begun.
 pub const GONE: Duration = Duration::from_secs(1);
 /// Delays a change while other files are changing, so that files saved together are one change.
 pub const GATHER: Duration = Duration::from_millis(100);
@@ -45,16 +45,16 @@ pub const ROUNDS: Duration = Duration::from_secs(2);
 /// Sets the interval of looking at all files, without events.
 pub const POLLING: Duration = Duration::from_millis(200);
 
-/// Lists files that changed since they were built or reported.
+/// Files that changed since they were built or reported.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileChange {
-    /// Paths, as in [`Wanted::path`], sorted. Also those of files that are gone or new.
+    /// Sorted paths, as in [`Wanted::path`], including those of missing and new files.
     pub files: Vec<PathBuf>,
     /// Time of the first event: close to the moment of saving.
     pub first_seen: Instant,
 }
 
-/// Reports that the watcher cannot start.
+/// The watcher cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
     /// The system refuses to start a thread.
@@ -62,12 +62,12 @@ pub enum WatchError {
     Thread(#[from] std::io::Error),
 }
 
-/// Names the way a watcher notices changes.
+/// How a watcher notices changes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum WatchKind {
     /// The system sends events.
     Events,
-    /// It polls. The text completes "polling, because ...".
+    /// The watcher polls. The text completes "polling, because ...".
     Polling(String),
 }
 
@@ -107,7 +107,7 @@ enum Message {
     Event(Instant, notify::Result<notify::Event>),
     Watch(Vec<Wanted>),
     Stop,
-    /// Answered at once: all messages before it were handled.
+    /// Answered once all earlier messages have been handled.
     #[cfg(test)]
     Answer(Sender<()>),
 }
@@ -137,9 +137,9 @@ impl Watcher {
         let (inbox, messages) = channel();
         let events = inbox.clone();
         let native = native(Box::new(move |event| {
-            // Reads, the watcher's own above all, are no changes.
+            // Ignore reads, most of which are the watcher's own.
             if !event.as_ref().is_ok_and(|event| is_reading(&event.kind)) {
-                // The watcher is gone, or will be.
+                // The watcher has been or will be dropped.
                 let _ = events.send(Message::Event(Instant::now(), event));
             }
         }));
@@ -164,12 +164,12 @@ impl Watcher {
         Ok(Watcher { inbox, shared, thread: Some(thread) })
     }
 
-    /// Watches these paths and no others. Call it after each build, successful or not, with all files that the build read; a
+    /// Replaces the watched paths. Call it after each build, successful or not, with all files that the build read. A
     /// file that changed since then is reported at once. A path may occur several times, with the contents of several builds.
     pub fn watch(&mut self, wanted: &[Wanted]) {
         let mut shared = lock(&self.shared);
         if let Some(found) = &mut shared.found {
-            // Contents that the build has read need not be built again.
+            // The build has read these contents already.
             found.files.retain(|path, content| {
                 wanted.iter().any(|wanted| wanted.path == *path && wanted.content != *content)
             });
@@ -182,7 +182,7 @@ impl Watcher {
         let _ = self.inbox.send(Message::Watch(wanted.to_vec()));
     }
 
-    /// Takes the changes since the last call. The caller must begin a build after that: the watcher relies on it.
+    /// Takes the changes since the last call. The caller must then begin a build, because the watcher relies on it.
     pub fn take(&mut self) -> Option<FileChange> {
         let Found { files, first_seen } = lock(&self.shared).found.take()?;
         Some(FileChange { files: files.into_keys().collect(), first_seen })
@@ -209,9 +209,9 @@ const PATIENCE: Patience =
 
 const ON_DEMAND: &str = "that is wanted";
 
-/// Limits the messages that are read before the files are looked at again.
+/// Maximum number of messages to read before looking at the files again.
 const MOST_AT_ONCE: usize = 1000;
-/// Limits the attempts to find the folders to watch, which may change meanwhile.
+/// Maximum number of attempts to find the folders to watch, which may change meanwhile.
 const MOST_WALKS: usize = 8;
 
 fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
@@ -245,7 +245,7 @@ struct LookOut<Wake> {
     entries: HashSet<PathBuf>,
     /// Folders that send events.
     watched: BTreeSet<PathBuf>,
-    /// Those of `watched` that may have been replaced.
+    /// Watched folders that may have been replaced.
     stale: BTreeSet<PathBuf>,
     /// Time of the last look at all files.
     looked: Instant,
@@ -279,7 +279,7 @@ impl<Wake: Fn()> LookOut<Wake> {
                     }
                 }
             }
-            // Also where messages that do not matter come without end.
+            // Even if irrelevant messages keep coming.
             let now = Instant::now();
             let noticed = noticed.or(next_look.filter(|time| *time <= now).map(|_| now));
             if let Some(noticed) = noticed {
@@ -295,7 +295,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         let rounds = rounds.filter(|_| !self.subjects.is_empty()).map(|rounds| self.looked + rounds);
         let differences = self.subjects.iter().filter_map(|subject| subject.difference(&self.patience));
         let due = differences.map(|difference| {
-            // What is due already waits for others.
+            // Changes that are due wait for other files.
             if difference.due > self.looked { difference.due } else { difference.due + self.patience.gather }
         });
         due.chain(rounds).min()
@@ -311,7 +311,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
         let subject = |path: &PathBuf| before.remove(path).unwrap_or_else(|| Subject::new(path));
         self.subjects = read.keys().map(subject).collect();
-        // Before looking: what happens afterwards is an event.
+        // Before looking, so that later changes cause events.
         self.watch_folders();
         let now = Instant::now();
         for (subject, read) in self.subjects.iter_mut().zip(read.values()) {
@@ -342,7 +342,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         let mut matters = event.paths.is_empty();
         for path in &event.paths {
             matters |= self.entries.contains(&*spelling(path));
-            // A folder that went, came or was renamed is not the one that is watched, nor are those in it.
+            // After a folder was removed, created or renamed, the watch on it and on its subfolders is on another folder.
             if !matches!(event.kind, EventKind::Modify(ModifyKind::Data(_) | ModifyKind::Metadata(_))) {
                 self.stale.extend(self.watched.iter().filter(|folder| folder.starts_with(path)).cloned());
             }
@@ -365,7 +365,7 @@ impl<Wake: Fn()> LookOut<Wake> {
     fn watch_folders(&mut self) {
         for _ in 0..MOST_WALKS {
             let mut walk = Walk::default();
-            // And whether it matters most: a wanted file is in it, or would be.
+            // The flag is true if a wanted file is in the folder, or would be.
             let mut folders: BTreeMap<PathBuf, bool> = BTreeMap::new();
             self.entries.clear();
             for subject in &self.subjects {
@@ -378,7 +378,7 @@ impl<Wake: Fn()> LookOut<Wake> {
                     self.entries.insert(spelling(&entry.path).into_owned());
                 }
             }
-            // A folder that begins to be watched may have changed just before that: walk again.
+            // A folder may have changed just before its watch began: walk again.
             if !self.update(&folders) {
                 return;
             }
@@ -400,7 +400,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         let (mut added, mut failure) = (Vec::new(), None);
         let mut paths = native.paths_mut();
         for folder in drop {
-            // It may be gone, and its watch with it.
+            // The folder may be gone, and its watch with it.
             let _ = paths.remove(folder);
         }
         for (folder, matters) in add {
@@ -410,7 +410,7 @@ impl<Wake: Fn()> LookOut<Wake> {
                 Err(error) if *matters || matches!(error.kind, ErrorKind::MaxFilesWatch) => {
                     failure = Some(error)
                 }
-                // Far above the files (`/home`, say, where one may not look). The rounds have to do.
+                // A folder far above the files, such as an unreadable `/home`: rely on the regular looks.
                 Err(_) => added.push(folder.clone()),
             }
         }
@@ -424,7 +424,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         any
     }
 
-    /// Changes from events to polling.
+    /// Switches from events to polling.
     fn poll(&mut self, error: &notify::Error) {
         self.native = None;
         self.watched.clear();

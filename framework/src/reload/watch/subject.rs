@@ -1,8 +1,8 @@
-//! Tracks one wanted file: whether its contents differ from those that a build has read, and whether to report that yet.
+//! Tracks one wanted file: whether its contents differ from those that a build read, and when to report that.
 //!
-//! Events are only hints: at each, all files are looked at, and only their contents count. A difference is *pending* until the
-//! file has not changed for a while, so that a burst of writes is one change; a file that is gone or empty gets longer, as many
-//! editors begin to save that way.
+//! Each event makes the watcher look at all files, and only contents count. A difference is *pending* until the file has not
+//! changed for a while, so that a burst of writes is one change. The delay is longer for a missing or empty file, because many
+//! editors begin a save that way.
 
 use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ pub struct Patience {
     pub moving: Duration,
     pub gone: Duration,
     pub gather: Duration,
-    /// Between two looks at everything, whether something happened or not; `None`: never.
+    /// Interval of regular looks at all files; `None` for no such looks.
     pub rounds: Option<Duration>,
 }
 
@@ -26,11 +26,11 @@ pub struct Patience {
 pub struct Subject {
     /// The path as the caller wrote it.
     pub given: PathBuf,
-    /// Absolute.
+    /// The absolute path.
     pub path: PathBuf,
-    /// Contents that need no report: built, or reported since.
+    /// Contents that were built or reported.
     pub told: Content,
-    /// `told` was announced and not built yet.
+    /// True if `told` was reported and not built yet.
     announced: bool,
     glance: Option<Glance>,
     pending: Option<Pending>,
@@ -43,7 +43,7 @@ struct Glance {
     content: Content,
 }
 
-/// Identifies a file's content, unless it changes twice within the clock's resolution.
+/// Identifies a file's contents, unless they change twice within the clock's resolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Stamp {
     length: u64,
@@ -52,19 +52,19 @@ struct Stamp {
     inode: (u64, u64, i128),
 }
 
-/// Describes a difference that was not reported yet.
+/// A difference that was not reported yet.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     first_seen: Instant,
-    /// True if the file is missing or empty, with the time since that is so (or not).
+    /// True if the file is missing or empty, and the time of the last change of this.
     gone: bool,
     gone_since: Instant,
-    /// Time since which every look showed the same.
+    /// Time since which every look showed the same contents.
     steady_since: Instant,
     glance: Glance,
 }
 
-/// Describes the present difference.
+/// The current difference.
 #[derive(Clone, Copy, Debug)]
 pub struct Difference {
     pub first_seen: Instant,
@@ -90,7 +90,7 @@ impl Subject {
     pub fn built(&mut self, read: &[Content]) {
         let Some(now) = self.glance.map(|glance| glance.content) else { return };
         if let Some(other) = read.iter().find(|content| **content != now) {
-            // A running build will read the contents that were reported since.
+            // A running build will read the contents reported since.
             if !(self.announced && self.told == now) {
                 (self.told, self.announced) = (*other, false);
             }
@@ -102,7 +102,7 @@ impl Subject {
         }
     }
 
-    /// Reads the file, if it may have changed since the last time.
+    /// Reads the file if it may have changed since the last look.
     pub fn look(&mut self) {
         let before = stamp(&self.path);
         if let Some(glance) = self.glance
@@ -113,7 +113,7 @@ impl Subject {
             return;
         }
         let content = Content::at(&self.path);
-        // Of a file that is written while it is read, this may be half: it is read again the next time.
+        // A file that is being written may be incomplete, and is read again next time.
         let stamp = stamp(&self.path).filter(|after| before == Some(*after));
         self.glance = Some(Glance { stamp, content });
     }
@@ -178,7 +178,7 @@ fn inode(_: &Metadata) -> (u64, u64, i128) {
 }
 
 impl Stamp {
-    /// Returns true if a later write surely has another time, for any clock and resolution (2 s on FAT).
+    /// Returns true if any later write will have a different time, whatever the clock's resolution (2 s on FAT).
     fn is_old(self) -> bool {
         const RESOLUTION: Duration = Duration::from_secs(3);
         let age = self.modified.and_then(|modified| SystemTime::now().duration_since(modified).ok());

@@ -1,22 +1,22 @@
 //! Lists the folder entries that a path resolves through, symlinks included.
 //!
 //! `/home/me/graphs/a.ron` resolves through the entry `home` in `/`, `me` in `/home`, and so on; and if `graphs` is a symlink,
-//! through that and every entry along its target. The contents at a path change only if one of these entries changes or the
-//! file at their end does. So these entries are watched; for a path that does not resolve, the last entry is the first that is
-//! missing.
+//! through that and every entry along its target. The contents at a path change only if one of these entries or the file at their
+//! end changes, so the watcher watches these entries. For a path that does not resolve, the last entry is the first missing
+//! one.
 
 use std::collections::HashMap;
 use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
 use std::{fs, io};
 
-/// Limits the symlinks that one path follows, as systems do.
+/// Maximum number of symlinks that one path follows, as on most systems.
 const MOST_LINKS: u32 = 40;
 
-/// Describes an entry along a path, existing or not.
+/// An entry along a path, existing or not.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// The folder that has it: absolute, without links.
+    /// The folder that contains it: absolute, without links.
     pub folder: PathBuf,
     /// The folder's path and the entry's name.
     pub path: PathBuf,
@@ -33,7 +33,7 @@ pub struct Walk {
 enum Met {
     Folder,
     Link(PathBuf),
-    /// A file or another entry that is no folder and no symlink.
+    /// A file, or another entry that is neither folder nor symlink.
     End,
 }
 
@@ -42,7 +42,7 @@ impl Walk {
     pub fn entries(&mut self, path: &Path) -> Vec<Entry> {
         let mut entries = Vec::new();
         let mut folder = PathBuf::new();
-        // What is still to be walked, the next step last.
+        // The remaining steps, the next one last.
         let mut rest: Vec<Step> = steps(path);
         let mut links = 0;
         while let Some(step) = rest.pop() {
@@ -78,13 +78,13 @@ impl Walk {
 }
 
 enum Step {
-    /// A prefix (of Windows) or the root: from here on.
+    /// A Windows prefix or the root: restarts there.
     Root(OsString),
     Up,
     Into(OsString),
 }
 
-/// The steps of a path, the first one last.
+/// Returns the steps of a path, the first one last.
 fn steps(path: &Path) -> Vec<Step> {
     let step = |component| match component {
         Component::Prefix(prefix) => Some(Step::Root(prefix.as_os_str().to_owned())),
@@ -156,7 +156,7 @@ mod tests {
             below(root.path(), &root.path().join("a")),
             ["a@", "shaders@", "..data@", "v1", "v1/shaders", "v1/shaders/a"]
         );
-        // Behind a link, `..` is the folder before the one that it points to.
+        // After a link, `..` is the parent of its target.
         assert_eq!(
             below(root.path(), &root.path().join("shaders/../shaders/a")),
             ["shaders@", "..data@", "v1", "v1/shaders", "v1/shaders", "v1/shaders/a"]

@@ -1,4 +1,4 @@
-//! One run of glslang: from texts to SPIR-V, or to why not.
+//! Runs glslang: texts to SPIR-V, or an error.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::super::ShaderStage;
 use super::{INCLUDE_BYTES, MOST_DEPTH, MOST_INCLUDED_BYTES};
 
-/// Bytes of SPIR-V, which is read back in this process. A shader of the longest text has some 3 MiB.
+/// Maximum size of SPIR-V in bytes. The longest allowed text gives about 3 MiB.
 const MOST_SPIRV_BYTES: usize = 8 << 20;
 
 /// Identifies a compilation by all its inputs.
@@ -21,20 +21,20 @@ const MOST_SPIRV_BYTES: usize = 8 << 20;
 pub(super) struct Key {
     pub stage: ShaderStage,
     pub defines: Vec<(String, String)>,
-    /// In the order in which they were first named, the shader itself first; as the compiler gets them.
+    /// Texts in the order of first mention, the shader itself first, as passed to the compiler.
     pub texts: Vec<String>,
-    /// Per text, the names that it includes and which texts these are.
+    /// For each text, the names that it includes, with the indices of their texts.
     pub includes: Vec<BTreeMap<String, Option<usize>>>,
 }
 
-/// Explains why there is no SPIR-V.
+/// The reason why there is no SPIR-V.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum Failure {
     /// The log of glslang.
     Log(String),
     /// Includes that cannot be followed.
     Includes(Vec<IncludeFailure>),
-    /// Nobody waits for it any more.
+    /// The build was cancelled.
     Cancelled,
 }
 
@@ -43,7 +43,7 @@ pub(super) enum Failure {
 pub(super) struct IncludeFailure {
     /// The unit that includes.
     pub unit: usize,
-    /// The name that it gives.
+    /// The name in the `#include`.
     pub name: String,
     pub why: IncludeProblem,
 }
@@ -51,15 +51,15 @@ pub(super) struct IncludeFailure {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum IncludeProblem {
     Missing,
-    /// The units that were being included when the depth ran out, from the shader itself to the last.
+    /// Nested units when the maximum depth was reached, the shader itself first.
     TooDeep(Vec<usize>),
     TooMuch,
 }
 
-/// Gives glslang the included texts. Units are named by their number, so that the log is easy to read back.
+/// Provides included texts to glslang. Units are named by number, which makes the log easy to parse.
 struct Includes<'a> {
     key: &'a Key,
-    /// The units that are being included now, the shader itself first.
+    /// Units that are currently being included, the shader itself first.
     chain: Vec<usize>,
     bytes: usize,
     failures: Vec<IncludeFailure>,
@@ -81,7 +81,7 @@ impl IncludeHandler for Includes<'_> {
             }
         };
         if let Some(why) = why {
-            // A name in quotes that is refused is asked for again as if it stood in angle brackets.
+            // After a refusal, glslang asks for a quoted name again as if it were in angle brackets.
             let failure = failure(why);
             if !self.failures.contains(&failure) {
                 self.failures.push(failure);
@@ -124,7 +124,7 @@ pub(super) fn generate(key: &Key) -> Result<Vec<u32>, Failure> {
         ShaderInput::new(&source, stage, &options, None::<&[(&str, Option<&str>)]>, Some(&mut includes))
             .map_err(failed)?;
     let mut builder = Shader::new(compiler, input);
-    // The preamble is a text of its own before the shader, so lines keep their numbers.
+    // The preamble is a separate text before the shader, so line numbers stay.
     let preamble: String =
         key.defines.iter().map(|(name, value)| format!("#define {name} {value}\n")).collect();
     builder.preamble(&preamble);

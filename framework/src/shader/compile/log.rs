@@ -1,10 +1,9 @@
 //! Turns glslang's log into diagnostics.
 //!
-//! A line of the log is `ERROR: 2:14:9: 'keys' : undeclared identifier`: the file (here by our own number), line,
-//! column, the token where it happened, and what happened. The column cannot be taken as it is. glslang parses what its
-//! own preprocessor printed, with macros expanded and with spaces of its own, so the column is one of a text that
-//! no file holds. Lines are kept. So the token is searched in the line, and if it occurs there more than once the
-//! column helps: [`printed_columns`] knows where the preprocessor puts each token.
+//! A line of the log is `ERROR: 2:14:9: 'keys' : undeclared identifier`: the number of the file, line, column, the
+//! token, and the message. The column is not that of the file: glslang parses the output of its preprocessor, with
+//! macros expanded and different spaces. Lines are kept. The token is therefore searched in the line. If it occurs
+//! more than once, the column decides: [`printed_columns`] knows where the preprocessor puts each token.
 
 use std::ops::Range;
 
@@ -13,7 +12,7 @@ use super::{MOST_DIAGNOSTICS, ShaderRequest, Sources};
 use crate::ir::Span;
 use crate::source::{Diagnostic, SourceMap, nearest};
 
-/// The diagnostics that a log gives, at least one.
+/// Returns the diagnostics of a log, at least one.
 pub(super) fn diagnose(
     files: &mut SourceMap,
     request: &ShaderRequest,
@@ -23,7 +22,7 @@ pub(super) fn diagnose(
     let mut diagnostics: Vec<Diagnostic> = Vec::new();
     let mut lines = Vec::new();
     for entry in entries(log) {
-        // What follows in the same line as an error is most often a consequence of it.
+        // Further errors in the same line are mostly consequences of the first.
         if entry.place.is_some() && lines.contains(&entry.place.map(|p| (p.unit, p.line))) {
             continue;
         }
@@ -77,11 +76,11 @@ fn span_in(
     Span { file, start: place.start, end: place.end }
 }
 
-/// One error of the log.
+/// An error of the log.
 #[derive(Debug, PartialEq)]
 struct Entry<'l> {
     place: Option<Place>,
-    /// The token that glslang quotes, if it does.
+    /// The token that glslang quotes, if any.
     token: Option<&'l str>,
     message: String,
 }
@@ -89,18 +88,18 @@ struct Entry<'l> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Place {
     unit: usize,
-    /// From 1, as is the column; 0 where glslang knows none.
+    /// Counts from 1, like the column; 0 if unknown.
     line: usize,
     column: usize,
 }
 
-/// The errors of a log, without those that only say that there were errors.
+/// Parses the errors of a log, without those that only count errors.
 fn entries(log: &str) -> Vec<Entry<'_>> {
     const PREFIXES: [&str; 4] = ["ERROR: ", "INTERNAL ERROR: ", "UNIMPLEMENTED: ", "UNKNOWN ERROR: "];
     let mut entries: Vec<Entry> = Vec::new();
     for line in log.lines() {
         let Some(rest) = PREFIXES.iter().find_map(|prefix| line.strip_prefix(prefix)) else {
-            // An entry can go on in lines that are indented.
+            // An entry can continue in indented lines.
             if let (true, Some(last)) = (line.starts_with([' ', '\t']), entries.last_mut()) {
                 last.message = format!("{} {}", last.message, line.trim());
             }
@@ -120,14 +119,14 @@ fn entries(log: &str) -> Vec<Entry<'_>> {
     entries
 }
 
-/// Takes `0:12:5: ` from the front.
+/// Splits `0:12:5: ` off the front.
 fn split_place(text: &str) -> (Option<Place>, &str) {
     let parse = || {
         let (head, rest) = text.split_once(": ")?;
         let mut parts = head.rsplitn(3, ':');
         let column = parts.next()?.parse::<i64>().ok()?;
         let line = parts.next()?.parse::<i64>().ok()?;
-        // A name that is none of ours comes from a `#line` in the shader.
+        // Other names come from a `#line` in the shader.
         let unit = parts.next()?.parse().unwrap_or(0);
         Some((Place { unit, line: line.max(0) as usize, column: column.max(0) as usize }, rest))
     };
@@ -143,7 +142,7 @@ impl Entry<'_> {
             let stages = ["vertex", "fragment", "compute"].map(|stage| format!("Linking {stage} stage: "));
             let message =
                 stages.iter().find_map(|s| self.message.strip_prefix(s.as_str())).unwrap_or(&self.message);
-            // Functions are named as `f(` and the types of their parameters.
+            // Functions are written as `f(` with the types of their parameters.
             let functions: String = message
                 .split_whitespace()
                 .filter_map(|word| word.split_once('('))
@@ -189,7 +188,7 @@ impl Entry<'_> {
     }
 }
 
-/// The place in a text that an error is about: the nearest token that is wanted, the token at the error's column, or the
+/// Returns the place of an error in a text: the nearest matching token, the token at the error's column, or the
 /// whole line.
 fn locate(
     text: &str,
@@ -198,7 +197,7 @@ fn locate(
     is_macro: impl Fn(&str) -> bool,
 ) -> (Range<usize>, Option<Token>) {
     let mut line = line_range(text, place.line);
-    // What is missing at the end is missed after the last line that has something.
+    // An error at the end is shown at the last non-empty line.
     while line.start > 0 && text[line.clone()].trim().is_empty() {
         line = line_before(text, line.start);
     }
@@ -220,12 +219,12 @@ fn locate(
     }
     match (tokens.first(), tokens.last()) {
         (Some(first), Some(last)) => (first.start..last.end, None),
-        // Only a comment stands there.
+        // The line has only a comment.
         _ => (line, None),
     }
 }
 
-/// The bytes of a line, without its end; of the last line for numbers beyond, of the first for 0.
+/// Returns the byte range of a line without its end, with the number clamped to existing lines.
 fn line_range(text: &str, number: usize) -> Range<usize> {
     let mut start = 0;
     for _ in 1..number {
@@ -237,14 +236,14 @@ fn line_range(text: &str, number: usize) -> Range<usize> {
     start..start + text[start..].find('\n').unwrap_or(text.len() - start)
 }
 
-/// The bytes of the line before the one that starts at `start`, which is not 0.
+/// Returns the byte range of the line before the one that starts at `start`, which is not 0.
 fn line_before(text: &str, start: usize) -> Range<usize> {
     let end = start - 1;
     text[..end].rfind('\n').map_or(0, |newline| newline + 1)..end
 }
 
-/// The column, from 1, at which glslang's preprocessor prints each token of a line without macros: the first stays where
-/// it is, the others follow with one space or none.
+/// Returns the columns, from 1, at which glslang's preprocessor prints the tokens of a line without macros: the first
+/// stays in place, the others follow with one space or none.
 fn printed_columns(text: &str, line_start: usize, tokens: &[Token]) -> Vec<usize> {
     let mut columns = Vec::with_capacity(tokens.len());
     let mut column = 0;
@@ -270,7 +269,7 @@ fn printed_columns(text: &str, line_start: usize, tokens: &[Token]) -> Vec<usize
     columns
 }
 
-/// `syntax error, unexpected SEMICOLON, expecting COMMA or RIGHT_PAREN`: the parser names tokens as its grammar does.
+/// Rewrites messages such as `syntax error, unexpected SEMICOLON, expecting COMMA or RIGHT_PAREN`, with tokens spelled out.
 struct SyntaxError<'m> {
     unexpected: &'m str,
     expecting: Vec<&'m str>,
@@ -389,7 +388,7 @@ fn grammar_spelling(name: &str) -> &str {
     }
 }
 
-/// The token that stands in the text for what glslang quotes.
+/// Returns the token in the text that glslang's quotation stands for.
 fn spelling(quoted: &str) -> &str {
     match quoted {
         "assign" => "=",
@@ -397,10 +396,10 @@ fn spelling(quoted: &str) -> &str {
     }
 }
 
-/// A message with types as GLSL writes them: `' temp highp 3-component vector of float'` is a `` `vec3` ``.
+/// Rewrites types in a message as GLSL writes them: `' temp highp 3-component vector of float'` is a `` `vec3` ``.
 fn plain_types(message: &str) -> String {
     let parts: Vec<&str> = message.split('\'').collect();
-    // An even number of parts is an odd number of quotes: one of them is an apostrophe.
+    // An even number of parts means an odd number of quotes, one of which is an apostrophe.
     if parts.len().is_multiple_of(2) {
         return message.to_string();
     }

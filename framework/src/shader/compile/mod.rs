@@ -1,20 +1,20 @@
-//! GLSL to SPIR-V with glslang, Khronos' own compiler, linked in.
+//! Compiles GLSL to SPIR-V with glslang, Khronos' compiler, which is linked in.
 //!
 //! A shader is compiled in four steps:
 //!
-//! 1. *gather* ([`Sources`]): the shader and everything that it includes, directly or not, are found and scanned. That
-//!    tells which of the graph's defines they mention at all; a parameter that a shader does not mention does not make
-//!    it compile again;
+//! 1. *gather* ([`Sources`]): find and scan the shader and everything that it includes, directly or not. This shows
+//!    which of the graph's defines they mention; a parameter that a shader does not mention does not cause
+//!    another compilation;
 //! 2. *look up*: texts, defines and stage together are the key of a cache;
 //!    a [`SpirvStore`] holds the SPIR-V of earlier runs under the same key;
-//! 3. *compile* ([`generate`]): glslang preprocesses (asking for the included texts again, this time only for those that its
-//!    `#if`s let through), parses, links and generates;
+//! 3. *compile* ([`generate`]): glslang preprocesses (requesting only the included texts in active branches of `#if`s),
+//!    parses, links and generates;
 //! 4. *reflect*: see [`reflect`].
 //!
 //! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`MOST_BYTES`] of text, [`MOST_DEPTH`]
-//! nested includes, a large stack (its passes recurse). It is left at its default to stop at the first error: set to go on, it
-//! crashes on one broken shader in some ten thousand, otherwise on far fewer. For texts that are not trusted it runs in a process
-//! of its own: see [`worker`].
+//! nested includes, a large stack (its passes recurse). It stops at the first error: if told to continue, it crashes on about one
+//! broken shader in ten thousand, and otherwise on far fewer. For untrusted texts it runs in a separate
+//! process: see [`worker`].
 
 mod generate;
 mod log;
@@ -38,28 +38,28 @@ use super::{CANCELLED, Cancel, Compiled, ShaderCompiler, ShaderRequest, SpirvSto
 use crate::ir::{FileId, Span};
 use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
 
-/// Bytes of GLSL in all files of one shader.
+/// Maximum bytes of GLSL in all files of one shader.
 const MOST_BYTES: usize = 256 << 10;
-/// Bytes of GLSL after includes, which can bring the same file more than once.
+/// Maximum bytes of GLSL after includes, where a file can occur more than once.
 const MOST_INCLUDED_BYTES: usize = 4 << 20;
-/// Counts for each include beside its text, so that the number of small ones is bounded too.
+/// Bytes that each include counts in addition to its text, which bounds the number of small includes.
 const INCLUDE_BYTES: usize = 256;
-/// Files inside of files inside of files.
+/// Maximum nesting of includes.
 const MOST_DEPTH: usize = 32;
-/// Files that one shader can include.
+/// Maximum number of files of one shader.
 const MOST_FILES: usize = 256;
-/// Limits the cached shaders. Beyond, all are dropped: that many come only from sweeps over parameters.
+/// Maximum number of cached shaders. Beyond it all are dropped: only sweeps over parameters make that many.
 const MOST_CACHED: usize = 1024;
-/// Diagnostics that one compilation gives.
+/// Maximum number of diagnostics of one compilation.
 const MOST_DIAGNOSTICS: usize = 10;
 
 /// The GLSL compiler: GLSL 4.60 to SPIR-V 1.6 for Vulkan 1.3, and a cache in memory.
 ///
-/// `#include` needs `#extension GL_GOOGLE_include_directive : require`, as in any GLSL, and is allowed to bring a file
-/// twice; a file that brings itself without end is an error.
+/// `#include` needs `#extension GL_GOOGLE_include_directive : require`, as in any GLSL. A file may be included
+/// twice; endless recursion is an error.
 ///
-/// [`Glslang::new`] compiles in this process, which a broken shader can end: for texts that are trusted. [`Glslang::in_worker`]
-/// compiles in another.
+/// [`Glslang::new`] compiles in this process, which a broken shader can end, so it is for trusted texts. [`Glslang::in_worker`]
+/// compiles in another process.
 #[derive(Debug, Default)]
 pub struct Glslang {
     cache: HashMap<Arc<Key>, Compiled>,
@@ -75,8 +75,8 @@ impl Glslang {
         Glslang::default()
     }
 
-    /// Returns a compiler with an empty cache that runs in a process of its own, where neither a crash nor the memory and time
-    /// that a text takes can hurt. The process starts with the first compilation and ends with this value.
+    /// Returns a compiler with an empty cache that runs in a separate process, which contains crashes and limits memory and
+    /// time. The process starts with the first compilation and ends when this value is dropped.
     pub fn in_worker(worker: Worker) -> Self {
         Glslang { worker: Some(worker::Parent::new(worker)), ..Glslang::default() }
     }
@@ -86,12 +86,12 @@ impl Glslang {
         self.cancel = cancel;
     }
 
-    /// Looks in `store` before it compiles, and keeps there what it compiled.
+    /// Looks shaders up in `store` before compiling, and stores compiled ones.
     pub fn with_store(self, store: Arc<dyn SpirvStore>) -> Self {
         Glslang { store: Some(store), ..self }
     }
 
-    /// Returns the number of compilations that were run: those that neither cache nor store held.
+    /// Returns the number of compilations that neither cache nor store avoided.
     pub fn compiled_count(&self) -> usize {
         self.compiled
     }
@@ -167,7 +167,7 @@ impl ShaderCompiler for Glslang {
 
 impl Glslang {
     fn stored_or_generated(&mut self, key: &Key) -> Result<Vec<u32>, Failure> {
-        // Without its bytes, a key has no place in a store.
+        // A key that cannot be serialised is not stored.
         let stored = self.store.clone().and_then(|store| Some((store, serde_json::to_vec(key).ok()?)));
         if let Some(spirv) = stored.as_ref().and_then(|(store, bytes)| store.load(bytes)) {
             return Ok(spirv);
@@ -191,7 +191,7 @@ impl Glslang {
 
 /// Holds a shader and all files that it includes, scanned.
 struct Sources {
-    /// The shader itself is the first.
+    /// The shader itself comes first.
     units: Vec<Unit>,
     /// Every identifier of every unit.
     identifiers: BTreeSet<String>,
@@ -209,7 +209,7 @@ struct Unit {
     text: String,
     /// Included files, by the name in the `#include`.
     includes: BTreeMap<String, Include>,
-    /// Names that follow the name of a type, as those of declarations do.
+    /// Names that follow the name of a type, as in declarations.
     declared: Vec<(String, Range<usize>)>,
 }
 
@@ -290,7 +290,7 @@ impl Sources {
                 let found = match request.generated.iter().position(|g| g.0 == name) {
                     Some(index) => Ok(UnitOrigin::Generated(index)),
                     None => {
-                        // What a generated text includes is found as if the shader itself had.
+                        // Includes of a generated text are resolved as if they were the shader's own.
                         let from = if let UnitOrigin::File(file) = origin { file } else { request.file };
                         let found = files.find(Some(from), name, Kind::Shader).map(UnitOrigin::File);
                         found.map_err(|mut not_found| {
@@ -315,8 +315,8 @@ impl Sources {
         Ok(sources)
     }
 
-    /// A constant of the graph that the shader declares as well. The preprocessor would put the number in the place of the
-    /// name, and the compiler would complain of something else.
+    /// Reports a constant of the graph that the shader declares as well. The preprocessor would replace the name by the
+    /// number, and the compiler would report something else.
     fn taken_name(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
         for unit in &self.units {
             for (name, place) in &unit.declared {
@@ -349,7 +349,7 @@ impl Sources {
         reached::reached(&texts, defines)
     }
 
-    /// Makes the error for a name in an `#if` that nothing defines. The compiler would take it for 0.
+    /// Makes the error for an undefined name in an `#if`. The compiler would take it for 0.
     fn undefined(
         &self,
         files: &mut SourceMap,
@@ -366,8 +366,8 @@ impl Sources {
         error.with_nearest(name, defined, format!("`defined({name})` asks whether it is"))
     }
 
-    /// A constant of the graph that the shader mentions, and that it cannot have because shaders know numbers of 32 bits, and
-    /// `#if` those of 32 bits with a sign.
+    /// Reports a constant that the shader mentions and that does not fit: shaders have numbers of 32 bits, and `#if`
+    /// signed numbers of 32 bits.
     fn too_large(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
         let unfit = request.unfit.iter().find(|(name, _)| self.identifiers.contains(name));
         let (name, value, limit) = match unfit {
@@ -387,7 +387,7 @@ impl Sources {
 }
 
 impl Unit {
-    /// The text and the includes that were found.
+    /// Returns the text and the includes that were found.
     fn followed(&self) -> reached::Text<'_> {
         let found =
             self.includes.iter().filter_map(|(name, i)| Some((name.as_str(), *i.target.as_ref().ok()?)));
@@ -396,7 +396,7 @@ impl Unit {
 }
 
 impl UnitOrigin {
-    /// The file to show a diagnostic in. A generated text becomes one when it is first needed.
+    /// Returns the file to show a diagnostic in. A generated text becomes a file when first needed.
     fn file(self, files: &mut SourceMap, request: &ShaderRequest) -> FileId {
         match self {
             UnitOrigin::File(file) => file,

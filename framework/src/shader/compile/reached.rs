@@ -1,14 +1,14 @@
 //! Follows the preprocessor through a shader, to find the names whose values its output can depend on.
 //!
-//! [`scan`] lists every identifier of a text. A define that stands in a branch of an `#if` which is not taken is among them,
-//! and changes nothing in the compiled shader. This module evaluates the `#if`s with the defines of the compilation, and
-//! collects the identifiers of the lines that are compiled, with those of the macros that they expand, and the identifiers
-//! that the conditions read up to their value (`&&` and `||` stop at an operand that decides).
+//! [`scan`] lists every identifier of a text, also in inactive branches of `#if`s, where a define cannot change the compiled
+//! shader. This module evaluates the `#if`s with the defines of the compilation. It collects the identifiers of the lines that
+//! are compiled, of the macros that they expand, and of conditions as far as they are evaluated (`&&` and `||`
+//! short-circuit).
 //!
-//! It rather collects too much than too little: where a condition has no value here (it asks for an extension, calls a macro,
-//! divides by zero), each of its branches counts.
+//! It errs on the side of too many names: if it cannot evaluate a condition (because of an extension, a function-like macro or a
+//! division by zero), all branches count.
 //!
-//! It also finds names in conditions that nothing defines: the preprocessor takes them for 0 without a word.
+//! It also finds undefined names in conditions, which the preprocessor silently takes for 0.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -16,24 +16,24 @@ use std::ops::Range;
 use super::scan::{Token, TokenKind, lex};
 use super::{INCLUDE_BYTES, MOST_DEPTH, MOST_INCLUDED_BYTES};
 
-/// Words of a condition and of its macros. The value of a longer one is not known.
+/// Maximum number of words of a condition with its macros; longer ones are not evaluated.
 const MOST_WORDS: usize = 10_000;
-/// Parentheses and signs around an operand, likewise.
+/// Maximum nesting of parentheses and signs; deeper ones are not evaluated.
 const MOST_NESTED: usize = 100;
 
-/// A text that a shader consists of, and the texts that it includes: their indices by name.
+/// A text of a shader, and the texts that it includes: their indices by name.
 pub(super) struct Text<'t> {
     pub text: &'t str,
     pub includes: BTreeMap<&'t str, usize>,
 }
 
-/// What a walk through a shader finds.
+/// The result of a walk through a shader.
 #[derive(Debug, PartialEq)]
 pub(super) struct Reached {
     /// The identifiers that the result of preprocessing can depend on.
     pub names: BTreeSet<String>,
-    /// The first name in a condition that nothing defines, which makes it 0: the index of its text, and its bytes. Not those that
-    /// `defined` asks for, and those that the compiler or an extension may define.
+    /// The first undefined name in a condition: the index of its text, and its bytes. Operands of `defined`, and names that
+    /// the compiler or an extension may define, do not count.
     pub undefined: Option<(usize, Range<usize>)>,
 }
 
@@ -58,7 +58,7 @@ pub(super) fn reached<'t>(texts: &'t [Text<'t>], defines: &'t [(String, String)]
     Some(Reached { names: walk.names.into_iter().map(str::to_owned).collect(), undefined: walk.undefined })
 }
 
-/// Whether lines are compiled, or a condition holds.
+/// Certainty that lines are compiled, or that a condition holds.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Truth {
     No,
@@ -86,11 +86,11 @@ impl From<Option<i64>> for Truth {
     }
 }
 
-/// An `#if` whose `#endif` is ahead.
+/// An open `#if`.
 struct Group {
-    /// The branch that the walk is in is taken.
+    /// Whether the current branch is taken.
     active: Truth,
-    /// This branch or one before it is taken.
+    /// Whether this branch or an earlier one is taken.
     taken: Truth,
 }
 
@@ -98,7 +98,7 @@ struct Group {
 struct Word<'t> {
     kind: TokenKind,
     text: &'t str,
-    /// Nothing stands between it and the word before.
+    /// True if no space separates it from the previous word.
     joined: bool,
     /// Index of its text, and its first byte there.
     at: (usize, usize),
@@ -109,9 +109,9 @@ struct Word<'t> {
 struct Macro<'t> {
     /// The words of every definition that may be in force.
     body: Vec<Word<'t>>,
-    /// It has no parameters.
+    /// True without parameters.
     plain: bool,
-    /// This definition is in force, and no other.
+    /// True if exactly one definition is in force.
     certain: bool,
 }
 
@@ -145,7 +145,7 @@ impl<'t> Walk<'t> {
             };
             match directive {
                 "if" | "ifdef" | "ifndef" => {
-                    // Nothing is looked at in a branch that is left out.
+                    // Skip inactive branches.
                     let holds =
                         if now == Truth::No { Truth::No } else { self.condition(directive, rest, now) };
                     groups.push(Group { active: holds, taken: holds });
@@ -205,7 +205,7 @@ impl<'t> Walk<'t> {
         }
     }
 
-    /// Adds the identifiers of words that are compiled, and those in the macros that they are.
+    /// Adds the identifiers of compiled words and of the macros among them.
     fn reach_all(&mut self, words: &[Word<'t>]) {
         let identifiers = |words: &[Word<'t>]| -> Vec<&'t str> {
             words.iter().filter(|word| word.kind == TokenKind::Identifier).map(|word| word.text).collect()
@@ -220,7 +220,7 @@ impl<'t> Walk<'t> {
         }
     }
 
-    /// Evaluates a condition, which the compiler does, too, where `now` is certain.
+    /// Evaluates a condition; `now` says how certain it is that the compiler does so, too.
     fn condition(&mut self, directive: &str, words: &[Word<'t>], now: Truth) -> Truth {
         match (directive, words) {
             ("if", words) => {
@@ -254,8 +254,8 @@ impl<'t> Walk<'t> {
         }
     }
 
-    /// Replaces the shader's own macros by their bodies. The defines of the compilation keep their names: the evaluation notes
-    /// which of them it reads. `None` for macros that may be defined otherwise, or have parameters, and after `left` words.
+    /// Replaces the shader's own macros by their bodies. Defines of the compilation keep their names, because the evaluation
+    /// records which of them it reads. `None` for macros with several definitions or parameters, and after `left` words.
     fn expand(
         &self,
         words: &[Word<'t>],
@@ -296,18 +296,18 @@ fn words(text: &str, index: usize) -> Vec<Word<'_>> {
     lex(text).iter().map(word).collect()
 }
 
-/// Evaluates the expression of an `#if`. Values are `None` where they are not known.
+/// Evaluates the expression of an `#if`. Unknown values are `None`.
 struct Condition<'w, 't, 'a> {
     words: &'w [Word<'t>],
     at: usize,
-    /// Operands inside of operands.
+    /// Nesting of operands.
     nested: usize,
-    /// The compiler evaluates the present operand, too.
+    /// True if the compiler evaluates the current operand, too.
     certain: bool,
     walk: &'a mut Walk<'t>,
 }
 
-/// Operators of two operands with their precedence, higher is tighter.
+/// Binary operators with their precedence (higher binds tighter).
 const OPERATORS: [(&str, u8); 18] = [
     ("||", 1),
     ("&&", 2),
@@ -335,8 +335,8 @@ impl Condition<'_, '_, '_> {
         if self.at == self.words.len() { value } else { None }
     }
 
-    /// Operands joined by operators that bind at least as tightly as `least`. The outer `None` is for what is no expression. Names
-    /// count as read only where `live`.
+    /// Evaluates operands joined by operators that bind at least as tightly as `least`. The outer `None` means a syntax error.
+    /// Names count as read only if `live`.
     fn binary(&mut self, least: u8, live: bool) -> Option<Option<i64>> {
         let mut left = self.operand(live)?;
         while let Some(word) = self.words.get(self.at)
@@ -350,7 +350,7 @@ impl Condition<'_, '_, '_> {
                 _ => false,
             };
             let certain = self.certain;
-            // Where the left side is not known, it may decide.
+            // An unknown left side may decide.
             self.certain &= left.is_some() || !matches!(*operator, "&&" | "||");
             let right = self.binary(precedence + 1, live && !decides)?;
             self.certain = certain;
@@ -442,11 +442,11 @@ fn combine(operator: &str, left: Option<i64>, right: Option<i64>) -> Option<i64>
         "/" => a.checked_div(b)?,
         _ => a.checked_rem(b)?,
     };
-    // The compiler computes with 32 bits.
+    // The compiler uses 32 bits.
     i32::try_from(value).is_ok().then_some(value)
 }
 
-/// An integer of 32 bits with a sign. Octal ones are not known: they do not occur.
+/// Parses a signed integer of 32 bits. Octal integers, which do not occur, are unknown.
 fn number(text: &str) -> Option<i64> {
     let digits = text.trim_end_matches(['u', 'U']);
     let value = match digits.strip_prefix("0x").or(digits.strip_prefix("0X")) {
@@ -570,7 +570,7 @@ mod tests {
             let found = names(&format!("#if {condition}\nX\n#else\nY\n#endif"));
             assert!(found.ends_with("X Y"), "{condition}: {found}");
         }
-        // What an unknown branch defines may be defined.
+        // Definitions in an unknown branch may be in force.
         let text = "#if C\n#define D 1\n#endif\n#ifdef D\nX\n#else\nY\n#endif\n#if D\nZ\n#endif";
         assert_eq!(names(text), "C D X Y Z");
         assert_eq!(names("#define D 1\n#if C\n#undef D\n#endif\n#ifdef D\nX\n#else\nY\n#endif"), "C D X Y");

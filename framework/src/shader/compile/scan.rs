@@ -1,9 +1,8 @@
-//! A lexer for GLSL, as far as one is needed beside the compiler's own.
+//! A small lexer for GLSL.
 //!
-//! It finds which identifiers a text mentions (a define that no text mentions need not be passed), which files it
-//! includes, whether it names the right version of the language, and, once the compiler has complained, which token of
-//! a line it meant. It knows comments, line continuations and strings, and evaluates nothing: the branches of an
-//! `#if` count alike.
+//! It finds the identifiers of a text (a define that no text mentions need not be passed), its includes and its
+//! language version, and the token that an error of the compiler is about. It handles comments, line continuations
+//! and strings. It evaluates nothing: all branches of an `#if` count.
 
 use std::collections::HashSet;
 use std::ops::Range;
@@ -17,11 +16,11 @@ pub(super) enum TokenKind {
     Symbol,
     /// The end of a line that is not continued.
     Newline,
-    /// A character that GLSL does not allow outside of comments: one that is not ASCII, or a zero.
+    /// A character that GLSL allows in comments only: not ASCII, or a zero.
     Foreign,
 }
 
-/// A token that is no comment and no white space; `start..end` are bytes of the text.
+/// A token other than comments and white space; `start..end` are bytes of the text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Token {
     pub kind: TokenKind,
@@ -39,7 +38,7 @@ impl Token {
     }
 }
 
-/// Operators of more than one character, the longer ones first.
+/// Operators of more than one character, longer ones first.
 const OPERATORS: [&str; 22] = [
     "<<=", ">>=", "++", "--", "<<", ">>", "<=", ">=", "==", "!=", "&&", "||", "^^", "+=", "-=", "*=", "/=",
     "%=", "&=", "|=", "^=", "##",
@@ -50,7 +49,7 @@ pub(super) fn lex(text: &str) -> Vec<Token> {
     let bytes = text.as_bytes();
     let word = |b: u8| b.is_ascii_alphanumeric() || b == b'_';
     let mut tokens = Vec::with_capacity(bytes.len() / 4);
-    // A byte order mark is no part of the text.
+    // Skip the byte order mark.
     let mut at = if text.starts_with('\u{feff}') { 3 } else { 0 };
     while at < bytes.len() {
         let start = at;
@@ -142,19 +141,19 @@ fn end_of_line(bytes: &[u8], mut at: usize) -> usize {
 #[derive(Debug, PartialEq)]
 pub(super) struct Scan<'t> {
     pub identifiers: HashSet<&'t str>,
-    /// The names that follow `#include`, and where they stand (inside the quotes).
+    /// Names after `#include`, with their places (inside the quotes).
     pub includes: Vec<(&'t str, Range<usize>)>,
-    /// The names that follow `#define`.
+    /// Names after `#define`.
     pub macros: HashSet<&'t str>,
-    /// The names in `#if` and `#elif`.
+    /// Names in `#if` and `#elif`.
     pub conditions: HashSet<&'t str>,
-    /// Names that follow the name of a type, as those of variables and constants do, and where they stand.
+    /// Names after the name of a type, as of variables and constants, with their places.
     pub declared: Vec<(&'t str, Range<usize>)>,
-    /// Names of blocks, and of what else is declared `uniform`; not those of push constants.
+    /// Names of blocks and other `uniform` declarations, without push constants.
     pub bindings: Vec<&'t str>,
     /// The text's first `#version` and whether it says 460, in the core profile.
     pub version: Option<(Range<usize>, bool)>,
-    /// The first token that GLSL does not allow.
+    /// The first invalid token.
     pub foreign: Option<Range<usize>>,
 }
 
@@ -213,21 +212,21 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
     scan
 }
 
-/// The name that the declaration gives whose tokens follow `buffer` or `uniform`: the last word before a brace, a bracket or a
-/// semicolon. None where it only sets a default layout.
+/// Returns the name that a declaration after `buffer` or `uniform` declares: the last word before a brace, a bracket or a
+/// semicolon. `None` if it only sets a default layout.
 fn binding_name<'t>(text: &'t str, tokens: &[Token]) -> Option<&'t str> {
     let is_word = |token: &&Token| matches!(token.kind, TokenKind::Identifier | TokenKind::Newline);
     let words = tokens.iter().take_while(is_word).filter(|token| token.kind == TokenKind::Identifier);
     words.last().map(|token| token.of(text))
 }
 
-/// `uint`, `vec3`, ...: the types of what a shader could call like a constant of the graph.
+/// Returns true for `uint`, `vec3`, ...: types of variables whose names could collide with constants of the graph.
 fn is_number_type(word: &str) -> bool {
     let base = word.strip_prefix(['i', 'u', 'b', 'd']).filter(|rest| rest.starts_with("vec")).unwrap_or(word);
     matches!(base, "uint" | "int" | "float" | "bool" | "double" | "vec2" | "vec3" | "vec4")
 }
 
-/// The name in quotes or angle brackets that stands at `at`.
+/// Returns the name in quotes or angle brackets at `at`.
 fn header_name(text: &str, at: usize) -> Option<(&str, Range<usize>)> {
     let line = text[at..].split('\n').next()?;
     let quoted = line.trim_start_matches([' ', '\t']);
@@ -241,8 +240,8 @@ fn header_name(text: &str, at: usize) -> Option<(&str, Range<usize>)> {
     Some((name, start..start + name.len()))
 }
 
-/// The text with every byte that is not ASCII (there are none but in comments) and a byte order mark replaced, so that the
-/// compiler gets ASCII and every byte stays where it is.
+/// Replaces a byte order mark and all non-ASCII bytes (which occur in comments only), so that the compiler gets ASCII
+/// and every byte keeps its place.
 pub(super) fn to_ascii(text: &str) -> String {
     let mut bytes = text.as_bytes().to_vec();
     if text.starts_with('\u{feff}') {

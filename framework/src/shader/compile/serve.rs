@@ -1,4 +1,4 @@
-//! The worker's side of [`super::worker`]: a loop over compilations, and a thread that watches over them.
+//! The worker's side of [`super::worker`]: a loop over compilations, and a thread that enforces the limits.
 
 use std::io::{self, Write};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -8,39 +8,39 @@ use std::time::Duration;
 use super::generate::{self, Failure, Key};
 use super::worker::{Limits, MAGIC, OUT_OF_MEMORY, OUT_OF_TIME, Reply, VARIABLE, receive, send};
 
-/// Stacks of the compiler's thread, largest first: the largest that the system gives is taken. glslang recurses once per operand of
-/// a sum; the first holds for the longest text. Only what is used takes memory.
+/// Stack sizes to try for the compiler's thread, largest first. glslang recurses once per operand of
+/// a sum; the first size suffices for the longest text. Only used pages take memory.
 pub(super) const STACK_BYTES: [usize; 3] = [256 << 20, 64 << 20, 8 << 20];
 
-/// Bytes that a process needs besides the memory that a limit is about: its program, its stacks.
+/// Bytes that the process needs in addition to the limit: its program and its stacks.
 const BESIDES: u64 = 1 << 30;
 
-/// Interval of looking at memory and time while a shader is compiled.
+/// Interval at which memory and time are checked during a compilation.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
-/// Serves as the compiler of a [`Worker`](super::Worker) and ends the process, if this process was started as one. Otherwise returns
-/// at once.
+/// Serves as the compiler of a [`Worker`](super::Worker) and ends the process, if this process was started as a worker. Otherwise
+/// returns at once.
 ///
-/// A program that names itself as its worker calls this before anything else.
+/// A program that names itself as its worker must call this before anything else.
 pub fn serve_if_asked() {
     let Some(limits) = std::env::var(VARIABLE).ok().and_then(|text| Limits::of_text(&text)) else { return };
     system::restrict(limits.memory_bytes.saturating_add(BESIDES));
     let output = system::private_output();
     let (turns, watched) = channel();
-    // Without the watch there are no limits: better no compiler.
+    // Without the watching thread there are no limits, so do not compile.
     if thread::Builder::new().spawn(move || watch(limits, &watched)).is_ok() {
         on_large_stack(move || serve(limits.memory_bytes, &turns, output));
     }
     std::process::exit(0);
 }
 
-/// Runs `work` on a thread with the largest stack that can be had. `None` if there is none, or if the thread panicked.
+/// Runs `work` on a thread with the largest available stack. `None` if no thread starts, or if it panicked.
 pub(super) fn on_large_stack<T: Send, W: FnOnce() -> T + Send>(work: W) -> Option<T> {
     thread::scope(|scope| {
         for bytes in STACK_BYTES {
             let (sender, receiver) = channel::<W>();
             let builder = thread::Builder::new().name("glslang".into()).stack_size(bytes);
-            // The work is handed over only when the thread is there to take it.
+            // Hand the work over only once the thread has started.
             let spawned = builder.spawn_scoped(scope, move || receiver.recv().ok().map(|work| work()));
             if let Ok(thread) = spawned {
                 sender.send(work).ok()?;
@@ -51,7 +51,7 @@ pub(super) fn on_large_stack<T: Send, W: FnOnce() -> T + Send>(work: W) -> Optio
     })
 }
 
-/// Marks the begin and the end of a compilation to the watching thread.
+/// Marks the start and the end of a compilation for the watching thread.
 enum Turn {
     Begin,
     End,
@@ -80,14 +80,14 @@ fn serve(memory_bytes: u64, turns: &Sender<Turn>, mut output: impl Write) {
         if [Some(reply), bytes].iter().flatten().any(|message| send(&mut output, message).is_err()) {
             return;
         }
-        // What a large compilation took may not all have gone back to the system: the next one gets a new process.
+        // A large compilation may leave memory behind: the next one gets a new process.
         if system::memory() > memory_bytes / 4 {
             return;
         }
     }
 }
 
-/// Ends the process when a compilation passes a limit, or when the parent is gone.
+/// Ends the process when a compilation exceeds a limit, or when the parent is gone.
 fn watch(limits: Limits, turns: &Receiver<Turn>) {
     let (parent, idle) = (system::parent(), system::memory());
     let mut begun = None;
@@ -122,7 +122,7 @@ mod system {
     use std::os::fd::FromRawFd;
     use std::time::Duration;
 
-    /// Limits the address space, as a second line behind the watch (macOS takes the call and ignores it), and turns core files off.
+    /// Limits the address space as a second line of defence (macOS ignores it), and disables core files.
     pub fn restrict(bytes: u64) {
         lower(libc::RLIMIT_AS, bytes as libc::rlim_t);
         lower(libc::RLIMIT_CORE, 0);
@@ -139,13 +139,13 @@ mod system {
             let mut limit = MaybeUninit::<libc::rlimit>::zeroed().assume_init();
             if libc::getrlimit(resource, &mut limit) == 0 {
                 limit.rlim_cur = limit.rlim_cur.min(to);
-                // A refusal leaves the limit that was there.
+                // If the call fails, the earlier limit stays.
                 let _ = libc::setrlimit(resource, &limit);
             }
         }
     }
 
-    /// Returns the process's output, which from now on belongs to the messages alone: what else is printed goes nowhere.
+    /// Returns the process's standard output for messages only; other output is discarded from now on.
     pub fn private_output() -> File {
         // SAFETY: descriptors 1 and 2 are open (the parent set both), and the copy is owned by nobody else.
         unsafe {
@@ -161,7 +161,7 @@ mod system {
         unsafe { libc::getppid() }
     }
 
-    /// Ends the process without running anything of it, which may hold locks.
+    /// Ends the process without running destructors or exit handlers, which may need locks.
     pub fn exit_now(code: i32) -> ! {
         // SAFETY: has no preconditions.
         unsafe { libc::_exit(code) }
@@ -176,7 +176,7 @@ mod system {
         }
     }
 
-    /// Returns the time that the process has run on processors.
+    /// Returns the processor time of the process.
     pub fn processor_time() -> Duration {
         let usage = usage();
         let of = |time: libc::timeval| {
@@ -186,7 +186,7 @@ mod system {
         of(usage.ru_utime) + of(usage.ru_stime)
     }
 
-    /// Returns the bytes of memory that the process uses; where the system does not say, the most that it has used.
+    /// Returns the memory of the process in bytes; its peak if the system does not report the current value.
     pub fn memory() -> u64 {
         if let Some(pages) = resident_pages() {
             // SAFETY: has no preconditions.
@@ -197,10 +197,9 @@ mod system {
         usage().ru_maxrss.unsigned_abs() * unit
     }
 
-    /// Reads the second number of `statm`. Linux counts memory of the parent in `ru_maxrss`, from the time before this program was
-    /// started.
+    /// Reads the second number of `statm`. (On Linux, `ru_maxrss` includes memory of the parent from before `exec`.)
     fn resident_pages() -> Option<u64> {
-        // On the stack: there may be no other memory left.
+        // On the stack, because the heap may be exhausted.
         let mut text = [0; 128];
         let length = File::open("/proc/self/statm").ok()?.read(&mut text).ok()?;
         std::str::from_utf8(&text[..length]).ok()?.split(' ').nth(1)?.parse().ok()
@@ -218,7 +217,7 @@ mod system {
         std::io::stdout()
     }
 
-    /// The pipe tells of the parent's end.
+    /// Does nothing: the pipe closes when the parent ends.
     pub fn parent() -> i32 {
         0
     }
@@ -227,7 +226,7 @@ mod system {
         std::process::exit(code)
     }
 
-    /// Returns the time since the first call: no more than the processors' time can be.
+    /// Returns the time since the first call, an upper bound of the processor time.
     pub fn processor_time() -> Duration {
         static START: OnceLock<Instant> = OnceLock::new();
         START.get_or_init(Instant::now).elapsed()

@@ -1,13 +1,13 @@
-//! The compiler in a process of its own, where its crash or appetite cannot hurt.
+//! Runs the compiler in a separate process, which contains crashes and limits memory and time.
 //!
-//! glslang is C++: some broken shaders make it read through a null pointer, and macros can grow without bounds. So a [`Worker`]
-//! names a program that calls [`serve_if_asked`] first of all; it is started when the first shader is compiled, and kept. The two
-//! speak over pipes: four bytes of length and a JSON text in each direction, and after a success the words of the SPIR-V as a
-//! second message. The worker gets texts and opens no files.
+//! glslang is C++: some broken shaders make it dereference a null pointer, and macros can grow without bounds. A [`Worker`]
+//! therefore names a program that calls [`serve_if_asked`] first. It is started for the first shader, and kept. The two
+//! communicate over pipes: four bytes of length and a JSON text in each direction, and after a success the SPIR-V as a
+//! second message. The worker receives texts and opens no files.
 //!
-//! The worker limits itself ([`Limits`]): it ends with a code of its own when a compilation takes too much memory or time, and
-//! quietly when the pipe closes or its parent is gone. The parent kills it when it answers nothing for [`PATIENCE`] or when nobody
-//! waits for the build any more. After any of these the next compilation starts a new one.
+//! The worker enforces [`Limits`]: it exits with a specific code when a compilation takes too much memory or time, and
+//! silently when the pipe closes or its parent is gone. The parent kills it when it does not answer for [`PATIENCE`] or when the
+//! build is cancelled. The next compilation then starts a new worker.
 
 use std::ffi::OsString;
 use std::io::{self, BufReader, Read, Write};
@@ -22,35 +22,35 @@ use serde::{Deserialize, Serialize};
 use super::super::Cancel;
 use super::generate::{Failure, Key};
 
-/// Asks a program to serve as a worker; the value holds the limits.
+/// Environment variable that asks a program to serve as a worker; its value has the limits.
 pub(super) const VARIABLE: &str = "SPLATGRAPH_SHADER_COMPILER";
-/// Written by a worker before its first message, so that what a program prints while it starts does no harm.
+/// Marker that a worker writes before its first message, to skip what the program prints while it starts.
 pub(super) const MAGIC: &[u8] = b"\nsplatgraph shader compiler 1\n";
 /// Exit code of a worker that took too much memory.
 pub(super) const OUT_OF_MEMORY: i32 = 81;
 /// Exit code of a worker that took too much time.
 pub(super) const OUT_OF_TIME: i32 = 82;
 
-/// A worker that answers nothing for this long is stopped: the limit on its own time should have ended it.
+/// A worker that does not answer for this long is killed; its own limit should have ended it.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// A program that does not say for this long that it is a worker is none.
+/// A program that does not identify itself as a worker within this time is not one.
 const START: Duration = Duration::from_secs(20);
-/// Interval of asking whether somebody still waits.
+/// Interval at which cancellation is checked.
 const ASK_EVERY: Duration = Duration::from_millis(20);
-/// Bytes of a message: far beyond any shader.
+/// Maximum bytes of a message: far beyond any shader.
 const MOST_BYTES: usize = 64 << 20;
 
-/// Limits what a compilation can take.
+/// Limits of a compilation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Bytes of memory that the worker's process uses. Ends it within some 10 ms on Unix; other systems have the limit on time only.
+    /// Memory of the worker's process, in bytes. Enforced within about 10 ms on Unix; other systems limit time only.
     pub memory_bytes: u64,
-    /// Time on a processor that one compilation uses. Shaders take milliseconds.
+    /// Processor time of one compilation. Shaders take milliseconds.
     pub time: Duration,
 }
 
 impl Default for Limits {
-    /// 1 GiB and 10 s.
+    /// Returns limits of 1 GiB and 10 s.
     fn default() -> Limits {
         Limits { memory_bytes: 1 << 30, time: Duration::from_secs(10) }
     }
@@ -67,7 +67,7 @@ impl Limits {
     }
 }
 
-/// Names a program that serves as the compiler when it is asked to: its `main` calls [`serve_if_asked`](super::serve_if_asked) first.
+/// A program that can serve as the compiler: its `main` calls [`serve_if_asked`](super::serve_if_asked) first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Worker {
     /// The program.
@@ -94,23 +94,23 @@ impl Worker {
     }
 }
 
-/// Answers one compilation.
+/// The answer to a compilation.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum Reply {
     /// A second message with the SPIR-V follows.
     Compiled,
-    /// There is no SPIR-V, and this is why.
+    /// The reason why there is no SPIR-V.
     Failed(Failure),
 }
 
-/// Starts a worker when it is needed, and hands compilations to it.
+/// Starts a worker when needed, and sends compilations to it.
 #[derive(Debug)]
 pub(super) struct Parent {
     worker: Worker,
     process: Option<Process>,
 }
 
-/// Explains why a worker gave no answer.
+/// The reason why a worker gave no answer.
 enum Lost {
     Ended(Option<ExitStatus>),
     Silent,
@@ -144,7 +144,7 @@ impl Parent {
                     return answer;
                 }
                 Err(lost) => match self.failure(&lost) {
-                    // It may have ended for a reason of its own, before it saw this text.
+                    // It may have ended before it received this text.
                     None if !fresh => {}
                     failure => return Err(failure.unwrap_or_else(crashed)),
                 },
@@ -152,14 +152,14 @@ impl Parent {
         }
     }
 
-    /// Ends the process behind the compiler's back.
+    /// Kills the worker's process.
     #[cfg(test)]
     pub fn kill(&mut self) {
         let child = self.process.as_mut().map(|process| &mut process.child);
         child.map(Child::kill).expect("a process").expect("it can be ended");
     }
 
-    /// The failure that follows from a loss for sure; `None` for a crash.
+    /// Returns the failure that a lost worker implies; `None` for a crash.
     fn failure(&self, lost: &Lost) -> Option<Failure> {
         let Limits { memory_bytes, time } = self.worker.limits;
         let text = match lost {
@@ -194,9 +194,9 @@ fn crashed() -> Failure {
 #[derive(Debug)]
 struct Process {
     child: Child,
-    /// `None` only while it is dropped.
+    /// `None` only during drop.
     requests: Option<ChildStdin>,
-    /// The messages, read by a thread that ends with the process. The first is empty: it came with [`MAGIC`].
+    /// Messages, read by a thread that ends with the process. The first is empty, for [`MAGIC`].
     replies: Receiver<io::Result<Vec<u8>>>,
 }
 
@@ -212,7 +212,7 @@ impl Process {
         #[cfg(unix)]
         {
             use std::os::unix::process::CommandExt;
-            // Ctrl+C is for the program; the worker ends with it.
+            // Ctrl+C should only reach the parent; the worker ends with it.
             command.process_group(0);
         }
         let mut child = command.spawn()?;
@@ -238,7 +238,7 @@ impl Process {
         }
     }
 
-    /// One compilation. The outer error is that the worker is lost.
+    /// Runs one compilation. The outer error means that the worker is lost.
     fn compile(&mut self, request: &[u8], cancel: &Cancel) -> Result<Result<Vec<u32>, Failure>, Lost> {
         let requests = self.requests.as_mut().ok_or(Lost::Ended(None))?;
         if send(requests, request).is_err() {
@@ -256,7 +256,7 @@ impl Process {
         })
     }
 
-    /// The next message, while somebody waits for it.
+    /// Waits for the next message, unless cancelled.
     fn wait(&mut self, cancel: &Cancel) -> Result<Vec<u8>, Lost> {
         let begun = Instant::now();
         loop {
@@ -270,7 +270,7 @@ impl Process {
         }
     }
 
-    /// Why a worker that closed its pipe ended.
+    /// Returns why a worker that closed its pipe ended.
     fn ended(&mut self) -> Lost {
         let asked = Instant::now();
         while asked.elapsed() < Duration::from_secs(2) {
@@ -286,7 +286,7 @@ impl Process {
 impl Drop for Process {
     fn drop(&mut self) {
         drop(self.requests.take());
-        // It may have ended already.
+        // It may already have ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -296,7 +296,7 @@ impl Drop for Process {
 fn find_magic(input: &mut impl Read) -> io::Result<()> {
     let mut last = Vec::new();
     let mut byte = [0];
-    // Byte by byte, so that nothing behind the magic is consumed.
+    // Byte by byte, so that nothing after the marker is consumed.
     for _ in 0..64 << 10 {
         input.read_exact(&mut byte)?;
         last.extend(byte);

@@ -1,10 +1,10 @@
-//! Finds the resources that the code reachable from an entry point loads from and stores to.
+//! Finds the resources that code reachable from an entry point loads from and stores to.
 //!
-//! In SPIR-V's logical addressing every pointer comes, through access chains, copies and function arguments, from
-//! variables. So each id that is a pointer gets the set of the variables that it may point into, its *roots*: first the
-//! variables themselves, then by following instructions and calls until nothing changes. Calls are not told apart: what a
-//! function does to its parameter, it does to every argument that any reachable call gives it. What is only reachable
-//! by a branch that is never taken counts as reached.
+//! In SPIR-V's logical addressing every pointer comes from variables, through access chains, copies and function
+//! arguments. Each pointer id gets the set of variables that it may point into, its *roots*: first the variables themselves,
+//! then by following instructions and calls to a fixed point. The analysis is context-insensitive: an access to a parameter
+//! is an access to every argument of any reachable call. Code in branches that are never taken counts as
+//! reachable.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -18,19 +18,19 @@ use super::module::{Module, Type, id};
 pub(super) struct Accesses {
     pub reads: HashSet<Word>,
     pub writes: HashSet<Word>,
-    /// Loaded from or stored to by atomics, and by anything else.
+    /// Variables accessed by atomics, and by other instructions.
     pub atomics: HashSet<Word>,
     pub plain: HashSet<Word>,
-    /// Stored to before anything else, in the order of the code: that of the entry point, then that of what it calls.
+    /// Variables whose first access is a store, in code order: of the entry point, then of the functions that it calls.
     pub written_first: HashSet<Word>,
-    /// Mentioned at all; asking for an array's length or an image's size is neither a read nor a write.
+    /// All mentioned variables; querying an array's length or an image's size is neither a read nor a write.
     pub touched: HashSet<Word>,
-    /// Variables with the index of the member that an access chain selects first; `None` for every other use of a variable.
+    /// Variables with the index of the first member that an access chain selects; `None` for other uses.
     pub members: HashSet<(Word, Option<u64>)>,
 }
 
 impl Accesses {
-    /// Returns true if the code may use a member of a block that is no array.
+    /// Returns true if the code may use a member of a block (which is not an array).
     pub fn uses_member(&self, variable: Word, member: u32) -> bool {
         [None, Some(member.into())].iter().any(|member| self.members.contains(&(variable, *member)))
     }
@@ -82,7 +82,7 @@ fn selected(module: &Module, i: &Instruction, variable: Word) -> Option<u64> {
 
 type Roots = HashMap<Word, BTreeSet<Word>>;
 
-/// The functions that can be called, callers before what they call where that is possible.
+/// Returns the reachable functions, callers before callees where possible.
 fn reachable(module: &Module) -> Result<Vec<Word>, String> {
     let mut functions = vec![module.entry];
     let mut seen = HashSet::from([module.entry]);
@@ -115,7 +115,7 @@ fn leads_on(opcode: Op) -> bool {
     )
 }
 
-/// Hands roots on from an instruction's operands to its result, or into the function that it calls.
+/// Propagates roots from an instruction's operands to its result, or into the called function.
 fn propagate(
     module: &Module,
     function: Word,
@@ -126,7 +126,7 @@ fn propagate(
     let mut sources = Vec::new();
     match i.class.opcode {
         opcode if leads_on(opcode) => sources.push(id(i, 0)?),
-        // Loading an image gives a handle to it, and reads nothing from it.
+        // Loading an image yields a handle and reads nothing.
         Op::Load if is_opaque(module, i)? => sources.push(id(i, 0)?),
         Op::Select => sources.extend([id(i, 1)?, id(i, 2)?]),
         Op::Phi => sources.extend(i.operands.iter().step_by(2).filter_map(Operand::id_ref_any)),
@@ -172,7 +172,7 @@ fn is_opaque(module: &Module, load: &Instruction) -> Result<bool, String> {
     Ok(matches!(module.type_of(result)?.kind, Type::Image { .. } | Type::Other(_) | Type::Pointer { .. }))
 }
 
-/// Notes what an instruction does to each of its operands.
+/// Records the accesses of an instruction.
 fn note(module: &Module, i: &Instruction, roots: &Roots, accesses: &mut Accesses) -> Result<(), String> {
     let opcode = i.class.opcode;
     if opcode == Op::ExtInst && module.non_semantic.contains(&id(i, 0)?) {
@@ -196,7 +196,7 @@ fn note(module: &Module, i: &Instruction, roots: &Roots, accesses: &mut Accesses
                 Op::ImageQuerySize | Op::ImageQuerySizeLod | Op::ImageQueryLevels | Op::ImageQuerySamples,
                 0,
             ) => Effect::Nothing,
-            // The other atomics, and whatever else takes a pointer: rather too much than too little.
+            // Other atomics, and any other instruction with a pointer: assume both accesses.
             _ => Effect::Both,
         };
         if effect == Effect::Write {

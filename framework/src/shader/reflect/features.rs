@@ -1,8 +1,8 @@
-//! Lists the optional features of a device that a module needs.
+//! Lists the optional device features that a module needs.
 //!
-//! Most follow from the capabilities that the module declares. Some do not: SPIR-V has one capability for 64-bit atomics, and Vulkan
-//! one feature for those in buffers and another for those in shared memory; and whether a vertex or fragment shader writes, or an
-//! index into an array of blocks varies, is seen only in the code.
+//! Most follow from the module's capabilities. Others need the code: for 64-bit atomics, SPIR-V has one capability, but Vulkan has
+//! separate features for buffers and shared memory. Writes of vertex and fragment shaders, and variable indices into arrays of
+//! blocks, also show in the code only.
 
 use std::collections::{HashMap, HashSet};
 
@@ -13,7 +13,7 @@ use super::access::Accesses;
 use super::module::{Module, Type, id};
 use crate::ir::{Features, ShaderStage};
 
-/// Fails, with one sentence, on capabilities and extensions that no backend enables.
+/// Fails, with a message, on capabilities and extensions that no backend enables.
 pub(super) fn features(module: &Module, accesses: &Accesses) -> Result<Features, String> {
     let mut needed = Features::empty();
     let mut int64_atomics = false;
@@ -53,7 +53,7 @@ pub(super) fn features(module: &Module, accesses: &Accesses) -> Result<Features,
     Ok(needed | of_code(module, int64_atomics)?)
 }
 
-/// Returns the features that a capability stands for: none where every device has it, `None` where no backend enables it.
+/// Returns the features of a capability: empty if every device has it, `None` if no backend enables it.
 ///
 /// After the table of capabilities in the appendix "Vulkan Environment for SPIR-V" of the Vulkan specification.
 fn of_capability(capability: Capability) -> Option<Features> {
@@ -83,7 +83,7 @@ fn of_capability(capability: Capability) -> Option<Features> {
         Capability::UniformAndStorageBuffer16BitAccess => Features::UNIFORM_16,
         Capability::StorageBuffer8BitAccess => Features::STORAGE_8,
         Capability::UniformAndStorageBuffer8BitAccess => Features::UNIFORM_8,
-        // Told apart by the code.
+        // The code decides which feature.
         Capability::AtomicFloat32AddEXT => Features::empty(),
         Capability::StorageImageReadWithoutFormat => Features::IMAGE_READ_WITHOUT_FORMAT,
         Capability::StorageImageWriteWithoutFormat => Features::IMAGE_WRITE_WITHOUT_FORMAT,
@@ -111,7 +111,7 @@ fn of_capability(capability: Capability) -> Option<Features> {
     })
 }
 
-/// Returns the features that an extension of SPIR-V stands for besides those of its capabilities.
+/// Returns the features of a SPIR-V extension in addition to those of its capabilities.
 fn of_extension(name: &str) -> Option<Features> {
     match name {
         "SPV_KHR_maximal_reconvergence" => Some(Features::MAXIMAL_RECONVERGENCE),
@@ -134,13 +134,13 @@ fn of_extension(name: &str) -> Option<Features> {
     }
 }
 
-/// Returns the features that only the code shows.
+/// Returns the features that follow from the code.
 fn of_code(module: &Module, int64_atomics: bool) -> Result<Features, String> {
     let mut needed = Features::empty();
     let variables: HashMap<Word, (StorageClass, Word)> =
         module.variables.iter().map(|v| (v.id, (v.class, v.pointee))).collect();
     let bodies = || module.functions.values().flat_map(|function| &function.body);
-    // The types of all values in functions; those of pointers tell where an atomic operation happens.
+    // Types of all values in functions; pointer types show where an atomic operation happens.
     let types: HashMap<Word, Word> = bodies().filter_map(|i| Some((i.result_id?, i.result_type?))).collect();
     let mut seen_int64 = false;
     for i in bodies() {
@@ -184,7 +184,7 @@ fn of_code(module: &Module, int64_atomics: bool) -> Result<Features, String> {
     Ok(needed)
 }
 
-/// Returns the features of an atomic operation on a 64-bit integer (`wide`) or a float; without a known place, those of all places.
+/// Returns the features of an atomic operation on a 64-bit integer (`wide`) or a float; of all storage classes if unknown.
 fn atomic(wide: bool, adds: bool, class: Option<StorageClass>) -> Features {
     let of = |buffer, shared, image| match class {
         Some(StorageClass::StorageBuffer | StorageClass::Uniform) => buffer,
@@ -193,7 +193,7 @@ fn atomic(wide: bool, adds: bool, class: Option<StorageClass>) -> Features {
         _ => buffer | shared | image,
     };
     if wide {
-        // Images with 64-bit pixels are refused by their capability.
+        // The capability for images with 64-bit pixels is refused elsewhere.
         of(Features::BUFFER_INT64_ATOMICS, Features::SHARED_INT64_ATOMICS, Features::empty())
     } else if adds {
         of(

@@ -1,7 +1,7 @@
 //! Reads bindings, push constants, workgroup size, stage inputs and outputs from a SPIR-V module.
 //!
-//! A graph names the resource of each block of a shader, and not its accesses; those are read from the code, so that they
-//! cannot be outdated. The parser is rspirv's. [`module`] indexes the instructions, [`access`] follows pointers through the
+//! A graph names the resource of each block of a shader, but not the accesses. They are read from the code, so that they
+//! cannot be outdated. rspirv parses the module, [`module`] indexes the instructions, [`access`] follows pointers through
 //! functions, and this file assembles the result.
 
 mod access;
@@ -21,9 +21,9 @@ use crate::ir::{Format, Member, MemberKind, PushBlock, ReflectedBinding, Reflect
 
 /// Reads the module of one shader stage with one entry point.
 ///
-/// Fails, with one sentence, on what is no such module, and on shaders that use what a graph cannot give them: bindings
-/// other than storage buffers, uniform blocks and two-dimensional storage images, unbounded arrays of them, and pointers
-/// whose target cannot be known.
+/// Fails, with a message, on invalid modules, and on bindings that graphs do not support: anything but storage buffers,
+/// uniform blocks and two-dimensional storage images, unbounded arrays of these, and pointers
+/// with unknown targets.
 pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
     let module = Module::parse(spirv)?;
     let is_resource = |v: &&Variable| {
@@ -70,9 +70,9 @@ fn small(value: u64, what: &str) -> Result<u32, String> {
     value.try_into().map_err(|_| format!("{what} has {value} bytes, which is too large"))
 }
 
-/// A variable that is bound through a descriptor.
+/// A variable bound through a descriptor.
 fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<ReflectedBinding, String> {
-    // Through the arrays to what each descriptor is.
+    // Look through arrays to the type of a descriptor.
     let mut element = variable.pointee;
     let mut count = 1u64;
     let own_name = || {
@@ -102,7 +102,7 @@ fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<
             let kind = if variable.class == StorageClass::StorageBuffer || old {
                 storage_buffer(module, element, members, &name)?
             } else {
-                // An array's elements are selected before their members.
+                // Access chains select elements of an array before members.
                 let used = |member| variable.pointee != element || accesses.uses_member(variable.id, member);
                 let (bytes, members) = block(module, element, &format!("`{name}`"), used)?;
                 ReflectedKind::UniformBuffer { bytes, members }
@@ -189,7 +189,7 @@ fn storage_buffer(
     Ok(ReflectedKind::StorageBuffer { stride, fixed_bytes })
 }
 
-/// Bytes and members of a uniform or push constant block. `used` tells of a member whether the code may use it.
+/// Returns bytes and members of a uniform or push constant block. `used` tells whether the code may use a member.
 fn block(
     module: &Module,
     block: Word,
@@ -218,7 +218,7 @@ fn block(
     Ok((small(bytes, what)?, members))
 }
 
-/// The format of a storage image; `None` where the shader leaves it open. An error is the name of an unknown one.
+/// Returns the format of a storage image; `None` if undeclared. The error is the name of an unsupported format.
 fn image_format(format: ImageFormat) -> Result<Option<Format>, String> {
     Ok(Some(match format {
         ImageFormat::Unknown => return Ok(None),
@@ -231,7 +231,7 @@ fn image_format(format: ImageFormat) -> Result<Option<Format>, String> {
     }))
 }
 
-/// The stage's inputs or outputs that have a location; built-ins have none.
+/// Returns the inputs or outputs with a location; built-ins have none.
 fn varyings(module: &Module, class: StorageClass) -> Result<Vec<Varying>, String> {
     let mut varyings = Vec::new();
     for variable in module.variables.iter().filter(|v| v.class == class && module.interface.contains(&v.id)) {
@@ -243,7 +243,7 @@ fn varyings(module: &Module, class: StorageClass) -> Result<Vec<Varying>, String
             Ok::<_, String>(())
         };
         if let Type::Struct { members } = &module.type_of(variable.pointee)?.kind {
-            // An interface block. Members without a location of their own follow one another.
+            // An interface block. Members without explicit locations are consecutive.
             let mut next = base;
             for (index, member) in members.iter().enumerate() {
                 let index = index as u32;
@@ -262,7 +262,7 @@ fn varyings(module: &Module, class: StorageClass) -> Result<Vec<Varying>, String
     Ok(varyings)
 }
 
-/// Counts the locations of a type: one per vector of at most 16 bytes.
+/// Returns the number of locations of a type: one per vector of at most 16 bytes.
 fn locations(module: &Module, id: Word) -> Result<u32, String> {
     let info = module.type_of(id)?;
     let each =

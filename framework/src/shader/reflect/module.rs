@@ -1,7 +1,7 @@
 //! Indexes a SPIR-V module: types with their sizes, constants with their values, names, decorations, functions.
 //!
-//! SPIR-V defines what it uses before it uses it, so one pass over the global instructions in order finds every size and
-//! every value without recursion. A module that does otherwise is refused.
+//! SPIR-V requires definitions before uses, so one pass over the global instructions finds every size and every value
+//! without recursion. Other modules are refused.
 
 use std::collections::HashMap;
 
@@ -53,17 +53,17 @@ pub(super) enum Type {
         sampled: u32,
         format: ImageFormat,
     },
-    /// Anything else, by the name of its instruction.
+    /// Any other type, with the name of its instruction.
     Other(&'static str),
 }
 
-/// A type with what follows from it.
+/// A type with its derived sizes.
 #[derive(Clone, Debug)]
 pub(super) struct TypeInfo {
     pub kind: Type,
-    /// Bytes in a block, by the explicit layout; a runtime array counts nothing. `None` where there is no such layout.
+    /// Bytes in a block by the explicit layout, runtime arrays excluded. `None` without an explicit layout.
     pub laid_out: Option<u64>,
-    /// Bytes and alignment where the layout is implied, by the rules of std430.
+    /// Bytes and alignment by std430, for types without an explicit layout.
     pub natural: Option<(u64, u64)>,
 }
 
@@ -94,14 +94,14 @@ pub(super) struct Module {
     pub extensions: Vec<String>,
     /// Extensions of GLSL that the text required.
     pub source_extensions: Vec<String>,
-    /// The types of all constants.
+    /// Types of all constants.
     pub constants: HashMap<Word, Word>,
-    /// The values of those that are integers.
+    /// Values of integer constants.
     pub values: HashMap<Word, u64>,
     pub types: HashMap<Word, TypeInfo>,
     pub variables: Vec<Variable>,
     pub functions: HashMap<Word, Function>,
-    /// Ids of extended instruction sets that only describe, such as those for debuggers.
+    /// Ids of non-semantic extended instruction sets, such as debug information.
     pub non_semantic: Vec<Word>,
     names: HashMap<Named, String>,
     decorations: HashMap<Named, Vec<(Decoration, Option<u32>)>>,
@@ -110,13 +110,13 @@ pub(super) struct Module {
 /// An id, or a member of the type with that id.
 type Named = (Word, Option<u32>);
 
-/// An operand that is an id.
+/// Returns an operand that is an id.
 pub(super) fn id(instruction: &Instruction, index: usize) -> Result<Word, String> {
     let operand = instruction.operands.get(index).and_then(Operand::id_ref_any);
     operand.ok_or_else(|| format!("Op{} lacks operand {index}", instruction.class.opname))
 }
 
-/// An operand that is a number.
+/// Returns an operand that is a number.
 fn literal(instruction: &Instruction, index: usize) -> Result<u32, String> {
     match instruction.operands.get(index) {
         Some(Operand::LiteralBit32(value)) => Ok(*value),
@@ -124,7 +124,7 @@ fn literal(instruction: &Instruction, index: usize) -> Result<u32, String> {
     }
 }
 
-/// Every instruction ends within the module, and every text in one ends within it: the parser takes that for granted.
+/// Checks that every instruction, and every string in it, ends within the module. The parser assumes this.
 fn check_lengths(spirv: &[u32]) -> Result<(), String> {
     const HEADER: usize = 5;
     let mut at = HEADER;
@@ -273,17 +273,17 @@ impl Module {
                     if let (Op::SpecConstantComposite | Op::ConstantComposite, Some(id)) = (op, i.result_id)
                         && module.decoration(id, None, Decoration::BuiltIn).is_some()
                     {
-                        // The only constant that can be a built-in is gl_WorkGroupSize.
+                        // gl_WorkGroupSize is the only built-in constant.
                         workgroup_size = Some([self::id(i, 0)?, self::id(i, 1)?, self::id(i, 2)?]);
                     }
                     constants.add(i, &module);
                     module.constants.extend(i.result_id.zip(i.result_type));
                 }
                 op if op.is_type() => {
-                    // OpTypeForwardPointer has no result; nothing that this is used on can hold such a pointer.
+                    // OpTypeForwardPointer has no result, and cannot occur in the types used here.
                     if let Some(id) = i.result_id {
                         let info = module.type_info(i, id, &constants)?;
-                        // A second definition could be one by itself, and following it would not end.
+                        // A redefinition could refer to itself, and following it would not end.
                         if module.types.insert(id, info).is_some() {
                             return Err(format!("the type {id} is defined twice"));
                         }
@@ -336,12 +336,12 @@ impl Module {
         }
     }
 
-    /// The name of an id, or of a member of a type; empty if it has none.
+    /// Returns the name of an id, or of a member of a type; may be empty.
     pub fn name(&self, id: Word, member: Option<u32>) -> &str {
         self.names.get(&(id, member)).map_or("", String::as_str)
     }
 
-    /// Returns the first number of a decoration, `Some(None)` for one without a number, `None` where there is no such
+    /// Returns the first number of a decoration; `Some(None)` if it has none, `None` if there is no such
     /// decoration.
     pub fn decoration(&self, id: Word, member: Option<u32>, decoration: Decoration) -> Option<Option<u32>> {
         let all = self.decorations.get(&(id, member))?;
@@ -391,7 +391,7 @@ impl Module {
                     self.type_of(column)?.natural.ok_or("a matrix of something without size")?;
                 let stride = bytes.checked_next_multiple_of(align).ok_or_else(too_large)?;
                 let size = stride.checked_mul(columns.into()).ok_or_else(too_large)?;
-                // In a block it depends on the member's MatrixStride, see OpTypeStruct.
+                // In a block the size depends on the member's MatrixStride, see OpTypeStruct.
                 TypeInfo {
                     kind: Type::Matrix { column, columns },
                     laid_out: None,
@@ -465,7 +465,7 @@ impl Module {
         })
     }
 
-    /// Bytes of a struct's member by the explicit layout.
+    /// Returns the bytes of a struct's member by the explicit layout.
     fn member_bytes(&self, owner: Word, member: u32, info: &TypeInfo) -> Result<Option<u64>, String> {
         let Type::Matrix { column, columns } = info.kind else { return Ok(info.laid_out) };
         let Some(stride) = self.number(owner, Some(member), Decoration::MatrixStride) else {
@@ -479,7 +479,7 @@ impl Module {
     }
 }
 
-/// The values of integer constants; those of specialization constants are their defaults.
+/// Returns the values of integer constants, with defaults for specialization constants.
 #[derive(Default)]
 struct Constants(HashMap<Word, u64>);
 
@@ -503,7 +503,7 @@ impl Constants {
         }
     }
 
-    /// The operations with which GLSL computes sizes. Others have no value, which is an error only where one is needed.
+    /// Evaluates the operations that GLSL uses for sizes. `None` for others, an error only if the value is needed.
     fn operation(&self, i: &Instruction) -> Option<u64> {
         let Some(Operand::LiteralSpecConstantOpInteger(op)) = i.operands.first() else { return None };
         let operand = |index: usize| self.0.get(&i.operands.get(index)?.id_ref_any()?).copied();
@@ -514,7 +514,7 @@ impl Constants {
             Op::IMul => Some(a.wrapping_mul(b?)),
             Op::UDiv => a.checked_div(b?),
             Op::UMod => a.checked_rem(b?),
-            // Sizes are positive, and small enough to be so in either reading.
+            // Sizes are positive, and small enough for signed integers.
             Op::SDiv if a >> 31 == 0 && b? >> 31 == 0 => a.checked_div(b?),
             Op::SRem | Op::SMod if a >> 31 == 0 && b? >> 31 == 0 => a.checked_rem(b?),
             Op::ShiftLeftLogical => a.checked_shl(u32::try_from(b?).ok()?),
