@@ -1,7 +1,7 @@
-//! Opens the files that a user names: regular files alone, and no more of them than a limit.
+//! Opens files that a user names: only regular files, up to a size limit.
 //!
-//! Opening a FIFO waits for its writer, perhaps for ever, and a device such as `/dev/zero` never ends. So a path is looked at
-//! before it is opened, and a whole file is read only up to a limit, however long it says that it is.
+//! Opening a FIFO blocks until it has a writer, and a device such as `/dev/zero` never ends. Paths are therefore checked
+//! before they are opened, and a file is read only up to a limit, whatever its length claims.
 
 use std::fs::{File, FileType};
 use std::io::{Error, ErrorKind, Read, Result};
@@ -13,7 +13,7 @@ use std::path::Path;
 /// Those of the system, and [`ErrorKind::InvalidInput`] for a folder, a FIFO, a socket or a device.
 pub fn open(path: impl AsRef<Path>) -> Result<File> {
     let path = path.as_ref();
-    // Before it is opened, since that already blocks for a FIFO; and after, since the path may lead elsewhere by then.
+    // Check before opening, which would block for a FIFO, and after it, because the path may have changed.
     require_regular(std::fs::metadata(path)?.file_type())?;
     let file = File::open(path)?;
     require_regular(file.metadata()?.file_type())?;
@@ -35,7 +35,7 @@ pub fn read(path: impl AsRef<Path>, limit: u64) -> Result<Vec<u8>> {
         return Err(too_large(length));
     }
     let mut bytes = Vec::new();
-    // One more, so that the end is found without another allocation.
+    // One byte more, so that the end is found without another allocation.
     bytes.try_reserve_exact(length as usize + 1)?;
     // The file may have grown since.
     file.take(limit + 1).read_to_end(&mut bytes)?;

@@ -1,12 +1,12 @@
-//! Gives readers what they share: the bytes of a scene, its memory, parallel conversion, and the end of a load.
+//! Code that readers share: access to the bytes, memory limits, parallel conversion, and the end of a load.
 //!
-//! [`Source`] reads pieces at given offsets, from several threads at once; [`Input::allocate`] holds a scene against the memory
-//! that there is; [`fill`] converts tables of rows; [`finish`] makes the scene.
+//! [`Source`] reads pieces at given offsets, from several threads at once; [`Input::allocate`] checks a scene against the
+//! available memory; [`fill`] converts tables of rows; [`finish`] makes the scene.
 //!
 //! The file is not mapped into memory: a process that truncates a mapped file ends its readers with a signal. Every byte is
-//! read into a buffer instead, so that a file that becomes shorter is an error of the read. Buffers are a few mebibytes and
-//! used again. [`OpenFile`] remembers the file's length and time of change from before the first read, and tells at the end
-//! whether it is still the same.
+//! read into a buffer instead, so that truncation is a read error. Buffers are a few mebibytes and
+//! reused. [`OpenFile`] records the file's length and modification time before the first read, and checks at the end
+//! that they are unchanged.
 
 use crate::error::SceneError;
 use crate::file;
@@ -23,12 +23,12 @@ use std::time::{Duration, SystemTime};
 /// Bytes of rows that a thread reads at a time, or one row if that is longer.
 const PIECE: usize = 1 << 20;
 
-/// A callback for the progress of a load: bytes of splats converted, and bytes in all.
+/// A callback for the progress of a load: bytes of splats converted, and bytes in total.
 ///
 /// Several threads call it, so the first number does not always ascend.
 pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
 
-/// The promises of a scene file's header.
+/// The contents of a scene file's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SceneHeader {
     /// Number of splats, of which some may not be drawable.
@@ -41,14 +41,14 @@ pub struct SceneHeader {
 #[derive(Clone, Copy)]
 pub(crate) struct Input<'a> {
     pub source: &'a Source<'a>,
-    /// Bytes that the load may take, if that is known.
+    /// Available memory in bytes, if known.
     pub memory: Option<u64>,
     pub progress: Progress<'a>,
 }
 
 impl Input<'_> {
-    /// Allocates the arrays of a scene, unless they, with `beside` bytes and a buffer of rows of `stride` bytes per thread, are
-    /// more than the memory that there is. `wide` positions have more digits than f32.
+    /// Allocates the arrays of a scene, unless they, `beside` further bytes and a buffer of rows of `stride` bytes per thread
+    /// exceed the available memory. `wide` positions have more digits than f32.
     pub(crate) fn allocate(
         &self,
         count: u64,
@@ -147,7 +147,7 @@ impl<'a> Done<'a> {
         Self::after(0, of, tell)
     }
 
-    /// Goes on where `done` bytes were told.
+    /// Continues after `done` reported bytes.
     pub(crate) fn after(done: u64, of: u64, tell: Progress<'a>) -> Self {
         Self { done: AtomicU64::new(done), of, tell }
     }
@@ -244,8 +244,8 @@ pub(crate) struct OpenFile {
     modified: Option<SystemTime>,
 }
 
-/// The age at which a time of change is certain to differ from that of a change made now: clocks of file systems tick every
-/// 10 ms at most.
+/// Age at which a modification time certainly differs from the time of a change now: clocks of file systems tick at least
+/// every 10 ms.
 const SETTLED: Duration = Duration::from_millis(20);
 
 impl OpenFile {
@@ -254,7 +254,7 @@ impl OpenFile {
         let file = file::open(path)?;
         let metadata = file.metadata()?;
         let modified = metadata.modified().ok();
-        // A change that falls into the same tick as the one before it would not be seen.
+        // A change within the same tick as the previous one would not be noticed.
         if let Some(age) = modified.and_then(|modified| modified.elapsed().ok()).filter(|age| *age < SETTLED)
         {
             std::thread::sleep(SETTLED - age);
@@ -302,14 +302,14 @@ fn read_at(file: &File, buffer: &mut [u8], at: u64) -> io::Result<usize> {
     std::os::windows::fs::FileExt::seek_read(file, buffer, at)
 }
 
-/// Buffers that the threads of a load use again: no more than one per thread is ever made.
+/// Buffers that the threads of a load reuse: at most one per thread.
 #[derive(Default)]
 pub(crate) struct Buffers {
     free: Mutex<Vec<Vec<u8>>>,
 }
 
 impl Buffers {
-    /// Calls `work` with a buffer of at least `bytes` bytes, of any contents.
+    /// Calls `work` with a buffer of at least `bytes` bytes, with undefined contents.
     ///
     /// # Errors
     /// There is no memory for it, or `work` fails.

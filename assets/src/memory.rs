@@ -1,8 +1,8 @@
-//! Asks how much memory this process may still take, so that what cannot fit is refused before any of it is read.
+//! Finds out how much memory this process can still allocate, so that scenes that cannot fit are refused before they are read.
 //!
 //! Three limits hold at once on Linux: the memory that the system can give without evicting what is in use, the limit of the
-//! control group (a container's), and the process's own limit of address space (`ulimit -v`). On other systems the answer is
-//! not known, and an allocation that fails is the error.
+//! control group (a container's), and the process's own limit of address space (`ulimit -v`). On other systems the available
+//! memory is unknown, and a failed allocation is the error.
 
 use std::alloc::Layout;
 use std::path::Path;
@@ -21,7 +21,7 @@ pub struct SceneMemoryError {
     pub degree: u32,
     /// Bytes that the scene needs.
     pub needed: u64,
-    /// Bytes that the process may still take, where that is known.
+    /// Bytes that the process can still allocate, if known.
     pub available: Option<u64>,
 }
 
@@ -60,7 +60,7 @@ pub fn display(bytes: u64) -> String {
     }
 }
 
-/// Returns the bytes that this process can still allocate; `None` where the system does not say.
+/// Returns the bytes that this process can still allocate; `None` if unknown.
 pub fn available() -> Option<u64> {
     if cfg!(target_os = "linux") { under(Path::new("/")) } else { None }
 }
@@ -89,7 +89,7 @@ fn of_system(meminfo: &str) -> Option<u64> {
 fn of_address_space(limits: &str, statm: &str) -> Option<u64> {
     let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
     let limit: u64 = line.split_ascii_whitespace().next()?.parse().ok()?;
-    // In pages. Where they are larger than the smallest, more is taken than is subtracted here, and the allocation fails.
+    // In pages of the smallest size. With larger pages this subtracts too little, and the allocation may fail.
     let used = statm.split_ascii_whitespace().next()?.parse::<u64>().ok()?.checked_mul(4096)?;
     Some(limit.saturating_sub(used))
 }
@@ -111,13 +111,13 @@ fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
             ("sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
         };
         let mount = root.join(mount);
-        // In a container the path may be that of the host, which is not there: the mount itself is the container's.
+        // In a container the path may be the host's, which does not exist there: the mount itself is the container's.
         for folder in Path::new(path.trim_start_matches('/')).ancestors() {
             let folder = mount.join(folder);
             let text = |name: &str| std::fs::read_to_string(folder.join(name)).ok();
             let number = |name: &str| text(name)?.trim().parse::<u64>().ok();
             let (Some(limit), Some(used)) = (number(limit), number(used)) else { continue };
-            // The group's files in the page cache count as used, and make room when it is needed.
+            // The group's page cache counts as used, but can be evicted.
             let cache = text("memory.stat").and_then(|stat| {
                 let line = stat.lines().find_map(|line| line.strip_prefix(cached)?.strip_prefix(' '));
                 line?.trim().parse::<u64>().ok()
@@ -131,8 +131,8 @@ fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
 
 /// Allocates `count` zeros of a column; `None` if there is no memory for them.
 ///
-/// The system hands out pages of zeros that are first touched by the thread that fills them, which `try_reserve` and a fill by one
-/// thread would not keep.
+/// The system provides zero pages, which the thread that fills them touches first. `try_reserve` and a fill by one
+/// thread would touch them all at once.
 pub(crate) fn zeroed<T: bytemuck::Zeroable>(count: usize) -> Option<Vec<T>> {
     let layout = Layout::array::<T>(count).ok()?;
     if layout.size() == 0 {

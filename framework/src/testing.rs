@@ -191,7 +191,7 @@ fn plan_with(
     build(&request, &mut map, &mut ListCompiler).map_err(|e| render(&map, &e, false))
 }
 
-/// A graph whose resources, passes and rest are given, over 32-bit buffers `a` to `f` and the image `image`.
+/// Returns a graph whose resources, passes and rest are given, over 32-bit buffers `a` to `f` and the image `image`.
 pub fn graph(params: &str, passes: &str) -> String {
     let buffers: String = ('a'..='f').map(|c| format!("\"{c}\": Buffer(stride: 4, count: 64),\n")).collect();
     format!(
@@ -244,7 +244,7 @@ pub fn apart(graph: &str) -> Result<Plan, String> {
     plan_with(&files, &[], &[], false)
 }
 
-/// A dispatch of 64 threads, as a line of a graph.
+/// Returns a dispatch of 64 threads, as a line of a graph.
 pub fn dispatch(name: &str, shader: &str, bind: &str) -> String {
     format!(r#"        Dispatch(name: "{name}", shader: "{shader}", size: Threads(64), bind: {{{bind}}}),"#)
 }

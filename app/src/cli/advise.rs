@@ -252,7 +252,7 @@ fn search(
     Ok(Searched { tried, unsure })
 }
 
-/// The exact settings with keys as narrow as their mapping allows.
+/// Returns the exact settings with keys as narrow as their mapping allows.
 fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
     let of = |name: &str| exact.set.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
     let bits = needs.iter().find(|need| Some(need.map.name()) == of("key_map"))?.bits?;

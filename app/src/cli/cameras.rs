@@ -7,7 +7,7 @@ use anyhow::Result;
 use splatgraph_assets::Camera;
 use std::path::{Path, PathBuf};
 
-/// The file that is used without `--cameras`; see [`camera::beside`].
+/// Returns the file that is used without `--cameras`; see [`camera::beside`].
 fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
     scene.filter(|_| spec.is_none()).and_then(camera::beside)
 }

@@ -103,7 +103,7 @@ pub fn find(name: &str) -> Result<File, Vec<&'static str>> {
     Err(near.and_then(|near| names().find(|name| *name == near)).into_iter().collect())
 }
 
-/// The name of a built-in file by its path.
+/// Returns the name of a built-in file by its path.
 fn name_of(path: &'static str) -> &'static str {
     let inside = path.split_once('/').map_or(path, |(_, inside)| inside);
     inside.strip_suffix(".ron").unwrap_or(inside)

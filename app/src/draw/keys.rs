@@ -37,7 +37,7 @@ impl Mapping {
     pub const ALL: [Mapping; 4] =
         [Mapping::FloatBits, Mapping::Linear, Mapping::Logarithmic, Mapping::Equalised];
 
-    /// The parameter's value.
+    /// Returns the parameter's value.
     pub fn name(self) -> &'static str {
         match self {
             Mapping::FloatBits => "float_bits",
@@ -116,7 +116,7 @@ impl Keys {
     }
 }
 
-/// The upper half of a product.
+/// Returns the upper half of a product.
 fn high(a: u32, b: u32) -> u32 {
     ((u64::from(a) * u64::from(b)) >> 32) as u32
 }

@@ -24,7 +24,7 @@ pub enum Map {
 }
 
 impl Map {
-    /// The map's name on the command line.
+    /// Returns the map's name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Map::Transmittance => "transmittance",

@@ -226,7 +226,7 @@ mod tests {
         }
     }
 
-    /// The meaning of the text in which the mark `|` stands.
+    /// Returns the meaning of the text in which the mark `|` stands.
     fn meaning_at(marked: &str) -> Option<Meaning> {
         let offset = marked.find('|').expect("a mark");
         at(&marked.replacen('|', "", 1), offset).map(|cursor| cursor.meaning)

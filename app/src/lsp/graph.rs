@@ -316,12 +316,12 @@ impl Workspace {
     }
 }
 
-/// The path by which an index knows a file.
+/// Returns the path by which an index knows a file.
 fn in_index(path: &Path) -> String {
     files::canonical(path).display().to_string()
 }
 
-/// A place in an editor's terms; `None` for a file that is built into the program.
+/// Returns a place in an editor's terms; `None` for a file that is built into the program.
 fn location(index: &Index, place: &Place, open: &BTreeMap<PathBuf, String>) -> Option<Location> {
     let path = Some(PathBuf::from(&place.file)).filter(|path| path.is_absolute())?;
     let text = index.text(&place.file)?;
@@ -333,7 +333,7 @@ fn location(index: &Index, place: &Place, open: &BTreeMap<PathBuf, String>) -> O
 /// The errors of a graph that others include and that cannot be built by itself.
 const ONLY_OF_PARTS: [&str; 2] = ["this graph is made to be included", "this graph has no output"];
 
-/// The resources of a plan with a description each.
+/// Returns the resources of a plan with a description each.
 fn resources(plan: &Plan) -> BTreeMap<String, String> {
     let about = |shape: &Shape| match shape {
         Shape::Buffer { stride, count } => format!("a buffer of {} x {stride} bytes", grouped(*count)),
@@ -347,7 +347,7 @@ fn resources(plan: &Plan) -> BTreeMap<String, String> {
     plan.resources.iter().filter(|r| named(&r.name)).map(|r| (name(&r.name), about(&r.shape))).collect()
 }
 
-/// The diagnostic in an editor's terms, with the file that it is shown in.
+/// Returns the diagnostic in an editor's terms, with the file that it is shown in.
 ///
 /// A mistake in a built-in file, which no editor can open, is shown at the start of the graph.
 fn placed(graph: &Path, plain: PlainDiagnostic, open: &BTreeMap<PathBuf, String>) -> (PathBuf, Diagnostic) {
@@ -383,7 +383,7 @@ fn placed(graph: &Path, plain: PlainDiagnostic, open: &BTreeMap<PathBuf, String>
     (file, Diagnostic { range, severity: Some(severity), source, message, ..Diagnostic::default() })
 }
 
-/// The path by which the editor knows a file: that of the open text, or the one without links and `..`.
+/// Returns the path by which the editor knows a file: that of the open text, or the one without links and `..`.
 fn as_opened(path: PathBuf, open: &BTreeMap<PathBuf, String>) -> PathBuf {
     if open.contains_key(&path) || !path.is_absolute() {
         return path;
@@ -393,7 +393,7 @@ fn as_opened(path: PathBuf, open: &BTreeMap<PathBuf, String>) -> PathBuf {
     open.keys().find(same).cloned().unwrap_or(canonical)
 }
 
-/// The name around a byte of a text: letters, digits, `_` and `.`.
+/// Returns the name around a byte of a text: letters, digits, `_` and `.`.
 fn word(text: &str, inside: &ops::Range<usize>, offset: usize) -> ops::Range<usize> {
     let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.');
     let before = text[inside.start..offset].rfind(|c| !is_part(c));
@@ -404,7 +404,7 @@ fn word(text: &str, inside: &ops::Range<usize>, offset: usize) -> ops::Range<usi
         ..after.map_or(inside.end, |at| offset + at)
 }
 
-/// The graphs or the shaders in the folder of a graph.
+/// Returns the graphs or the shaders in the folder of a graph.
 fn beside(graph: &Path, graphs: bool) -> Vec<String> {
     let Some(Ok(entries)) = graph.parent().map(std::fs::read_dir) else { return Vec::new() };
     let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());

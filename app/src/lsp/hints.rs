@@ -68,7 +68,7 @@ fn after(pass: &DumpPass) -> Vec<String> {
     names
 }
 
-/// The hints whose lines are within a range of lines, both ends included.
+/// Returns the hints whose lines are within a range of lines, both ends included.
 pub fn within(hints: Vec<InlayHint>, first: u32, last: u32) -> Vec<InlayHint> {
     hints.into_iter().filter(|hint| (first..=last).contains(&hint.position.line)).collect()
 }

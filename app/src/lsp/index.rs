@@ -222,7 +222,7 @@ impl Index {
         at
     }
 
-    /// The declarations that a name of a graph stands for, and the places of other files.
+    /// Returns the declarations that a name of a graph stands for, and the places of other files.
     fn meant(&self, file: FileId, mention: &Mention) -> (Vec<usize>, Vec<Place>) {
         let graph = &self.graphs[&file];
         let name = mention.name.as_str();
@@ -272,19 +272,19 @@ impl Index {
         all.filter(|id| wanted(&self.declarations[*id])).collect()
     }
 
-    /// A `let` or a parameter.
+    /// Returns a `let` or a parameter.
     fn value(&self, file: FileId, name: &str) -> Vec<usize> {
         let lets = self.declared(file, |d| d.kind == Kind::Let && d.name == name);
         if lets.is_empty() { self.parameter(file, name, 0) } else { lets }
     }
 
-    /// A resource, or a `let` or a parameter that holds the name of one.
+    /// Returns a resource, or a `let` or a parameter that holds the name of one.
     fn resource(&self, file: FileId, name: &str) -> Vec<usize> {
         let own = self.declared(file, |d| d.kind == Kind::Resource && d.name == name);
         if own.is_empty() { self.value(file, name) } else { own }
     }
 
-    /// A parameter that a graph declares, or that one of its includes exposes.
+    /// Returns a parameter that a graph declares, or that one of its includes exposes.
     fn parameter(&self, file: FileId, name: &str, depth: usize) -> Vec<usize> {
         let own = self.declared(file, |d| d.kind == Kind::Parameter && d.name == name);
         if !own.is_empty() || depth > MAX_DEPTH {
@@ -295,7 +295,7 @@ impl Index {
         leaves.into_iter().flat_map(|leaf| self.parameter(leaf, name, depth + 1)).collect()
     }
 
-    /// The names of all parameters that the expressions of a graph can use.
+    /// Returns the names of all parameters that the expressions of a graph can use.
     fn parameters(&self, file: FileId, depth: usize) -> BTreeSet<String> {
         let own = self.declared(file, |d| d.kind == Kind::Parameter);
         let mut names: BTreeSet<String> =
@@ -311,7 +311,7 @@ impl Index {
         names
     }
 
-    /// The graphs that a chain of includes leads to.
+    /// Returns the graphs that a chain of includes leads to.
     fn inside(&self, file: FileId, within: &[String]) -> Vec<FileId> {
         within.iter().fold(vec![file], |files, name| {
             let included = |file: FileId| {
@@ -322,7 +322,7 @@ impl Index {
         })
     }
 
-    /// The graphs that a name leads to through presets and choices.
+    /// Returns the graphs that a name leads to through presets and choices.
     fn leaves(&self, file: FileId, name: &str) -> Vec<FileId> {
         let mut leaves = BTreeSet::new();
         let mut seen = BTreeSet::new();
@@ -406,7 +406,7 @@ impl Index {
         }
     }
 
-    /// The first place of a name in a shader or what it includes: GLSL declares a name before it is used.
+    /// Returns the first place of a name in a shader or what it includes: GLSL declares a name before it is used.
     fn first_word(&self, shader: FileId, name: &str) -> Option<Place> {
         let mut seen = BTreeSet::new();
         let mut waiting = vec![shader];
@@ -422,7 +422,7 @@ impl Index {
         None
     }
 
-    /// The name at a byte of a file.
+    /// Returns the name at a byte of a file.
     fn at(&self, path: &str, offset: usize) -> Option<(&(FileId, usize), &Found)> {
         let (file, _) = self.paths.iter().find(|(_, (other, _))| other == path)?;
         let (key, found) = self.found.range((*file, 0)..=(*file, offset)).next_back()?;
@@ -505,7 +505,7 @@ impl Index {
     }
 }
 
-/// The path of a file, without links if it is on disk, and its text.
+/// Returns the path of a file, without links if it is on disk, and its text.
 fn read(planner: &Planner, file: FileId) -> (String, String) {
     let (path, text) = planner.path_and_text(file);
     (super::files::canonical(Path::new(&path)).display().to_string(), text)

@@ -94,7 +94,7 @@ fn publish(server: &mut Server, connection: &Connection) -> Result<()> {
     Ok(())
 }
 
-/// The folders that an editor opened.
+/// Returns the folders that an editor opened.
 #[allow(deprecated)]
 fn folders(editor: &InitializeParams) -> Vec<PathBuf> {
     match &editor.workspace_folders {
@@ -245,14 +245,14 @@ impl Server {
         CompletionResponse::Array(items.unwrap_or_default())
     }
 
-    /// The file and the byte of a position in a graph or a shader that is open.
+    /// Returns the file and the byte of a position in a graph or a shader that is open.
     fn any_place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
         let offset = text::offset_of(self.open.get(&path)?, at.position);
         Some((path, offset))
     }
 
-    /// The file, its text and the byte of a position in a graph that is open.
+    /// Returns the file, its text and the byte of a position in a graph that is open.
     fn place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, String, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
         let text = self.open.get(&path).filter(|_| graph::is_graph(&path))?.clone();

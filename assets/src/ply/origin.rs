@@ -5,19 +5,19 @@
 //! coordinates are rounded to f32.
 //!
 //! It is the median of some rows, spread over the file, so that outliers do not move it; a multiple of [`STEP`], so that
-//! people can read it and the subtraction is exact. Axes near the origin keep theirs, and their coordinates stay as they are.
+//! people can read it and the subtraction is exact. On axes near the origin nothing is subtracted.
 
 use super::layout::Layout;
 
 /// Spacing of the origins, in world units; f32 resolves a ten-thousandth at half of it.
 pub(super) const STEP: f64 = 1024.0;
 
-/// Number of rows that the median is taken of, at most.
+/// Maximum number of rows for the median.
 const SAMPLES: u64 = 1000;
 
 /// Rows of positions from which the origin is chosen.
 pub(super) struct Sample {
-    /// Every how many rows one is taken.
+    /// Sampling stride, in rows.
     pub every: u64,
     /// The axes whose numbers are wider than f32.
     pub wide: [bool; 3],
@@ -25,14 +25,14 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// Starts a sample of `count` rows; `None` where f32 holds every coordinate of the file.
+    /// Starts a sample of `count` rows; `None` if f32 holds every coordinate of the file.
     pub(super) fn of(layout: &Layout, count: u64) -> Option<Self> {
         let wide = layout.wide();
         let every = count.div_ceil(SAMPLES).max(1);
         wide.contains(&true).then(|| Self { every, wide, values: Default::default() })
     }
 
-    /// Adds a coordinate; what is not finite has no place.
+    /// Adds a coordinate, unless it is not finite.
     pub(super) fn add(&mut self, axis: usize, value: f64) {
         if self.wide[axis] && value.is_finite() {
             self.values[axis].push(value);
@@ -47,7 +47,7 @@ impl Sample {
             }
             let middle = values.len() / 2;
             let (_, median, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-            // Of -0, 0 is made, which changes no coordinate.
+            // Turns -0 into 0.
             (*median / STEP).round() * STEP + 0.0
         })
     }

@@ -4,8 +4,8 @@
 //! a fixed length, so every chunk of splats is read and converted into the scene's arrays independently. ASCII rows differ in
 //! length, so a first pass finds the start of each chunk.
 //!
-//! What the header promises is held against the file's length and against the memory that there is before anything is
-//! allocated. A file that was written to meanwhile is an error, never a scene that is half of one and half of another.
+//! The header's counts are checked against the file's length and the available memory before anything is
+//! allocated. A file that was written to meanwhile is an error, never a mixture of two scenes.
 
 use super::header::{Element, Encoding, HEADER_LIMIT, Header};
 use super::layout::{Layout, MAX_SLOTS};
@@ -224,7 +224,7 @@ impl File<'_> {
             }
             if let Some(sample) = sample.as_mut().filter(|sample| row % sample.every == 0) {
                 for (axis, slot) in self.layout.slots[..3].iter().enumerate() {
-                    // A word that is no number is an error below, with its line.
+                    // A word that is not a number is an error below, with its line.
                     sample.add(axis, ascii::wide(&line, slot.column).unwrap_or(f64::NAN));
                 }
             }

@@ -136,7 +136,7 @@ impl Gathered {
 
     pub(super) fn add_low(&mut self, low: [f32; 3], scale: [f32; 3]) {
         let largest = |v: [f32; 3]| v.into_iter().fold(0.0, |most: f32, v| most.max(v.abs()));
-        // A splat without any extent is as wide as a pixel at least, wherever it is seen from.
+        // A splat without extent is at least as wide as a pixel in every view.
         self.rounding = self.rounding.max(largest(low) / largest(scale).max(f32::MIN_POSITIVE));
     }
 

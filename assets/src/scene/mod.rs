@@ -49,10 +49,10 @@ pub struct Splat {
     pub sh: [f32; 48],
 }
 
-/// The largest rounding of positions that is left out, in standard deviations: it is invisible beside that of the picture, 100 dB.
+/// Largest rounding error of positions to ignore, in standard deviations: below the rounding of the picture, at 100 dB.
 const INVISIBLE: f32 = 1.0 / 16_384.0;
 
-/// The range of a scene's colours: what must fit in the format that they are stored in.
+/// The range of a scene's colours, which their storage format must hold.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ColorRange {
     /// Largest absolute value of a coefficient of the spherical harmonics.
@@ -80,7 +80,7 @@ pub struct Scene {
     norms: QuaternionNorms,
     bounds: Bounds,
     notes: FileNotes,
-    /// Sizes of the file's parts; empty for a generated scene until they are asked for.
+    /// Sizes of the file's parts; empty for a generated scene until requested.
     pub(crate) size_breakdown: OnceLock<SizeBreakdown>,
     robust: OnceLock<Bounds>,
     colors: OnceLock<ColorRange>,
@@ -200,17 +200,17 @@ impl Scene {
         Ok(copy?.with_offset(self.offset).with_notes(self.notes))
     }
 
-    /// Places the scene's origin in the world, without a change of the splats' positions, which are relative to it.
+    /// Sets the scene's origin in the world, to which positions are relative; does not change the positions.
     pub fn with_offset(self, offset: [f64; 3]) -> Self {
         Self { offset, ..self }
     }
 
-    /// Attaches what the scene's file says beside the values of its splats.
+    /// Sets the tags of the scene's file.
     pub(crate) fn with_notes(self, notes: FileNotes) -> Self {
         Self { notes, ..self }
     }
 
-    /// Returns what the scene's file says of its splats beside their values.
+    /// Returns the tags of the scene's file.
     pub fn notes(&self) -> FileNotes {
         self.notes
     }
@@ -233,7 +233,7 @@ impl Scene {
         &self.columns.position
     }
 
-    /// Returns true if positions have digits that [`Scene::positions`] lacks, as those of two clouds far from each other do.
+    /// Returns true if positions have more digits than [`Scene::positions`], as with two clouds far apart.
     pub fn is_wide(&self) -> bool {
         !self.columns.low.is_empty()
     }

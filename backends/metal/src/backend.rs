@@ -194,7 +194,7 @@ impl Gpu for MetalGpu {
         Ok(())
     }
 
-    /// The draw's command buffer presents it.
+    /// Returns the draw's command buffer presents it.
     fn present(&self, _: Show<Self>) -> Result<Presented, BackendError> {
         capture::end();
         Ok(Presented::Shown)

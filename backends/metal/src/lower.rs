@@ -292,7 +292,7 @@ mod tests {
         Some(Arc::new(Msl { source: String::new(), entry: "main0".to_string(), arguments, push, sizes }))
     }
 
-    /// The plan with translations: the vertex shader sees the camera, and the fragment shader all three.
+    /// Returns the plan with translations: the vertex shader sees the camera, and the fragment shader all three.
     fn translated() -> Plan {
         let mut plan = plan();
         plan.shaders[0].msl = msl(vec![argument(0, 0, false, 0)], Some(1), Some(2));

@@ -159,14 +159,14 @@ impl Sketch {
         self.pass("host", Run::Frame, Work::Host, &uses);
     }
 
-    /// The encoders of the prologue and of the frame, a line for each.
+    /// Returns the encoders of the prologue and of the frame, a line for each.
     pub fn told(&self, division: Division) -> (Vec<String>, Vec<String>) {
         let encoders = encoders(&self.plan, division);
         let lines = |of: &[Encoding]| of.iter().map(|encoding| tell(&self.plan, encoding)).collect();
         (lines(&encoders.prologue), lines(&encoders.frame))
     }
 
-    /// The encoders of the frame, as few as there can be.
+    /// Returns the encoders of the frame, as few as there can be.
     pub fn frame(&self) -> Vec<String> {
         self.told(Division::Merged).1
     }

@@ -219,7 +219,7 @@ mod tests {
         Encoding { kind, waits: waits.to_vec(), passes, updates: updates.to_vec() }
     }
 
-    /// A prologue that clears (fence 0), then two dispatches with a barrier between them (1), a draw (2) and the export (3).
+    /// Returns a prologue that clears (fence 0), then two dispatches with a barrier between them (1), a draw (2) and the export (3).
     fn walked() -> Walked {
         let all = Encoders {
             prologue: vec![encoding(EncoderKind::Compute, &[], &[(CLEAR, false)], &[fence(0)])],

@@ -29,7 +29,7 @@ impl View {
         self.rows.map(|row| (0..3).map(|i| row[i] * (p[i] - self.eye[i])).sum())
     }
 
-    /// The rows of the rotation from world to view space.
+    /// Returns the rows of the rotation from world to view space.
     pub(crate) fn rows(&self) -> [[f64; 3]; 3] {
         self.rows
     }

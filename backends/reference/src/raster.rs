@@ -176,7 +176,7 @@ mod tests {
         }
     }
 
-    /// A white ball on the axis.
+    /// Returns a white ball on the axis.
     fn ball(z: f64, deviation: f64, opacity: f64) -> Gaussian {
         let mut sh = [[0.0; 3]; 16];
         sh[0] = [0.5 / 0.28209479177387814; 3];

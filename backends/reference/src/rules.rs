@@ -130,7 +130,7 @@ impl FromStr for LowPass {
 }
 
 impl LowPass {
-    /// The variance that is added to the diagonal.
+    /// Returns the variance that is added to the diagonal.
     pub fn variance(self) -> f64 {
         match self {
             LowPass::None => 0.0,

@@ -106,7 +106,7 @@ fn step(pass: u32) -> Step {
     Step { barriers: Vec::new(), pass: PassId(pass) }
 }
 
-/// A barrier on all memory.
+/// Returns a barrier on all memory.
 pub(crate) fn on_memory(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
     Barrier {
         image: None,

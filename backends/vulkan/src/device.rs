@@ -27,7 +27,7 @@ pub(crate) struct Physical {
 }
 
 impl Physical {
-    /// The time that one pass may run where the program does not say. A CPU is slow at what GPUs do in an instant.
+    /// Returns the time that one pass may run where the program does not say. A CPU is slow at what GPUs do in an instant.
     pub fn patience(&self) -> Duration {
         let seconds = if self.kind == vk::PhysicalDeviceType::CPU { 600 } else { 10 };
         Duration::from_secs(seconds)

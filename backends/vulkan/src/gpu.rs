@@ -89,7 +89,7 @@ impl VulkanGpu {
         Ok(gpu)
     }
 
-    /// The queue, for one submission or one frame to present.
+    /// Returns the queue, for one submission or one frame to present.
     pub(crate) fn queue(&self) -> MutexGuard<'_, vk::Queue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -33,7 +33,7 @@ pub(crate) struct Instance {
 }
 
 impl Instance {
-    /// An instance that can show pictures in `window`.
+    /// Returns an instance that can show pictures in `window`.
     pub fn in_window(validation: Validation, window: Arc<dyn Window>) -> Result<Instance, BackendError> {
         let instance = Instance::new(validation, &surface::extensions(&*window)?)?;
         let surface = Surface::new(loader()?, &instance.raw, window)?;
@@ -60,7 +60,7 @@ impl Instance {
         Ok(())
     }
 
-    /// An instance with `extensions` (a window system's, for instance) besides what this crate uses itself.
+    /// Returns an instance with `extensions` (a window system's, for instance) besides what this crate uses itself.
     pub fn new(validation: Validation, extensions: &[&CStr]) -> Result<Instance, BackendError> {
         let entry = loader()?;
         check_version(entry)?;
@@ -158,7 +158,7 @@ impl Drop for Instance {
     }
 }
 
-/// The loader, opened once and never closed: drivers keep threads and thread-local data that do not survive being
+/// Returns the loader, opened once and never closed: drivers keep threads and thread-local data that do not survive being
 /// unloaded while another instance of the process still runs.
 fn loader() -> Result<&'static ash::Entry, BackendError> {
     static LOADER: OnceLock<Result<ash::Entry, String>> = OnceLock::new();
@@ -189,7 +189,7 @@ fn check_version(entry: &ash::Entry) -> Result<(), BackendError> {
     Ok(())
 }
 
-/// The extensions that the validation layer brings, or an error that says how to get the layer.
+/// Returns the extensions that the validation layer brings, or an error that says how to get the layer.
 fn validation_layer(entry: &ash::Entry) -> Result<Vec<vk::ExtensionProperties>, BackendError> {
     // SAFETY: a query that takes no arguments.
     let layers = unsafe { entry.enumerate_instance_layer_properties() }

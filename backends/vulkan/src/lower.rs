@@ -127,7 +127,7 @@ fn pipeline(plan: &Plan, pass: &Pass, limits: &SubgroupLimits) -> Option<Pipelin
     }
 }
 
-/// A shader with subgroup operations runs with the size that the graph was told, and with full subgroups, where the
+/// Returns a shader with subgroup operations runs with the size that the graph was told, and with full subgroups, where the
 /// device and the workgroup's size allow it.
 pub(crate) fn subgroups(shader: &Reflection, limits: &SubgroupLimits) -> Subgroups {
     if !shader.subgroups || limits.size == 0 {

@@ -7,7 +7,7 @@ use splatgraph_api::BackendError;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A pool with one primary command buffer.
+/// Returns a pool with one primary command buffer.
 pub(crate) fn command_pool(
     gpu: &Arc<VulkanGpu>,
 ) -> Result<(Owned<vk::CommandPool>, vk::CommandBuffer), BackendError> {

@@ -236,7 +236,7 @@ const BEFORE: Around = Around {
     ],
 };
 
-/// The next frame waits for the blit as it does for the export's copies. The window's image is
+/// Returns the next frame waits for the blit as it does for the export's copies. The window's image is
 /// handed over by a semaphore, which needs no barrier's second half.
 fn after(waiting: Stages) -> Around {
     Around { output: [AFTER.output[0], (barriers::stages(waiting), vk::AccessFlags2::NONE)], ..AFTER }

@@ -12,7 +12,7 @@ use crate::plan::{Barrier, Step};
 /// Frames after which every frame has been followed by one like it.
 const FRAMES: usize = 3;
 
-/// A list of barriers that holds and has no bit to spare, from what two rounds one after the other asked for.
+/// Returns a list of barriers that holds and has no bit to spare, from what two rounds one after the other asked for.
 pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) -> Option<Vec<Step>> {
     for (step, other) in steps.iter_mut().zip(other) {
         for barrier in other.barriers {

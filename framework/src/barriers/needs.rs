@@ -65,7 +65,7 @@ impl Requirement {
         self.access.is_empty() && self.is_met_by(masks)
     }
 
-    /// The least source for this need alone.
+    /// Returns the least source for this need alone.
     pub fn least_source(&self) -> Masks {
         let chained = self.via.iter().find(|stage| *stage == self.from).or(self.via.iter().next());
         match chained {
@@ -74,13 +74,13 @@ impl Requirement {
         }
     }
 
-    /// The least target for this need alone.
+    /// Returns the least target for this need alone.
     pub fn least_target(&self) -> Masks {
         Masks { target_stages: self.to, target_accesses: self.access, ..Masks::default() }
     }
 }
 
-/// The least barrier on all memory that meets the needs: no bit can be cleared without missing one.
+/// Returns the least barrier on all memory that meets the needs: no bit can be cleared without missing one.
 pub(super) fn memory_barrier(needs: &[Requirement]) -> Masks {
     let mut masks = Masks::default();
     // First what has no alternative, so that the rest can do with it where possible.
@@ -101,7 +101,7 @@ pub(super) fn memory_barrier(needs: &[Requirement]) -> Masks {
     least(masks, |masks| needs.iter().all(|need| need.is_met_by(masks)))
 }
 
-/// The least source that meets the needs of a change of layout, whose targets are the change itself.
+/// Returns the least source that meets the needs of a change of layout, whose targets are the change itself.
 pub(super) fn least_source(needs: &[Requirement]) -> Masks {
     let mut masks = Masks::default();
     let (forced, free): (Vec<&Requirement>, Vec<&Requirement>) = needs.iter().partition(|n| n.via.is_empty());
@@ -124,7 +124,7 @@ pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool)
     masks
 }
 
-/// The needs, one entry per resource and hazard, as a barrier's reasons.
+/// Returns the needs, one entry per resource and hazard, as a barrier's reasons.
 pub(super) fn causes(needs: &[Requirement]) -> Vec<Cause> {
     let mut causes: Vec<Cause> = Vec::new();
     for need in needs {
@@ -158,7 +158,7 @@ pub(super) fn causes(needs: &[Requirement]) -> Vec<Cause> {
     causes
 }
 
-/// A reason that asks for nothing yet.
+/// Returns a reason that asks for nothing yet.
 pub(super) fn cause(hazard: Hazard, before: PassId, resource: ResourceId) -> Cause {
     Cause {
         hazard,
@@ -174,7 +174,7 @@ pub(super) fn cause(hazard: Hazard, before: PassId, resource: ResourceId) -> Cau
     }
 }
 
-/// A barrier of the plan.
+/// Returns a barrier of the plan.
 pub(super) fn barrier(masks: Masks, image: Option<crate::plan::Transition>, causes: Vec<Cause>) -> Barrier {
     Barrier {
         image,

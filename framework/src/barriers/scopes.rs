@@ -19,7 +19,7 @@ pub(super) type Time = u32;
 /// A time for each origin: of what happened there, all up to then.
 type Since = [Time; ORIGINS];
 
-/// The position of a single stage's or access's bit.
+/// Returns the position of a single stage's or access's bit.
 pub(super) fn index(bit: u32) -> usize {
     bit.trailing_zeros() as usize
 }
@@ -27,12 +27,12 @@ pub(super) fn index(bit: u32) -> usize {
 const DRAW: [Stages; 4] = [Stages::INDIRECT, Stages::VERTEX, Stages::FRAGMENT, Stages::COLOR_OUTPUT];
 const DISPATCH: [Stages; 2] = [Stages::INDIRECT, Stages::COMPUTE];
 
-/// The stages, and those that come after them in a draw or a dispatch: what waits for a barrier with this target.
+/// Returns the stages, and those that come after them in a draw or a dispatch: what waits for a barrier with this target.
 pub(super) fn with_later(stages: Stages) -> Stages {
     stages | later_in(&DRAW, stages) | later_in(&DISPATCH, stages)
 }
 
-/// The first of these stages in a pipeline, and all that follow it.
+/// Returns the first of these stages in a pipeline, and all that follow it.
 fn later_in(pipeline: &[Stages], stages: Stages) -> Stages {
     pipeline.iter().skip_while(|stage| !stages.contains(**stage)).copied().collect()
 }
@@ -65,7 +65,7 @@ impl Origin {
         if self.0 == STAGES { Stages::INDIRECT } else { Stages::from_bits_truncate(1 << self.0) }
     }
 
-    /// The stages of which a barrier's source must have one to wait for it: its own, and those that follow in the command.
+    /// Returns the stages of which a barrier's source must have one to wait for it: its own, and those that follow in the command.
     pub fn named_by(self) -> Stages {
         let stage = self.stage();
         let pipeline: &[Stages] = if self.0 == STAGES { &DISPATCH } else { &DRAW };
@@ -73,7 +73,7 @@ impl Origin {
     }
 }
 
-/// The access by which a stage writes.
+/// Returns the access by which a stage writes.
 pub(super) fn write_access(stage: Stages) -> Accesses {
     match stage {
         Stages::COLOR_OUTPUT => Accesses::COLOR_WRITE,
@@ -101,7 +101,7 @@ impl Masks {
         }
     }
 
-    /// The same barrier with these masks.
+    /// Returns the same barrier with these masks.
     pub fn on(self, barrier: &Barrier) -> Barrier {
         Barrier {
             source_stages: self.source_stages,
@@ -132,7 +132,7 @@ impl Masks {
         }
     }
 
-    /// The target's half.
+    /// Returns the target's half.
     pub fn target(self) -> Masks {
         Masks { source_stages: Stages::empty(), source_accesses: Accesses::empty(), ..self }
     }
@@ -174,12 +174,12 @@ impl Scopes {
         }
     }
 
-    /// The stages of which a barrier's source must have one, so as to be after what happened at `origin` up to `time`.
+    /// Returns the stages of which a barrier's source must have one, so as to be after what happened at `origin` up to `time`.
     pub fn after(&self, origin: Origin, time: Time) -> Stages {
         origin.named_by() | reached(&self.ordered, origin, time)
     }
 
-    /// The stages that a barrier may wait for so as to be after what `stage` wrote at `time` was made available.
+    /// Returns the stages that a barrier may wait for so as to be after what `stage` wrote at `time` was made available.
     pub fn available(&self, stage: Stages, time: Time) -> Stages {
         reached(&self.available, Origin::new(stage, false), time)
     }

@@ -80,7 +80,7 @@ impl Call {
         call
     }
 
-    /// The latest time of what it waits for.
+    /// Returns the latest time of what it waits for.
     fn covers(&self) -> Time {
         self.time - 2
     }
@@ -246,7 +246,7 @@ impl SyncState {
         self.apply(barriers, pass);
     }
 
-    /// A layout change before a pass, with what it waits for.
+    /// Returns a layout change before a pass, with what it waits for.
     fn change(&self, change: &LayoutChange, inputs: &Inputs) -> Change {
         let LayoutChange { image, old, new, before, .. } = *change;
         let mut target = Masks::default();

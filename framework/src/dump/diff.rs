@@ -200,7 +200,7 @@ fn total(name: &str, a: u64, b: u64) -> TotalChange {
     TotalChange { name: name.into(), a, b, change: b as i64 - a as i64 }
 }
 
-/// The names of byte counts end with `bytes`.
+/// Returns the names of byte counts end with `bytes`.
 fn totals(dump: &Dump) -> Vec<(&'static str, u64)> {
     let t = &dump.totals;
     let count = |n: usize| n as u64;
@@ -287,7 +287,7 @@ fn resource_properties(dump: &Dump, resource: &DumpResource) -> Properties {
     all
 }
 
-/// A barrier's dependencies, less where things are declared.
+/// Returns a barrier's dependencies, less where things are declared.
 fn reasons(barrier: &DumpBarrier) -> Vec<String> {
     barrier.dependencies.iter().map(reason).collect()
 }

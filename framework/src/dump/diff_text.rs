@@ -9,7 +9,7 @@ use super::{Diff, DumpBarrier, NamedChange, PropertyChange, TotalChange};
 /// Limits the values of a property that one line lists.
 const MAX_VALUES: usize = 4;
 
-/// The comparison, to read.
+/// Returns the comparison, to read.
 pub fn diff_text(diff: &Diff) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
@@ -137,7 +137,7 @@ fn place(barrier: &DumpBarrier) -> String {
     format!("before {before}, {}", subject(barrier))
 }
 
-/// The masks, and a line for each dependency.
+/// Returns the masks, and a line for each dependency.
 fn lines(barrier: &DumpBarrier) -> Vec<String> {
     let masks = mask_text(&barrier.masks);
     std::iter::once(masks).chain(barrier.dependencies.iter().map(|d| cause_line(barrier, d))).collect()

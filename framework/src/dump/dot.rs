@@ -5,7 +5,7 @@ use super::{Dump, DumpBarrier};
 use crate::ir::Hazard;
 use std::collections::HashMap;
 
-/// A DOT graph. Edges are the dependencies of barriers, from the passes that are waited for to the one that waits;
+/// Returns a DOT graph. Edges are the dependencies of barriers, from the passes that are waited for to the one that waits;
 /// dashed ones only keep passes apart, or come from the frame before. Who reads what a barrier made visible to an earlier
 /// pass has no edge of its own.
 pub fn dot(dump: &Dump) -> String {
@@ -53,7 +53,7 @@ fn write_edges(out: &mut String, barrier: &DumpBarrier) {
     }
 }
 
-/// A DOT string; line ends become those of labels.
+/// Returns a DOT string; line ends become those of labels.
 fn quote(s: &str) -> String {
     format!("\"{}\"", s.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n"))
 }

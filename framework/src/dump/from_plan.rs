@@ -12,7 +12,7 @@ use crate::ir::{
 use crate::plan::{Barrier, Cause, Dependency, Plan, Step, Warning};
 use std::collections::HashMap;
 
-/// The plan with names in place of numbers.
+/// Returns the plan with names in place of numbers.
 pub fn dump(plan: &Plan) -> Dump {
     let mut next_id = 1;
     let mut barriers = |of: &[Barrier], before: Option<PassId>| -> Vec<DumpBarrier> {
@@ -71,7 +71,7 @@ pub fn dump(plan: &Plan) -> Dump {
     }
 }
 
-/// The canonical form.
+/// Returns the canonical form.
 pub fn json(dump: &Dump) -> serde_json::Value {
     serde_json::to_value(dump).expect("a dump is plain data with string keys")
 }
@@ -196,7 +196,7 @@ fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>]) -> D
     }
 }
 
-/// The span of the frame from the first pass that touches each resource to the last. What the prologue touches, what has a history,
+/// Returns the span of the frame from the first pass that touches each resource to the last. What the prologue touches, what has a history,
 /// and what the frame finds already written, lives longer.
 fn lifetimes(plan: &Plan) -> Vec<Option<Lifetime>> {
     let mut found: Vec<Option<Lifetime>> = vec![None; plan.resources.len()];
@@ -306,7 +306,7 @@ fn shader_of(plan: &Plan, id: ShaderId) -> DumpShader {
     }
 }
 
-/// The touches with at least one of the wanted accesses, reduced to them.
+/// Returns the touches with at least one of the wanted accesses, reduced to them.
 fn touched(plan: &Plan, pass: &Pass, wanted: Accesses) -> Vec<DumpTouch> {
     let touch = |t: &crate::ir::Use| DumpTouch {
         resource: plan.resource(t.resource).name.clone(),
@@ -318,7 +318,7 @@ fn touched(plan: &Plan, pass: &Pass, wanted: Accesses) -> Vec<DumpTouch> {
     pass.uses.iter().filter(|t| t.accesses.intersects(wanted)).map(touch).collect()
 }
 
-/// The words of the push constants, each as the shader that has a member there reads it.
+/// Returns the words of the push constants, each as the shader that has a member there reads it.
 fn push(plan: &Plan, pass: &Pass, shaders: &[ShaderId]) -> Vec<DumpPush> {
     let blocks = shaders.iter().filter_map(|id| plan.shader(*id).reflection.push.as_ref());
     let members: Vec<_> = blocks.flat_map(|block| &block.members).collect();
@@ -408,12 +408,12 @@ fn flags<T>(names: impl Iterator<Item = (&'static str, T)>) -> Vec<String> {
 }
 
 impl DumpPass {
-    /// The resources that it reads, each once.
+    /// Returns the resources that it reads, each once.
     pub fn read_names(&self) -> Vec<&str> {
         names(&self.reads)
     }
 
-    /// The resources that it writes, each once.
+    /// Returns the resources that it writes, each once.
     pub fn written_names(&self) -> Vec<&str> {
         names(&self.writes)
     }

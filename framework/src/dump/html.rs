@@ -14,7 +14,7 @@ const SCRIPTS: [&str; 4] = [
     include_str!("page/main.js"),
 ];
 
-/// The page, as the text of an HTML file. `#barrier=3`, `#pass=NAME`, `#resource=NAME`, `#unfold=REPEAT` (or `*`) and
+/// Returns the page, as the text of an HTML file. `#barrier=3`, `#pass=NAME`, `#resource=NAME`, `#unfold=REPEAT` (or `*`) and
 /// `#fold=REPEAT` behind its address, joined by `&`, open it at a place.
 pub fn html(dump: &Dump) -> String {
     // In a script element nothing is a character reference, but `</script>` and `<!--` end or change it: with no `<` in it,

@@ -531,7 +531,7 @@ impl DumpPass {
     }
 }
 
-/// The sum of their times, if there is something to add and no time is missing.
+/// Returns the sum of their times, if there is something to add and no time is missing.
 fn sum<'a>(passes: impl Iterator<Item = &'a DumpPass>) -> Option<f64> {
     let times = passes.filter(|p| p.gpu_ms.is_some() || !p.needs_no_time()).map(|p| p.gpu_ms);
     times.reduce(|a, b| Some(a? + b?)).flatten()

@@ -34,7 +34,7 @@ fn parts(name: &str) -> Option<Parts<'_>> {
     Some(Parts { scope, member: member + rest, index })
 }
 
-/// The name with its only index taken out, as in `sort.scan[]`, and the index; `None` for names with none or with several.
+/// Returns the name with its only index taken out, as in `sort.scan[]`, and the index; `None` for names with none or with several.
 pub fn single_index(name: &str) -> Option<(String, u32)> {
     let (before, rest) = name.split_once('[')?;
     let (number, after) = rest.split_once(']')?;

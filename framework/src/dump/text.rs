@@ -19,7 +19,7 @@ pub fn bytes(n: u64) -> String {
     }
 }
 
-/// The whole dump: resources, passes in order with their barriers, and what was left out.
+/// Returns the whole dump: resources, passes in order with their barriers, and what was left out.
 pub fn text(dump: &Dump) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.

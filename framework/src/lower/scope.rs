@@ -74,12 +74,12 @@ impl Place {
         Place { outline: self.outline.clone(), path: self.path.index(index) }
     }
 
-    /// The element itself.
+    /// Returns the element itself.
     pub fn span(&self) -> Span {
         self.outline.value(&self.path)
     }
 
-    /// The name of the field or the key that it is the value of.
+    /// Returns the name of the field or the key that it is the value of.
     pub fn key(&self) -> Span {
         self.outline.key(&self.path)
     }

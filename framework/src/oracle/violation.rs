@@ -74,7 +74,7 @@ pub enum When {
 }
 
 impl When {
-    /// The frame with which it was submitted.
+    /// Returns the frame with which it was submitted.
     pub(super) fn frame(self) -> u32 {
         match self {
             When::Prologue | When::Handover => 0,
@@ -168,7 +168,7 @@ impl Violation {
             && (self.kind, self.resource) == (other.kind, other.resource)
     }
 
-    /// A sentence with both passes, the resource, the bytes and what is missing. `plan` is the one that it is about.
+    /// Returns a sentence with both passes, the resource, the bytes and what is missing. `plan` is the one that it is about.
     pub fn describe(&self, plan: &Plan) -> String {
         let second = self.second.describe(plan);
         let Range { start, end } = self.range;

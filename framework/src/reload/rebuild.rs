@@ -177,7 +177,7 @@ mod tests {
 
     use super::*;
 
-    /// A rebuilder, and what its `wake` sends.
+    /// Returns a rebuilder, and what its `wake` sends.
     fn started<Job: Send + 'static, Output: Send + 'static, Build: FnMut(Job) -> Output>(
         mut make: impl FnMut() -> Build + Send + 'static,
     ) -> (Rebuilder<Job, Output>, Receiver<()>) {

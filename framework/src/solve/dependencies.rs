@@ -319,7 +319,7 @@ impl Walk<'_> {
     }
 }
 
-/// The smallest range that holds both.
+/// Returns the smallest range that holds both.
 fn hull(one: &Range<u64>, other: &Range<u64>) -> Range<u64> {
     one.start.min(other.start)..one.end.max(other.end)
 }

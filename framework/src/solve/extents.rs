@@ -94,7 +94,7 @@ impl Extents {
     }
 }
 
-/// The bytes of a resource that a touch is about: all of them, but for what a command itself reads.
+/// Returns the bytes of a resource that a touch is about: all of them, but for what a command itself reads.
 #[allow(clippy::single_range_in_vec_init)] // A list that mostly has one range.
 fn bytes(plan: &Plan, pass: &Pass, touch: &Use) -> Vec<Range<u64>> {
     let arguments = |buffer: ResourceId, offset: u64, bytes: u64| {

@@ -81,7 +81,7 @@ pub(super) fn place(
     blocks
 }
 
-/// The lives of the transient resources that do not outlive a frame.
+/// Returns the lives of the transient resources that do not outlive a frame.
 fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Option<Life>> {
     let mut lives: Vec<Option<Life>> = vec![None; resources.len()];
     let levels = levels(passes, frame, resources.len());

@@ -59,7 +59,7 @@ pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Pl
     Ok(plan)
 }
 
-/// The same passes with those of the frame in another order, and with the memory and the barriers that this order needs. The
+/// Returns the same passes with those of the frame in another order, and with the memory and the barriers that this order needs. The
 /// order must keep apart what the plan's keeps apart: of two passes that touch the same resource, one of them writing, the first
 /// stays the first. `None` if the walk reaches no fixpoint.
 ///
@@ -189,7 +189,7 @@ fn writes_all(pass: &LinkedPass, resource: ResourceHandle) -> bool {
     uses.all(|touch| !touch.accesses.reads() && (fills || touch.discards))
 }
 
-/// The passes that zero what has a history. A `Once` pass that writes it follows them, since it may write a part.
+/// Returns the passes that zero what has a history. A `Once` pass that writes it follows them, since it may write a part.
 fn starts(resources: &[Resource]) -> Vec<Pass> {
     let mut starts = Vec::new();
     for (index, resource) in resources.iter().enumerate() {

@@ -86,7 +86,7 @@ fn users(passes: &[LinkedPass], resources: usize) -> Vec<Vec<User>> {
     users
 }
 
-/// The edges, from the pass that comes first to the one that follows. Also finds what is read and never written, and the passes
+/// Returns the edges, from the pass that comes first to the one that follows. Also finds what is read and never written, and the passes
 /// that read and write what nothing wrote before.
 fn needs(
     passes: &[LinkedPass],
@@ -318,7 +318,7 @@ fn sort(needs: &Needs, passes: &[LinkedPass]) -> Vec<usize> {
     sorted
 }
 
-/// A cycle of passes, if there is one: each needs the one before it, the first the last.
+/// Returns a cycle of passes, if there is one: each needs the one before it, the first the last.
 fn cycle(needs: &Needs) -> Option<Vec<NodeIndex>> {
     let component =
         kosaraju_scc(needs).into_iter().filter(|c| c.len() > 1).min_by_key(|c| c.iter().min().copied())?;

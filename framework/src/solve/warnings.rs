@@ -122,7 +122,7 @@ fn idle_includes(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec
     found
 }
 
-/// The include that a pass comes from, and those around it.
+/// Returns the include that a pass comes from, and those around it.
 fn includes_of(pass: &LinkedPass, lowered: &Lowered) -> impl Iterator<Item = usize> {
     std::iter::successors(pass.include, |include| lowered.includes[*include].parent)
 }

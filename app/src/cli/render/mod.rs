@@ -375,7 +375,7 @@ impl Args {
         self.jobs.map_or_else(|| 2 * rayon::current_num_threads(), usize::from)
     }
 
-    /// The files beside the pictures, with their options; several cameras have one each.
+    /// Returns the files beside the pictures, with their options; several cameras have one each.
     fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
         let maps = self.map.iter().map(|(_, file)| ("--map", file.as_path()));

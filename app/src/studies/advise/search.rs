@@ -52,7 +52,7 @@ impl Tried {
         })
     }
 
-    /// The PSNR of the view with the least.
+    /// Returns the PSNR of the view with the least.
     pub fn least_psnr(&self) -> f64 {
         self.psnr_db.iter().copied().fold(f64::INFINITY, f64::min)
     }
@@ -66,13 +66,13 @@ impl Tried {
         }
     }
 
-    /// The median share of the exact settings' time; 1 without timestamps.
+    /// Returns the median share of the exact settings' time; 1 without timestamps.
     pub fn median(&self) -> f64 {
         self.share.map_or(1.0, |share| share.median)
     }
 }
 
-/// The mean share of the rows of a setting as it was measured; `None` without timestamps, or if one failed.
+/// Returns the mean share of the rows of a setting as it was measured; `None` without timestamps, or if one failed.
 pub fn own_share(rows: &[Row]) -> Option<Share> {
     let share = |row: &Row| Some(row.found.as_ref().ok()?.time.as_ref()?.share);
     Share::mean(&rows.iter().map(share).collect::<Option<Vec<_>>>()?)
@@ -188,7 +188,7 @@ pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<St
     (all.into_iter().map(setting).collect(), unsure)
 }
 
-/// The one parameter in which a setting of the same graph differs.
+/// Returns the one parameter in which a setting of the same graph differs.
 fn single_change(exact: &Setting, other: &Setting) -> Option<(String, String)> {
     if other.pipeline != exact.pipeline || other.set.len() != exact.set.len() {
         return None;

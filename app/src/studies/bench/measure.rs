@@ -366,7 +366,7 @@ fn mean(views: &[View], copy: Option<f64>) -> Figures {
 pub(super) mod testing {
     use super::*;
 
-    /// A candidate of one pass that took so long in each of two views.
+    /// Returns a candidate of one pass that took so long in each of two views.
     pub fn found(gpu_ms: Option<f64>) -> Found {
         let figure = |median| Figure { median, spread: 0.25 };
         let ms = gpu_ms.map(figure);

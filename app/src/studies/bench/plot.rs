@@ -8,7 +8,7 @@ use splatgraph_assets::grouped;
 /// The sizes of a run; `None` stands for the cameras' own.
 type Sizes<'a> = &'a [Option<(u32, u32)>];
 
-/// The curves of one scene: their file names without extension, in the order of [`plots`].
+/// Returns the curves of one scene: their file names without extension, in the order of [`plots`].
 ///
 /// There is one for each size where there are several numbers of splats, and one for each number of splats where there are several
 /// sizes. `stem` is the scene's, unlike those of others.

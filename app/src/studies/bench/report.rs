@@ -188,7 +188,7 @@ fn times(figure: Option<Figure>) -> [String; 2] {
 pub(super) mod testing {
     use super::*;
 
-    /// A report of the scene `a.ply` in one size.
+    /// Returns a report of the scene `a.ply` in one size.
     pub fn report(rows: Vec<(&str, u32, Outcome)>) -> Report {
         let copy = CopyLimit { bytes: 1000, gpu_ms: Figure { median: 0.5, spread: 0.0 }, gb_per_s: 2000.0 };
         let origin = Origin {

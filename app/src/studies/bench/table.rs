@@ -58,12 +58,12 @@ pub fn tables(report: &Report) -> String {
     text
 }
 
-/// The scene, number of splats and size of a row.
+/// Returns the scene, number of splats and size of a row.
 fn place(row: &Row) -> (&str, u32, Option<(u32, u32)>) {
     (&row.scene, row.splats, row.size)
 }
 
-/// The rows that were drawn.
+/// Returns the rows that were drawn.
 fn drawn(rows: &[Row]) -> impl Iterator<Item = (&Row, &Found)> {
     rows.iter().filter_map(|row| Some((row, row.found.as_ref().ok()?)))
 }
@@ -89,7 +89,7 @@ fn spread(figure: Option<Figure>) -> String {
     figure.map_or("-".into(), |figure| format!("{:.3}", figure.spread))
 }
 
-/// The candidates of a place, one a line.
+/// Returns the candidates of a place, one a line.
 fn candidates(rows: &[Row]) -> String {
     let mut phases: Vec<&str> = Vec::new();
     for part in drawn(rows).flat_map(|(_, found)| &found.mean.phases) {
@@ -128,7 +128,7 @@ fn resting(row: &Row, found: &Found) -> String {
     }
 }
 
-/// The passes of a candidate, then those that run once.
+/// Returns the passes of a candidate, then those that run once.
 ///
 /// On a CPU, bytes by time are left out.
 fn passes(found: &Found, is_cpu: bool) -> String {
@@ -150,7 +150,7 @@ fn passes(found: &Found, is_cpu: bool) -> String {
     table(&lines.collect::<Vec<_>>())
 }
 
-/// The cameras of a place, one a line, with the candidates beside each other.
+/// Returns the cameras of a place, one a line, with the candidates beside each other.
 fn cameras(rows: &[Row]) -> String {
     let mut header = cells([""]);
     header.extend(drawn(rows).map(|(row, _)| row.pipeline.clone()));
@@ -174,7 +174,7 @@ fn line_of(row: &Row) -> Line<'_> {
     (&row.scene, row.size, &row.pipeline)
 }
 
-/// The candidates in lines, the numbers of splats in columns.
+/// Returns the candidates in lines, the numbers of splats in columns.
 fn overview(report: &Report) -> String {
     let mut columns: Vec<u32> = report.rows.iter().map(|row| row.splats).collect();
     columns.sort_unstable();

@@ -241,7 +241,7 @@ fn features(lightness: &Plane) -> Vec<[f64; 2]> {
 mod tests {
     use super::*;
 
-    /// A picture with edges, points and colours, in steps of 8 bits.
+    /// Returns a picture with edges, points and colours, in steps of 8 bits.
     fn pattern(width: usize, height: usize, seed: usize) -> Image {
         Image::from_fn(width, height, |x, y| {
             let flat = (x / 9 + y / 7 + seed) % 5;

@@ -94,7 +94,7 @@ pub fn measure<D: Device>(
     Ok(found)
 }
 
-/// The milliseconds of the phase that blends: `draw` of quads, `rasterise` of tiles.
+/// Returns the milliseconds of the phase that blends: `draw` of quads, `rasterise` of tiles.
 pub fn blending(time: &Time) -> Option<f64> {
     time.phases.get("draw").or_else(|| time.phases.get("rasterise")).copied()
 }

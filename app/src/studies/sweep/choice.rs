@@ -27,7 +27,7 @@ impl Choice {
     /// Lists all of them.
     pub const ALL: [Choice; 4] = [Choice::FileOrder, Choice::WorldSize, Choice::ScreenSize, Choice::Nearest];
 
-    /// The name in tables and plots.
+    /// Returns the name in tables and plots.
     pub fn name(self) -> &'static str {
         match self {
             Choice::FileOrder => "file order",
@@ -37,7 +37,7 @@ impl Choice {
         }
     }
 
-    /// The name in files.
+    /// Returns the name in files.
     pub fn stem(self) -> &'static str {
         match self {
             Choice::FileOrder => "file-order",
@@ -91,7 +91,7 @@ pub fn world_area(scene: &Scene, index: usize) -> f64 {
     (a * b).max(b * c).max(a * c)
 }
 
-/// The area on the screen, in square pixels over pi, of a splat that faces the camera; 0 for one that cannot show.
+/// Returns the area on the screen, in square pixels over pi, of a splat that faces the camera; 0 for one that cannot show.
 fn screen_area(scene: &Scene, camera: &Camera, index: usize) -> f64 {
     let [x, y, z] = camera.to_view(scene.positions()[index].map(f64::from));
     if z <= NEAR {

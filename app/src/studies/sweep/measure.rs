@@ -30,7 +30,7 @@ pub struct Step {
     pub gpu_bytes: u64,
 }
 
-/// The numbers of splats of a sweep: all, a half, a quarter, ..., as many as `steps`, none below 1.
+/// Returns the numbers of splats of a sweep: all, a half, a quarter, ..., as many as `steps`, none below 1.
 pub fn counts(all: u32, steps: u32) -> Vec<u32> {
     let mut counts: Vec<u32> = (0..steps).map(|step| all.checked_shr(step).unwrap_or(0).max(1)).collect();
     counts.dedup();

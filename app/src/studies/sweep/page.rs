@@ -56,7 +56,7 @@ struct Mean {
 }
 
 impl Swept {
-    /// The steps of a choice from the fewest splats to all of them, in the mean over the views.
+    /// Returns the steps of a choice from the fewest splats to all of them, in the mean over the views.
     fn means(&self, choice: Choice) -> Vec<Mean> {
         let of = |step: &&Step| step.choice.is_none_or(|own| own == choice);
         let counts: BTreeSet<u32> = self.steps.iter().filter(of).map(|step| step.count).collect();
@@ -187,13 +187,13 @@ impl Swept {
         text::table(&std::iter::once(self.header()).chain(self.rows()).collect::<Vec<_>>())
     }
 
-    /// The columns of the table.
+    /// Returns the columns of the table.
     fn header(&self) -> Vec<String> {
         let fixed = ["choice", "splats", "PSNR dB", "GPU ms"].map(String::from);
         fixed.into_iter().chain(self.phases().iter().map(|name| name.to_string())).collect()
     }
 
-    /// The phases that were measured, in the order of a frame.
+    /// Returns the phases that were measured, in the order of a frame.
     fn phases(&self) -> Vec<&'static str> {
         let measured = |name: &&str| {
             self.steps.iter().flat_map(|step| &step.time).any(|time| time.phases.contains_key(*name))

@@ -49,7 +49,7 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// The scene's name and the graph's, for headings.
+    /// Returns the scene's name and the graph's, for headings.
     pub fn title(&self) -> String {
         let name = Path::new(&self.scene)
             .file_stem()
@@ -77,7 +77,7 @@ impl Origin {
         differs.into_iter().filter(|(_, differs)| *differs).map(|(name, _)| name).collect()
     }
 
-    /// The number of cameras.
+    /// Returns the number of cameras.
     pub fn views(&self) -> usize {
         self.cameras.as_array().map_or(0, Vec::len)
     }
@@ -157,7 +157,7 @@ impl Book {
         output::write_bytes(&self.path, format!("{text}\n").as_bytes())
     }
 
-    /// The path of the file.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -225,7 +225,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / f64::from(count.max(1))
 }
 
-/// The PSNR of the mean of several mean squared errors.
+/// Returns the PSNR of the mean of several mean squared errors.
 fn joint_psnr(of_views: impl Iterator<Item = Option<f64>>) -> f64 {
     -10.0 * mean(of_views.map(squared_error)).log10()
 }
@@ -355,7 +355,7 @@ mod tests {
         within(ms, 0.005, psnr_db)
     }
 
-    /// A setting whose share has a range of so much to both sides.
+    /// Returns a setting whose share has a range of so much to both sides.
     fn within(ms: f64, half: f64, psnr_db: Option<f64>) -> Measured {
         let share = ms / 4.0;
         let time = Time {

@@ -23,7 +23,7 @@ pub(super) const COLUMNS: [&str; 13] = [
     "note",
 ];
 
-/// The cells of a line, with as many digits as people read.
+/// Returns the cells of a line, with as many digits as people read.
 pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
     let optional = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
     let db = |value: f64| if value.is_finite() { format!("{value:.1}") } else { "equal".into() };
@@ -62,7 +62,7 @@ fn note(mark: Mark) -> &'static str {
     }
 }
 
-/// The sign before a setting's name.
+/// Returns the sign before a setting's name.
 pub(super) fn sign(mark: Mark) -> &'static str {
     match mark {
         Mark::Best => "*",

@@ -6,7 +6,7 @@ use splatgraph_framework::ir::Value;
 use splatgraph_null::{Config, limits};
 use splatgraph_runtime::Limits;
 
-/// A visit to a viewer whose frames all need this many entries; the scene's default is 200.
+/// Returns a visit to a viewer whose frames all need this many entries; the scene's default is 200.
 fn visit(needed: u32, limits: Limits, steps: impl FnOnce(&mut Script)) -> Vec<Event> {
     let folder = tempfile::tempdir().expect("a folder");
     arrange(folder.path());

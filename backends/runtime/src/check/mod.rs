@@ -108,7 +108,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// A resource that `user` uses as `usage`.
+    /// Returns a resource that `user` uses as `usage`.
     fn used(&self, id: ResourceId, usage: Usage, user: &str) -> Result<&'a Resource, BackendError> {
         let resource = self.resources(id, user)?;
         if !resource.usage.contains(usage) {

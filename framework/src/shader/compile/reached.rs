@@ -461,7 +461,7 @@ fn number(text: &str) -> Option<i64> {
 mod tests {
     use super::*;
 
-    /// The names in capitals that a shader reaches where `A=1`, `B=2`, `N=-1` and `F=0.5`; `all` if it cannot be followed.
+    /// Returns the names in capitals that a shader reaches where `A=1`, `B=2`, `N=-1` and `F=0.5`; `all` if it cannot be followed.
     fn names(text: &str) -> String {
         names_of(&[("main", text)])
     }

@@ -70,7 +70,7 @@ fn small(value: u64, what: &str) -> Result<u32, String> {
     value.try_into().map_err(|_| format!("{what} has {value} bytes, which is too large"))
 }
 
-/// A variable bound through a descriptor.
+/// Reflects a variable bound through a descriptor.
 fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<ReflectedBinding, String> {
     // Look through arrays to the type of a descriptor.
     let mut element = variable.pointee;

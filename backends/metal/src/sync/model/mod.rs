@@ -330,7 +330,7 @@ fn add(known: &mut [u64], more: &[u64]) {
     known.iter_mut().zip(more).for_each(|(known, more)| *known |= more);
 }
 
-/// The parts of a pass that have some of these stages.
+/// Returns the parts of a pass that have some of these stages.
 fn parts(plan: &Plan, pass: PassId, stages: Stages) -> Vec<Part> {
     let draws = matches!(plan.pass(pass).work, Work::Draw { .. });
     let early = Stages::INDIRECT | Stages::VERTEX;
