@@ -39,7 +39,7 @@ pub struct Plan {
     pub facts: BTreeMap<String, Value>,
     /// Parameters, in the order of the file.
     pub params: Vec<Param>,
-    /// What each parameter does, in the same order.
+    /// The effect of each parameter, in the same order.
     pub effects: Vec<Effect>,
     /// Buffers and images, indexed by [`ResourceId`].
     pub resources: Vec<Resource>,
@@ -47,8 +47,7 @@ pub struct Plan {
     pub shaders: Vec<Shader>,
     /// Passes, indexed by [`PassId`].
     pub passes: Vec<Pass>,
-    /// The memory of the transient resources. Each stands in one block, alone or with others that are never alive at the
-    /// same time.
+    /// Memory of the transient resources. Resources with disjoint lifetimes can share a block.
     pub blocks: Vec<Block>,
     /// Pairs of passes that must run in order, sorted by the ids of the later passes: see [`Plan::dependencies_of`].
     pub dependencies: Vec<Dependency>,
@@ -56,21 +55,21 @@ pub struct Plan {
     pub layout_changes: Vec<LayoutChange>,
     /// Runs once after the plan or the scene changed.
     pub prologue: Vec<Step>,
-    /// Recorded once, as one call, between the prologue and the first frame: shows the frames what the prologue wrote, and
-    /// brings images into the layouts that they are in between frames.
+    /// Recorded once, as one call, between the prologue and the first frame: makes the prologue's writes visible, and
+    /// transitions images to their layouts between frames.
     pub handover: Vec<Barrier>,
-    /// Runs every frame, after the handover or after the frame before.
+    /// Runs every frame, after the handover or the previous frame.
     pub frame: Vec<Step>,
-    /// Passes of the file that are not in the plan because nothing reads what they write, or their `when` is false.
+    /// Passes of the file that are not in the plan: nothing reads their results, or their `when` is false.
     pub culled: Vec<Culled>,
-    /// What is allowed in the graph, and probably not meant.
+    /// Constructs of the graph that are allowed but probably unintended.
     pub warnings: Vec<Warning>,
     /// The image that is shown or saved. A [`Work::Export`](crate::ir::Work::Export) pass at the end of the frame leaves it in
     /// [`Layout::TransferSource`], readable by [`Stages::COPY`].
     pub output: ResourceId,
-    /// Numbers that the GPU computes and people want to see: 32-bit words of buffers. The export copies them to the resource
-    /// with [`Source::Readback`], one after another, and the frame's last step, [`Work::Host`](crate::ir::Work::Host), is the host reading them there.
-    /// A plan without any has neither.
+    /// Numbers computed on the GPU for the host: 32-bit words of buffers. The export copies them in order to the resource
+    /// with [`Source::Readback`], where the host reads them in the last step of the frame, [`Work::Host`](crate::ir::Work::Host).
+    /// Without statistics a plan has neither.
     pub stats: Vec<Stat>,
 }
 
@@ -97,14 +96,14 @@ impl Plan {
 
     /// Returns the name of the graph or preset that is drawn.
     ///
-    /// It is the requested one, or what stands in for it.
+    /// It is the requested graph or its fallback.
     pub fn drawn(&self) -> &str {
         self.fallbacks.last().map_or(&self.name, |fallback| &fallback.taken)
     }
 
-    /// Lists the choices that facts made: `rasteriser = serial and sorter = serial, because device.subgroup_size = 8`.
+    /// Lists the choices that follow from facts: `rasteriser = serial and sorter = serial, because device.subgroup_size = 8`.
     ///
-    /// They are the constant choices and bools whose value an expression over facts gave; those of the same facts share a line.
+    /// These are the constant choices and bools whose value is an expression over facts. Values with equal reasons share a line.
     pub fn decisions(&self) -> Vec<String> {
         let mut found: Vec<(&Reason, Vec<String>)> = Vec::new();
         for param in &self.params {
@@ -123,7 +122,7 @@ impl Plan {
         found.iter().map(|(reason, all)| format!("{}, because {reason}", all.join(" and "))).collect()
     }
 
-    /// Returns what a parameter does in the plan; `None` for a name that the graph does not have.
+    /// Returns the effect of a parameter; `None` for an unknown name.
     pub fn effect(&self, parameter: &str) -> Option<&Effect> {
         self.effects.get(self.params.iter().position(|param| param.name == parameter)?)
     }
@@ -145,7 +144,7 @@ impl Plan {
         phases
     }
 
-    /// Says in a sentence what a parameter does: which passes depend on it, or why it has no effect.
+    /// Describes the effect of a parameter in a sentence: which passes depend on it, or why it has none.
     pub fn effect_text(&self, parameter: &str) -> Option<String> {
         let effect = self.effect(parameter)?;
         if let Some(why) = &effect.none {
@@ -213,7 +212,7 @@ impl Plan {
     }
 }
 
-/// Points out something in a graph that is allowed, and probably not meant.
+/// A construct of a graph that is allowed but probably unintended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Warning {
     /// The message, with its places in the files that the plan was built from.
@@ -235,8 +234,8 @@ pub struct Resource {
     pub source: Source,
     /// The memory of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
-    /// The name under which its contents are kept from frame to frame, and from one plan to the next that has a history of the
-    /// same name and shape, unless a pass of the prologue writes it: then each plan starts it anew. (Of a ping-pong resource, only the half that the frame ends with as its front has it.)
+    /// The name under which its contents persist from frame to frame, and to the next plan with a history of the same
+    /// name and shape, unless a pass of the prologue writes it. (For a ping-pong resource, only the final front has it.)
     pub history: Option<String>,
     /// The declaration.
     pub origin: Origin,
@@ -251,7 +250,7 @@ pub struct Block {
 }
 
 impl Resource {
-    /// Returns the size in bytes, without any padding of a device.
+    /// Returns the size in bytes, without padding.
     pub fn bytes(&self) -> u64 {
         self.shape.bytes()
     }
@@ -260,8 +259,8 @@ impl Resource {
 /// Holds a pass, and Vulkan's barriers before it, which are recorded as one call.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
-    /// At most one on all memory, which comes first, and one for each image that changes its layout. Those of one call do not
-    /// form chains with each other.
+    /// At most one barrier on all memory, which comes first, and one for each image that changes its layout. Barriers of one
+    /// call do not form chains with each other.
     pub barriers: Vec<Barrier>,
     /// The pass.
     pub pass: PassId,
@@ -269,11 +268,11 @@ pub struct Step {
 
 /// Orders earlier commands, at the source, before later ones, at the target, and their memory accesses with them.
 ///
-/// The meaning is Vulkan's. Everything that the source stages and the stages before them did happens before
-/// everything that the target stages and the stages after them will do, for all resources, and barriers whose scopes meet
-/// form chains. Of the writes of the source stages themselves, those of the source accesses are made available; what is
-/// available by then (from here, or from earlier in the chain) becomes visible to the target accesses of the target stages
-/// themselves. Without an image this memory part holds for all memory, with one for accesses through that image only.
+/// The meaning is Vulkan's. All earlier work of the source stages and of stages before them happens before all later work
+/// of the target stages and of stages after them, for all resources. Barriers with overlapping scopes form chains.
+/// Writes by the source accesses in the source stages themselves are made available. Available writes (from here, or
+/// from earlier in the chain) become visible to the target accesses in the target stages themselves. Without an image,
+/// availability and visibility apply to all memory, otherwise only to accesses through that image.
 /// (Vulkan 1.3, chapter 7, "Synchronization and Cache Control".)
 #[derive(Clone, Debug, PartialEq)]
 pub struct Barrier {
@@ -292,23 +291,23 @@ pub struct Barrier {
     pub causes: Vec<Cause>,
 }
 
-/// Orders an access of a later pass after one of an earlier pass, and shows it what that wrote.
+/// Orders an access of a later pass after an access of an earlier pass, and makes its writes visible.
 ///
-/// Only accesses next to each other in time are listed. A read comes after the last write. A write comes after all reads since the last
-/// write, or after that write if nothing has read it. All other order follows from chains of these.
+/// A read depends on the last write. A write depends on all reads since the last write, or on that write if nothing has
+/// read it. All other order follows from chains of dependencies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dependency {
-    /// The kind of conflict; [`Hazard::LayoutChange`] where only the change of an image's layout waits, and not the pass itself.
+    /// The kind of conflict; [`Hazard::LayoutChange`] if only the change of an image's layout waits, and not the pass itself.
     pub hazard: Hazard,
     /// The earlier pass.
     pub first: PassId,
     /// The later pass.
     pub second: PassId,
-    /// Tells which run of the earlier pass it is.
+    /// The run of the earlier pass.
     pub since: Since,
     /// The resource that the later pass accesses.
     pub resource: ResourceId,
-    /// The resource that the earlier pass accessed, where it is another one in the same memory.
+    /// The resource that the earlier pass accessed, if it is another one in the same memory.
     pub alias: Option<ResourceId>,
     /// The smallest range of the resource that holds all bytes of the conflict.
     pub bytes: Range<u64>,
@@ -316,11 +315,11 @@ pub struct Dependency {
     pub source: Scope,
     /// The later accesses.
     pub target: Scope,
-    /// The later pass finds the image in another layout, and the change of it waits for the earlier accesses.
+    /// True if the image changes its layout in between, and the change waits for the earlier accesses.
     pub changes_layout: bool,
 }
 
-/// Lists stages of a pass, and accesses at these.
+/// Stages of a pass, and accesses in these stages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Scope {
     /// The stages.
@@ -329,37 +328,37 @@ pub struct Scope {
     pub accesses: Accesses,
 }
 
-/// Tells which run of the earlier pass a later one depends on.
+/// Selects the run of the earlier pass that a later one depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Since {
     /// Both run in the prologue, or in one frame.
     Same,
     /// The earlier pass runs in the prologue, the later one in the first frame.
     Prologue,
-    /// The earlier pass runs in the frame before that of the later one.
+    /// The earlier pass runs in the previous frame.
     PreviousFrame,
 }
 
-/// Says that a pass needs an image in another layout than the passes before it left.
+/// A change of an image's layout before a pass.
 ///
-/// APIs without layouts ignore it. The change counts as a write of the whole image just before the pass. [`Dependency::changes_layout`] lists what it waits for, and
-/// nothing where the image was never touched.
+/// APIs without layouts ignore it. For others it is a write of the whole image just before the pass. It waits for the dependencies
+/// with [`Dependency::changes_layout`]; there are none if the image was never accessed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LayoutChange {
     /// The image.
     pub image: ResourceId,
-    /// The layout before; [`Layout::Undefined`] where the contents are not needed.
+    /// The layout before; [`Layout::Undefined`] if the contents are not needed.
     pub old: Layout,
     /// The layout after.
     pub new: Layout,
     /// The pass that needs it.
     pub before: PassId,
-    /// It happens once, between the prologue and the first frame, and brings the image to where a frame leaves it; `before` is the
-    /// first pass of the frame that touches the image.
+    /// True in the handover: it transitions the image to its layout between frames; `before` is the
+    /// first pass of the frame that accesses the image.
     pub handover: bool,
 }
 
-/// Changes an image's layout. `old` is [`Layout::Undefined`] where the contents are not needed.
+/// Changes an image's layout. `old` is [`Layout::Undefined`] if the contents are not needed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Transition {
     /// The image.
@@ -375,23 +374,23 @@ pub struct Transition {
 pub struct Cause {
     /// The kind of conflict.
     pub hazard: Hazard,
-    /// The pass that needs it: that of the step, or a later one that would otherwise need a call of its own. (It may be one at
-    /// the start of the next frame, whose needs the last call of this one meets.)
+    /// The pass that requires it: the pass of the step, or a later one, which saves a call. (It may be at
+    /// the start of the next frame.)
     pub before: PassId,
     /// The resource that it accesses.
     pub resource: ResourceId,
-    /// The passes that are waited for, the latest of each kind. Empty where an image was never touched.
+    /// The passes to wait for, the latest of each kind. Empty if an image was never accessed.
     pub after: Vec<PassId>,
-    /// They ran in the frame before that of `before`.
+    /// True if they ran in the previous frame.
     pub previous_frame: bool,
-    /// The resource that they touched, where it is another one in the same memory.
+    /// The resource that they accessed, if it is another one in the same memory.
     pub alias: Option<ResourceId>,
-    /// The stages that this reason alone waits for.
+    /// Source stages required by this reason.
     pub source_stages: Stages,
-    /// Its writes to make available.
+    /// Source accesses required by this reason.
     pub source_accesses: Accesses,
-    /// Its stages that wait.
+    /// Target stages required by this reason.
     pub target_stages: Stages,
-    /// Its accesses that the writes become visible to.
+    /// Target accesses required by this reason.
     pub target_accesses: Accesses,
 }

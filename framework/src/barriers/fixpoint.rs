@@ -9,10 +9,10 @@ use super::scopes::Masks;
 use super::state::{Inputs, SyncState};
 use crate::plan::{Barrier, Step};
 
-/// Frames after which every frame has been followed by one like it.
+/// Number of frames after which the state repeats.
 const FRAMES: usize = 3;
 
-/// Returns a list of barriers that holds and has no bit to spare, from what two rounds one after the other asked for.
+/// Returns a sufficient list of barriers without needless bits, from the barriers of two successive rounds.
 pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) -> Option<Vec<Step>> {
     for (step, other) in steps.iter_mut().zip(other) {
         for barrier in other.barriers {
@@ -26,7 +26,7 @@ pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) 
         for at in 0..steps[step].barriers.len() {
             let barrier = steps[step].barriers[at].clone();
             let masks = Masks::of(&barrier);
-            // The target of a change of layout is what the pass does to the image: there is nothing to spare.
+            // The target of a layout change is the pass's own access: all of its bits are needed.
             let fixed = if barrier.image.is_some() { masks.target() } else { Masks::default() };
             let least = needs::least(masks.without(fixed), |masks| {
                 steps[step].barriers[at] = masks.with(fixed).on(&barrier);
@@ -40,7 +40,7 @@ pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) 
     Some(steps)
 }
 
-/// Adds a barrier to a call that may have one of the same kind already.
+/// Merges a barrier into a call.
 fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     match call.iter_mut().find(|b| b.image == barrier.image) {
         Some(known) => {
@@ -57,7 +57,7 @@ fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     }
 }
 
-/// Returns whether every requirement is met in frame after frame.
+/// Returns true if every requirement is met in all frames.
 fn holds(steps: &[Step], inputs: &Inputs) -> bool {
     let mut state = SyncState::new(inputs);
     (0..FRAMES).all(|_| {

@@ -1,13 +1,13 @@
 //! Vulkan's barriers, from the dependencies of a plan: a walk over the passes that tracks the effect of the barriers so far.
 //!
-//! A barrier is placed as late as possible, immediately before the pass that requires it, with as few bits as suffice. Where all
+//! A barrier is placed as late as possible, immediately before the pass that requires it, with as few bits as suffice. If all
 //! causes of a requirement precede the last call, that call gets the bits instead, so that there are as few calls as possible.
-//! For each pass the walk asks which requirements the barriers so far leave unmet: `needs` represents a requirement, `state`
-//! tracks the passes and the layouts, and `scopes` tracks the effect of the barriers. Nothing here looks at memory: which accesses
-//! conflict and where layouts change is read from the plan. A dependency on an access before a layout change counts as one on the change,
-//! which waited for that access.
+//! For each pass the walk finds the requirements that the barriers so far do not meet: `needs` represents a requirement, `state`
+//! tracks the passes and the layouts, and `scopes` tracks the effect of the barriers. The module does not look at accesses: the
+//! plan lists the conflicts and the layout changes. A dependency on an access before a layout change counts as a dependency on the
+//! change, which waited for that access.
 //!
-//! Every frame records the same barriers, and follows a frame that did. So the walk over the frame is repeated until the list of
+//! Every frame records the same barriers, and follows such a frame. The walk over the frame is therefore repeated until the list of
 //! barriers is a fixpoint; usually two rounds find it and a third confirms it. Additional requirements of the first frame, which
 //! follows the prologue, are met once, by the handover between them.
 
@@ -29,11 +29,11 @@ pub(crate) struct Barriers {
     pub frame: Vec<Step>,
 }
 
-/// Rounds after which the walk is not expected to reach a fixpoint by itself; three have been enough for nearly every graph.
+/// Maximum number of rounds before the walk counts as cyclic; three suffice for nearly every graph.
 const MOST_ROUNDS: usize = 8;
 
-/// Places the barriers of the prologue, the handover and the frame. Those of the plan so far are not looked at. `None` if none
-/// were found that hold, which would be a mistake in here.
+/// Places the barriers of the prologue, the handover and the frame, and ignores those of the plan. `None` if no sufficient
+/// barriers were found, which would be a bug.
 pub(crate) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Option<Barriers> {
     let inputs = Inputs::new(plan);
     let walk = |state: &mut SyncState, ids: &[PassId]| -> Vec<Step> {
@@ -63,7 +63,7 @@ pub(crate) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Optio
 
 /// Computes the one call between prologue and first frame; `None` if no call suffices.
 ///
-/// It brings images into the layouts that frames expect, and makes the prologue's writes visible.
+/// It transitions images to the layouts that frames expect, and makes the prologue's writes visible.
 fn handover(start: &SyncState, frame: &[Step], inputs: &Inputs) -> Option<Vec<Barrier>> {
     let mut call = Handover { memory: Masks::default(), needs: Vec::new(), images: Vec::new() };
     for change in inputs.plan.layout_changes.iter().filter(|change| change.handover) {
@@ -72,7 +72,7 @@ fn handover(start: &SyncState, frame: &[Step], inputs: &Inputs) -> Option<Vec<Ba
         let LayoutChange { image, old, new, before, .. } = *change;
         call.images.push((Transition { image, old, new }, masks, needs, before));
     }
-    // Every round gives the call what the last one missed.
+    // Every round adds what the previous one missed.
     loop {
         let missing = call.missing(start, frame, inputs);
         if missing.is_empty() {
@@ -91,7 +91,7 @@ struct Handover {
     memory: Masks,
     /// The requirements that `memory` meets.
     needs: Vec<Requirement>,
-    /// With the pass that is the first to touch the image.
+    /// Each with the first pass that accesses the image.
     images: Vec<(Transition, Masks, Vec<Requirement>, PassId)>,
 }
 
@@ -123,7 +123,7 @@ impl Handover {
         barriers
     }
 
-    /// Lists the requirements of the first frame that this handover leaves unmet.
+    /// Lists the requirements of the first frame that this handover does not meet.
     fn missing(&self, start: &SyncState, frame: &[Step], inputs: &Inputs) -> Vec<Requirement> {
         let mut state = start.clone();
         // The call stands right before the first pass.
@@ -133,7 +133,7 @@ impl Handover {
         frame.iter().flat_map(|step| state.replay(step.pass, &step.barriers, inputs)).collect()
     }
 
-    /// Gives the call what `need` is missing; false if it has it already.
+    /// Adds what `need` requires to the call; returns false if it was already there.
     fn add(&mut self, need: &Requirement) -> bool {
         let mut target = need.least_target();
         let before = (self.memory, self.images.iter().map(|i| i.1).collect::<Vec<_>>());
@@ -143,7 +143,7 @@ impl Handover {
             // It waits for the change of layout itself.
             Some((_, masks, ..)) => masks.add(target),
             None => {
-                // What the first frame's own barriers would chain with comes after this call: it flushes by itself.
+                // The first frame's own barriers come after this call, so it cannot rely on a chain with them.
                 let flushes =
                     Masks { source_stages: need.from, source_accesses: need.flush, ..Masks::default() };
                 target.add(if need.flush.is_empty() { need.least_source() } else { flushes });
@@ -154,7 +154,7 @@ impl Handover {
         before != (self.memory, self.images.iter().map(|i| i.1).collect())
     }
 
-    /// Clears every bit that the first frame can do without.
+    /// Clears every bit that the first frame does not need.
     fn reduce(&mut self, start: &SyncState, frame: &[Step], inputs: &Inputs) {
         let reduced = needs::least(self.memory, |masks| {
             let less = Handover { memory: *masks, needs: self.needs.clone(), images: self.images.clone() };
@@ -162,7 +162,7 @@ impl Handover {
         });
         self.memory = reduced;
         for i in 0..self.images.len() {
-            // What the change waits for is least by itself.
+            // The source of a layout change is already minimal.
             let masks = self.images[i].1;
             let source =
                 Masks { target_stages: Default::default(), target_accesses: Default::default(), ..masks };

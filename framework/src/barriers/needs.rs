@@ -4,7 +4,7 @@ use super::scopes::{Masks, Time, with_later};
 use crate::ir::{Accesses, Hazard, PassId, ResourceId, Stages};
 use crate::plan::{Barrier, Cause};
 
-/// Why: what happened before, and to what.
+/// The cause of a requirement: an earlier access, and its resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Reason {
     pub hazard: Hazard,
@@ -20,30 +20,29 @@ pub(super) struct Reason {
     pub time: Time,
 }
 
-/// That something which happened comes before something which is about to: for one stage and one access on either side.
+/// A happens-before requirement between two accesses, one stage on each side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Requirement {
     pub reason: Reason,
-    /// The stage that did it, and the access to make available, where that was a write which no barrier has made available yet
-    /// to anybody of use here.
+    /// Source stage; and the write access to make available, unless an earlier barrier already did.
     pub from: Stages,
     pub flush: Accesses,
-    /// Stages of which waiting for one has the same effect as flushing: a chain with earlier barriers. With a stage, those that
-    /// follow it in a pipeline are among them.
+    /// Stages to wait for instead of flushing, as a chain with earlier barriers; any one suffices. Includes later stages of
+    /// the pipeline.
     pub via: Stages,
-    /// The stage that is about to do something, and the access that must see it; no access where order is enough.
+    /// Target stage, and the access to which the write must be visible; no access for an execution dependency.
     pub to: Stages,
     pub access: Accesses,
 }
 
 impl Requirement {
-    /// Returns whether the same barriers meet both.
+    /// Returns true if the same barriers meet both.
     pub fn asks_the_same_as(&self, other: &Requirement) -> bool {
         let asked = |n: &Requirement| (n.from, n.flush, n.via, n.to, n.access);
         asked(self) == asked(other)
     }
 
-    /// Returns whether a barrier with these masks meets it.
+    /// Returns true if a barrier with these masks meets it.
     pub fn is_met_by(&self, masks: &Masks) -> bool {
         let target = match self.access.is_empty() {
             true => with_later(masks.target_stages).contains(self.to),
@@ -60,12 +59,12 @@ impl Requirement {
         flushes || masks.source_stages.intersects(self.via)
     }
 
-    /// Returns whether the execution order of an image barrier alone meets it.
+    /// Returns true if the execution order of an image barrier is enough.
     pub fn is_met_by_order(&self, masks: &Masks) -> bool {
         self.access.is_empty() && self.is_met_by(masks)
     }
 
-    /// Returns the least source for this need alone.
+    /// Returns the smallest source for this need.
     pub fn least_source(&self) -> Masks {
         let chained = self.via.iter().find(|stage| *stage == self.from).or(self.via.iter().next());
         match chained {
@@ -74,16 +73,16 @@ impl Requirement {
         }
     }
 
-    /// Returns the least target for this need alone.
+    /// Returns the smallest target for this need.
     pub fn least_target(&self) -> Masks {
         Masks { target_stages: self.to, target_accesses: self.access, ..Masks::default() }
     }
 }
 
-/// Returns the least barrier on all memory that meets the needs: no bit can be cleared without missing one.
+/// Returns a minimal barrier on all memory that meets the needs: clearing any bit would miss one.
 pub(super) fn memory_barrier(needs: &[Requirement]) -> Masks {
     let mut masks = Masks::default();
-    // First what has no alternative, so that the rest can do with it where possible.
+    // First the needs without alternatives, whose bits may satisfy the others.
     for need in needs.iter().filter(|n| !n.access.is_empty()) {
         masks.add(need.least_target());
     }
@@ -101,7 +100,7 @@ pub(super) fn memory_barrier(needs: &[Requirement]) -> Masks {
     least(masks, |masks| needs.iter().all(|need| need.is_met_by(masks)))
 }
 
-/// Returns the least source that meets the needs of a change of layout, whose targets are the change itself.
+/// Returns a minimal source that meets the needs of a layout change, whose target is the change itself.
 pub(super) fn least_source(needs: &[Requirement]) -> Masks {
     let mut masks = Masks::default();
     let (forced, free): (Vec<&Requirement>, Vec<&Requirement>) = needs.iter().partition(|n| n.via.is_empty());
@@ -113,7 +112,7 @@ pub(super) fn least_source(needs: &[Requirement]) -> Masks {
     least(masks, |masks| needs.iter().all(|need| need.source_is_met_by(masks)))
 }
 
-/// Clears every bit that is not needed, one after the other.
+/// Clears unneeded bits one by one.
 pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool) -> Masks {
     for bit in masks.bits() {
         let less = masks.without(bit);
@@ -130,7 +129,7 @@ pub(super) fn causes(needs: &[Requirement]) -> Vec<Cause> {
     for need in needs {
         let Reason { hazard, resource, alias, after, previous_frame, before, .. } = need.reason;
         let source = need.least_source();
-        // Who reads and writes what another wrote says so once, as a reader.
+        // A pass that both reads and writes gives one reason, as a reader.
         let apart = hazard == Hazard::WriteAfterRead;
         let same = |d: &&mut Cause| {
             (d.before, d.resource, d.alias, d.previous_frame) == (before, resource, alias, previous_frame)
@@ -158,7 +157,7 @@ pub(super) fn causes(needs: &[Requirement]) -> Vec<Cause> {
     causes
 }
 
-/// Returns a reason that asks for nothing yet.
+/// Creates a reason with empty masks.
 pub(super) fn cause(hazard: Hazard, before: PassId, resource: ResourceId) -> Cause {
     Cause {
         hazard,

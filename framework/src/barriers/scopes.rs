@@ -13,10 +13,10 @@ pub(super) const STAGES: usize = Stages::all().bits().count_ones() as usize;
 /// Number of accesses that [`Accesses`] names.
 const ACCESSES: usize = Accesses::all().bits().count_ones() as usize;
 
-/// The pass that is walked as number `n` happens at time `2 n`, the barriers before it at `2 n - 1`. 0 is before everything.
+/// Pass number `n` of the walk happens at time `2 n`, the barriers before it at `2 n - 1`. 0 is before everything.
 pub(super) type Time = u32;
 
-/// A time for each origin: of what happened there, all up to then.
+/// A time for each origin: it covers everything that happened there up to this time.
 type Since = [Time; ORIGINS];
 
 /// Returns the position of a single stage's or access's bit.
@@ -27,12 +27,12 @@ pub(super) fn index(bit: u32) -> usize {
 const DRAW: [Stages; 4] = [Stages::INDIRECT, Stages::VERTEX, Stages::FRAGMENT, Stages::COLOR_OUTPUT];
 const DISPATCH: [Stages; 2] = [Stages::INDIRECT, Stages::COMPUTE];
 
-/// Returns the stages, and those that come after them in a draw or a dispatch: what waits for a barrier with this target.
+/// Returns the stages and later stages of their pipelines: all that wait for a barrier with this target.
 pub(super) fn with_later(stages: Stages) -> Stages {
     stages | later_in(&DRAW, stages) | later_in(&DISPATCH, stages)
 }
 
-/// Returns the first of these stages in a pipeline, and all that follow it.
+/// Returns the first of `stages` in a pipeline, and all later ones.
 fn later_in(pipeline: &[Stages], stages: Stages) -> Stages {
     pipeline.iter().skip_while(|stage| !stages.contains(**stage)).copied().collect()
 }
@@ -42,8 +42,8 @@ pub(super) const ORIGINS: usize = STAGES + 1;
 
 /// The stage of a command where an access happens.
 ///
-/// Draws and dispatches both read their arguments at [`Stages::INDIRECT`], and other stages follow it in the one than in the
-/// other. A barrier waits for the stages that it names and for those before them *in the same pipeline*: one after `COMPUTE`
+/// Draws and dispatches both read their arguments at [`Stages::INDIRECT`], which different stages follow. A barrier waits for the
+/// stages that it names and for earlier stages *of the same pipeline*: a barrier after `COMPUTE`
 /// does not wait for the arguments of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Origin(usize);
@@ -65,7 +65,7 @@ impl Origin {
         if self.0 == STAGES { Stages::INDIRECT } else { Stages::from_bits_truncate(1 << self.0) }
     }
 
-    /// Returns the stages of which a barrier's source must have one to wait for it: its own, and those that follow in the command.
+    /// Returns its own stage and later stages of the command. A barrier's source must have one of them to wait for it.
     pub fn named_by(self) -> Stages {
         let stage = self.stage();
         let pipeline: &[Stages] = if self.0 == STAGES { &DISPATCH } else { &DRAW };
@@ -112,7 +112,7 @@ impl Masks {
         }
     }
 
-    /// Each bit by itself; accesses first, so that stages that only accesses needed can go after them.
+    /// Iterates over single bits; accesses first, so that stages needed only by them can be removed afterwards.
     pub fn bits(self) -> impl Iterator<Item = Masks> {
         let accesses =
             self.source_accesses.iter().map(move |a| Masks { source_accesses: a, ..Masks::default() });
@@ -122,7 +122,7 @@ impl Masks {
         accesses.chain(stages).chain(seen).chain(seers)
     }
 
-    /// Without the bits of another.
+    /// Removes the bits of another.
     pub fn without(self, bits: Masks) -> Masks {
         Masks {
             source_stages: self.source_stages - bits.source_stages,
@@ -137,7 +137,7 @@ impl Masks {
         Masks { source_stages: Stages::empty(), source_accesses: Accesses::empty(), ..self }
     }
 
-    /// With the bits of another as well.
+    /// Adds the bits of another.
     pub fn with(mut self, bits: Masks) -> Masks {
         self.add(bits);
         self
@@ -154,13 +154,13 @@ impl Masks {
 /// See the module's documentation.
 #[derive(Clone, Debug)]
 pub(super) struct Scopes {
-    /// `ordered[to][from]`: what `from` did happens before what `to` does from now on.
+    /// `ordered[to][from]`: work of `from` up to this time happens before later work of `to`.
     ordered: [Since; STAGES],
-    /// `available[to][from]`: what `from` wrote was made available, before what `to` does from now on.
+    /// `available[to][from]`: writes of `from` up to this time are available before later work of `to`.
     available: [Since; STAGES],
-    /// `visible[to][access][from]`: what `from` wrote is visible to this access of `to`.
+    /// `visible[to][access][from]`: writes of `from` up to this time are visible to this access of `to`.
     visible: [[Since; ACCESSES]; STAGES],
-    /// `shown[to][access][from]`: what was available to `from` is visible to this access of `to`.
+    /// `shown[to][access][from]`: writes available to `from` up to this time are visible to this access of `to`.
     shown: [[Since; ACCESSES]; STAGES],
 }
 
@@ -174,12 +174,12 @@ impl Scopes {
         }
     }
 
-    /// Returns the stages of which a barrier's source must have one, so as to be after what happened at `origin` up to `time`.
+    /// Returns the stages of which a barrier's source must name one to follow work of `origin` up to `time`.
     pub fn after(&self, origin: Origin, time: Time) -> Stages {
         origin.named_by() | reached(&self.ordered, origin, time)
     }
 
-    /// Returns the stages that a barrier may wait for so as to be after what `stage` wrote at `time` was made available.
+    /// Returns the stages that a barrier may wait for to follow the availability of what `stage` wrote at `time`.
     pub fn available(&self, stage: Stages, time: Time) -> Stages {
         reached(&self.available, Origin::new(stage, false), time)
     }
@@ -188,26 +188,26 @@ impl Scopes {
         self.ordered[index(to.bits())][from.index()] >= time
     }
 
-    /// Returns whether the writes of `from` at `time` are visible to an access of `to`.
+    /// Returns true if the writes of `from` at `time` are visible to an access of `to`.
     pub fn is_visible(&self, from: Stages, time: Time, to: Stages, access: Accesses) -> bool {
         self.visible[index(to.bits())][index(access.bits())][index(from.bits())] >= time
     }
 
-    /// Returns whether writes available to a stage of `from` at `time` are visible to an access.
+    /// Returns true if writes available to a stage of `from` at `time` are visible to an access.
     pub fn is_shown(&self, from: Stages, time: Time, to: Stages, access: Accesses) -> bool {
         let shown = &self.shown[index(to.bits())][index(access.bits())];
         from.iter().any(|from| shown[index(from.bits())] >= time)
     }
 
-    /// Lets the barriers of one call act on what happened up to `time`: each's masks, and whether it is one on all memory.
+    /// Applies the barriers of one call at `time`. Each has masks, and a flag for a barrier on all memory.
     pub fn apply(&mut self, call: impl Iterator<Item = (Masks, bool)>, time: Time) {
-        // Barriers of one call do not chain with each other: each starts from what was before the call.
+        // Barriers of one call do not form chains: each starts from the state before the call.
         let (ordered, available) = (self.ordered, self.available);
         for (masks, memory) in call {
             let target = with_later(masks.target_stages);
             for from in Origin::all() {
                 let at = from.index();
-                // What is before an earlier stage is before those that follow it as well.
+                // Work that is before a stage is also before later stages.
                 let chained = |table: &[Since; STAGES]| {
                     masks.source_stages.iter().map(|x| table[index(x.bits())][at]).max().unwrap_or(0)
                 };
@@ -241,7 +241,7 @@ fn raise(known: &mut Time, time: Time) {
     *known = (*known).max(time);
 }
 
-/// The stages for which the table says of `from` at least `time`; with a stage, those that follow it are among them.
+/// Returns the stages whose entry for `from` in the table is at least `time`, with their later stages.
 fn reached(table: &[Since; STAGES], from: Origin, time: Time) -> Stages {
     Stages::all().iter().filter(|to| table[index(to.bits())][from.index()] >= time).collect()
 }

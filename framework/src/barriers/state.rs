@@ -1,4 +1,4 @@
-//! The state of the walk: the effect of the barriers so far, the time of each pass, and the layout changes that nothing has overwritten.
+//! The state of the walk: effect of the barriers so far, time of each pass, and pending layout changes.
 
 use super::needs::{self, Reason, Requirement};
 use super::scopes::{Masks, Origin, Scopes, Time, with_later, write_access};
@@ -8,7 +8,7 @@ use crate::plan::{Barrier, Dependency, LayoutChange, Plan, Step, Transition};
 /// Inputs of the walk that do not change.
 pub(super) struct Inputs<'a> {
     pub plan: &'a Plan,
-    /// The layout changes before each pass; without those of the handover.
+    /// Layout changes before each pass, without those of the handover.
     changes: Vec<Vec<LayoutChange>>,
 }
 
@@ -30,24 +30,24 @@ impl Inputs<'_> {
     }
 }
 
-/// The past of the next pass.
+/// The state before the next pass.
 #[derive(Clone, Debug)]
 pub(super) struct SyncState {
     scopes: Scopes,
     now: Time,
     frame_start: Time,
-    /// When each pass ran last; 0 if it did not.
+    /// Time of the last run of each pass; 0 if it has not run.
     ran: Vec<Time>,
-    /// The last layout change of each image, while no pass has written the image since.
+    /// The last layout change of each image, until a pass writes the image.
     changed: Vec<Option<Changed>>,
     /// The last call.
     call: Option<Call>,
-    /// Passes at the start of a frame whose needs a call at the end of the frame before has to meet: that call's step, and the
-    /// pass.
+    /// Passes at the start of a frame whose requirements a call at the end of the previous frame must meet: the call's step,
+    /// and the pass.
     ahead: Vec<(usize, PassId)>,
 }
 
-/// A call, which later passes may still add to.
+/// A call, which later passes may extend.
 #[derive(Clone, Debug)]
 struct Call {
     /// Position in the list of steps.
@@ -56,7 +56,7 @@ struct Call {
     time: Time,
     /// The scopes before the call.
     before: Scopes,
-    /// Everything that it has to meet, once each.
+    /// All requirements that it must meet, without duplicates.
     needs: Vec<Requirement>,
     /// The requirements that only this call meets.
     reasons: Vec<Requirement>,
@@ -80,12 +80,12 @@ impl Call {
         call
     }
 
-    /// Returns the latest time of what it waits for.
+    /// Returns the latest time of its causes.
     fn covers(&self) -> Time {
         self.time - 2
     }
 
-    /// Takes on more needs; says whether the call had to change for them.
+    /// Adds needs; returns true if the call changed.
     fn meet(&mut self, needs: Vec<Requirement>) -> bool {
         let order = |need: &Requirement| self.images.iter().any(|b| need.is_met_by_order(&Masks::of(b)));
         let needs: Vec<Requirement> = needs.into_iter().filter(|need| !order(need)).collect();
@@ -119,11 +119,11 @@ struct Changed {
     pass: PassId,
     stages: Stages,
     accesses: Accesses,
-    /// Some pass has read the image since.
+    /// True if a pass has read the image since.
     is_read: bool,
 }
 
-/// A change of layout that a pass needs, and what it has to wait for.
+/// A layout change that a pass requires, with its requirements.
 struct Change {
     transition: Transition,
     before: PassId,
@@ -148,8 +148,8 @@ impl SyncState {
         self.frame_start = self.now + 1;
     }
 
-    /// Lets the pass happen, and adds it to `steps` with the barriers that it needs; or, where the last call can give them, adds
-    /// them to that.
+    /// Advances by a pass, and adds it to `steps` with the barriers that it needs. If the last call can meet the requirements,
+    /// extends that call instead.
     pub fn place(&mut self, id: PassId, steps: &mut Vec<Step>, inputs: &Inputs) {
         self.now += 2;
         let changes: Vec<Change> =
@@ -170,7 +170,7 @@ impl SyncState {
             barriers = call.barriers();
             self.call = Some(call);
         }
-        // A pass that may be left out must not carry the needs of others.
+        // A pass that may be omitted must not carry the barriers of others.
         if matches!(inputs.plan.pass(id).work, Work::ClearHistory { .. }) {
             self.call = None;
         }
@@ -178,13 +178,13 @@ impl SyncState {
         steps.push(Step { barriers, pass: id });
     }
 
-    /// Returns whether the last call, with more bits, could meet these requirements: their causes all precede it.
+    /// Returns true if the last call could meet these requirements with more bits, because their causes all precede it.
     fn can_join_last_call(&self, needs: &[Requirement]) -> bool {
         self.call.as_ref().is_some_and(|call| needs.iter().all(|need| need.reason.time <= call.covers()))
     }
 
-    /// Lets the last call meet the needs of this pass as well. Also notes what the pass found met already, so that the call
-    /// goes on meeting it.
+    /// Extends the last call to meet the requirements of this pass. Also records requirements that it already met, so that it
+    /// keeps meeting them.
     fn join_last_call(&mut self, id: PassId, steps: &mut [Step], inputs: &Inputs) {
         let Some(mut call) = self.call.take() else { return };
         let mut needs = self.needs(id, &call.before, inputs);
@@ -209,7 +209,7 @@ impl SyncState {
         needs
     }
 
-    /// Applies the barriers and the pass, and returns the requirements that the barriers leave unmet.
+    /// Applies the barriers and the pass, and returns the unmet requirements.
     ///
     /// A requirement of a layout change has the source stages of the change as its target.
     pub fn replay(&mut self, id: PassId, barriers: &[Barrier], inputs: &Inputs) -> Vec<Requirement> {
@@ -223,7 +223,7 @@ impl SyncState {
             let masks = Masks::of(barrier);
             let mut needs = self.change_needs(change, inputs, false);
             needs.retain(|need| !need.source_is_met_by(&masks));
-            // The change waits for its source stages: what comes before these comes before it.
+            // The change waits for its source stages, and so for everything before them.
             if let Some(stage) = barrier.source_stages.iter().next() {
                 needs.iter_mut().for_each(|n| (n.to, n.access) = (stage, Accesses::empty()));
             }
@@ -240,13 +240,13 @@ impl SyncState {
         missing
     }
 
-    /// Lets a call happen that stands before no pass of its own; `pass` stands for it where reasons are given.
+    /// Applies a call without a pass; `pass` takes its place in reasons.
     pub fn call(&mut self, barriers: &[Barrier], pass: PassId) {
         self.now += 2;
         self.apply(barriers, pass);
     }
 
-    /// Returns a layout change before a pass, with what it waits for.
+    /// Returns a layout change before a pass, with its requirements.
     fn change(&self, change: &LayoutChange, inputs: &Inputs) -> Change {
         let LayoutChange { image, old, new, before, .. } = *change;
         let mut target = Masks::default();
@@ -257,7 +257,7 @@ impl SyncState {
         let mut needs = self.change_needs(change, inputs, true);
         let hazard = needs.first().map_or(Hazard::LayoutChange, |need| {
             match (target.target_accesses.reads() && old != Layout::Undefined, need.reason.hazard) {
-                // The change itself writes; what the pass does says what it is for.
+                // The change itself is a write; the hazard follows from the pass's access.
                 (true, Hazard::WriteAfterWrite) => Hazard::ReadAfterWrite,
                 (true, _) if !target.target_accesses.writes() => Hazard::LayoutChange,
                 (_, hazard) => hazard,
@@ -267,8 +267,8 @@ impl SyncState {
         Change { transition: Transition { image, old, new }, before, needs, target }
     }
 
-    /// Lists the requirements of a layout change, which counts as a write. Targets are left empty. If `named`, a chain with an earlier
-    /// barrier does not do for a write: the change names it.
+    /// Lists the requirements of a layout change, which counts as a write, with empty targets. If `named`, the source must name an
+    /// earlier write, even if a chain would suffice.
     pub fn change_needs(&self, change: &LayoutChange, inputs: &Inputs, named: bool) -> Vec<Requirement> {
         let LayoutChange { image, before, .. } = *change;
         let to = (Stages::empty(), Accesses::empty());
@@ -299,7 +299,7 @@ impl SyncState {
         needs
     }
 
-    /// Returns when the earlier pass of a dependency ran; `None` if it did not, or if a layout change that follows stands for it.
+    /// Returns when the earlier pass of a dependency ran; `None` if it did not, or if a later layout change replaces it.
     fn time(&self, dependency: &Dependency) -> Option<Time> {
         let time = self.ran[dependency.first.index()];
         let touched = dependency.alias.unwrap_or(dependency.resource);
@@ -342,7 +342,7 @@ impl SyncState {
         needs
     }
 
-    /// Adds what it takes for a write to be seen by an access of `to`, or (with empty ones) to be available.
+    /// Requires a write to be visible to an access of `to`, or (if empty) available.
     fn memory(
         &self,
         (dependency, hazard): (&Dependency, Hazard),
@@ -361,7 +361,7 @@ impl SyncState {
         }
     }
 
-    /// Adds what it takes for a layout change to be seen by an access of `to`, or (with empty ones) to be over.
+    /// Requires a layout change to be visible to an access of `to`, or (if empty) complete.
     fn after_change(
         &self,
         changed: &Changed,
@@ -385,7 +385,7 @@ impl SyncState {
         add(needs, Requirement { reason, from, flush: Accesses::empty(), via, to, access });
     }
 
-    /// Adds that `to` comes after reads, unless it does; nothing comes after them if `to` is empty.
+    /// Requires `to` to run after reads (write after read: execution only).
     fn order(
         &self,
         dependency: &Dependency,
@@ -432,7 +432,7 @@ impl SyncState {
         }
     }
 
-    /// Notes what the pass did.
+    /// Records the pass.
     fn record(&mut self, id: PassId, inputs: &Inputs) {
         self.ran[id.index()] = self.now;
         for touch in &inputs.plan.pass(id).uses {
@@ -446,7 +446,7 @@ impl SyncState {
     }
 }
 
-/// Adds a need that is not among them yet: the stages of a pass mostly ask for the same.
+/// Adds a need unless it is a duplicate, as is common for stages of one pass.
 fn add(needs: &mut Vec<Requirement>, need: Requirement) {
     if !needs.contains(&need) {
         needs.push(need);

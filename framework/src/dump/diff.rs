@@ -1,6 +1,6 @@
-//! Two dumps side by side: what a parameter, or another graph, changes.
+//! Compares two dumps, to show the effect of a parameter or another graph.
 //!
-//! Passes and resources are matched by name, barriers by the pass that they stand before and the image that they are on.
+//! Passes and resources are matched by name, barriers by the pass after them and their image.
 //! Places of declarations and barrier numbers do not affect execution and are not compared.
 
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ pub struct Diff {
     pub parameters: Vec<PropertyChange>,
     /// Those that differ.
     pub facts: Vec<PropertyChange>,
-    /// All of them, also those that are the same.
+    /// All of them, including equal ones.
     pub totals: Vec<TotalChange>,
     /// Names in the lists of what only one side has.
     pub passes: Differences<String, NamedChange>,
@@ -41,7 +41,7 @@ pub struct DiffSide {
     pub summary: String,
 }
 
-/// A value that differs; `None` on the side that has no such thing.
+/// A value that differs; `None` on a side without it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PropertyChange {
     /// Name of the property, parameter or fact.
@@ -65,12 +65,12 @@ pub struct TotalChange {
     pub change: i64,
 }
 
-/// Lists the items of one side only, and those of both that differ.
+/// Items that only one side has, and items that differ.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Differences<T, C> {
-    /// Items of the first dump alone.
+    /// Items of the first dump only.
     pub only_a: Vec<T>,
-    /// Items of the second dump alone.
+    /// Items of the second dump only.
     pub only_b: Vec<T>,
     /// Items of both dumps that differ.
     pub changed: Vec<C>,
@@ -98,7 +98,7 @@ pub struct ResourceSize {
     pub bytes: u64,
 }
 
-/// A barrier that stands at the same place on both sides, with other masks, layouts or dependencies.
+/// A barrier at the same place on both sides, with different masks, layouts or dependencies.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BarrierChange {
     /// The barrier in the first dump.
@@ -287,7 +287,7 @@ fn resource_properties(dump: &Dump, resource: &DumpResource) -> Properties {
     all
 }
 
-/// Returns a barrier's dependencies, less where things are declared.
+/// Returns a barrier's dependencies without the places of declarations.
 fn reasons(barrier: &DumpBarrier) -> Vec<String> {
     barrier.dependencies.iter().map(reason).collect()
 }

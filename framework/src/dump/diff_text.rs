@@ -1,4 +1,4 @@
-//! A comparison as text. What is the same for many iterations of a repeat is said once.
+//! Formats a comparison as text. Equal differences in many iterations of a repeat are listed once.
 
 use std::fmt::{self, Write};
 
@@ -107,7 +107,7 @@ fn write_changed(out: &mut String, changed: &[NamedChange]) -> fmt::Result {
     Ok(())
 }
 
-/// Barriers that only one side has; those of different iterations that read the same but for the indices are one entry.
+/// Lists barriers that only one side has; those of different iterations that differ only in indices are one entry.
 fn write_barriers(out: &mut String, side: &str, barriers: &[DumpBarrier]) -> fmt::Result {
     let mut entries: Vec<(Vec<String>, Vec<&DumpBarrier>)> = Vec::new();
     for barrier in barriers {
@@ -166,9 +166,9 @@ fn without_indices(line: &str) -> String {
     out
 }
 
-/// Names in order, with those that follow each other drawn together: `sort.scan[0..3]`.
+/// Lists names, with successive indices merged: `sort.scan[0..3]`.
 fn ranges(names: &[String]) -> Vec<String> {
-    // Of each: what is before and behind the index, and the range so far.
+    // For each: the text before and after the index, and the range so far.
     let mut runs: Vec<(String, u32, u32)> = Vec::new();
     let mut out: Vec<Option<String>> = Vec::new();
     for name in names {

@@ -1,4 +1,4 @@
-//! The dump for Graphviz: passes as boxes in the order they run, and between them the dependencies that barriers stand for.
+//! Formats a dump for Graphviz: passes as boxes in execution order, and edges for the dependencies of barriers.
 
 use super::text::{cause_line, subject};
 use super::{Dump, DumpBarrier};
@@ -17,7 +17,7 @@ pub fn dot(dump: &Dump) -> String {
     for pass in &dump.passes {
         let next = phases.len();
         let phase = *phases.entry(&pass.phase).or_insert(next);
-        // Hues a golden angle apart are easily told from each other, however many there are.
+        // Hues at multiples of the golden angle stay distinguishable, however many there are.
         let hue = (phase as f64 * 0.381_966).fract();
         let mut lines = vec![pass.name.clone(), format!("{} {}", pass.kind, pass.size).trim_end().into()];
         lines.extend(pass.gpu_ms.map(|ms| format!("{ms:.3} ms")));
@@ -53,7 +53,7 @@ fn write_edges(out: &mut String, barrier: &DumpBarrier) {
     }
 }
 
-/// Returns a DOT string; line ends become those of labels.
+/// Returns a DOT string, with line breaks as in labels.
 fn quote(s: &str) -> String {
     format!("\"{}\"", s.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n"))
 }

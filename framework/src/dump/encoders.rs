@@ -1,4 +1,4 @@
-//! A plan as an API with encoders runs it: what a backend has added to the dump, as text beside the plan's own barriers.
+//! Formats the encoders that a backend added to a dump, beside the plan's own barriers.
 //!
 //! The framework only shows them: a backend that divides plans into encoders (Metal's) fills them in.
 

@@ -22,7 +22,7 @@ pub fn html(dump: &Dump) -> String {
     let data = json(dump).to_string().replace('<', "\\u003c");
     let title = dump.graph.replace('&', "&amp;").replace('<', "&lt;");
     let mut page = String::with_capacity(PAGE.len() + STYLE.len() + data.len() + 64 * 1024);
-    // One walk over the template: what is filled in may contain anything, placeholders too.
+    // One pass over the template, because the inserted texts may contain placeholders.
     let mut rest = PAGE;
     while let Some((before, after)) = rest.split_once("{{") {
         page += before;

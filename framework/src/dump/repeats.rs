@@ -7,7 +7,7 @@
 use super::{DumpPass, DumpRepeat, Iteration};
 use std::collections::{BTreeSet, HashMap};
 
-/// A pass's name taken apart.
+/// The parts of a pass's name.
 #[derive(Debug, PartialEq, Eq)]
 struct Parts<'a> {
     /// The text before the last dot before the first index: the include that holds the repeat.
@@ -85,7 +85,7 @@ pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
     repeats
 }
 
-/// `sort`, or `sort (2)` where there is a `sort` already.
+/// Makes a name unique: `sort`, or `sort (2)` if `sort` exists.
 ///
 /// `taken` has the names so far, each with the number that the next one of the name is tried with.
 fn unique(wanted: String, taken: &mut HashMap<String, u32>) -> String {

@@ -49,7 +49,7 @@ pub enum Objection {
         /// The layout that is needed.
         needed: Layout,
     },
-    /// A layout change brings an image to the layout that it is in.
+    /// A layout change does not change the layout.
     NeedlessChange(LayoutChange),
 }
 
@@ -106,7 +106,7 @@ enum Event<'a> {
     Change,
 }
 
-/// Two accesses that a dependency has to order.
+/// Two accesses that need a dependency.
 #[derive(Clone, Copy)]
 struct Pair<'a> {
     first: Occurrence,
@@ -219,7 +219,7 @@ impl<'a> Check<'a> {
         pairs.into_iter().for_each(|pair| self.demand(pair));
     }
 
-    /// Demands what a layout change has to wait for: the reads since the last write or change, or else that write.
+    /// Requires dependencies of a layout change: on the reads since the last write or change, or else on that write.
     fn change(&mut self, change: &LayoutChange, now: Occurrence) {
         let LayoutChange { image, old, new, .. } = *change;
         let found = self.layouts[image.index()];
@@ -254,7 +254,7 @@ impl<'a> Check<'a> {
         pairs.into_iter().for_each(|pair| self.demand(pair));
     }
 
-    /// Marks the dependencies that order two accesses; there has to be one.
+    /// Marks the dependencies that order two accesses; there must be one.
     fn demand(&mut self, pair: Pair) {
         let Pair { first, source, second, resource, target } = pair;
         let since = match (first.frame, second.frame) {
@@ -326,7 +326,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Lists the dependencies, and parts of them, that no two accesses asked for.
+    /// Lists dependencies, and parts of them, that no two accesses require.
     fn needless(&mut self) {
         for (index, (dependency, (used, change))) in self.plan.dependencies.iter().zip(&self.used).enumerate()
         {

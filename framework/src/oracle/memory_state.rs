@@ -1,6 +1,6 @@
 //! Walks the prologue, the handover and the frames, as they are submitted to one queue.
 //!
-//! An access that violates the model takes place all the same, so that one mistake is reported once.
+//! An access that violates the model still takes place, so that each mistake is reported once.
 //!
 //! A replay is a walk over [`At`]s. It can be left at any of them for a trial of another plan and taken up again, so that a mutant
 //! shares the walk up to its mutation. Barriers concern all memory, so they are put down in a history ([`Calls`]), and a cell is
@@ -27,7 +27,7 @@ pub struct MemoryState {
     rules: Rules,
     /// The layout of each resource; meaningless for buffers.
     layouts: Vec<Layout>,
-    /// Passes that are skipped because a former plan did their work.
+    /// Passes that are skipped because an earlier plan did their work.
     skipped: Vec<PassId>,
     /// Counts passes, calls of barriers and preparations by the host.
     time: u32,
@@ -207,7 +207,7 @@ impl MemoryState {
         if plan.prologue.is_empty() { At::Handover } else { At::Prologue(0) }
     }
 
-    /// Does what stands at a position.
+    /// Executes the step at a position.
     pub fn advance(&mut self, plan: &Plan, trace: &Trace, replay: &Replay, at: At) {
         match at {
             At::Prologue(step) => {

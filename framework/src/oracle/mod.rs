@@ -4,16 +4,16 @@
 //! prologue, the handover and a few frames in the order of submission, records every access to every byte, applies
 //! each barrier to these records as chapter 7 of the Vulkan 1.3 specification defines it, and checks each access
 //! against the records of the same bytes. The two share nothing but [`crate::plan`],
-//! so that a mistake has to be made twice to go unnoticed.
+//! so that only the same mistake in both goes unnoticed.
 //!
-//! Four things are kept apart, because a barrier can provide one and lack another:
+//! It tracks four properties separately, because a barrier can provide one and lack another:
 //!
 //! - **order**: the earlier access is finished before the later one starts;
 //! - **availability**: the written data has left the caches of the writing stage;
 //! - **visibility**: it has reached the accessing stage, for each stage and each kind of access separately;
 //! - **layout**: an image is in the layout that the access requires.
 //!
-//! And one thing that no barrier provides: **contents**. Bytes that were never written, that a discard destroyed, that
+//! The fifth property is not provided by barriers: **contents**. Bytes that were never written, that a discard destroyed, that
 //! another resource in the same memory overwrote or that are left over from an earlier frame must not be read.
 //!
 //! [`mutate`] tests the opposite: a barrier, or one bit of it, is needless if the replay without it shows no violation.

@@ -11,7 +11,7 @@ use crate::plan::Plan;
 pub struct Violation {
     /// Kind of conflict.
     pub kind: ViolationKind,
-    /// The earlier access. `None` where there is none: bytes never written, a layout never set.
+    /// The earlier access. `None` for bytes that were never written, or a layout that was never set.
     pub first: Option<Actor>,
     /// The later access, which is undefined.
     pub second: Actor,
@@ -168,7 +168,7 @@ impl Violation {
             && (self.kind, self.resource) == (other.kind, other.resource)
     }
 
-    /// Returns a sentence with both passes, the resource, the bytes and what is missing. `plan` is the one that it is about.
+    /// Formats a sentence with both passes, the resource, the bytes and what is missing. `plan` is the replayed plan.
     pub fn describe(&self, plan: &Plan) -> String {
         let second = self.second.describe(plan);
         let Range { start, end } = self.range;

@@ -1,13 +1,13 @@
-//! Dependencies: which access of which pass comes after which other.
+//! Finds the dependencies: pairs of accesses whose order matters.
 //!
-//! One walk over the prologue and two frames, with a state of every cell of memory: the last pass that wrote it, and all reads since.
-//! A read comes after the write, a write after the reads since the last write, or after that write if nothing has read it. The second
-//! frame follows a frame like itself, as all later ones do, so its dependencies are those of every frame. The first frame adds those on
+//! The module walks the prologue and two frames, and keeps for every cell of memory the last pass that wrote it and all reads since.
+//! A read depends on the last write; a write depends on the reads since the last write, or on that write if nothing has read it. The
+//! second frame follows a frame like itself, so its dependencies hold for every frame. The first frame adds dependencies on
 //! the prologue.
 //!
-//! Layouts are decided first, since they follow from the order of the passes alone. A layout change is a write of the image for an API
-//! that has layouts, and nothing for one that has none. So each dependency says whether the change waits for it, and one that only the
-//! change needs has the hazard [`Hazard::LayoutChange`].
+//! Layouts come first, because they follow from the order of the passes. A layout change is a write of the image for an API
+//! with layouts, and nothing for others. Each dependency therefore says whether the change waits for it, and a dependency of the
+//! change only has the hazard [`Hazard::LayoutChange`].
 
 use super::extents::{Extents, Group};
 use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Run, Source, Use};
@@ -31,7 +31,7 @@ pub(super) fn dependencies(
     };
     for (part, passes) in [(Part::Prologue, prologue), (Part::First, frame), (Part::Second, frame)] {
         walk.part = part;
-        // Every frame has its own copy of what the host reads.
+        // Every frame in flight has its own copy of what the host reads.
         for (resource, cells) in plan.resources.iter().zip(&extents.resources) {
             if resource.source == Source::Readback {
                 walk.cells[cells.clone()].fill(Cell::default());
@@ -130,7 +130,7 @@ impl Changes {
     }
 }
 
-/// The parts of the walk.
+/// The parts of a plan in the walk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     Prologue,
@@ -144,7 +144,7 @@ struct Mark {
     part: Part,
     pass: PassId,
     touch: Use,
-    /// The layout of the image has changed since.
+    /// True if the layout of the image has changed since.
     settled: bool,
 }
 
@@ -157,7 +157,7 @@ impl Mark {
 /// The last write to a piece of memory, and the reads since.
 #[derive(Clone, Debug, Default)]
 struct Cell {
-    /// Marks of one pass, which may write in several stages.
+    /// Accesses of one pass, which may write in several stages.
     writes: Vec<Mark>,
     reads: Vec<Mark>,
 }
@@ -217,7 +217,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Adds what the layout change before a pass waits for: the reads since the last write or change, or that write.
+    /// Adds the dependencies of the layout change before a pass: on the reads since the last write or change, or on that write.
     fn change(&mut self, pass: PassId, group: &Group, found: &mut Vec<Dependency>) {
         let mut target = Scope::default();
         for access in &group.accesses {
@@ -297,7 +297,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Notes what the pass did.
+    /// Records the pass.
     fn record(&mut self, pass: PassId, group: &Group) {
         let mark = |touch| Mark { part: self.part, pass, touch, settled: false };
         let all = || group.accesses.iter().map(|access| (mark(access.touch), &access.cells));

@@ -1,7 +1,7 @@
-//! Effects: which parts of the plan depend on each parameter, and why none does.
+//! Effects: the parts of the plan that depend on each parameter, or the reason why none does.
 //!
-//! Lowering and linking found the parameters behind each pass and each resource of the graph. Here they are counted for the passes
-//! that the plan has. A pass that is left out counts, too, as far as its accesses go: it keeps apart the passes before and
+//! Lowering and linking found the parameters behind each pass and each resource of the graph. This module collects them for the
+//! passes of the plan. The accesses of a culled pass count, too: it still separates the passes before and
 //! after it, and with other accesses it could be needed.
 
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use crate::lower::{Lowered, RemovedPass, SkippedUse};
 use crate::plan::Plan;
 use crate::source::SourceMap;
 
-/// Holds what the parts of a plan depend on, while its passes have no numbers yet.
+/// The parameters behind the parts of a plan, before its passes are numbered.
 pub(super) struct Causes {
     /// The parameters behind each pass, in the plan's order.
     passes: Vec<ParamSet>,
@@ -70,7 +70,7 @@ impl Causes {
         }
     }
 
-    /// Counts the passes. `starts` stand before all others.
+    /// Collects the effects. `starts` precede all other passes.
     pub fn effects(self, plan: &Plan, starts: &[Pass]) -> Vec<Effect> {
         let none = ParamSet::new();
         let of_start = |start: &Pass| match start.work {
@@ -94,7 +94,7 @@ impl Causes {
     }
 }
 
-/// Names the pass that uses a parameter in vain.
+/// Names a culled pass that uses the parameter.
 fn unread_hint<'a>(mut passes: impl Iterator<Item = &'a LinkedPass>) -> Option<String> {
     let first = passes.next()?;
     let (others, those) =
@@ -102,7 +102,7 @@ fn unread_hint<'a>(mut passes: impl Iterator<Item = &'a LinkedPass>) -> Option<S
     Some(format!("it is used by `{}`{others}, and nothing reads what {those}", first.pass.name))
 }
 
-/// Says which condition would have to hold.
+/// Names the condition that would have to hold.
 fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> String {
     let origin = files.origin(removed.when);
     let values = values(&removed.decided, params);
@@ -114,7 +114,7 @@ fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> S
     format!("it is used where `{}` ({}:{}){here}", removed.condition, origin.file, origin.line)
 }
 
-/// Says which expression does not reach a parameter, and what decided that.
+/// Names the expression that did not read the parameter, and the values that decided it.
 fn unreached_hint(found: &SkippedUse, params: &[Param], files: &SourceMap) -> String {
     let origin = files.origin(found.span);
     let text = format!("`{}` ({}:{}) leaves it out", found.name, origin.file, origin.line);
@@ -124,7 +124,7 @@ fn unreached_hint(found: &SkippedUse, params: &[Param], files: &SourceMap) -> St
     }
 }
 
-/// `rasteriser = cells, sorted = pairs`
+/// Formats values: `rasteriser = cells, sorted = pairs`.
 fn values(of: &ParamSet, params: &[Param]) -> String {
     let of = of.iter().map(|param| &params[*param]);
     of.map(|param| format!("{} = {}", param.name, param.value)).collect::<Vec<_>>().join(", ")

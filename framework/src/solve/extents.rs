@@ -1,4 +1,4 @@
-//! Byte ranges of uses.
+//! Computes the byte ranges of accesses.
 //!
 //! Memory is cut into cells at every boundary: of an alias of a block, of the arguments of an indirect command, of the word of a
 //! statistic. Dependencies are found per cell, so that the export of one word of a buffer does not affect its other words, and the
@@ -10,13 +10,13 @@ use std::ops::Range;
 use crate::ir::{Accesses, DrawCall, Groups, Pass, ResourceId, Stages, Use, Work};
 use crate::plan::{Plan, Resource};
 
-/// A touch, with the cells that it is about.
+/// An access, with its cells.
 pub(super) struct Access {
     pub touch: Use,
     pub cells: Vec<Range<usize>>,
 }
 
-/// A pass's touches of one resource.
+/// A pass's accesses to one resource.
 pub(super) struct Group {
     pub resource: ResourceId,
     pub accesses: Vec<Access>,
@@ -33,7 +33,7 @@ pub(super) struct Extents {
 
 impl Extents {
     pub fn of(plan: &Plan) -> Extents {
-        // A piece of memory for each block, and one for each resource that stands in none.
+        // One piece of memory for each block, and for each resource without a block.
         let mut pieces = plan.blocks.len();
         let mut piece_of = |resource: &Resource| match resource.block {
             Some(block) => block.index(),
@@ -94,7 +94,7 @@ impl Extents {
     }
 }
 
-/// Returns the bytes of a resource that a touch is about: all of them, but for what a command itself reads.
+/// Returns the bytes of a resource that an access covers: all, except for reads by a command itself.
 #[allow(clippy::single_range_in_vec_init)] // A list that mostly has one range.
 fn bytes(plan: &Plan, pass: &Pass, touch: &Use) -> Vec<Range<u64>> {
     let arguments = |buffer: ResourceId, offset: u64, bytes: u64| {

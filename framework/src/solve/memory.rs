@@ -1,12 +1,12 @@
-//! Memory sharing: places transient resources that are never alive together in the same block.
+//! Memory sharing: places transient resources with disjoint lifetimes in the same block.
 //!
 //! A resource is alive from its first use in the frame to its last; its contents are undefined before and unused after. A resource
-//! that outlives the frame (written by a `Once` pass, or with a history) has a block of its own. Resources share whole blocks
+//! that outlives the frame (written by a `Once` pass, or with a history) has its own block. Resources share whole blocks
 //! instead of offsets into one heap because only the device knows how many bytes an image takes: a block is as large as its
 //! largest alias.
 //!
-//! Sharing must not cost time. The next alias has to wait for the previous one, and where no barrier lies between the two anyway,
-//! that would add a call. So an alias only follows one whose last pass is on a lower level; the level of a pass is the length of
+//! Sharing must not cost time. The next alias waits for the previous one, which would add a call if there is no barrier between
+//! the two anyway. An alias therefore only follows one whose last pass is on a lower level; the level of a pass is the length of
 //! the longest chain of dependent passes before it.
 //!
 //! The packing is greedy: the largest resource first, each into the smallest block that is free for its lifetime (first fit by
@@ -17,8 +17,8 @@ use std::collections::BTreeMap;
 use crate::ir::{BlockId, Pass, PassId, ResourceId, Run, Shape, Source, Use};
 use crate::plan::{Block, Resource};
 
-/// Blocks that are tried for each resource, from the smallest that fits up: so that packing grows with the number of resources
-/// and not with its square. No graph that people write comes near it.
+/// Maximum number of blocks to try for each resource, from the smallest that fits up, so that packing takes linear time.
+/// Hand-written graphs stay far below it.
 const MOST_TRIED: usize = 64;
 
 /// First and last use within the frame, as positions in it.
@@ -26,13 +26,13 @@ const MOST_TRIED: usize = 64;
 struct Life {
     first: usize,
     last: usize,
-    /// The last use is a write that no pass reads.
+    /// True if the last use is a write that no pass reads.
     ends_written: bool,
     /// Levels of the first pass and of the last.
     levels: (u32, u32),
 }
 
-/// Gives every transient resource that some pass touches its block.
+/// Assigns a block to every transient resource that a pass uses.
 pub(super) fn place(
     passes: &[Pass],
     frame: &[PassId],
@@ -48,12 +48,12 @@ pub(super) fn place(
     by_size.sort_by_key(|i| (std::cmp::Reverse(resources[*i].bytes()), *i));
 
     let mut blocks: Vec<Block> = Vec::new();
-    // Of each block that can be shared, who lives in it: by first use, with the life's end.
+    // The lifetimes in each shareable block: first use to last use.
     let mut open: Vec<(BlockId, BTreeMap<usize, Life>, bool)> = Vec::new();
     for i in by_size {
         let image = matches!(resources[i].shape, Shape::Image { .. });
         let life = lives[i].filter(|_| share);
-        // Blocks were opened by falling size: the last are the smallest.
+        // Blocks were opened in descending size: the last are the smallest.
         let found = life.and_then(|life| {
             open.iter_mut().rev().take(MOST_TRIED).find(|(_, aliases, images)| {
                 // A change of layout cannot wait for writes that went through another resource: an image only follows
@@ -81,7 +81,7 @@ pub(super) fn place(
     blocks
 }
 
-/// Returns the lives of the transient resources that do not outlive a frame.
+/// Returns the lifetimes of the transient resources that do not outlive a frame.
 fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Option<Life>> {
     let mut lives: Vec<Option<Life>> = vec![None; resources.len()];
     let levels = levels(passes, frame, resources.len());
@@ -94,7 +94,7 @@ fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Optio
                 ends_written: writes,
                 levels: (levels[position], levels[position]),
             });
-            // A pass may touch a resource in several stages.
+            // A pass may use a resource in several stages.
             life.ends_written = writes || life.last == position && life.ends_written;
             (life.last, life.levels.1) = (position, levels[position]);
         }
@@ -132,9 +132,9 @@ fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
     frame.iter().map(level).collect()
 }
 
-/// Returns whether no alias is alive during `life`, or so close to it that a pass would have to wait.
+/// Returns true if no alias is alive during `life`, or so close to it that a pass would have to wait.
 fn is_free(aliases: &BTreeMap<usize, Life>, life: Life) -> bool {
-    // They do not meet among each other, so that its neighbours in time are the only ones that could.
+    // They are disjoint, so only the neighbours in time can overlap.
     let before = aliases.range(..=life.last).next_back();
     let after = aliases.range(life.last + 1..).next();
     before.is_none_or(|(_, other)| other.last < life.first && other.levels.1 < life.levels.0)

@@ -5,8 +5,8 @@
 //! the same file always gives the same plan. `compact` drops the resources that no remaining pass uses and numbers the others
 //! with the plan's ids; `usage` records the uses of each. `effects` says which
 //! passes depend on each parameter. `memory` lets resources share blocks. `dependencies` walks the sorted
-//! passes with the state of every piece of memory (cut by `extents`) and lists what has to come after what; [`crate::barriers`]
-//! makes Vulkan's barriers of that list. `warnings` points out what is allowed and probably not meant.
+//! passes with the state of every piece of memory (cut by `extents`) and lists which accesses must be ordered; [`crate::barriers`]
+//! derives Vulkan's barriers from the list. `warnings` reports constructs that are probably unintended.
 
 mod compact;
 mod dependencies;
@@ -59,12 +59,12 @@ pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Pl
     Ok(plan)
 }
 
-/// Returns the same passes with those of the frame in another order, and with the memory and the barriers that this order needs. The
-/// order must keep apart what the plan's keeps apart: of two passes that touch the same resource, one of them writing, the first
-/// stays the first. `None` if the walk reaches no fixpoint.
+/// Returns the plan with the frame's passes in another order, and with the memory and the barriers for this order. Conflicting
+/// passes must keep their order: two passes that use the same resource, one of them writing it. `None` if no sufficient
+/// barriers are found.
 ///
 /// # Panics
-/// If `frame` does not hold exactly the passes of the plan's frame.
+/// Panics if `frame` is not a permutation of the passes of the plan's frame.
 pub fn reorder(plan: &Plan, frame: &[PassId], share_memory: bool) -> Option<Plan> {
     let ids = |steps: &[Step]| steps.iter().map(|step| step.pass).collect::<Vec<_>>();
     let sorted = |mut ids: Vec<PassId>| {
@@ -77,20 +77,20 @@ pub fn reorder(plan: &Plan, frame: &[PassId], share_memory: bool) -> Option<Plan
     place(&mut plan, &prologue, frame, share_memory).then_some(plan)
 }
 
-/// Lists the dependencies and the layout changes of a plan made by hand, from the accesses of its passes in their order.
+/// Lists the dependencies and the layout changes of a hand-made plan, from the accesses of its passes.
 pub fn add_dependencies(plan: &mut Plan) {
     let ids = |steps: &[Step]| steps.iter().map(|step| step.pass).collect::<Vec<_>>();
     let (prologue, frame) = (ids(&plan.prologue), ids(&plan.frame));
     (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan, &prologue, &frame);
 }
 
-/// Gives the plan's resources their memory, and its passes, in this order, their barriers.
+/// Assigns memory to the plan's resources, and barriers to its passes in this order.
 fn place(plan: &mut Plan, prologue: &[PassId], frame: &[PassId], share_memory: bool) -> bool {
     plan.blocks = memory::place(&plan.passes, frame, &mut plan.resources, share_memory);
     synchronise(plan, prologue, frame)
 }
 
-/// Gives the plan its dependencies and its barriers; its resources have their memory.
+/// Adds dependencies and barriers to a plan whose resources have memory.
 pub(crate) fn synchronise(plan: &mut Plan, prologue: &[PassId], frame: &[PassId]) -> bool {
     (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan, prologue, frame);
     let solved = barriers::place(plan, prologue, frame);
@@ -144,12 +144,11 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     vec![pass(EXPORT, Work::Export, uses), pass(HOST, Work::Host, vec![read])]
 }
 
-/// Drops the histories whose contents no pass can find: none reads them by `last(name)` or runs once, and every frame starts by
-/// writing over the whole of them.
+/// Drops histories whose contents cannot matter: no pass reads them by `last(name)`, no `Once` pass uses them, and every frame
+/// first overwrites them completely.
 ///
-/// A fill and a target that is cleared write the whole; of a shader this is not known. Everything else that is declared as a history
-/// keeps its contents, whether a frame reads them by `last(name)`, reads and writes them in place, or writes a part and leaves the
-/// rest.
+/// A fill and a cleared target overwrite everything; a shader is never assumed to. All other histories
+/// keep their contents.
 fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
     let mut users: Vec<Vec<&LinkedPass>> = vec![Vec::new(); lowered.resources.len()];
     let mut used_once = vec![false; lowered.resources.len()];
@@ -170,7 +169,7 @@ fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
         let Some(real) = lowered.resource(previous).previous_frame_of else { continue };
         let writes = |p: &&&LinkedPass| p.pass.uses.iter().any(|t| t.resource == real && t.accesses.writes());
         let mut writers = users[real.index()].iter().filter(writes);
-        // A single writer runs first, wherever it stands.
+        // A single writer runs first, wherever it is in the file.
         let first = match (writers.next(), writers.next()) {
             (Some(only), None) => Some(only),
             _ => users[real.index()].first(),
@@ -182,14 +181,14 @@ fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
     }
 }
 
-/// Returns true if a pass is known to write the whole of a resource, and to read nothing of it.
+/// Returns true if a pass is known to overwrite a resource completely, without reading it.
 fn writes_all(pass: &LinkedPass, resource: ResourceHandle) -> bool {
     let mut uses = pass.pass.uses.iter().filter(|touch| touch.resource == resource);
     let fills = matches!(pass.pass.work, Work::Fill { .. });
     uses.all(|touch| !touch.accesses.reads() && (fills || touch.discards))
 }
 
-/// Returns the passes that zero what has a history. A `Once` pass that writes it follows them, since it may write a part.
+/// Returns the passes that zero histories. A `Once` pass that writes one runs after them, because it may write a part only.
 fn starts(resources: &[Resource]) -> Vec<Pass> {
     let mut starts = Vec::new();
     for (index, resource) in resources.iter().enumerate() {

@@ -1,6 +1,6 @@
-//! Dependencies between passes, and the order that follows from them.
+//! Orders passes by the resources that they read and write.
 //!
-//! A resource with one writer may be read by passes anywhere in the file: the writer comes first. Where several passes
+//! The only writer of a resource runs before its readers, wherever they are in the file. If several passes
 //! write a resource, all passes that use it keep the order of the file. `Once` passes run before every frame, so they
 //! precede all others. The result is a directed graph; a cycle is an error that names its passes.
 
@@ -21,16 +21,16 @@ pub(super) struct Order {
     pub once: Vec<usize>,
     pub frame: Vec<usize>,
     pub culled: Vec<Culled>,
-    /// One flag per pass: it is in the plan.
+    /// One flag per pass: true if it is in the plan.
     pub live: Vec<bool>,
-    /// Passes that are the first to touch a resource, and read it as well as write it.
+    /// Passes that are the first to use a resource, and both read and write it.
     pub unwritten: Vec<(usize, ResourceHandle)>,
 }
 
-/// Passes, and between two of them the resource for which one follows the other.
+/// A graph of passes, with the resource that orders two of them at each edge.
 type Needs = DiGraph<usize, ResourceHandle>;
 
-/// Orders the passes; the last of them are the frame's end (the export and the host), which everything else is there for.
+/// Orders the passes. The last of them are the roots of culling: the export and the host's step.
 pub(super) fn order(
     passes: &[LinkedPass],
     lowered: &Lowered,
@@ -57,13 +57,13 @@ pub(super) fn order(
         })
         .collect();
 
-    // Sorted with the dead ones still in, which keep apart what is on their two sides.
+    // Culled passes take part in the sort: they still separate the passes before and after them.
     let sorted = sort(&needs, passes).into_iter().filter(|i| live[*i]);
     let (once, frame) = sorted.partition(|i| passes[*i].pass.run == Run::Once);
     Ok(Order { once, frame, culled, live, unwritten })
 }
 
-/// A pass that touches a resource, and how.
+/// A use of a resource by a pass.
 #[derive(Clone, Copy)]
 struct User {
     pass: usize,
@@ -86,8 +86,8 @@ fn users(passes: &[LinkedPass], resources: usize) -> Vec<Vec<User>> {
     users
 }
 
-/// Returns the edges, from the pass that comes first to the one that follows. Also finds what is read and never written, and the passes
-/// that read and write what nothing wrote before.
+/// Returns the edges, from earlier to later passes. Also finds resources that are read and never written, and passes
+/// that read and write undefined contents.
 fn needs(
     passes: &[LinkedPass],
     lowered: &Lowered,
@@ -135,12 +135,12 @@ fn needs(
             }
             continue;
         }
-        // Every pass waits for the last write; those before it have been waited for by then.
+        // Every pass waits for the last write, and so for all earlier writes.
         let mut written: Option<usize> = None;
         let mut read: Vec<usize> = Vec::new();
         for User { pass, accesses } in users {
             if accesses.reads() {
-                // Shaders may read what they wrote themselves; a target that is kept is read before.
+                // Shaders may read what they wrote themselves; a kept target is read first.
                 let needs_contents = !accesses.writes() || accesses.contains(Accesses::COLOR_READ);
                 // A history starts from zeros, and keeps what plans with other settings wrote. It is a mistake all the same if no
                 // pass of the graph ever writes to it.
@@ -166,7 +166,7 @@ fn needs(
             }
         }
     }
-    // What the frame before left is read before this frame writes over it.
+    // The previous frame's contents are read before this frame overwrites them.
     for (readers, resource) in users.iter().zip(&lowered.resources) {
         let Some(real) = resource.previous_frame_of else { continue };
         if let (Some(reader), false) =
@@ -218,9 +218,9 @@ fn never_written(
     diagnostic
 }
 
-/// Which passes the frame's end needs, through what they read.
+/// Finds the passes that the end of the frame needs, directly or not.
 fn live(passes: &[LinkedPass], users: &[Vec<User>], lowered: &Lowered) -> Vec<bool> {
-    // Of each resource, who wrote what a reader may find there.
+    // For each resource, the writers whose data can reach a reader.
     let mut sources: Vec<Sources> = users.iter().map(|users| Sources::of(users, passes)).collect();
     for (sources, resource) in sources.iter_mut().zip(&lowered.resources) {
         sources.carried |= resource.history.is_some();
@@ -243,13 +243,13 @@ fn live(passes: &[LinkedPass], users: &[Vec<User>], lowered: &Lowered) -> Vec<bo
     live
 }
 
-/// The writers of one resource, and which of them have been found needed.
+/// The writers of one resource, with the state of the search.
 struct Sources {
     /// Positions among the users, in the order of the file.
     writers: Vec<usize>,
-    /// Contents carry over to the next frame: a `Once` pass wrote them, or there is a history.
+    /// True if contents persist to the next frame: a `Once` pass wrote them, or there is a history.
     carried: bool,
-    /// One flag per writer: the search has followed it and the writers before it.
+    /// One flag per writer: true once the search has visited it and the writers before it.
     followed: Vec<bool>,
 }
 
@@ -261,7 +261,7 @@ impl Sources {
         Sources { writers, carried, followed }
     }
 
-    /// Adds to `open` the passes that wrote what `pass` reads, in this frame or, where `last`, in the one before.
+    /// Adds to `open` the passes that wrote what `pass` reads, in this frame or, if `last`, in the previous one.
     fn found_by(
         &mut self,
         pass: usize,
@@ -275,21 +275,21 @@ impl Sources {
         let at = at.filter(|_| self.writers.len() > 1 && !last);
         let mut before = match at {
             Some(at) => self.writers.partition_point(|w| *w < at),
-            // A single writer comes first, wherever the reader stands.
+            // A single writer comes first, wherever the reader is in the file.
             None => self.writers.len(),
         };
-        // Every write may be part of what is read: two passes may fill a buffer's two halves.
+        // Every earlier write may contribute: two passes may fill two halves of a buffer.
         while before > 0 && !std::mem::replace(&mut self.followed[before - 1], true) {
             before -= 1;
             let writer = users[self.writers[before]];
             open.push(writer.pass);
             if writer.accesses.reads() {
-                // A pass that needs this one needs, through it, everything that it read.
+                // Whoever needs this pass also needs everything that it read.
                 break;
             }
         }
         if self.carried && (last || passes[pass].pass.run == Run::Frame) {
-            // What the last frame's passes left, wherever in the file they stand.
+            // Contents left by passes of the previous frame, wherever they are in the file.
             let writers = self.writers.iter().map(|w| users[*w].pass);
             open.extend(writers.filter(|w| passes[*w].pass.run == Run::Frame));
             self.carried = false;
@@ -297,7 +297,7 @@ impl Sources {
     }
 }
 
-/// Kahn's algorithm; of those that could run next, the first in the file does, those of `Once` before all others.
+/// Sorts by Kahn's algorithm. Ties: `Once` passes first, then the order of the file.
 fn sort(needs: &Needs, passes: &[LinkedPass]) -> Vec<usize> {
     let place = |i: usize| Reverse((passes[i].pass.run == Run::Frame, i));
     let mut waiting: Vec<usize> =
@@ -318,11 +318,11 @@ fn sort(needs: &Needs, passes: &[LinkedPass]) -> Vec<usize> {
     sorted
 }
 
-/// Returns a cycle of passes, if there is one: each needs the one before it, the first the last.
+/// Returns a cycle of passes, if any: each needs the previous one, the first needs the last.
 fn cycle(needs: &Needs) -> Option<Vec<NodeIndex>> {
     let component =
         kosaraju_scc(needs).into_iter().filter(|c| c.len() > 1).min_by_key(|c| c.iter().min().copied())?;
-    // The shortest way from its first pass back to itself, inside the component.
+    // The shortest cycle through its first pass, inside the component.
     let start = *component.iter().min()?;
     let mut from = std::collections::BTreeMap::new();
     let mut queue = std::collections::VecDeque::from([start]);

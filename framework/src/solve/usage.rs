@@ -1,4 +1,4 @@
-//! The uses of each resource, so that a backend creates it for these and nothing more.
+//! Collects the uses of each resource, for which a backend creates it.
 
 use crate::ir::{Accesses, DescriptorKind, Usage};
 use crate::plan::Plan;

@@ -1,8 +1,8 @@
-//! Warnings: what a graph may do, and probably does not mean.
+//! Warnings about constructs that are allowed but probably unintended.
 //!
-//! Two things look right in a file and are not. A pass that reads and writes a resource in place finds nothing in particular there if
-//! nothing wrote it before. And an included graph may work for nothing: if it leaves its result in the half of a ping-pong
-//! buffer that nobody looks at, then all of it is left out, and the picture is made of what was there before.
+//! A pass that reads and writes a resource in place finds undefined contents if nothing wrote the resource before. And the work
+//! of an included graph may be culled: if it leaves its result in the half of a ping-pong buffer that no pass reads, the reader
+//! gets the contents from before the include.
 
 use super::order::Order;
 use crate::ir::{Shader, Span, Work};
@@ -38,7 +38,7 @@ pub(super) fn warnings(
     found.into_iter().map(warning).collect()
 }
 
-/// Returns true if the pass's shaders store to the resource before they load from it, so that nothing need be there.
+/// Returns true if the pass's shaders store to the resource before they load from it.
 fn writes_first(pass: &LinkedPass, resource: ResourceHandle, shaders: &[Shader]) -> bool {
     let used = match &pass.pass.work {
         Work::Dispatch { shader, .. } => vec![*shader],
@@ -56,7 +56,7 @@ fn writes_first(pass: &LinkedPass, resource: ResourceHandle, shaders: &[Shader])
     blocks.peek().is_some() && blocks.all(|block| block.writes_first)
 }
 
-/// Describes a pass that changes in place what nothing wrote before it.
+/// Describes a pass that modifies undefined contents in place.
 fn first_touch(pass: &LinkedPass, resource: ResourceHandle, lowered: &Lowered) -> Diagnostic {
     let resource = lowered.resource(resource);
     let message = format!(
@@ -70,12 +70,11 @@ fn first_touch(pass: &LinkedPass, resource: ResourceHandle, lowered: &Lowered) -
         )
 }
 
-/// Describes the includes that are left out, or some of whose passes are, though a pass elsewhere reads what they were given to
-/// write.
+/// Describes includes with culled passes although another pass reads the resource that they should write.
 fn idle_includes(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Diagnostic> {
-    // Of each include, the passes that are left out, those of its own includes among them.
+    // For each include, its culled passes, including those of nested includes.
     let mut idle: Vec<Vec<usize>> = vec![Vec::new(); lowered.includes.len()];
-    // Of each resource, the passes of the plan that read it.
+    // For each resource, the passes of the plan that read it.
     let mut readers: HashMap<ResourceHandle, Vec<usize>> = HashMap::new();
     for (number, pass) in passes.iter().enumerate() {
         if live[number] {
@@ -88,7 +87,7 @@ fn idle_includes(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec
     let mut found = Vec::new();
     let mut told: HashSet<usize> = HashSet::new();
     for (number, include) in lowered.includes.iter().enumerate() {
-        // Of includes in includes, the outermost is told of.
+        // For nested includes, report the outermost.
         if idle[number].is_empty() || idle[number].iter().all(|pass| told.contains(pass)) {
             continue;
         }
