@@ -12,7 +12,7 @@ const SOURCE: &str = include_str!("../backends/metal/src/builtin.metal");
 /// The Rust code that looks functions up by name.
 const BACKEND: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../backends/metal/src");
 
-/// Images that are asked for their size, written in their own type, and sampled, after Apple's "Metal Shading Language Specification", 6.12.
+/// Images that are requested their size, written in their own type, and sampled, after Apple's "Metal Shading Language Specification", 6.12.
 const WINDOW: &str = "
 #include <metal_stdlib>
 namespace metal {

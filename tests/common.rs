@@ -88,12 +88,12 @@ pub fn worker() -> Worker {
     Worker::new(env!("CARGO_BIN_EXE_splatgraph"))
 }
 
-/// Returns true if `./x test --long` asked for the whole cross products.
+/// Returns true if `./x test --long` requested the whole cross products.
 pub fn long() -> bool {
     std::env::var_os("SPLATGRAPH_LONG").is_some()
 }
 
-/// Runs a test of this binary again in a process of its own, where lavapipe has vectors of this many bits. Says so where the machine
+/// Runs a test of this binary again in its own process, where lavapipe has vectors of this many bits. Says so where the machine
 /// has other devices, whose width is what it is.
 ///
 /// The driver reads the variable once, when it is loaded.
@@ -119,13 +119,13 @@ pub fn alone(test: &str, body: impl FnOnce()) {
         return body();
     }
     let (passed, text) = again(test, &[(ALONE, test.to_string())]);
-    // What it printed is kept back here unless that is asked for, like any test's.
+    // What it printed is kept back here unless that is requested, like any test's.
     print!("{text}");
     assert!(passed, "alone in a process, it failed");
     assert!(text.contains("1 passed"), "the test did not run");
 }
 
-/// Runs a test of this binary again in a process of its own. Gives whether it passed, and what it printed.
+/// Runs a test of this binary again in its own process. Gives whether it passed, and what it printed.
 pub fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
     let output = std::process::Command::new(std::env::current_exe().expect("this program"))
         .args([test, "--exact", "--nocapture", "--include-ignored"])

@@ -33,7 +33,7 @@ fn triangle(l: &[f64]) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|row| rows[(row + 3 - first) % 3])
 }
 
-/// The largest error over a scene, relative to each splat's largest element, for the form asked for.
+/// The largest error over a scene, relative to each splat's largest element, for the form requested.
 fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
     let exact: Vec<[f64; 6]> =
         (0..scene.count() as usize).map(|i| six(factor(scene.rotations()[i], scene.scales()[i]))).collect();

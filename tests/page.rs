@@ -85,7 +85,7 @@ fn the_page_draws_every_pass_and_barrier_and_opens_where_its_address_says() {
     let barriers: Vec<&Value> = in_passes.chain(json["handover"].as_array().expect("a list")).collect();
     let open = |hash: &str| document(&browser, folder.path(), hash);
 
-    // Unfolded, everything has a mark of its own: a barrier its head and its line.
+    // Unfolded, everything has its own mark: a barrier its head and its line.
     let all = open("#unfold=*");
     assert_eq!(count(&all, "column"), passes.len(), "columns");
     let knobs = all.matches("class=\"knob\"").count();

@@ -100,7 +100,7 @@ fn fewer_bits_cost_some_accuracy_and_change_nothing_else() {
         let found = psnr(&drawn(&mut session, &camera, &[(name, setting)]), &single);
         assert!((least..=most).contains(&found), "{name}={setting}: {found:.1} dB");
     }
-    // All degrees have planes of their own number.
+    // All degrees have their own planes number.
     for degree in ["0", "1", "2"] {
         let of = |storage: &'static str| [("sh_degree", degree), ("sh_storage", storage)];
         let (half, single) =

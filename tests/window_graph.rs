@@ -1,4 +1,4 @@
-//! The viewer's window, drawn without one: pictures made by hand and interfaces made by egui, held against what has to come out.
+//! The viewer's window, drawn without one: hand-made pictures, and interfaces made by egui, held against what must come out.
 
 use egui::{Align2, Color32, FontId, Rect, TextureOptions, pos2, vec2};
 use half::f16;
@@ -395,7 +395,7 @@ fn panels(ui: &mut egui::Ui, step: usize) {
     let rect = |[x, y, width, height]: [f32; 4]| Rect::from_min_size(pos2(x, y), vec2(width, height));
     let grey = |value: usize| Color32::from_gray(60 + 30 * value as u8);
     let font = || FontId::proportional(14.0);
-    // Each panel has a clip of its own, as those of the viewer have: otherwise egui makes one mesh of all.
+    // Each panel has its own clip, as those of the viewer have: otherwise egui makes one mesh of all.
     let panel = |place: [f32; 4], colour| {
         let painter = ui.painter().with_clip_rect(rect(place));
         painter.rect_filled(rect(place).shrink(2.0), 3.0, colour);

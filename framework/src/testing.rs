@@ -237,7 +237,7 @@ pub fn plan(graph: &str, set: &[(&str, &str)]) -> Result<Plan, String> {
     plan_of(&files, set)
 }
 
-/// [`plan`], with every resource in memory of its own.
+/// [`plan`], with every resource in its own memory.
 pub fn apart(graph: &str) -> Result<Plan, String> {
     let mut files = SHADERS.to_vec();
     files.push(("graph.ron", graph));

@@ -176,7 +176,7 @@ const COUNT: u32 = 1000;
 /// Width and height of the picture, in pixels.
 const SIZE: (u32, u32) = (64, 32);
 
-/// The compiler in a process that is this program, asked for the test that serves.
+/// The compiler in a process that is this program, requested the test that serves.
 fn compiler() -> Glslang {
     let program = std::env::current_exe().expect("this program");
     let arguments = ["--exact", "the_worker_of_the_other_tests_serves_when_it_is_asked", "--nocapture"];
@@ -247,7 +247,7 @@ fn counted(what: &str, case: u64, outcome: &Outcome) -> Counts {
     }
 }
 
-/// Runs the cases of one kind of file on all processors, each with a compiler of its own. `attempt` gives the file that a case
+/// Runs the cases of one kind of file on all processors, each with its own compiler. `attempt` gives the file that a case
 /// damages, and what builds it.
 fn fuzz<'a, Attempt>(
     what: &str,
@@ -369,7 +369,7 @@ fn compilations() -> Vec<Compilation> {
     for graph in
         memory.iter().filter(|(name, text)| name.ends_with(".ron") && draws(text)).map(|(name, _)| name)
     {
-        // The viewer's window needs a catalogue of its own.
+        // The viewer's window needs its own catalogue.
         if graph.starts_with("pipelines/view/") {
             continue;
         }

@@ -63,7 +63,7 @@ fn catalog() -> Catalog {
     }
 }
 
-/// The compiler in a process that is this program, asked for the test that serves: some sections crash it.
+/// The compiler in a process that is this program, requested the test that serves: some sections crash it.
 fn compiler() -> Glslang {
     let program = std::env::current_exe().expect("this program");
     let arguments = ["--exact", "the_worker_of_the_other_tests_serves_when_it_is_asked", "--nocapture"];

@@ -20,7 +20,7 @@ layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
 #else
 layout(set = 0, binding = 3, std430) readonly buffer BlockCount { uint block_visible[]; };
 #endif
-// Pairs that order_ties.comp has to leave in the order of the file.
+// Pairs that order_ties.comp must leave in the order of the file.
 layout(set = 0, binding = 4, std430) writeonly buffer Unordered { uint unordered; };
 layout(set = 0, binding = 1, std430) buffer Blocks { uint block_pairs[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer PairArgs { uint pair_args[]; };

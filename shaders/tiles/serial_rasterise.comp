@@ -8,7 +8,7 @@
 // Blends the first SERIAL_SEGMENT entries of a tile's list, near to far, and writes the tile. A workgroup is one subgroup, without
 // barriers or shared memory. It takes the entries CHUNK at a time: each lane loads splats and finds the blocks that they touch.
 // Then each block walks the splats that touch it, which lanes hand each other by shuffles. On a CPU only loops branch: what an
-// `if` leaves out is computed all the same. So each block has a loop of its own, and its first round is never wasted if a splat
+// `if` leaves out is computed all the same. So each block has its own loop, and its first round is never wasted if a splat
 // touches it. A round blends two splats, because at its end a CPU writes all sums, with a mask.
 //
 // Where a list is longer and light still comes through, the picture holds colour and transmittance, and serial_deep.comp goes on.
@@ -64,7 +64,7 @@ Splat next_splat(Splat own[OWN], inout uint bits) {
 // Returns the tile of workgroup `index`, which may be right of the picture.
 //
 // A CPU hands each of its threads a range of workgroups of the same length, finds records in its caches if the last tiles have
-// used them, and has to work as long in the upper part of a picture as in the lower. So tiles go row by row through strips of STRIP
+// used them, and must work as long in the upper part of a picture as in the lower. So tiles go row by row through strips of STRIP
 // columns, and strips in an order whose every part goes all over the picture: that of their bits, reversed.
 uvec2 tile_at(uint index) {
     const uint STRIP_TILES = uint(STRIP) * TILES_Y;

@@ -7,7 +7,7 @@
 //!   before them, or if they conflict with a draw of the run other than by blending;
 //! - **barriers** in a run of dispatches than there are pairs of conflicting passes one after another, the next pair beginning no
 //!   earlier than the last one ends: there must be one between the passes of each pair, and those of different pairs are different;
-//! - **waits** than there are runs which conflict with another run, of this frame or of the frame before: nothing else orders them;
+//! - **waits** than there are runs which conflict with another run, of this frame or of the previous frame: nothing else orders them;
 //! - **fences** than one, if anything waits.
 
 use splatgraph_framework::ir::{Hazard, Load, PassId, Stages, Target, Work};
@@ -105,7 +105,7 @@ fn pairs(run: &[PassId], conflicts: &Conflicts) -> usize {
     pairs
 }
 
-/// Returns true if a run conflicts with an earlier one of the frame, or with any of the frame before.
+/// Returns true if a run conflicts with an earlier one of the frame, or with any of the previous frame.
 fn waits(runs: &[Vec<PassId>], run: usize, conflicts: &Conflicts) -> bool {
     let meets = |other: &Vec<PassId>| {
         other.iter().any(|one| runs[run].iter().any(|two| conflicts.any.contains(&(*one, *two))))

@@ -1,6 +1,6 @@
 //! The built-in graphs and the examples, lowered to Metal's encoders, fences and barriers.
 //!
-//! Nothing here needs a Mac. [`bound`] says how few encoders, waits and barriers there can be; the model of Metal's rules has to accept
+//! Nothing here needs a Mac. [`bound`] says how few encoders, waits and barriers there can be; the model of Metal's rules must accept
 //! each list of encoders and to object to each that lacks a wait, an update, a barrier or a part of one.
 
 use splatgraph::draw::builtin;

@@ -129,7 +129,7 @@ fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
         let size = (camera.width, camera.height);
         session.prepare(size, &mut |_| {}).unwrap_or_else(|error| panic!("{}: {error}", way.name()));
         let mut image = None;
-        // `stale_order` draws in the order of the frame before.
+        // `stale_order` draws in the order of the previous frame.
         for _ in 0..if way.preset == "stale_order" { 2 } else { 1 } {
             let frame = session.submit(camera, &request).expect("submitted");
             let output = session.wait(frame).expect("drawn").output.expect("asked for");

@@ -1,4 +1,4 @@
-//! Random command lines, given to the real program: it ends by itself, with an exit code of its own, and destroys nothing.
+//! Random command lines, given to the real program: it ends by itself, with its own exit code, and destroys nothing.
 
 use super::words::{self, Random};
 use super::{Place, scene};

@@ -42,12 +42,12 @@ fn clang(folder: &Path, arguments: &[&str]) -> Result<(), String> {
     if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
 }
 
-/// The array of SPIRV-Cross has members for each address space, which C++ cannot tell apart. The header has one without.
+/// The array of SPIRV-Cross has members for each address space, which C++ cannot distinguish. The header has one without.
 const ARRAY: (&str, &str) = ("template<typename T, size_t Num>\nstruct spvUnsafeArray\n{", "\n};\n");
 
 /// Makes a text C++, in a namespace of its own.
 ///
-/// Variables of the threadgroup are told apart from references to them.
+/// Variables of the threadgroup are distinguished from references to them.
 fn as_cpp(shader: &Shader, msl: &Msl, index: usize) -> String {
     let mut text = msl.source.clone();
     if let Some(begin) = text.find(ARRAY.0) {

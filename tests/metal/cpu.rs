@@ -55,7 +55,7 @@ impl Drop for Memory {
     }
 }
 
-/// A plan with memory of its own for every resource.
+/// A plan with its own memory for every resource.
 pub struct Cpu<'a> {
     plan: &'a Plan,
     library: &'a Library,

@@ -139,7 +139,7 @@ const WRONG: [(&str, &str, &str); 5] = [
     ),
 ];
 
-/// Each runs in a process of its own, which most of them end.
+/// Each runs in its own process, which most of them end.
 #[test]
 fn kernels_without_their_barriers_with_barriers_that_threads_miss_or_beyond_their_buffers_are_found() {
     const NAME: &str = "metal::sorts::kernels_without_their_barriers_with_barriers_that_threads_miss_or_beyond_their_buffers_are_found";

@@ -1,7 +1,7 @@
 //! Bounds on the calls of barriers that a frame needs, derived from what its passes touch and from nothing that the solver did
 //! about barriers.
 //!
-//! Where one pass depends on another, some call has to be recorded between the two. Along a chain of such pairs these calls
+//! Where one pass depends on another, some call must be recorded between the two. Along a chain of such pairs these calls
 //! are different ones, because the second pass of one pair is the first of the next. So that no list of barriers has fewer
 //! calls than the longest chain has links. There are two such bounds:
 //!

@@ -33,7 +33,7 @@ pub enum Blind {
     SeenByAnother,
     /// A fill counts as a copy, and the backend says `CLEAR` and `COPY` for the one: each implies the other.
     FillsAreCopies,
-    /// A buffer and an image in the same memory: images have addresses of their own in the layer.
+    /// A buffer and an image in the same memory: images have their own addresses in the layer.
     BesideImages,
     /// The layer does not track contents of memory.
     Contents,

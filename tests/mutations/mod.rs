@@ -1,9 +1,9 @@
 //! The built-in graphs with one mistake each: every barrier of their plans taken away, and every bit of every mask; and the same of
-//! every dependency, to which the check of dependencies has to object.
+//! every dependency, to which the check of dependencies must object.
 //!
 //! Three judges look at them. The longest [`chain`] of a frame says how few calls there can be. The oracle of the framework has
 //! to accept each plan and to object to each mutant of it, so that nothing is missing and nothing is needless. And the
-//! validation layer, which knows nothing of either, has to be silent about the plan and to catch each mutant, unless it is
+//! validation layer, which knows nothing of either, must be silent about the plan and to catch each mutant, unless it is
 //! known not to see what is wrong with it ([`layer`]).
 
 use splatgraph::draw::backend::Api;
@@ -202,7 +202,7 @@ fn target_writes_of_presets_that_could_go_by_availability_alone_are_counted() {
     assert!(spare > 0 && spare <= all);
 }
 
-/// A scene that is another one for every plan, so that no history goes on from the plan before and all prologues run.
+/// A scene that is another one for every plan, so that no history continues from the plan before and all prologues run.
 struct Upload<'a>(&'a Scene, u64);
 
 impl SceneData for Upload<'_> {

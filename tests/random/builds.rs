@@ -100,7 +100,7 @@ impl Case<'_> {
         self.counts.add(plan);
     }
 
-    /// Fails with what the oracle has to say of a plan and its dependencies, if it has anything to say. `what` says which plan it is.
+    /// Fails with what the oracle must say of a plan and its dependencies, if it has anything to say. `what` says which plan it is.
     pub fn judge(&self, plan: &Plan, what: &str) -> Result<(), String> {
         if let Some(objection) = oracle::dependencies(plan).first() {
             return Err(format!("{what}: {}\n{}", objection.describe(plan), shown(plan)));

@@ -17,7 +17,7 @@ pub fn orders(plan: &Plan, most: usize) -> Vec<Vec<PassId>> {
             b.iter().filter(meets).any(|y| x.accesses.writes() || y.accesses.writes())
         })
     };
-    // Of each pass, those that have to come before it.
+    // Of each pass, those that must come before it.
     let before: Vec<Vec<usize>> = (0..frame.len())
         .map(|at| (0..at).filter(|other| conflict(frame[*other], frame[at])).collect())
         .collect();

@@ -130,7 +130,7 @@ impl When {
 pub struct PassWish {
     pub kind: Kind,
     pub reads: Vec<(Pick, Stage)>,
-    /// With whether the former contents are read as well, and (in a draw) where.
+    /// With whether the previous contents are read as well, and (in a draw) where.
     pub writes: Vec<(Pick, bool, Stage)>,
     /// A buffer of arguments, and which of its ranges.
     pub indirect: Option<(Pick, u8)>,
@@ -183,7 +183,7 @@ pub struct Limits {
     pub items: usize,
     /// Passes after repeats, the last one included.
     pub passes: usize,
-    /// Leave out what no GPU is to be asked for: indirect arguments that may be zero or anything.
+    /// Leave out what no GPU is to be requested: indirect arguments that may be zero or anything.
     pub runs: bool,
 }
 

@@ -102,7 +102,7 @@ impl Style {
 
     fn resource(self, of: Target) -> String {
         let letters = if self.other_names { ["y", "x"] } else { ["b", "i"] };
-        // The ports of an included graph have names of their own.
+        // The ports of an included graph have their own names.
         let port = "p".repeat(self.depth);
         match of {
             Target::Buffer(at) => format!("{port}{}{:02}", letters[0], self.number(at)),

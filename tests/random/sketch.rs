@@ -195,7 +195,7 @@ impl Sketch {
         }
     }
 
-    /// The resource that a wish comes to; any, where there is none of the kind.
+    /// The resource that a wish comes to; any, if there is none of the kind.
     fn resolve(&self, pick: Pick) -> Ref {
         let buffers = (0..self.buffers.len()).map(Target::Buffer);
         let all: Vec<Target> = buffers.chain((0..self.images.len()).map(Target::Image)).collect();

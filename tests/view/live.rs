@@ -293,7 +293,7 @@ fn what_the_last_frame_left_lives_on_when_a_shader_is_reloaded() {
     assert!(shows_something(&before));
     twin.edit("shaders/compose.comp", "void main() {", "void main() {\n    // another text\n");
     let seen = twin.events.len();
-    // It draws in the order of the frame before: without one, a frame is black.
+    // It draws in the order of the previous frame: without one, a frame is black.
     while twin.events[seen..].iter().all(|event| !matches!(event, Event::Swapped { .. })) {
         assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
     }

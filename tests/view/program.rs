@@ -26,7 +26,7 @@ pub struct Program {
 }
 
 impl Program {
-    /// Starts it, and waits until it shows what it was asked for. It draws all the time, so that frames can be waited for.
+    /// Starts it, and waits until it shows what it was requested. It draws all the time, so that frames can be waited for.
     pub fn start(splats: u32, args: &[&str]) -> Program {
         let args: Vec<&str> = ["--continuous"].into_iter().chain(args.iter().copied()).collect();
         let mut program = Program::launch(splats, &args, |_| {});

@@ -3,12 +3,12 @@
 //! A seeded generator does something every few frames: files are edited, broken, emptied, replaced and mended; parameters, graphs
 //! and scenes are changed; the window is resized and minimised; pictures are compared, exchanged and inspected; and the mouse
 //! moves the camera and clicks on the panels. Every so often all of it is brought back to the same reference state, and that
-//! has to be what it was: the same pictures, and no more memory.
+//! must be what it was: the same pictures, and no more memory.
 //!
 //! These must hold:
 //!
 //! - the validation layers, synchronization validation among them, have nothing to say, and nothing panics on whatever thread;
-//! - **no frame is lost**: every frame that is asked for draws one of A once A has a plan, and one of B if B is shown and has
+//! - **no frame is lost**: every frame that is requested draws one of A once A has a plan, and one of B if B is shown and has
 //!   one, whatever is being built, broken or resized meanwhile. That holds for a window of size 0 as well: the pictures keep
 //!   the size that they had. There are no exceptions but these: before the first plan of a scene there is nothing to draw, and
 //!   B is not drawn while it is not shown;

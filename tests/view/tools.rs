@@ -198,7 +198,7 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     assert!(viewer.click("worst"));
     viewer.act();
     assert!(viewer.shell.viewer.comparison_is_current());
-    // What is asked for together with a change is measured after it.
+    // What is requested together with a change is measured after it.
     let splat = viewer.path("pipelines/splat.ron");
     let b = viewer.shell.viewer.b.as_mut().expect("there is a B");
     b.renderer.choose(&splat.to_string_lossy(), Default::default());

@@ -270,7 +270,7 @@ fn mistakes(program: &mut Program, first: &Pixels) {
     let reddish = part.iter().filter(|[r, g, b]| *r < 100 && r > g && r > b).count();
     let bright = part.iter().filter(|pixel| pixel.iter().any(|v| *v > 150)).count();
     assert!(2 * reddish > part.len() && bright > 0, "{reddish} and {bright} of {} pixels", part.len());
-    // ...and the picture where there is none.
+    // ...and the picture if there is none.
     let above = |pixels: &Pixels| pixels.rgb[..(top - y - 8) as usize * pixels.width].to_vec();
     assert!(above(&shown) == above(first), "the picture does not stay");
 
@@ -283,7 +283,7 @@ fn mistakes(program: &mut Program, first: &Pixels) {
     program.view_is("the picture alone", first);
 }
 
-/// Two graphs beside each other, and their difference.
+/// Two graphs side by side, and their difference.
 fn comparisons(program: &mut Program, first: &Pixels) {
     let since = program.now();
     program.click("compare:split");

@@ -32,7 +32,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             Ok(found) if found.is_empty() && api == Api::default() => say("error: no device was found"),
             Ok(found) => devices.extend(found.into_iter().map(|device| (api, device))),
             Err(error) if api == Api::default() => say(format!("error: {error}")),
-            // The other backends matter only if they are asked for.
+            // The other backends matter only if they are requested.
             Err(error) => say(format!("{api}: {error}")),
         }
     }

@@ -207,7 +207,7 @@ impl Backend {
     /// Opens a device for frames that must not delay those of this one, such as a window's.
     ///
     /// On a GPU it is another context of this device. A CPU's driver has one queue, and threads that all devices of a Vulkan instance
-    /// share, so that a pass of one delays the frames of the others: there, the device gets an instance of its own.
+    /// share, so that a pass of one delays the frames of the others: there, the device gets its own instance.
     ///
     /// # Errors
     /// As [`Backend::open`].

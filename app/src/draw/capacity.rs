@@ -1,4 +1,4 @@
-//! Finds the frames that were drawn in part, and makes room for them.
+//! Finds the incomplete frames, and makes room for them.
 //!
 //! A pass may write a list whose length only the device knows. The list's room is then a constant parameter of the graph that `grows` with
 //! a statistic, in which the passes count what they needed. A frame whose statistic exceeds the parameter holds what fitted, and no

@@ -2,7 +2,7 @@
 //!
 //! A wrong picture and a wrong order are two views of one mistake, so that what measures the first wants the second, too. The
 //! order is the contents of the buffer that a graph binds as `Order`, as the last pass that binds it read it. Two orders are
-//! compared by the pairs of splats that they disagree about: that is also the number of neighbours that have to change places
+//! compared by the pairs of splats that they disagree about: that is also the number of neighbours that must change places
 //! to lead from one to the other (Kendall's tau).
 
 use crate::draw::session::{FrameOptions, Session, SessionError, image_of};

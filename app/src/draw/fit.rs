@@ -94,7 +94,7 @@ impl Needs {
     }
 }
 
-/// Returns the bytes of the device's memory that can be taken; none where they are not known.
+/// Returns the bytes of the device's memory that can be taken; none if unknown.
 fn available(heap: &Heap) -> Option<u64> {
     heap.available.or(Some(heap.bytes).filter(|bytes| *bytes > 0))
 }

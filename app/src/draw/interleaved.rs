@@ -104,7 +104,7 @@ pub fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> 
         let turn_begun = Instant::now();
         rounds(sessions, camera, turn, Timestamps::Passes)?;
         turns += 1;
-        // Two at least: a graph may draw with the order of the frame before.
+        // Two at least: a graph may draw with the order of the previous frame.
         if turns >= 2 && begun.elapsed() >= WARM_UP {
             return Ok(1e3 * turn_begun.elapsed().as_secs_f64());
         }

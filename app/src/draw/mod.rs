@@ -9,7 +9,7 @@
 //! - [`truth`]: the exact picture, drawn on the CPU in f64;
 //! - [`keys`]: the width that depth keys need;
 //! - [`facts`]: the facts and imports of graphs;
-//! - [`capacity`]: frames that were drawn in part, and room for them;
+//! - [`capacity`]: incomplete frames, and room for them;
 //! - [`planner`]: builds plans from graphs;
 //! - [`fit`]: whether a scene fits a device;
 //! - [`render_command`]: the command that draws a picture again;

@@ -2,7 +2,7 @@
 //!
 //! It lies in the user's cache folder and is safe to share and to lose: several processes may read and write it at a time, a file is
 //! whole or not there, and one that is damaged, or of another build of the program, is compiled anew. Each file holds its whole key
-//! (the texts, the defines, the program's build) beside the SPIR-V, so that keys whose hashes meet are told apart.
+//! (the texts, the defines, the program's build) beside the SPIR-V, so that keys whose hashes meet are distinguished.
 
 use crate::io::folders;
 use splatgraph_framework::shader::SpirvStore;

@@ -44,7 +44,7 @@ pub struct CameraStats {
     pub gpu_ms: Option<f64>,
     /// Milliseconds of the host for recording and submitting a frame.
     pub record_ms: f64,
-    /// Share of the time in which the device drew, 1 at most; `None` where it is not known. A device that rests lowers its clock.
+    /// Share of the time in which the device drew, 1 at most; `None` if unknown. A device that rests lowers its clock.
     pub busy: Option<f64>,
     /// Number of frames.
     pub frames: usize,

@@ -181,7 +181,7 @@ fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Ro
     }
 }
 
-/// Tells whether a character can stand in a name.
+/// Returns true if a character can stand in a name.
 pub fn continues_name(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
 }

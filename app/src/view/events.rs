@@ -39,7 +39,7 @@ pub enum Event {
         #[serde(flatten)]
         swap: Swap,
     },
-    /// The plan could not be built; the former stays.
+    /// The plan could not be built; the previous one stays.
     Failed {
         /// Renderer of the plan.
         renderer: RendererId,
@@ -67,7 +67,7 @@ pub enum Event {
         /// Milliseconds of loading.
         load_ms: f64,
     },
-    /// A scene could not be loaded; the former stays.
+    /// A scene could not be loaded; the previous one stays.
     SceneFailed {
         /// The file.
         path: PathBuf,
@@ -110,7 +110,7 @@ pub enum Event {
         /// Attempts until it could be opened.
         attempts: u32,
     },
-    /// Something that was asked for cannot be done; everything else goes on.
+    /// A request that cannot be fulfilled; everything else continues.
     Problem {
         /// The problem.
         text: String,
@@ -160,7 +160,7 @@ pub enum Event {
     Frame {
         /// Number of the frame, from 1.
         number: u64,
-        /// True while something is being built, loaded or compared; the frame then shows the former state.
+        /// True while something is being built, loaded or compared; the frame then shows the previous state.
         busy: bool,
     },
 }

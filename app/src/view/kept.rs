@@ -50,7 +50,7 @@ pub fn restore(path: &Path, panels: &mut Panels) -> Result<Option<Theme>, String
 /// Writes the file, unless it has the same content already.
 ///
 /// # Errors
-/// It cannot be written; the former stays.
+/// It cannot be written; the previous one stays.
 pub fn keep(path: &Path, panels: &Panels, theme: Theme) -> Result<(), String> {
     let kept = Kept { version: VERSION, light: theme == Theme::Light, arrangement: panels.arrangement() };
     let text = serde_json::to_string_pretty(&kept).map_err(|error| error.to_string())?;

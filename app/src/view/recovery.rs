@@ -106,7 +106,7 @@ impl<D: Device> Recovery<D> {
     /// Tries to open another device, if one was lost; returns true if there is one.
     fn reopen(&mut self, shell: &mut Shell<D>, size: (u32, u32)) -> Result<bool, Box<Unrecovered>> {
         let Some(loss) = &mut self.loss else { return Ok(true) };
-        // A build holds the former device, and some window systems allow one at a time.
+        // A build holds the previous device, and some window systems allow one at a time.
         let released = shell.is_released() || loss.since.elapsed() > BUILDS;
         if !released || Instant::now() < loss.next {
             return Ok(false);

@@ -8,7 +8,7 @@
 //! [`Frame`] says when the next is due. Whoever owns the shell sleeps until then, or until an event, and looks for finished frames
 //! ([`Shell::collect`]) while some are in flight.
 //!
-//! On a CPU the scene has a device of its own ([`crate::draw::backend::Backend::open_beside`]), so that the window is drawn while a picture
+//! On a CPU the scene has its own device ([`crate::draw::backend::Backend::open_beside`]), so that the window is drawn while a picture
 //! takes long. On a GPU both share one queue, where frames of the window would wait behind a picture: while one takes long, none
 //! are submitted.
 
@@ -209,7 +209,7 @@ impl<D: Device> Shell<D> {
                 ui.ctx().request_discard("the panels take their sizes");
             }
             if viewer.is_animated() || viewer.is_moving() || viewer.navigation.camera(1, 1) != before {
-                // What moves goes on; and egui measures the time between two frames only if the second was asked for.
+                // What moves goes on; and egui measures the time between two frames only if the second was requested.
                 ui.ctx().request_repaint();
             }
         });

@@ -125,7 +125,7 @@ pub struct History {
 }
 
 impl History {
-    /// Takes note of the settings after a frame. `by_program` is true for changes that nobody asked for.
+    /// Takes note of the settings after a frame. `by_program` is true for changes that nobody requested.
     pub fn observe(&mut self, settings: Settings, by_program: bool) {
         let Some(now) = &mut self.now else {
             self.now = Some(settings);

@@ -4,7 +4,7 @@
 //! read from it, and when the last one failed or lost its results. So an idle scene costs nothing. A plan whose frames may differ by
 //! themselves is drawn all the time.
 //!
-//! The picture is read by the window's graph on the device; if the window has a device of its own, it goes there through the
+//! The picture is read by the window's graph on the device; if the window has its own device, it goes there through the
 //! memory of the host.
 
 use super::animation::is_animated;
@@ -168,7 +168,7 @@ impl<D: Device> Viewport<D> {
         })
     }
 
-    /// Describes the newest finished frame if it was drawn in part: `drawn in part: 1,234 of 5,678 entries`. A frame that is held back
+    /// Describes the newest finished frame if it was incomplete: `drawn in part: 1,234 of 5,678 entries`. A frame that is held back
     /// is no such frame.
     pub fn in_part(&self) -> Option<String> {
         if self.is_held_back() { None } else { self.part() }
@@ -180,7 +180,7 @@ impl<D: Device> Viewport<D> {
         (!short.is_empty()).then(|| format!("drawn in part: {}", short.join(", ")))
     }
 
-    /// Describes the newest finished frame if it was drawn in part and the next will be, too: there is no more room.
+    /// Describes the newest finished frame if it was incomplete and the next will be, too: there is no more room.
     pub fn stays_in_part(&self) -> Option<String> {
         let ended = self.short.iter().any(|short| short.room >= short.most);
         let reason = match self.renderer.crowded() {
@@ -278,7 +278,7 @@ impl<D: Device> Viewport<D> {
         self.collect(view.to_host);
         self.waits = false;
         let (width, height) = self.renderer.size();
-        // The camera of a scene shows nothing of use in the former one.
+        // The camera of a scene shows nothing of use in the previous one.
         let can_draw = width > 0 && height > 0 && self.renderer.draws(view.scene);
         let Some(plan) = self.renderer.plan().cloned().filter(|_| can_draw) else { return };
         let camera = view.camera.resized(width, height);
@@ -434,12 +434,12 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Takes a picture that was read back, for whoever asked for it and for the window.
+    /// Takes a picture that was read back, for whoever requested it and for the window.
     fn take_output(&mut self, picture: Pixels, done: &FinishedFrame, to_host: bool) {
         if matches!(self.reading, Reading::InFlight(number) if number <= done.number) {
             self.reading = match self.part() {
                 None => Reading::Done(Ok(picture.clone())),
-                // A plan with more room is on its way.
+                // A plan with more capacity is on its way.
                 Some(_) if self.renderer.busy() => Reading::Wanted,
                 Some(text) => Reading::Done(Err(format!("the picture is {text}"))),
             };

@@ -34,7 +34,7 @@ struct Steps {
     rotation: f32,
     opacity: f32,
     dc: f32,
-    /// Of a coefficient above band 0; `None` where there are none.
+    /// Of a coefficient above band 0; `None` if there are none.
     rest: Option<f32>,
 }
 

@@ -237,7 +237,7 @@ pub struct FrameId(pub u64);
 /// The work that a device is executing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Running {
-    /// The pass with its plan, for instance "pass `sort.scan[0]` of `splat`", as far as is known.
+    /// The pass with its plan, for instance "pass `sort.scan[0]` of `splat`", as far as known.
     pub place: String,
     /// The time since the device last finished a pass, or since the first query after that.
     pub time: Duration,

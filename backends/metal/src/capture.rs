@@ -1,6 +1,6 @@
 //! A frame of the window for Xcode, as a `.gputrace`.
 //!
-//! The capture begins with the first commands that are recorded after it was asked for, and ends when the window's next frame was
+//! The capture begins with the first commands that are recorded after it was requested, and ends when the window's next frame was
 //! handed over. Metal writes documents only for programs that were started with `METAL_CAPTURE_ENABLED=1` (or by Xcode).
 
 use crate::objc;
@@ -40,7 +40,7 @@ pub fn capture_next_frame(path: PathBuf) -> Result<(), String> {
     Ok(())
 }
 
-/// Begins the capture that was asked for, before commands are recorded. Returns Metal's reason if there is none.
+/// Begins the capture that was requested, before commands are recorded. Returns Metal's reason if there is none.
 pub(crate) fn begin(device: &DeviceRef) -> Option<String> {
     let mut state = state();
     let State::Asked(path) = &*state else { return None };

@@ -43,7 +43,7 @@ fn describe(raw: Device, index: usize) -> Physical {
         kind: if raw.has_unified_memory() { "integrated" } else { "discrete" }.to_string(),
         driver: format!("Metal, macOS {}", objc::system()),
         facts: features::limits(&told).facts(),
-        // Accesses of buffers are not checked, and nothing can be asked for.
+        // Accesses of buffers are not checked, and nothing can be requested.
         robustness: Robustness::default(),
         heap: Heap {
             bytes: told.working_set,

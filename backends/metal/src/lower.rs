@@ -243,7 +243,7 @@ pub const CLEAR_THREADS: [u32; 2] = [16, 16];
 
 /// Returns the threadgroups that write `words` words, 256 with each.
 ///
-/// There are never more in x than a dispatch may have: the kernel goes on with a stride.
+/// There are never more in x than a dispatch may have: the kernel continues with a stride.
 pub fn fill_groups(words: u64) -> u32 {
     const MOST: u64 = 65535;
     words.div_ceil(256).min(MOST) as u32

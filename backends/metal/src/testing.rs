@@ -1,4 +1,4 @@
-//! For the tests of this crate: plans made by hand, and encoders in short.
+//! For the tests of this crate: hand-made plans, and encoders in short.
 
 use crate::sync::*;
 use splatgraph_framework::{ir::*, plan::*, solve::add_dependencies};

@@ -276,7 +276,7 @@ mod tests {
             Close,
             HandOver,
             Open(EncoderKind::Compute),
-            // Fence 3, of the frame before, was never updated.
+            // Fence 3, of the previous frame, was never updated.
             Wait(fence(0)),
             Barrier(BUFFERS),
             Update(fence(1)),

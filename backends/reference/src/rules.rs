@@ -177,7 +177,7 @@ pub enum ShDirection {
 pub enum Depth {
     /// As the rasteriser computes it; positions and matrix are rounded to f32 first.
     F32,
-    /// As exact as f64 is, for scenes whose depths f32 cannot tell apart.
+    /// As exact as f64 is, for scenes whose depths f32 cannot distinguish.
     F64,
 }
 

@@ -35,7 +35,7 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     identity: u64,
     /// The layouts that the frames submitted so far leave the images in.
     pub layouts: Vec<Layout>,
-    /// Resources that go on from the history of a former plan, until the first frame was submitted.
+    /// Resources that continue from the history of a previous plan, until the first frame was submitted.
     pub carried: Vec<ResourceId>,
     /// The results of the prologue that other plans can take over.
     recipes: Recipes,
@@ -105,7 +105,7 @@ impl<G: Gpu> CompiledPlan<G> {
         })
     }
 
-    /// Makes it the plan of this number, which goes on from the `histories` that the plan before has after its last frame. No frame
+    /// Makes it the plan of this number, which continues from the `histories` that the plan before has after its last frame. No frame
     /// of this plan was submitted yet.
     pub fn follow(&mut self, gpu: &G, number: u64, histories: &[History<G>]) {
         self.number = number;
@@ -124,7 +124,7 @@ impl<G: Gpu> CompiledPlan<G> {
         (0..self.plan.resources.len() as u32).map(ResourceId)
     }
 
-    /// Lists the histories that the next plan may go on from.
+    /// Lists the histories that the next plan may continue from.
     pub fn histories(&self) -> Vec<History<G>> {
         // Before the first frame only the histories of the plan before have contents.
         let full = self.ids().filter(|id| !self.prologue_due || self.carried.contains(id));
@@ -178,7 +178,7 @@ impl<G: Gpu> CompiledPlan<G> {
         Some(self.resources.buffer(ResourceId(index as u32), slot))
     }
 
-    /// Returns memory for the pixels of the output that no frame writes and nobody reads, made where there is none.
+    /// Returns memory for the pixels of the output that no frame writes and nobody reads, made if there is none.
     pub fn free_readback(&mut self, gpu: &Arc<G>) -> Result<Arc<Buffer<G>>, BackendError> {
         if let Some(free) = self.readbacks.iter().find(|buffer| Arc::strong_count(buffer) == 1) {
             return Ok(free.clone());

@@ -154,7 +154,7 @@ impl<G: Gpu> Executor<G> {
         Ok(())
     }
 
-    /// Drops the former plans that no frame in flight is one of.
+    /// Drops the previous plans that no frame in flight is one of.
     fn drop_former(&mut self) {
         let pending: Vec<u64> = self.slots.iter().flat_map(|slot| &slot.pending).map(|p| p.plan).collect();
         self.former.retain(|compiled| pending.contains(&compiled.number));
@@ -205,7 +205,7 @@ impl<G: Gpu> Executor<G> {
     }
 }
 
-/// Finds the plan of this number, among the current one and the former ones.
+/// Finds the plan of this number, among the current one and the previous ones.
 fn plan<'a, G: Gpu>(
     current: &'a Option<CompiledPlan<G>>,
     former: &'a [CompiledPlan<G>],

@@ -1,7 +1,7 @@
 //! The trait that a graphics API implements, and the objects that it makes.
 //!
 //! [`Gpu`] is an opened device. It creates objects, submits the commands that an [`Encoder`] recorded, and shows images in a
-//! window. Everything above it (which objects a plan needs, which frames are in flight, what goes on from one plan to the next)
+//! window. Everything above it (which objects a plan needs, which frames are in flight, what continues from one plan to the next)
 //! is decided in this crate and is the same for every API.
 //!
 //! Ownership runs one way: an executor holds the device, and every object holds the device that it was made from, by an
@@ -367,7 +367,7 @@ pub struct Buffer<G: Gpu> {
 }
 
 impl<G: Gpu> Buffer<G> {
-    /// Creates a buffer with memory of its own.
+    /// Creates a buffer with its own memory.
     pub(crate) fn new(gpu: &Arc<G>, desc: &BufferDesc, location: Location) -> Result<Self, BackendError> {
         let (unbound, requirements) = gpu.create_buffer(desc)?;
         let memory = gpu.allocate(desc.name, &requirements, location)?;

@@ -1,4 +1,4 @@
-//! Histories: resources whose contents go on from one plan to the next.
+//! Histories: resources whose contents continue from one plan to the next.
 //!
 //! Where a plan and the one before it both have a history of the same name and shape, for the same scene, they share the buffer
 //! or the image, and the new plan leaves out the [`Work::ClearHistory`] that would have zeroed it. A history goes on only if it has
@@ -6,7 +6,7 @@
 //! pass of the new plan's prologue writes it; otherwise it starts from zeros.
 //!
 //! A plan is made ready some time before it becomes the current one, and frames of other plans are drawn meanwhile. So every plan
-//! is made with memory of its own. When it is swapped in ([`crate::compiled::CompiledPlan::follow`]), it is bound to the histories
+//! is made with its own memory. When it is swapped in ([`crate::compiled::CompiledPlan::follow`]), it is bound to the histories
 //! of the plan before it, with their layouts of that moment, and drops its own.
 
 use crate::aliasing::Transient;
@@ -14,7 +14,7 @@ use crate::gpu::Gpu;
 use crate::usage::usage;
 use splatgraph_framework::{ir::*, plan::*};
 
-/// A resource that a later plan may go on from.
+/// A resource that a later plan may continue from.
 pub(crate) struct History<G: Gpu> {
     pub name: String,
     pub shape: Shape,
@@ -32,7 +32,7 @@ pub(crate) fn name(plan: &Plan, id: ResourceId) -> Option<&str> {
     resource.history.as_deref().filter(|_| alone)
 }
 
-/// Finds the former history that a resource of `plan` goes on from.
+/// Finds the previous history that a resource of `plan` continues from.
 pub(crate) fn find<'a, G: Gpu>(
     plan: &Plan,
     id: ResourceId,

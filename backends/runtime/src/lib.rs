@@ -8,7 +8,7 @@
 //!    `resources` (with `aliasing`, `attributes` and `host_buffers`), `bindings` and `upload` create what it needs, which together is
 //!    a `compiled` plan; a `loader` does all this on any thread;
 //!    What another plan has computed once is taken over (`results`);
-//! 3. the plan becomes the current one of an `executor`, and goes on from the `history` of the one before;
+//! 3. the plan becomes the current one of an `executor`, and continues from the `history` of the one before;
 //! 4. `record` records a frame of it, step by step, and `frame` submits it and reads the results back; `window` shows its output, and
 //!    `outputs` shares it with other executors;
 //! 5. `watch` knows which pass the device runs, so that every wait for it has an end.

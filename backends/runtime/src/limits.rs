@@ -66,7 +66,7 @@ pub struct SubgroupLimits {
     pub max_size: u32,
     /// A compute pipeline may ask for a size.
     pub selectable: bool,
-    /// Subgroups of a workgroup, where a size is asked for.
+    /// Subgroups of a workgroup, where a size is requested.
     pub max_per_group: u32,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A [`Loader`] holds the device alone, so it can be taken at any time and go to any thread. It makes a [`Ready`], a compiled plan
 //! that no executor has yet. Everything that takes long is done by then, uploads included. The thread that draws only binds the
-//! plan to the histories that it goes on from ([`crate::history`]).
+//! plan to the histories that it continues from ([`crate::history`]).
 
 use crate::compiled::CompiledPlan;
 use crate::gpu::Gpu;

@@ -1,7 +1,7 @@
 //! The recording of a frame: the plan's steps, one after another, into an encoder.
 //!
 //! Between the passes stand the barriers of the plan and no others. The runtime adds its own only for the work that it adds: at the
-//! start of a plan that goes on from another's histories, around the copies of inspected resources and of a shared output, and
+//! start of a plan that continues from another's histories, around the copies of inspected resources and of a shared output, and
 //! before the host reads copies that no step of the plan makes visible to it.
 
 use crate::compiled::CompiledPlan;
@@ -65,7 +65,7 @@ impl<G: Gpu> Recorder<'_, G> {
         Ok(recorded)
     }
 
-    /// Orders everything after the frames of another plan, whose histories or results this one goes on from.
+    /// Orders everything after the frames of another plan, whose histories or results this one continues from.
     ///
     /// Images come to the layout that [`Work::ClearHistory`] leaves them in.
     fn take_over(&mut self, layouts: &mut [Layout]) {

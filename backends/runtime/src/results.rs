@@ -3,7 +3,7 @@
 //! Most results of passes with `run: Once` (covariances, packed coefficients) stay the same when a window changes its size or a constant its
 //! value. A [`Recipe`] is everything that such a result depends on: the passes that lead to it, in their order, with
 //! the code of their shaders, their numbers of workgroups, their push constants and what they bind, down to the planes of the scene.
-//! Two results of one recipe have the same bytes. So when a plan is made ready, the [`Results`] of the device are asked for each of its
+//! Two results of one recipe have the same bytes. So when a plan is made ready, the [`Results`] of the device are searched for each of its
 //! recipes; the new plan takes over the buffers that are found, holds them together with the plan that has them, and
 //! leaves out the passes all of whose results are taken over.
 //!
@@ -120,7 +120,7 @@ impl<'a> Prologue<'a> {
         touched(self.plan.pass(pass)).filter(|(_, writes)| *writes).map(|(id, _)| id)
     }
 
-    /// Returns true for a buffer that keeps what the prologue wrote, in memory of its own.
+    /// Returns true for a buffer that keeps what the prologue wrote, in its own memory.
     fn is_result(&self, id: ResourceId) -> bool {
         let resource = self.plan.resource(id);
         resource.source == Source::Transient

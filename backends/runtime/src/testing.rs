@@ -1,4 +1,4 @@
-//! A plan for unit tests, made by hand; its shaders have no code that a device could run.
+//! A hand-made plan for unit tests; its shaders have no code that a device could run.
 
 #![allow(dead_code, reason = "each backend crate that includes this file uses a part of it")]
 
@@ -15,7 +15,7 @@ pub(crate) const COLOR: ResourceId = ResourceId(4);
 pub(crate) const READBACK: ResourceId = ResourceId(5);
 
 /// Prologue: `clear` fills `words`. Frame: `scan[0]` and `scan[1]` dispatch, `splat` draws into `color`, `export`, `host`.
-/// Each transient has a block of its own.
+/// Each transient has its own block.
 pub(crate) fn plan() -> Plan {
     let buffer = |count| Shape::Buffer { stride: 4, count };
     let color = Shape::Image { format: Format::Rgba16Float, width: 64, height: 32 };

@@ -173,7 +173,7 @@ impl<G: Gpu> Swapchain<G> {
             self.gpu.renew_surface()?;
         }
         let Some(size) = self.gpu.window_size(self.told)? else { return Ok(()) };
-        // Nothing may use the former swapchain when it is destroyed. This waits for more than it must, but only when a window
+        // Nothing may use the previous swapchain when it is destroyed. This waits for more than it must, but only when a window
         // changes. While the device has other things to do for long, frames are drawn and not shown.
         if !self.gpu.wait_idle(PATIENCE) {
             return Ok(());

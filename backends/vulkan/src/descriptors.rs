@@ -90,7 +90,7 @@ impl DescriptorSets {
     }
 }
 
-/// Creates a pool for the sets of the passes `bound`; none where there are none.
+/// Creates a pool for the sets of the passes `bound`; none if there are none.
 fn pool(
     gpu: &Arc<VulkanGpu>,
     plan: &Plan,

@@ -234,7 +234,7 @@ pub(crate) fn create(
 ) -> Result<ash::Device, BackendError> {
     let mut features = OptionalFeatures::of(instance, physical.handle);
     let OptionalFeatures { core, vulkan11, vulkan12, atomic_float, .. } = &mut features;
-    // What every device of version 1.3 has is asked for outright. The rest serves shaders that need it: a plan with such a
+    // What every device of version 1.3 has is requested outright. The rest serves shaders that need it: a plan with such a
     // shader is refused where it is absent.
     vulkan12.host_query_reset = vk::TRUE;
     let mut robust = RobustnessFeatures::default();
@@ -278,7 +278,7 @@ pub(crate) fn create(
         info = info.push_next(atomic_float);
     }
     info = info.enabled_extension_names(&names);
-    // SAFETY: `info` and its chain live until the call returns; the features asked for are mandatory or were found.
+    // SAFETY: `info` and its chain live until the call returns; the features requested are mandatory or were found.
     unsafe { instance.raw.create_device(physical.handle, &info, None) }.map_err(api("vkCreateDevice"))
 }
 

@@ -30,7 +30,7 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Creates an encoder with a command pool of its own.
+    /// Creates an encoder with its own command pool.
     pub(crate) fn new(gpu: &Arc<VulkanGpu>, name: &str) -> Result<Encoder, BackendError> {
         let (pool, commands) = queue::command_pool(gpu)?;
         gpu.name(commands, name);

@@ -1,7 +1,7 @@
 //! Vulkan's answers as [`BackendError`]s.
 //!
 //! Every call of this crate that can fail goes through [`api`], so that an error always names the call. Answers that a caller can act
-//! on (memory, a lost device, a busy driver) have variants of their own.
+//! on (memory, a lost device, a busy driver) have their own variants.
 
 use ash::vk;
 use splatgraph_api::BackendError;

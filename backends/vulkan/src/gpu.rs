@@ -34,7 +34,7 @@ pub struct VulkanGpu {
     pub(crate) pipeline_cache: vk::PipelineCache,
     /// `None` once the device is being destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
-    /// Fences that a submission may still signal, though nobody waits for them any more.
+    /// Fences that a submission may still signal, though nothing waits for them any more.
     fences: Mutex<Vec<vk::Fence>>,
     /// See [`splatgraph_runtime::Gpu::patience`].
     pub(crate) patience: Duration,

@@ -50,7 +50,7 @@ impl Instance {
         self.lock_surface().clone()
     }
 
-    /// Makes the surface anew, for the same window. No swapchain of the former is left.
+    /// Makes the surface anew, for the same window. No swapchain of the previous one is left.
     pub fn renew_surface(&self) -> Result<(), BackendError> {
         let mut surface = self.lock_surface();
         let Some(window) = surface.as_ref().map(|surface| surface.window.clone()) else { return Ok(()) };

@@ -34,7 +34,7 @@ pub(crate) enum PipelineState {
 /// The subgroup requirements of a compute pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Subgroups {
-    /// The size asked for, where the device lets a pipeline ask.
+    /// The size requested, where the device lets a pipeline ask.
     pub size: Option<u32>,
     /// Every subgroup starts with all its lanes active.
     pub full: bool,
@@ -133,7 +133,7 @@ pub(crate) fn subgroups(shader: &Reflection, limits: &SubgroupLimits) -> Subgrou
     if !shader.subgroups || limits.size == 0 {
         return Subgroups::default();
     }
-    // With a size asked for, x must be a multiple of it and the subgroups must not be too many. With none asked for,
+    // With a size requested, x must be a multiple of it and the subgroups must not be too many. With none requested,
     // a SPIR-V 1.6 shader may get any size, so that full subgroups need a multiple of the largest.
     let selected = limits.can_ask(shader.local_size);
     let full = selected || (limits.max_size > 0 && shader.local_size[0].is_multiple_of(limits.max_size));
@@ -279,7 +279,7 @@ mod tests {
         assert_eq!(asked([256, 1, 1], LIMITS), (Some(32), true));
         // x is not a multiple of the size.
         assert_eq!(asked([16, 16, 1], LIMITS), (None, false));
-        // Too many subgroups for a size to be asked for, and full only if full with any size.
+        // Too many subgroups for a size to be requested, and full only if full with any size.
         assert_eq!(asked([32 * 9, 1, 1], LIMITS), (None, false));
         assert_eq!(asked([512, 1, 1], LIMITS), (None, true));
         let fixed = SubgroupLimits { selectable: false, ..LIMITS };

@@ -229,7 +229,7 @@ fn attachment(target: &TargetState) -> vk::PipelineColorBlendAttachmentState {
     }
 }
 
-/// Returns the one pipeline that was asked for. On an error Vulkan gives null handles, which need no destroying.
+/// Returns the one pipeline that was requested. On an error Vulkan gives null handles, which need no destroying.
 fn single(
     made: Result<Vec<vk::Pipeline>, (Vec<vk::Pipeline>, vk::Result)>,
 ) -> Result<vk::Pipeline, vk::Result> {

@@ -31,7 +31,7 @@ impl RobustnessFeatures {
         unsafe { instance.raw.get_physical_device_features2(handle, &mut all) };
         let buffers = all.features.robust_buffer_access;
         let images = vulkan13.robust_image_access;
-        // A chain of its own is made when they are asked for.
+        // A chain of its own is made when they are requested.
         let two = vk::PhysicalDeviceRobustness2FeaturesEXT { p_next: std::ptr::null_mut(), ..two };
         RobustnessFeatures { buffers, images, two: has_two.then_some(two) }
     }

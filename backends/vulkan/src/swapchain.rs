@@ -96,7 +96,7 @@ impl Swapchain {
         for (_, commands) in &blits {
             gpu.name(*commands, "blit to the window");
         }
-        // SAFETY: `info` has what the surface offers, and the former swapchain was made of the same surface.
+        // SAFETY: `info` has what the surface offers, and the previous swapchain was made of the same surface.
         let raw = unsafe { functions.create_swapchain(&info, None) };
         let raw = raw.map_err(surface::window("vkCreateSwapchainKHR"))?;
         let mut swapchain = Swapchain {
@@ -219,7 +219,7 @@ struct Around {
     window: [(vk::PipelineStageFlags2, vk::AccessFlags2, vk::ImageLayout); 2],
 }
 
-/// The plan made its output ready for the export's copies, and no more; the blit goes on from there. The window's image has no
+/// The plan made its output ready for the export's copies, and no more; the blit continues from there. The window's image has no
 /// contents that matter, and was acquired for the stage of the blit.
 const BEFORE: Around = Around {
     output: [

@@ -6,7 +6,7 @@ use crate::ir::Hazard;
 use std::collections::HashMap;
 
 /// Returns a DOT graph. Edges are the dependencies of barriers, from the passes that are waited for to the one that waits;
-/// dashed ones only keep passes apart, or come from the frame before. Who reads what a barrier made visible to an earlier
+/// dashed ones only keep passes apart, or come from the previous frame. Who reads what a barrier made visible to an earlier
 /// pass has no edge of its own.
 pub fn dot(dump: &Dump) -> String {
     let mut out = format!(

@@ -22,7 +22,7 @@ pub struct DumpEncoders {
     pub prologue_totals: EncoderTotals,
     /// Sums over a frame.
     pub frame_totals: EncoderTotals,
-    /// Sums over a frame where each pass has an encoder of its own, as it must to have its own time.
+    /// Sums over a frame where each pass has its own encoder, as it must to have its own time.
     pub timed_totals: EncoderTotals,
 }
 

@@ -49,7 +49,7 @@ pub const DUMP_VERSION: u32 = 4;
 pub struct Dump {
     /// Version of the form, [`DUMP_VERSION`].
     pub version: u32,
-    /// The name that the graph was asked for by.
+    /// The name that the graph was requested by.
     pub graph: String,
     /// One line that describes the graph.
     pub summary: String,
@@ -107,7 +107,7 @@ pub struct DumpParameter {
     pub reason: Option<Reason>,
     /// The value that costs no accuracy, where the graph names one.
     pub exact: Option<Value>,
-    /// The statistic that the value grows with: a frame whose statistic exceeds the value was drawn in part.
+    /// The statistic that the value grows with: a frame whose statistic exceeds the value was incomplete.
     pub grows: Option<String>,
     /// It can be changed between frames; others are baked into the plan.
     pub live: bool,
@@ -334,7 +334,7 @@ pub struct DumpTouch {
     pub accesses: Vec<String>,
     /// The layout that an image must be in.
     pub layout: Option<Layout>,
-    /// Nothing of the former contents is needed.
+    /// Nothing of the previous contents is needed.
     pub discards: bool,
 }
 
@@ -345,7 +345,7 @@ pub struct DumpBinding {
     pub name: String,
     /// Binding number in the set.
     pub binding: u32,
-    /// Index in an array of descriptors, 0 where there is none.
+    /// Index in an array of descriptors, 0 if there is none.
     pub element: u32,
     /// Type of the descriptor.
     pub kind: DescriptorKind,
@@ -442,7 +442,7 @@ pub struct Masks {
 pub struct DumpCause {
     /// Kind of conflict.
     pub hazard: Hazard,
-    /// The pass that needs it: the one after the barrier, or a later one that would otherwise need a call of its own. (It may
+    /// The pass that needs it: the one after the barrier, or a later one that would otherwise need its own call. (It may
     /// be one at the start of the next frame that depends on the last call of this one.)
     pub before: Declared,
     /// The resource that this pass accesses.

@@ -2,7 +2,7 @@
 //!
 //! The plan is flat: a repeat's body appears as often as it runs, with the index in the passes' names, like
 //! `sort.scatter[3]`, or `level[1].blur[0]` where the body is an include, or `tile[0][2]` for a repeat in a repeat. Reading that
-//! back here keeps repeats out of what a backend has to know.
+//! back here keeps repeats out of what a backend must know.
 
 use super::{DumpPass, DumpRepeat, Iteration};
 use std::collections::{BTreeSet, HashMap};

@@ -149,7 +149,7 @@ fn write_pass(out: &mut String, pass: &DumpPass) -> fmt::Result {
     Ok(())
 }
 
-/// `project (visible, splats), draw and export of the frame before (color in the memory of depth)`.
+/// `project (visible, splats), draw and export of the previous frame (color in the memory of depth)`.
 pub(super) fn comes_after(pass: &DumpPass) -> String {
     // Of each earlier pass, and in which run, the resources.
     let mut passes: Vec<((&str, Since), Vec<String>)> = Vec::new();
@@ -192,7 +192,7 @@ fn subject_of(dependency: &DumpDependency) -> String {
     format!("{}{}", dependency.resource.name, alias.unwrap_or_default())
 }
 
-/// `write after read on color in the memory of depth, after compose of the frame before: COMPUTE STORAGE_READ -> ...`.
+/// `write after read on color in the memory of depth, after compose of the previous frame: COMPUTE STORAGE_READ -> ...`.
 pub fn dependency_line(dependency: &DumpDependency) -> String {
     let DumpDependency { hazard, pass, since, masks, .. } = dependency;
     let (hazard, resource) = (hazard_words(*hazard), subject_of(dependency));

@@ -1,8 +1,8 @@
 //! Checks a plan's dependencies and layout changes against the accesses of its passes.
 //!
 //! The solver walks over the passes once, with a state of memory. This check has no state: of each cell it lists the passes that
-//! access it, in the prologue and in three frames, and looks back from each access to those next before it. Every such pair has to be in
-//! a dependency, and every stage and access of a dependency has to be in such a pair.
+//! access it, in the prologue and in three frames, and looks back from each access to those next before it. Every such pair must be in
+//! a dependency, and every stage and access of a dependency must be in such a pair.
 
 use super::trace::{Access, Trace};
 use super::violation::flag_names;

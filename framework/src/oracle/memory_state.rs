@@ -146,7 +146,7 @@ impl MemoryState {
         }
     }
 
-    /// Adopts the resources that a former plan carries over. They need no records: the barrier on everything between the two
+    /// Adopts the resources that a previous plan carries over. They need no records: the barrier on everything between the two
     /// plans orders all and makes it visible.
     pub fn adopt(&mut self, plan: &Plan, trace: &Trace, carried: &[Carried]) {
         for (index, resource) in plan.resources.iter().enumerate() {

@@ -28,7 +28,7 @@
 //! A shader that writes a resource is taken to write all of it. Within one stage of one pass, accesses to the same
 //! resource never conflict: shaders synchronise themselves. (Those of two stages do, unless both are atomics, and so do the
 //! arguments of a command and what it writes itself.) A fence orders only what exists once per frame in flight,
-//! so that barriers have to hold whatever the pace of the host.
+//! so that barriers must hold whatever the pace of the host.
 
 use crate::plan::Plan;
 

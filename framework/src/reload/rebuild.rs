@@ -96,7 +96,7 @@ impl<Job, Output> Rebuilder<Job, Output> {
         before
     }
 
-    /// Tells whether the owner holds a newer job than all queued ones, and waits for these to end.
+    /// Returns true if the owner holds a newer job than all queued ones, and waits for these to end.
     pub fn set_outdated(&self, outdated: bool) {
         self.shared.state().outdated = outdated;
     }

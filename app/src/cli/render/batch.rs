@@ -71,7 +71,7 @@ impl Batch {
     /// Submits a camera's only frame. The session must be prepared for its size.
     ///
     /// # Errors
-    /// The device fails, or a former picture cannot be written.
+    /// The device fails, or a previous picture cannot be written.
     pub fn submit(
         &mut self,
         session: &mut Session<Backend>,
@@ -119,7 +119,7 @@ impl Batch {
     /// Starts to write a camera's picture, and tells of those that are written.
     ///
     /// # Errors
-    /// The picture is missing, or a former one cannot be written.
+    /// The picture is missing, or a previous one cannot be written.
     pub fn save(&mut self, shown: Shown, progress: &Progress) -> Result<()> {
         let Shown { stats, output, no_colours, stem } = shown;
         if self.destination.is_some() && output.is_none() {

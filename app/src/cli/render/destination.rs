@@ -18,7 +18,7 @@ impl Destination {
     /// Reads `--output` and `--format`; `None` without an output.
     ///
     /// # Errors
-    /// The extension is of no format, or not of the one that is asked for.
+    /// The extension is of no format, or not of the one that is requested.
     pub fn of(output: Option<&Path>, asked: Option<Format>) -> Result<Option<Destination>, Usage> {
         let Some(output) = output else { return Ok(None) };
         if is_standard_output(output) {

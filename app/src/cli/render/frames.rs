@@ -154,7 +154,7 @@ pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<b
     Ok(loaded)
 }
 
-/// Says that the output of the present plan has no colours.
+/// Says that the output of the current plan has no colours.
 pub fn no_colours(session: &Session<Backend>) -> String {
     let name = session.plan().map_or("", |plan| &plan.resource(plan.output).name);
     format!("the graph's output `{name}` has no colours")

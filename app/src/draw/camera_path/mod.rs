@@ -66,7 +66,7 @@ impl CameraPath {
     /// Replaces all keys.
     ///
     /// # Errors
-    /// A camera is unusable; the former keys stay.
+    /// A camera is unusable; the previous keys stay.
     pub fn set_keys(&mut self, keys: Vec<Camera>) -> Result<(), KeyError> {
         keys.iter().enumerate().try_for_each(|(index, key)| check(index, key))?;
         self.keys = keys;
@@ -217,7 +217,7 @@ impl Playback {
         self.playing = false;
     }
 
-    /// Goes to a time in seconds, within the path's duration; NaN is ignored. Playing goes on from there.
+    /// Seeks to a time in seconds, within the path's duration; NaN is ignored. Playing continues from there.
     pub fn seek(&mut self, seconds: f64, path: &CameraPath) {
         if !seconds.is_nan() {
             self.position = seconds.clamp(0.0, path.seconds());

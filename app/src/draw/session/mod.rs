@@ -4,9 +4,9 @@
 //! [`Session::submit`] draws a frame from a camera, and [`Session::wait`] returns its results. Up to
 //! [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be submitted before the first is waited for.
 //!
-//! All results are of whole frames. If one was drawn in part, because a list had no room for all that it needed (see
-//! [`capacity`]), [`Session::wait`] builds a plan with more room and draws the frame again; and then those that were in flight
-//! behind it, so that all results come from the present plan. A repeated frame has the inputs of the first, and what a graph keeps
+//! All results are of whole frames. If one was incomplete, because a list had no room for all that it needed (see
+//! [`capacity`]), [`Session::wait`] builds a plan with more capacity and draws the frame again; and then those that were in flight
+//! behind it, so that all results come from the current plan. A repeated frame has the inputs of the first, and what a graph keeps
 //! from frame to frame is as the frames in part left it: `last(...)` is then of the same camera, or of the next one in flight. The room stays
 //! until [`Session::set_graph`], for pictures of all sizes; where the default for another size is larger, that is taken.
 
@@ -54,7 +54,7 @@ pub enum SessionError {
         /// The need of the frame.
         needed: i64,
     },
-    /// A frame needs a plan with more room, which cannot be built or loaded.
+    /// A frame needs a plan with more capacity, which cannot be built or loaded.
     #[error(
         "expected a device with room for {room} {parameter}, of which a frame needs {needed}, found none:\n{error}"
     )]
@@ -145,7 +145,7 @@ impl<D: Device> Session<D> {
         }
     }
 
-    /// Creates a session of its own on the same device, with the same scene, that draws another graph.
+    /// Creates another session on the same device, with the same scene, that draws another graph.
     ///
     /// # Errors
     /// The device has no room for another context.
@@ -153,7 +153,7 @@ impl<D: Device> Session<D> {
         self.beside_with(self.scene.clone(), pipeline, set)
     }
 
-    /// Creates a session of its own on the same device that draws another scene.
+    /// Creates another session on the same device that draws another scene.
     ///
     /// # Errors
     /// The device has no room for another context.
@@ -166,7 +166,7 @@ impl<D: Device> Session<D> {
         Ok(Session::new(self.device.new_context()?, scene, pipeline, set))
     }
 
-    /// Keeps every resource's contents until the end of the frame, in memory of its own, for inspection after any pass.
+    /// Keeps every resource's contents until the end of the frame, in its own memory, for inspection after any pass.
     ///
     /// This applies to plans that are prepared later.
     pub fn keep_contents(&mut self) {
@@ -276,7 +276,7 @@ impl<D: Device> Session<D> {
         Ok(true)
     }
 
-    /// Says on standard error which of the session's settings have no effect in the present plan, and why; each once.
+    /// Says on standard error which of the session's settings have no effect in the current plan, and why; each once.
     ///
     /// For settings that a person made: measurements set parameters that they know nothing of.
     pub fn tell_settings_without_effect(&mut self) {
@@ -301,7 +301,7 @@ impl<D: Device> Session<D> {
         Ok(id)
     }
 
-    /// Submits a frame with the present plan.
+    /// Submits a frame with the current plan.
     fn fly(&mut self, camera: Camera, request: FrameOptions, number: u32) -> Result<Flight, SessionError> {
         let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
         debug_assert_eq!(*size, (camera.width, camera.height));
@@ -317,9 +317,9 @@ impl<D: Device> Session<D> {
         Ok(Flight { id, camera, request, number, plan: plan.clone(), growths: self.growths })
     }
 
-    /// Waits for a frame and returns its results, those of the present plan.
+    /// Waits for a frame and returns its results, those of the current plan.
     ///
-    /// A frame that was drawn in part is drawn again, with room for a quarter more than it needed: see the module's documentation.
+    /// An incomplete frame is drawn again, with room for a quarter more than it needed: see the module's documentation.
     /// Frames must be waited for before another size is prepared.
     ///
     /// # Errors
@@ -361,7 +361,7 @@ impl<D: Device> Session<D> {
         }
     }
 
-    /// Draws a frame again, with the present plan and the same inputs.
+    /// Draws a frame again, with the current plan and the same inputs.
     fn repeat(&mut self, frame: Flight) -> Result<Flight, SessionError> {
         let Flight { camera, mut request, number, plan: former, .. } = frame;
         let plan = self.plan().ok_or(SessionError::NotPrepared)?;

@@ -1,4 +1,4 @@
-//! Reads photographs: PNG and JPEG, told apart by their first bytes.
+//! Reads photographs: PNG and JPEG, distinguished by their first bytes.
 
 use super::{Image, ImageError, check_size, open, png, room};
 use std::fs::File;

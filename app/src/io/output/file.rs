@@ -5,7 +5,7 @@
 //! file is replaced, the new one has a hidden name for the moment between two system calls, since no call replaces a file by one
 //! without a name. File systems without such files get a hidden file from the start, which errors and signals remove.
 //!
-//! A replaced file hands on its permissions. A link is followed, not replaced. What is no file (a pipe, a terminal, `/dev/null`)
+//! A replaced file hands on its permissions. A link is followed, not replaced. Anything but a regular file (a pipe, a terminal, `/dev/null`)
 //! is written directly.
 
 // What is disallowed elsewhere is done here.

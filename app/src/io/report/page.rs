@@ -76,7 +76,7 @@ impl Page {
         self.body += "</tbody></table></div>\n";
     }
 
-    /// Adds pictures beside each other.
+    /// Adds pictures side by side.
     ///
     /// # Errors
     /// A picture cannot be encoded.

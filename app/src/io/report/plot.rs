@@ -83,7 +83,7 @@ pub struct Plot {
     pub bars: Vec<Bar>,
 }
 
-/// Colours that people with any colour vision tell apart (Okabe and Ito 2008). Their yellow is faint on white and left out.
+/// Colours that people with any colour vision distinguish (Okabe and Ito 2008). Their yellow is faint on white and left out.
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),

@@ -209,7 +209,7 @@ pub struct Best<'a> {
 
 /// Chooses the best setting within the budget: the fastest where an error is allowed, else the most accurate.
 ///
-/// Of settings that noise does not tell apart from the fastest, it is the most accurate. The defaults are chosen where they are within the
+/// Of settings that noise does not distinguish from the fastest, it is the most accurate. The defaults are chosen where they are within the
 /// budget, unless what would be chosen is faster (or, within a limit of time, more accurate) for sure.
 pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
     let of = |wanted: Option<bool>| tried.iter().filter(move |tried| budget.allows(tried) == wanted);
@@ -330,7 +330,7 @@ mod tests {
         let name = |all: &[Tried], budget| best(all, &budget).found.map(|t| t.setting.name.clone());
         let all = [exact.clone(), slow, defaults.clone()];
         assert_eq!(name(&all, budget).as_deref(), Some(DEFAULTS));
-        // More accurate, and not told apart in time: no reason to leave the defaults.
+        // More accurate, and not distinguished in time: no reason to leave the defaults.
         let near = noisy("target = f", ["f", "4"], 79.0, 4.6, 0.1);
         let all = [exact.clone(), near, defaults.clone()];
         assert_eq!(name(&all, budget).as_deref(), Some(DEFAULTS));

@@ -330,7 +330,7 @@ fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, S
     })
 }
 
-/// Takes the mean of the views' medians. Views of different sizes may have passes of their own: those that a view lacks count
+/// Takes the mean of the views' medians. Views of different sizes may have their own passes: those that a view lacks count
 /// for the views that have them.
 fn mean(views: &[View], copy: Option<f64>) -> Figures {
     let over = |of: fn(&Figures) -> Option<Figure>| Figure::mean(views.iter().map(|view| of(&view.figures)));

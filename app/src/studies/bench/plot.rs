@@ -29,7 +29,7 @@ pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
     names
 }
 
-/// Draws the curves of a scene. `splats` are the numbers that were asked for; if none, the scene's own.
+/// Draws the curves of a scene. `splats` are the numbers that were requested; if none, the scene's own.
 pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<Plot> {
     let rows: Vec<&Row> = report.rows.iter().filter(|row| row.scene == scene).collect();
     let counts = unique(rows.iter().map(|row| row.splats));

@@ -150,7 +150,7 @@ fn passes(found: &Found, is_cpu: bool) -> String {
     table(&lines.collect::<Vec<_>>())
 }
 
-/// Returns the cameras of a place, one a line, with the candidates beside each other.
+/// Returns the cameras of a place, one a line, with the candidates side by side.
 fn cameras(rows: &[Row]) -> String {
     let mut header = cells([""]);
     header.extend(drawn(rows).map(|(row, _)| row.pipeline.clone()));

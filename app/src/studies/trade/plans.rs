@@ -33,7 +33,7 @@ pub fn fingerprint(plan: &Plan) -> u64 {
     hash.finish()
 }
 
-/// Returns true if a plan draws from what it kept of the frame before.
+/// Returns true if a plan draws from what it kept of the previous frame.
 pub fn uses_last_frame(plan: &Plan) -> bool {
     plan.resources.iter().any(|resource| resource.history.is_some())
 }

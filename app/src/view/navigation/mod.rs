@@ -486,7 +486,7 @@ impl Navigation {
 
     fn goal_of(&self, camera: &Camera) -> Goal {
         let rotation = DMat3::from_cols_array_2d(&camera.rotation).transpose();
-        // A camera that was read from a file is sound; one made by hand may not be.
+        // A camera that was read from a file is sound; a hand-made one may not be.
         let error = (rotation.transpose() * rotation - DMat3::IDENTITY).to_cols_array();
         let sound = error.iter().all(|v| v.abs() < 0.02) && rotation.determinant() > 0.0;
         let orientation = if sound { DQuat::from_mat3(&rotation).normalize() } else { DQuat::IDENTITY };

@@ -91,7 +91,7 @@ pub const LIGHT: Palette = Palette {
     life: rgb(0xc3cedd),
 };
 
-/// Colours of phases, by Okabe and Ito, which people with any colour vision tell apart. They repeat. <https://jfly.uni-koeln.de/color/>
+/// Colours of phases, by Okabe and Ito, which people with any colour vision distinguish. They repeat. <https://jfly.uni-koeln.de/color/>
 const PHASES: [Color32; 8] = [
     rgb(0x56b4e9),
     rgb(0xe69f00),

@@ -191,7 +191,7 @@ impl Swap {
 pub enum RendererEvent {
     /// A new plan draws the frames.
     Swapped(Swap),
-    /// The build or a frame failed; the former plan and picture stay. The text is without colours.
+    /// The build or a frame failed; the previous plan and picture stay. The text is without colours.
     Failed(String),
     /// The graph is drawn again after a failure.
     Mended,

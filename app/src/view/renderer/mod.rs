@@ -7,7 +7,7 @@
 //!
 //! One plan is built at a time; changes during a build are combined into the next one, for which a build that takes long is cancelled.
 //!
-//! A frame that was drawn in part, for want of room in a list, is shown as it is, and a plan with more room is built like any other
+//! An incomplete frame, for want of room in a list, is shown as it is, and a plan with more capacity is built like any other
 //! ([`crate::draw::capacity`]). The room stays until another graph or scene is chosen, or the parameter is set by hand. If the device
 //! refuses such a plan, frames stay in part ([`Renderer::crowded`]) until the next change, or the next attempt where it lacked memory.
 //!
@@ -459,7 +459,7 @@ impl<D: Device> Renderer<D> {
             self.want(Cause::Retry, now);
         }
         self.builder.set_outdated(self.building.is_some() && self.pending_build.is_some());
-        // An empty size has no pictures, so the former plan stays until there is one.
+        // An empty size has no pictures, so the previous plan stays until there is one.
         let drawable = inputs.size.0 > 0 && inputs.size.1 > 0;
         if drawable
             && self.building.is_none()
@@ -554,7 +554,7 @@ impl<D: Device> Renderer<D> {
         self.whole = None;
         let new = [Cause::Start, Cause::Scene, Cause::Graph, Cause::Device];
         self.subject += u64::from(new.iter().any(|cause| built.causes.contains(cause)));
-        // A new plan may draw where the former could not.
+        // A new plan may draw where the previous one could not.
         self.trouble = None;
         self.strict = false;
         self.size = built.inputs.size;

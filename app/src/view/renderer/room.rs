@@ -9,7 +9,7 @@ use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// A device that refused a plan with more room.
+/// A device that refused a plan with more capacity.
 pub(super) struct Crowded {
     reason: String,
     /// Time of the next attempt, where it may be otherwise by then.
@@ -17,7 +17,7 @@ pub(super) struct Crowded {
 }
 
 impl<D: Device> Renderer<D> {
-    /// Returns the reason why the device has no plan with more room, if it refused one since the last change.
+    /// Returns the reason why the device has no plan with more capacity, if it refused one since the last change.
     pub fn crowded(&self) -> Option<&str> {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
     }
@@ -45,7 +45,7 @@ impl<D: Device> Renderer<D> {
     /// Lists what a finished frame had no room for, and asks for a plan with more.
     pub(super) fn make_room(&mut self, plan: &Arc<Plan>, result: &FrameResult) -> Vec<Overflow> {
         let short = overflows(plan, &result.stats);
-        // What a frame of a former plan lacked, perhaps of another scene, says nothing about this one; and while another plan is on its
+        // What a frame of a previous plan lacked, perhaps of another scene, says nothing about this one; and while another plan is on its
         // way, the frames of that will tell.
         let current = self.state.good().is_some_and(|good| Arc::ptr_eq(good, plan));
         if current {

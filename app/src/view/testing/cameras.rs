@@ -94,7 +94,7 @@ fn a_path_moves_the_camera_until_the_user_does() {
             assert!(viewer.navigate(&wait(2.0)) && shown(viewer, 2.0));
             viewer.navigate(&wait(1.0));
             assert!(shown(viewer, 3.0));
-            // The user goes on from there.
+            // The user continues from there.
             assert!(viewer.navigate(&drag(1.0, 0.0)));
             assert!(!viewer.play.is_playing() && viewer.play.position() > 3.0);
             let near = viewer.path.at(3.01).expect("a camera").relative_to(offset);

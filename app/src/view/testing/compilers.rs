@@ -65,7 +65,7 @@ fn a_build_that_is_given_up_is_shown_with_its_pass_and_its_shader_and_the_last_p
     script.until("the error", |script| script.viewer().a.renderer.failure().is_some());
     assert_eq!(digits(&mut script), Value::Int(4));
     assert!(script.draws(), "frames go on");
-    // Once the driver has come to its end, the plan is tried again without being asked for.
+    // Once the driver has come to its end, the plan is tried again without being requested.
     script.settle();
     assert_eq!(digits(&mut script), Value::Int(5));
     let (_, events, _) = script.close(&[]);

@@ -13,7 +13,7 @@ use std::time::Duration;
 /// Faults of each kind without `SPLATGRAPH_LONG`.
 const SOME: u64 = 4;
 
-/// The need of each frame, for which the plan has to grow.
+/// The need of each frame, for which the plan must grow.
 const NEEDED: u32 = 300;
 
 /// Visits at a time.

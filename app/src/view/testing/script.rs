@@ -254,7 +254,7 @@ impl Script {
         frame
     }
 
-    /// Counts the pipelines that the devices were asked for.
+    /// Counts the pipelines that the devices were asked to create.
     pub fn pipelines(&self) -> u64 {
         let devices = self.devices.borrow();
         devices.opened.iter().map(|(_, journal)| journal.reached(splatgraph_null::Point::Compile)).sum()
@@ -340,7 +340,7 @@ impl Script {
         }
     }
 
-    /// Draws frames until everything that was asked for is built and drawn.
+    /// Draws frames until everything that was requested is built and drawn.
     pub fn settle(&mut self) {
         // The first frame asks for what the others are to show.
         self.frame(false);
@@ -440,7 +440,7 @@ impl Script {
         }
         self.viewer().a.inspection = None;
         self.settle();
-        // Two graphs beside each other, and numbers about them.
+        // Two graphs side by side, and numbers about them.
         self.insist(
             "B",
             |script| script.viewer().choose_compare(Mode::Split),

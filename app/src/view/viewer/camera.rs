@@ -70,7 +70,7 @@ impl<D: Device> Viewer<D> {
         self.navigation.is_moving() || self.play.is_playing()
     }
 
-    /// Shows the path at a time, in seconds from its start. If it is played, it goes on from there.
+    /// Shows the path at a time, in seconds from its start. If it is played, it continues from there.
     pub fn seek_path(&mut self, seconds: f64) {
         self.play.seek(seconds, &self.path);
         if let Some(camera) = self.path.at(self.play.position()) {

@@ -1,6 +1,6 @@
 //! The comparison of A and B: both pictures are read back, and another thread computes their differences.
 //!
-//! It waits until both viewports draw what was asked for, and remembers what that was, so that it is known to be of something else
+//! It waits until both viewports draw what was requested, and remembers what that was, so that it is known to be of something else
 //! as soon as the camera or a setting has changed.
 
 use super::{Viewer, Viewport};
@@ -48,7 +48,7 @@ struct Side {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Step {
     No,
-    /// A viewport does not draw yet what was asked for.
+    /// A viewport does not draw yet what was requested.
     Waiting,
     /// The pictures are read back.
     Reading,

@@ -94,7 +94,7 @@ pub struct Viewer<D: Device> {
     pub(super) to_host: bool,
     /// True to draw no pictures for now.
     pub(super) rests: bool,
-    /// Size of the picture that the last frame asked for, in pixels.
+    /// Size of the picture that the last frame requested, in pixels.
     asked: (u32, u32),
     opening: Opening,
     /// Number of the request of the cameras, if they were opened by themselves.
@@ -161,13 +161,13 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Returns true while anything is being built, loaded, compared or picked, may have to be built with more room, or is not shown
+    /// Returns true while anything is being built, loaded, compared or picked, may have to be built with more capacity, or is not shown
     /// yet.
     pub fn busy(&self) -> bool {
         self.changes_soon() || self.is_comparing() || self.picker.busy()
     }
 
-    /// Returns true while the pictures are not those that were asked for.
+    /// Returns true while the pictures are not those that were requested.
     fn changes_soon(&self) -> bool {
         let busy = |viewport: &Viewport<D>| {
             viewport.renderer.busy() || viewport.renderer.may_grow() || viewport.is_coming()
@@ -186,7 +186,7 @@ impl<D: Device> Viewer<D> {
         [Some(&self.a), b, self.copy.viewport()].into_iter().flatten()
     }
 
-    /// Returns true if frames are drawn all the time, because that was asked for, or because they differ by themselves.
+    /// Returns true if frames are drawn all the time, because that was requested, or because they differ by themselves.
     pub(super) fn is_animated(&self) -> bool {
         self.continuous || self.is_measuring_copy() || self.shown().any(Viewport::is_animated)
     }

@@ -54,7 +54,7 @@ impl<D: Device> Viewer<D> {
         &self.subject_of(id).path
     }
 
-    /// Returns true if B has a scene of its own.
+    /// Returns true if B has its own scene.
     pub fn has_two_scenes(&self) -> bool {
         self.other.is_some()
     }
@@ -64,7 +64,7 @@ impl<D: Device> Viewer<D> {
         self.opening.scene(id)
     }
 
-    /// Loads a scene for A on another thread; the former stays until then. Of several, the last is shown.
+    /// Loads a scene for A on another thread; the previous one stays until then. Of several, the last is shown.
     pub fn open_scene(&mut self, path: &Path) {
         self.open_scene_in(RendererId::A, path);
     }

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake as TaskWake, Waker};
 use std::thread::Thread;
 
-/// The chosen file, and the use of its cameras if only cameras were asked for.
+/// The chosen file, and the use of its cameras if only cameras were requested.
 type Answer = Option<(PathBuf, Option<CameraRole>)>;
 
 /// The dialog of a window; one is open at a time.

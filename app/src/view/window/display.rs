@@ -142,7 +142,7 @@ pub fn library<T>(call: impl FnOnce() -> T) -> T {
 }
 
 fn run_as<T>(whose: Whose, work: impl FnOnce() -> T) -> T {
-    /// Restores the former owner, also when a panic unwinds.
+    /// Restores the previous owner, also when a panic unwinds.
     struct Restore(Option<Whose>);
     impl Drop for Restore {
         fn drop(&mut self) {
@@ -188,7 +188,7 @@ static OPEN: AtomicBool = AtomicBool::new(false);
 /// Notes that devices are open, or closed again.
 ///
 /// Exit handlers of drivers and of their layers free what other threads may still use. While devices are open, the process therefore
-/// has to end without them: see [`is_left_open`], and for libX11, which ends the process by itself, a handler that comes first.
+/// must end without them: see [`is_left_open`], and for libX11, which ends the process by itself, a handler that comes first.
 pub fn set_open(open: bool) {
     OPEN.store(open, Ordering::Relaxed);
     #[cfg(unix)]

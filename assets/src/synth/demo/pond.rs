@@ -32,7 +32,7 @@ pub(super) fn water(random: &mut Random, count: usize) -> Vec<Splat> {
             let (sin, cos) = azimuth.sin_cos();
             let at = DVec3::new(radius * cos, 0.002 * random.normal(), radius * sin);
             let normal = (UP + ripple(at)).normalize();
-            // The part of the area that one splat has to cover.
+            // The part of the area that one splat must cover.
             let spread = SHORE * 0.78 * t.powf(-0.22);
             let size = 0.46 * (TAU * radius * spread / count as f64).sqrt();
             let sunward =

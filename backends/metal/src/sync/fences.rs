@@ -3,7 +3,7 @@
 //! An encoder that waits for a fence may update it again for those after it ("Reuse a fence by waiting first and updating second",
 //! `mtlblitcommandencoder/waitforfence(_:)`). It may take the fence over if all others that wait for it come before: a wait is for the
 //! update that was encoded last. A chain of encoders, each of which waits for the one before, needs one fence, and where the first
-//! waits for the last of the frame before, no more. A chain must not go round more than once, so that the next frame finds its fences
+//! waits for the last of the previous frame, no more. A chain must not go round more than once, so that the next frame finds its fences
 //! free.
 
 use super::RenderStages;
@@ -13,7 +13,7 @@ use std::cmp::Ordering;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wait {
     pub source: usize,
-    /// It ran in the frame before.
+    /// It ran in the previous frame.
     pub previous: bool,
     pub after: RenderStages,
     pub before: RenderStages,
@@ -59,7 +59,7 @@ pub(super) fn number(waits: &[Vec<Wait>], turn: Option<usize>) -> (Vec<Uses>, u3
             let (heir, _, before) = sources[current].last;
             let first = sources[start].after;
             let fits = |source: &Source| {
-                // Where it comes back to the first, that has to wait before it updates, too.
+                // Where it comes back to the first, that must wait before it updates, too.
                 let goes_round = |turn: usize| match (gone + source.last.1).cmp(&turn) {
                     Ordering::Less => true,
                     Ordering::Equal => source.last.2 <= first,

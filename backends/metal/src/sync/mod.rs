@@ -15,7 +15,7 @@
 //! 1. Metal does not order accesses to an untracked resource; "you're responsible for ensuring that commands access those resources
 //!    safely with barriers, fences, or events" (`mtlhazardtrackingmode/untracked`). The GPU can run "multiple passes" and "two or more
 //!    dispatch commands within a compute pass" at the same time (`synchronizing-passes-with-a-fence`). An encoder makes one such pass.
-//! 2. In an encoder of type `MTLDispatchTypeConcurrent` whoever encodes commands that access one resource has to synchronise them
+//! 2. In an encoder of type `MTLDispatchTypeConcurrent` whoever encodes commands that access one resource must synchronise them
 //!    (`mtldispatchtype/concurrent`). `memoryBarrierWithScope:` "enforces the order of write and read operations for specific resource
 //!    types" (`mtlcomputecommandencoder/memorybarrier(scope:)`): buffers, textures, or both (`mtlbarrierscope`). Where a buffer and a
 //!    texture share memory, the barrier between them names both.
@@ -38,7 +38,7 @@
 //! in the stage of the vertices, and those of indirect dispatches within a barrier's scope for buffers; that targets are loaded,
 //! cleared and stored in the stage of the fragments (MoltenVK maps Vulkan's stages in this way, `MVKCmdPipeline.mm`); that a barrier
 //! orders writes after reads, as it orders reads after writes; that an encoder without commands still waits and updates; and that a
-//! fence can be updated for the next frame while encoders of this one, submitted earlier, have yet to see the former update.
+//! fence can be updated for the next frame while encoders of this one, submitted earlier, have yet to see the previous update.
 
 mod divide;
 mod fences;
@@ -238,7 +238,7 @@ pub fn explained(plan: &Plan, division: Division) -> (Encoders, Vec<Cause>) {
     order::order(plan, prologue, frame)
 }
 
-/// Lists what a pass has to come after. Images have no layouts here, and the host waits for the whole command buffer.
+/// Lists what a pass must come after. Images have no layouts here, and the host waits for the whole command buffer.
 fn ordering(plan: &Plan, pass: PassId) -> impl Iterator<Item = &Dependency> {
     let of_device = |dependency: &&Dependency| plan.pass(dependency.second).work != Work::Host;
     let dependencies = plan.dependencies_of(pass).iter();

@@ -7,7 +7,7 @@
 //! placed as late as possible, before the first pass that needs it, serves as many as any: no other choice has fewer. A dependency
 //! that a barrier could cover but for its scope adds to the last barrier's scope.
 //!
-//! **Fences.** An encoder has to wait for those that it depends on, but for those that another wait implies: what is left is the
+//! **Fences.** An encoder must wait for those that it depends on, but for those that another wait implies: what is left is the
 //! transitive reduction, which is unique. Draws have two beginnings and two ends, of vertices and of fragments. Fragments wait for
 //! whatever their vertices wait for, and who waits for fragments waits for their vertices, too; nothing else of the two is mixed, so
 //! that vertices can run ahead.
@@ -159,7 +159,7 @@ impl<'a> Walk<'a> {
         ordered
     }
 
-    /// Lists what a pass has to come after: of the frame before only if there was one, and no layout changes.
+    /// Lists what a pass must come after: of the frame before only if there was one, and no layout changes.
     fn needs(&self, pass: PassId) -> Vec<Need<'a>> {
         let need = |dependency: &'a Dependency| {
             let (instance, position) = self.places[dependency.first.index()]?;

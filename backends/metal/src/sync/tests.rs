@@ -4,7 +4,7 @@ use super::*;
 use crate::sync::model::{Model, mutate};
 use crate::testing::*;
 
-/// Checks the lines of the frame, and what the model has to say.
+/// Checks the lines of the frame, and what the model must say.
 #[track_caller]
 fn expect(sketch: &Sketch, frame: &[&str]) {
     assert_eq!(sketch.frame(), frame);
@@ -281,7 +281,7 @@ fn one_fence_goes_round_where_each_encoder_waits_for_the_one_before() {
     s.draw("draw", image, CLEAR, &[vertices_read(x)]);
     s.dispatch("compose", &[reads(image), writes(last)]);
     s.export(last, None);
-    // The vertices of the draw have to be over for `compose`, and so have its fragments.
+    // The vertices of the draw must be over for `compose`, and so must its fragments.
     expect(
         &s,
         &[

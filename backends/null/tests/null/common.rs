@@ -17,7 +17,7 @@ pub fn finish(null: Null, journal: &Journal) {
     assert_eq!(journal.alive(), Default::default(), "objects are left");
 }
 
-/// A scene of zeros, that counts how many planes it was asked for, and the bytes of the largest piece.
+/// A scene of zeros, which counts the requested planes, and the bytes of the largest piece.
 #[derive(Default)]
 pub struct Zeros {
     pub identity: u64,

@@ -106,7 +106,7 @@ fn compilers_without_an_end_do_not_pile_up() {
     assert_eq!(journal.reached(Point::Compile), 8, "as many threads were tried");
     assert!(errors[7].contains("of `plan 7`"), "{}", errors[7]);
     assert!(errors[8..].iter().all(|error| error.contains("of `plan 0`")), "{errors:#?}");
-    // Each pipeline of these plans hangs, so that each thread has to be told.
+    // Each pipeline of these plans hangs, so that each thread must be told.
     drop(null);
     let begun = Instant::now();
     while !journal.alive().is_empty() {

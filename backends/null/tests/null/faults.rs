@@ -15,7 +15,7 @@ struct Script {
 
 impl Script {
     fn load(&mut self, plan: splatgraph_framework::plan::Plan) -> Result<(), BackendError> {
-        // Each with a scene of its own, so that each uploads.
+        // Each with its own scene, so that each uploads.
         let scene = Zeros { identity: self.frames.len() as u64, ..Zeros::default() };
         self.null.load(plan, &scene, &mut |_| {})
     }

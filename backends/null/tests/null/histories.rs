@@ -45,7 +45,7 @@ fn histories_go_on_where_nothing_but_the_plan_changed() {
     frame(&mut null, &inputs());
     let calls = journal.take();
     assert_eq!(started(&calls), Vec::<&str>::new());
-    // The former frames come before, and the image goes from where they left it to where its start would have.
+    // The previous frames come before, and the image goes from where they left it to where its start would have.
     let images = vec![("color".to_string(), Layout::TransferSource, Layout::TransferTarget)];
     assert!(last_frame(&calls).contains(&Call::FullBarrier { images }));
     // Of the start's barrier, the order remains.

@@ -48,7 +48,7 @@ pub fn compares_submissions() -> bool {
     std::env::var(COMPARE.0).is_ok_and(|value| value == COMPARE.1)
 }
 
-/// Runs a test of this binary again in a process of its own, where the validation layer compares submissions.
+/// Runs a test of this binary again in its own process, where the validation layer compares submissions.
 pub fn again_comparing_submissions(test: &str) {
     if compares_submissions() {
         return;

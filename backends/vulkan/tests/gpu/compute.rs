@@ -166,7 +166,7 @@ fn a_resource_is_inspected_as_it_is_right_after_the_pass() {
     assert_eq!(words(&result.output.unwrap().bytes), [7, 9, 11]);
 
     let too_early = FrameInputs { inspect: vec![at(row, fill)], ..Default::default() };
-    // In the first frame it would have had no contents; now it has those of the frame before.
+    // In the first frame it would have had no contents; now it has those of the previous frame.
     let result = frame(&mut vulkan, &too_early);
     assert_eq!(words(&result.inspected[0]), [7, 9, 11]);
     let absent = FrameInputs { inspect: vec![at(ResourceId(99), fill)], ..Default::default() };

@@ -1,4 +1,4 @@
-//! Plans made by hand, run on a real device (lavapipe will do) with synchronization validation on.
+//! hand-made plans, run on a real device (lavapipe will do) with synchronization validation on.
 //!
 //! Every test opens a device of its own and ends with [`build::finish`], which closes it and wants no message: not of
 //! the frames, and not of the closing. Those of windows ([`screen`]) start an X server besides.

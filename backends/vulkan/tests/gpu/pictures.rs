@@ -150,7 +150,7 @@ fn a_picture_stays_until_another_size_is_shown_and_only_frames_that_are_shown_ch
     assert_eq!(scene.picture(), Some(first));
     let seen = frame(&mut window, &pictures(first, first)).output.expect("it was asked for");
     assert_eq!(words(&seen.bytes)[..3], [2, 3, 3]);
-    // Another plan of the same size goes on with the same picture; one of another size has none before it is shown.
+    // Another plan of the same size continues with the same picture; one of another size has none before it is shown.
     load(&mut scene, plain(3));
     assert_eq!(draw(&mut scene, 5), first);
     load(&mut scene, plain(4));

@@ -22,7 +22,7 @@ layout(set = 0, binding = 0, r32ui) readonly uniform uimage2D source;
 layout(set = 0, binding = 1) writeonly buffer Target { uint target[]; };
 void main() { uint i = gl_WorkGroupID.x; target[i] = imageLoad(source, ivec2(i, 0)).x; }";
 
-/// `first` is filled and copied to `kept`, then `second` takes what `kept` has; the image `third` goes on from there, and
+/// `first` is filled and copied to `kept`, then `second` takes what `kept` has; the image `third` continues from there, and
 /// back to `kept`, which is shown.
 struct Aliases {
     build: Build,

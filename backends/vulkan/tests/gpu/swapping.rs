@@ -202,7 +202,7 @@ fn a_history_of_another_shape_starts_from_zeros() {
 
 #[test]
 fn a_history_starts_from_zeros_where_it_cannot_go_on() {
-    /// A plan whose history has to be its own.
+    /// A plan whose history must be its own.
     fn apart(alter: impl FnOnce(&mut Build, ResourceId, ResourceId)) -> Plan {
         growing_with("count", 1, 2, alter)
     }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A dump with encoders made by hand: a few of its passes, with one of everything.
+/// A hand-made dump with encoders: a few of its passes, with one of everything.
 pub fn encoded(dump: Dump) -> Dump {
     let place = |name: &str| {
         let resource = dump.resources.iter().find(|r| r.name == name).map(|r| r.declared.clone());

@@ -1,4 +1,4 @@
-//! A plan to test with, made by hand: what a graph that sorts splats becomes, with everything that a plan can have. Its
+//! A hand-made plan for tests: what a graph that sorts splats becomes, with everything that a plan can have. Its
 //! barriers are placed by a walk that keeps every hazard apart and is content with that.
 
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! Plans made by hand, each with one thing right or wrong.
+//! hand-made plans, each with one thing right or wrong.
 
 use std::collections::BTreeMap;
 

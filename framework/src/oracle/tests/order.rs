@@ -10,7 +10,7 @@ fn order_of(write: Stages, barriers: &[&[Barrier]], read: (Stages, Accesses)) ->
     for (index, call) in barriers.iter().enumerate() {
         match index + 1 == barriers.len() {
             true => sketch.frame("second", call, &[touch(a, read.0, read.1)]),
-            // A pass has to stand between two calls.
+            // A pass must stand between two calls.
             false => sketch.frame("between", call, &[touch(other, Stages::HOST, Accesses::HOST_READ)]),
         }
     }
@@ -349,7 +349,7 @@ fn what_one_stage_does_to_a_resource_is_its_own_affair() {
     let a = sketch.buffer("a");
     sketch.frame_work("draw", &[], draw(), &[touch(a, FRAGMENT, BOTH)]);
     assert_eq!(sketch.found(), NOTHING);
-    // But the next pass has to wait for all of it.
+    // But the next pass must wait for all of it.
     sketch.frame("fill", &[barrier((VERTEX, WRITE), (CLEAR, Accesses::TRANSFER_WRITE))], &[fills(a)]);
     let expected = ["WriteAfterRead: draw, fill: a: Order", "WriteAfterWrite: draw, fill: a: Order"];
     assert_eq!(sketch.found(), expected);

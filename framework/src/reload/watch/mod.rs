@@ -188,7 +188,7 @@ impl Watcher {
         Some(FileChange { files: files.into_keys().collect(), first_seen })
     }
 
-    /// Returns the way changes are noticed at present.
+    /// Returns the way changes are noticed currently.
     pub fn kind(&self) -> WatchKind {
         lock(&self.shared).kind.clone()
     }

@@ -1,5 +1,5 @@
 //! Real files, and the system's real events. Nothing is measured: a wait ends with the change, or fails after a minute. Where
-//! nothing should come, something else is saved afterwards, and has to be all that comes.
+//! nothing should come, something else is saved afterwards, and must be all that comes.
 
 use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -16,7 +16,7 @@ impl Bench {
         Bench { files: SourceMap::new(Library { memory, ..Library::default() }), compiler: Glslang::new() }
     }
 
-    /// Compiles in a worker: this program of tests, which is asked for the test that serves.
+    /// Compiles in a worker: this program of tests, which is requested the test that serves.
     fn in_worker(mut self, limits: Limits) -> Bench {
         let program = std::env::current_exe().expect("this program");
         let test = "shader::compile::tests::the_worker_of_the_other_tests_serves_when_it_is_asked";

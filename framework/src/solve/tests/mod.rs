@@ -11,7 +11,7 @@ use crate::plan::{Barrier, Plan, Step};
 use crate::solve::reorder;
 use crate::testing::{apart, dispatch, graph, plan};
 
-/// Every resource in memory of its own.
+/// Every resource in its own memory.
 fn solved(params: &str, passes: &[String]) -> Plan {
     apart(&graph(params, &passes.join("\n"))).unwrap_or_else(|error| panic!("{error}"))
 }

@@ -5,7 +5,7 @@
 //! takes that out; nothing else is known, since frames and encoders may overlap in any other way. Then every dependency of the plan is
 //! looked at in every frame: of two passes in different encoders, the earlier must be known to be over; of two in one encoder, a barrier
 //! must lie between them. The framework's [`oracle`](splatgraph_framework::oracle) checks that the dependencies are complete. The model
-//! shares no code with the lowering, so that a mistake has to be made twice to go unnoticed.
+//! shares no code with the lowering, so that a mistake must be made twice to go unnoticed.
 //!
 //! The rules are those listed in [`crate::sync`], read to the worse where they leave a choice:
 //!
@@ -17,7 +17,7 @@
 //!   of fragments;
 //! - draws of one encoder are in order as far as they blend into its targets, and not otherwise.
 //!
-//! [`mutate`] takes away one wait, update, barrier or part of one at a time: the model has to object each time.
+//! [`mutate`] takes away one wait, update, barrier or part of one at a time: the model must object each time.
 //!
 //! # Where the model stops
 //!

@@ -75,7 +75,7 @@ fn drawn_then_read() -> Case {
     case(build).at_change("second", DRAWN, COMPUTE_READS)
 }
 
-/// A dispatch writes an image that a draw then goes on with.
+/// A dispatch writes an image that a draw then continues with.
 fn stored_then_drawn() -> Case {
     let mut build = Build::new();
     let (image, corners) = (build.picture(), build.words("corners", 4));
@@ -166,7 +166,7 @@ fn a_layout_that_changes_while_a_dispatch_reads_is_caught() {
 
 #[test]
 fn the_order_that_an_images_barrier_gives_holds_for_buffers_too() {
-    // `second` may write the buffer that `first` reads, since it waits for its image. (The layer has to be told twice.)
+    // `second` may write the buffer that `first` reads, since it waits for its image. (The layer must be told twice.)
     let mut build = Build::new();
     let (image, words) = (build.picture(), build.words("words", 4));
     build.reads("first", words);
