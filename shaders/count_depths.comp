@@ -2,7 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 // Counts the visible splats in each class of depths. A workgroup counts 4,096 splats in shared memory, and adds its counts to those
-// of the others; sums of integers do not depend on who comes first.
+// of the others; sums of integers do not depend on the order.
 
 #include "camera.glsl"
 #include "depth_classes.glsl"

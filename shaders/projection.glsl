@@ -1,5 +1,5 @@
 // Projects a Gaussian to an ellipse on the screen. Quads and tiles share these formulas; the passes that include them decide
-// which pixels the ellipse may cover, and write records of their own.
+// which pixels the ellipse may cover, and write their own records.
 //
 // The rules are those of the published rasteriser (see docs/splatting.md); the formulas are arranged to stay accurate in
 // 32-bit floats: see `Ellipse` and `project_covariance`.
@@ -10,7 +10,7 @@
 
 #if POSITION_STORAGE == POSITION_STORAGE_F32
 #if SCENE_WIDE
-// The position rounded, and what is missing: some files have more digits than a float, and need them.
+// The rounded position, and the rounding error: some files need more digits than floats have.
 struct Position3 { float x, y, z, low_x, low_y, low_z; };
 #define HAS_LOW
 #else
@@ -73,7 +73,7 @@ const float LARGEST = 4611686018427387904.0;  // 2^62
 #if DEVICE_FUSED_FMA || !DEVICE_FLOAT64
 #define exact_fma fma
 #else
-// This device's fma() rounds the product. In doubles it is exact, and the sum is rounded a second time in one of 2^29 cases.
+// This device's fma() rounds the product. In doubles the product is exact; the sum is rounded twice in one of 2^29 cases.
 float exact_fma(float a, float b, float c) {
     precise double sum = double(a) * double(b) + double(c);
     return float(sum);

@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Copies 16 bytes at a time. An invocation copies several vectors, a workgroup apart: their reads are under way together, and
+// Copies 16 bytes at a time. An invocation copies several vectors, a workgroup apart: their reads are in flight together, and
 // neighbouring invocations access neighbouring vectors.
 
 #include "../groups.glsl"

@@ -4,7 +4,7 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
 // Second pass of a digit: turns counts into places. One workgroup takes one bin: its keys begin after those of all lower
-// bins, and each block's after those of the blocks before it.
+// bins, and each block's after the keys of earlier blocks.
 
 #include "block.glsl"
 #include "../workgroup_sum.glsl"

@@ -2,7 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 // Second pass of a digit, serial: turns counts into places. An invocation takes one bin: its keys begin after those of all
-// lower bins, and each block's after those of the blocks before it.
+// lower bins, and each block's after the keys of earlier blocks.
 
 #include "serial.glsl"
 

@@ -3,7 +3,7 @@
 
 // Last pass of the sort of pairs, where they are sorted once: the radix sort leaves out the lowest bits of the keys, and those bits of
 // the depth that do not fit in a key stand above the splat's index. Pairs that agree in all sorted bits stand side by side, in a *run*;
-// each counts those of its run that come before it, which is its place there. A run is a few pairs long; one of more than RUN stays as
+// each counts the pairs of its run that come before it, which is its place there. A run is a few pairs long; one of more than RUN stays as
 // it is, and its pairs are counted. The pass also finds each bin's list.
 
 #include "../args.glsl"

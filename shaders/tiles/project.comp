@@ -86,7 +86,7 @@ float project(uint i) {
 }
 
 #if SERIAL
-// Each workgroup takes some memory of its own on a CPU, so there are few.
+// On a CPU each workgroup takes memory, so there are few.
 layout(local_size_x = 256) in;
 
 layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };

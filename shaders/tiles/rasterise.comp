@@ -193,7 +193,7 @@ void main() {
             uint cell = o * CELLS_AT_ONCE + thread / CELL_LANES;
             vec2 place = vec2(pixel_at(pixel_place(thread, o, 0u)));
             bool is_cell_open = (subgroupBallot(!is_done[o])[lane / 32u] >> (lane & 31u & ~(CELL_LANES - 1u)) & ((1u << CELL_LANES) - 1u)) != 0u;
-            // The splats that touch the cell, and those that the words before this invocation's have.
+            // The number of splats that touch the cell, and the number in words before this invocation's.
             uint part = thread % CELL_LANES * PARTS;
             uint total = 0u;
             uint next = 0u;
@@ -283,7 +283,7 @@ void main() {
                     imageStore(picture, ivec2(at), vec4(colours[o][p] + lights[o][p] * camera.background.rgb, 1.0));
                 }
             } else {
-                // Below 0 if the pixel is done: what is behind it adds nothing.
+                // Below 0 if the pixel is done: splats behind add nothing.
                 float light = floors[o][p] == 2.0 ? -lights[o][p] : lights[o][p];
                 sums[sum_place * BIN_PIXELS + place] = pack_sum(vec4(colours[o][p], light));
             }

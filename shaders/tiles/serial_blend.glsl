@@ -102,7 +102,7 @@ Splat seen_from(vec2 corner, Record r, Limits limits) {
 
 // Blends a splat over a pixel; `alpha` has no alpha cap yet, and is 0 below the alpha floor.
 //
-// With STOP_AFTER_SPLAT, a pixel is done where the light behind the splat would be less than the early stop: that splat is left out, and
+// With STOP_AFTER_SPLAT, a pixel ends before the splat that would bring its transmittance below the early stop: it is left out, and
 // the sign of the transmittance is set.
 void blend(inout vec4 sum, float alpha, vec3 colour, Limits limits) {
     // Positive floats compare like integers, which takes one instruction.
@@ -128,7 +128,7 @@ float power_at(Splat s, vec2 uv) {
 // length of u and v changes by at most 1.551 from row to row, the root of log2(e) / 2 / 0.3, since the low pass leaves no splat
 // narrower: four rows nearer it is at least 3.28, which is 0.0006 of the alpha floor.
 const float FAR = -90.0;
-// An alpha that nobody sees, from which none comes back to the alpha floor. None falls below it, so that no product is a denormal
+// An invisible alpha, from which no alpha returns to the alpha floor. None falls below it, so that no product is a denormal
 // float: arithmetic with those takes a hundred times as long.
 const float UNSEEN = 1e-20;
 

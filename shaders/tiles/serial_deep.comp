@@ -49,7 +49,7 @@ void main() {
         uvec2 at = tile * TILE + pixel_in_tile(block, v, lane);
         uvec2 last = uvec2(VIEWPORT_WIDTH, VIEWPORT_HEIGHT) - 1u;
         sums[v] = imageLoad(picture, ivec2(min(at, last)));
-        // What is beyond the picture or the block is done.
+        // Pixels beyond the picture or the block are done.
         sums[v].a = lane < BLOCK_PIXELS && all(lessThanEqual(at, last)) ? sums[v].a : -1.0;
     }
     bool open = true;

@@ -1,4 +1,4 @@
-// Invocations of the serial passes, each with work of its own: see serial.glsl.
+// Independent invocations of the serial passes: see serial.glsl.
 
 #include "../groups.glsl"
 

@@ -11,7 +11,7 @@
 // `if` leaves out is computed all the same. So each block has its own loop, and its first round is never wasted if a splat
 // touches it. A round blends two splats, because at its end a CPU writes all sums, with a mask.
 //
-// Where a list is longer and light still comes through, the picture holds colour and transmittance, and serial_deep.comp goes on.
+// If a list is longer and the pixel is not opaque, the picture holds colour and transmittance, and serial_deep.comp continues.
 
 #include "../camera.glsl"
 #include "serial.glsl"

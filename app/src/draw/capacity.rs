@@ -1,4 +1,4 @@
-//! Finds the incomplete frames, and makes room for them.
+//! Finds incomplete frames, and raises the capacity of their lists.
 //!
 //! A pass may write a list whose length only the device knows. The list's room is then a constant parameter of the graph that `grows` with
 //! a statistic, in which the passes count what they needed. A frame whose statistic exceeds the parameter holds what fitted, and no
@@ -10,7 +10,7 @@ use splatgraph_framework::ir::{Domain, Value};
 use splatgraph_framework::plan::Plan;
 use std::fmt;
 
-/// A list that had no room for all that a frame needed.
+/// A list whose capacity a frame exceeded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Overflow {
     /// The parameter that grows.
@@ -37,7 +37,7 @@ impl fmt::Display for Overflow {
     }
 }
 
-/// Lists what a frame of `plan` had no room for, by its statistics.
+/// Lists the lists of `plan` that a frame exceeded, by its statistics.
 pub fn overflows(plan: &Plan, stats: &[(String, u32)]) -> Vec<Overflow> {
     let of = |param: &splatgraph_framework::ir::Param| {
         let (_, needed) = stats.iter().find(|(name, _)| Some(name) == param.grows.as_ref())?;
@@ -59,7 +59,7 @@ pub fn overflows(plan: &Plan, stats: &[(String, u32)]) -> Vec<Overflow> {
 pub struct Capacities(Vec<(String, i64)>);
 
 impl Capacities {
-    /// Makes room for what a frame lacked, and returns true if there was none yet.
+    /// Raises capacities to what a frame needed, and returns true if any was lower.
     pub fn raise(&mut self, short: &Overflow) -> bool {
         let target = short.target();
         match self.0.iter_mut().find(|(name, _)| *name == short.parameter) {

@@ -258,13 +258,13 @@ pub struct PlainDiagnostic {
     pub column: u32,
     /// The line of the end.
     pub end_line: u32,
-    /// The column behind the last character.
+    /// The column after the last character.
     pub end_column: u32,
     /// Error or warning.
     pub severity: Severity,
     /// The mistake, as a sentence.
     pub message: String,
-    /// What stands at the place; may be empty.
+    /// The label at the place; may be empty.
     pub label: String,
     /// Suggestions.
     pub help: Vec<String>,

@@ -13,7 +13,8 @@ pub const NAME: &str = "demo";
 
 /// Returns the demo scene's path: `assets/splats/demo.ply` in a checkout, else in the user's cache folder.
 ///
-/// `None` without such a folder: everybody can foresee the names in the folder for temporary files, and write there first.
+/// `None` if there is no cache folder. The temporary folder is not used: its names are predictable, and another user could plant
+/// a file.
 pub fn path() -> Option<PathBuf> {
     let here = env::current_dir().unwrap_or_default();
     let in_checkout =

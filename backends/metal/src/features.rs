@@ -22,7 +22,7 @@ pub struct Told {
 }
 
 impl Told {
-    /// The least that a Mac of family Apple 7 tells: for plans that are made without one.
+    /// The minimum of a Mac of family Apple 7, for plans that are built without one.
     pub const LEAST: Told = Told {
         max_buffer_bytes: 4 << 30,
         threadgroup_bytes: 32 << 10,

@@ -52,7 +52,7 @@ pub(crate) struct Submission {
 }
 
 impl Submission {
-    /// Says whether it has completed, or failed. A failed one signals nothing; the host does, for those who wait for it.
+    /// Returns true once it has completed or failed. A failed one signals nothing, so the host signals for its waiters.
     pub fn is_done(&self) -> bool {
         let signalled = self.event.signaled_value() >= self.value;
         let status = objc::status(&self.last);

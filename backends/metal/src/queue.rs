@@ -18,7 +18,7 @@ const SLICE: Duration = Duration::from_millis(50);
 pub(crate) struct After<'a> {
     /// The event that they wait for, and its value.
     pub event: (&'a SharedEventRef, u64),
-    /// It stands for everything submitted before them, and not only for what was published.
+    /// True if it covers all earlier submissions, not only what was published.
     pub all: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Pipelines, which the driver compiles on its own thread, so that a compiler without an end holds nobody up.
+//! Pipelines, which the driver compiles on a separate thread, so that a hanging compiler blocks nothing else.
 //!
 //! A driver's compiler can be neither bounded nor stopped from outside. So the thread is given up: when it has worked on one pipeline for
 //! longer than the device's patience, the load fails with an error that names the pass and the shader, and when nobody wants the plan

@@ -19,7 +19,7 @@ pub(crate) struct Shared<G: Gpu> {
     pub compilers: Compilers,
     /// The first report of the device's loss; nothing works after that.
     lost: OnceLock<String>,
-    /// Objects that nobody needs any more, and that the device may use as long as it is not idle.
+    /// Objects that are no longer needed, and that the device may use until it is idle.
     abandoned: Mutex<Vec<Box<dyn Send>>>,
     pub gpu: Arc<G>,
 }
@@ -43,7 +43,7 @@ impl<G: Gpu> Shared<G> {
         self.abandoned().push(Box::new(objects));
     }
 
-    /// Drops what was abandoned, if the device is idle.
+    /// Drops abandoned objects if the device is idle.
     pub fn drop_abandoned(&self) {
         if !self.abandoned().is_empty() && self.gpu.wait_idle(Duration::ZERO) {
             self.abandoned().clear();

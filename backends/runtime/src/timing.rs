@@ -32,7 +32,7 @@ impl Times {
         Ok(Times { ticks, bits: limits.timestamp_bits, period: limits.timestamp_period as f64 })
     }
 
-    /// Says for each pass whether it is known to be complete; none where there is no timer.
+    /// Returns for each pass whether it is known to be complete; `None` without a timer.
     pub fn finished(&self, passes: usize) -> Option<Vec<bool>> {
         let done = |pass| self.ticks[queries(pass) as usize + 1].is_some();
         (!self.ticks.is_empty()).then(|| (0..passes).map(done).collect())

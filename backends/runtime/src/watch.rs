@@ -1,4 +1,4 @@
-//! The watch over what the device executes: which pass it runs, and for how long.
+//! Watches which pass the device executes, and for how long.
 //!
 //! A wait for the device has an end. It is made of short ones, and between two of them the watch is looked at: if the device runs the
 //! same pass for longer than the device's patience, the wait is given up with an error that names the pass. What was submitted stays
@@ -77,7 +77,7 @@ impl<G: Gpu> Watch<G> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Enters what was submitted.
+    /// Registers a submission.
     pub fn enter(self: &Arc<Self>, submission: Submission<G>) -> Ticket<G> {
         let mut state = self.state();
         let number = state.next;

@@ -1,4 +1,4 @@
-//! Physical devices: what they are, what graphs may know of them, and which one to open.
+//! Physical devices: their properties, their facts for graphs, and the choice of one.
 //!
 //! A device is described once, as plain data: a [`DeviceInfo`] for people and graphs, and the [`Limits`] that a plan is
 //! held against. The logical device is then created with one queue that can compute, draw and copy, and with the
@@ -14,7 +14,7 @@ use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::ffi::{CStr, c_char};
 use std::time::Duration;
 
-/// A physical device and what is known of it.
+/// A physical device and its properties.
 pub(crate) struct Physical {
     pub handle: vk::PhysicalDevice,
     /// Index of the queue family that can compute and draw, and show pictures in the instance's window if it has one.
@@ -34,7 +34,7 @@ impl Physical {
     }
 }
 
-/// Every physical device of the instance, in the loader's order. If the instance is one for a window, those that cannot show
+/// Lists the physical devices of the instance, in the loader's order. With a window, devices that cannot show
 /// pictures in it are unfit.
 pub(crate) fn all(instance: &Instance) -> Result<Vec<Physical>, BackendError> {
     let handles = instance.physical_devices()?;

@@ -1,4 +1,4 @@
-//! Optional features of a device: those that are enabled where they are present, and what they are to shaders.
+//! Optional features of a device: which ones are enabled if present, and their meaning for shaders.
 
 use crate::instance::{Instance, offers};
 use ash::{ext, vk};

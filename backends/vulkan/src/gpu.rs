@@ -34,7 +34,7 @@ pub struct VulkanGpu {
     pub(crate) pipeline_cache: vk::PipelineCache,
     /// `None` once the device is being destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
-    /// Fences that a submission may still signal, though nothing waits for them any more.
+    /// Fences that a submission may still signal, but that nothing waits for.
     fences: Mutex<Vec<vk::Fence>>,
     /// See [`splatgraph_runtime::Gpu::patience`].
     pub(crate) patience: Duration,
@@ -123,7 +123,7 @@ impl VulkanGpu {
         let _ = unsafe { labels.set_debug_utils_object_name(&info) };
     }
 
-    /// Opens a label around what is recorded next.
+    /// Opens a label around the next commands.
     pub(crate) fn begin_label(&self, commands: vk::CommandBuffer, name: Arguments) {
         let Some(labels) = &self.labels else { return };
         let name = c_string(&name.to_string());

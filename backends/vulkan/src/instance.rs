@@ -1,4 +1,4 @@
-//! The Vulkan instance: the loader, the validation layer and the messenger that collects what the layer says.
+//! The Vulkan instance: the loader, the validation layer and the messenger that collects its messages.
 //!
 //! The loader is opened at run time, so that the program starts (and can say what is missing) on a machine without
 //! Vulkan. An instance needs no window system: only one that is made for a window enables a window system's extensions.

@@ -31,7 +31,7 @@ pub(crate) struct Surface {
 }
 
 impl Surface {
-    /// The instance has the window system's [`extensions`].
+    /// Creates a surface. The instance must have the window system's [`extensions`].
     pub fn new(
         entry: &ash::Entry,
         instance: &ash::Instance,

@@ -90,7 +90,7 @@ pub struct DumpReason {
     pub after: Vec<Declared>,
     /// They ran in the frame before that of `before`.
     pub previous_frame: bool,
-    /// The resource that they touched, where it is another one in the same memory.
+    /// The resource that they accessed, if it is another one in the same memory.
     pub alias: Option<Declared>,
 }
 

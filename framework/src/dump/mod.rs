@@ -141,7 +141,7 @@ pub struct Totals {
     pub frame: BarrierTotals,
     /// Bytes of the memory blocks, which the plan itself owns.
     pub transient_bytes: u64,
-    /// Bytes that the same resources would take if each had memory of its own.
+    /// Bytes of the same resources without sharing.
     pub unshared_bytes: u64,
     /// The difference.
     pub saved_bytes: u64,
@@ -451,7 +451,7 @@ pub struct DumpCause {
     pub after: Vec<Declared>,
     /// They ran in the frame before that of `before`.
     pub previous_frame: bool,
-    /// The resource that they touched, where it is another one in the same memory.
+    /// The resource that they accessed, if it is another one in the same memory.
     pub alias: Option<Declared>,
     /// Masks that this reason alone requires.
     #[serde(flatten)]

@@ -204,7 +204,7 @@ impl Painter {
         }
     }
 
-    /// Takes note that nothing is known of what the window shows: the whole interface is packed next.
+    /// Forgets what the window shows, so that the next frame packs the whole interface.
     pub fn forget(&mut self) {
         self.shown = None;
     }

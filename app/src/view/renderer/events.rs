@@ -27,7 +27,7 @@ pub enum Cause {
     Prologue,
     /// The device was lost and opened again.
     Device,
-    /// A frame had no room in the list of this parameter.
+    /// A frame exceeded the capacity that this parameter sets.
     Room(String),
     /// The last attempt failed for want of something that may be there by now, such as memory.
     Retry,

@@ -127,7 +127,7 @@ pub fn arrange(folder: &Path) {
 }
 
 impl Script {
-    /// Opens the viewer on such a device. The first has the faults.
+    /// Opens the viewer on a null device. The first device has the faults.
     pub fn open(folder: &Path, config: &Config) -> Script {
         Script::open_on(folder, config, false)
     }
