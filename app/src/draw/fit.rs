@@ -1,4 +1,4 @@
-//! Says whether a scene, drawn with a graph, fits a device, and how many of its splats would.
+//! Finds out whether a scene, drawn with a graph, fits a device, and how many of its splats would.
 //!
 //! Two limits stop large scenes: the bytes of one storage buffer, 128 MiB on the smallest devices, and the device's memory. A graph
 //! is first built for the device as it is. If that fails, it is built for the same device with storage buffers of any size, which

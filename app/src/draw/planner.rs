@@ -237,7 +237,7 @@ impl fmt::Display for GraphErrors {
 
 impl std::error::Error for GraphErrors {}
 
-/// Says whether a diagnostic keeps a graph from being drawn.
+/// Returns true if a diagnostic keeps a graph from being drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {

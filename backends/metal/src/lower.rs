@@ -254,7 +254,7 @@ pub fn clear_groups((width, height): (u32, u32)) -> [u32; 2] {
     [width.div_ceil(CLEAR_THREADS[0]), height.div_ceil(CLEAR_THREADS[1])]
 }
 
-/// Says whether pixels of a picture are interpolated where it is shown in another size.
+/// Returns true if pixels of a picture are interpolated where it is shown in another size.
 pub fn interpolates(format: Format, same_size: bool, filters_floats: bool) -> bool {
     let filtered = match format {
         Format::Rgba8Unorm | Format::Rgba16Float => true,

@@ -68,7 +68,7 @@ pub(crate) fn allocated_bytes(device: &DeviceRef) -> u64 {
     unsafe { msg_send![device, currentAllocatedSize] }
 }
 
-/// Says whether samplers can interpolate images of 32-bit floats.
+/// Returns true if samplers can interpolate images of 32-bit floats.
 pub(crate) fn filters_floats(device: &DeviceRef) -> bool {
     // SAFETY: a property of type BOOL.
     let answer: BOOL = unsafe { msg_send![device, supports32BitFloatFiltering] };
@@ -87,7 +87,7 @@ pub(crate) fn system() -> String {
     })
 }
 
-/// Says whether this is the thread that may change views.
+/// Returns true if this is the thread that may change views.
 pub(crate) fn is_main_thread() -> bool {
     // SAFETY: a class method that takes nothing and returns a BOOL.
     let answer: BOOL = unsafe { msg_send![class!(NSThread), isMainThread] };

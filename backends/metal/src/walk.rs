@@ -163,7 +163,7 @@ impl Walk {
         self.division
     }
 
-    /// Says whether an encoder of the plan is open.
+    /// Returns true if an encoder of the plan is open.
     pub fn is_open(&self) -> bool {
         self.current.is_some_and(|(_, open)| open)
     }

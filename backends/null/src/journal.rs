@@ -287,7 +287,7 @@ impl Journal {
         }
     }
 
-    /// Says whether the submission of an encoder, or any, hangs.
+    /// Returns true if the submission of an encoder, or any, hangs.
     pub(crate) fn is_hung(&self, encoder: Option<&Owned>) -> bool {
         let of = |submission: &InFlight| encoder.is_none_or(|encoder| encoder.number == submission.encoder);
         self.state().in_flight.iter().any(|submission| submission.hung && of(submission))

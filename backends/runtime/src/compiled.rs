@@ -145,7 +145,7 @@ impl<G: Gpu> CompiledPlan<G> {
         if self.prologue_due { &self.plan.prologue } else { &[] }
     }
 
-    /// Says whether the step is left out.
+    /// Returns true if the step is left out.
     ///
     /// Its pass does not run where it would zero a history that goes on, or compute again what was taken over.
     pub fn is_left_out(&self, step: &Step) -> bool {
@@ -154,7 +154,7 @@ impl<G: Gpu> CompiledPlan<G> {
             || self.left_out.contains(&step.pass)
     }
 
-    /// Says whether the first frame reads what frames of other plans have left.
+    /// Returns true if the first frame reads what frames of other plans have left.
     pub fn goes_on(&self) -> bool {
         !self.carried.is_empty() || self.prologue_due && !self.left_out.is_empty()
     }
@@ -239,7 +239,7 @@ fn within_budget(
     }
 }
 
-/// Says whether the host's step of the frame waits for all copies: then the host can read whatever was copied before it.
+/// Returns true if the host's step of the frame waits for all copies: then the host can read whatever was copied before it.
 fn host_sees_copies(plan: &Plan) -> bool {
     let host = plan.frame.iter().find(|step| plan.pass(step.pass).work == Work::Host);
     host.is_some_and(|step| {

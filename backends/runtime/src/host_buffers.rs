@@ -127,7 +127,7 @@ impl<G: Gpu> HostBuffer<G> {
         }
     }
 
-    /// Says whether the slot's bindings point elsewhere, or to another length.
+    /// Returns true if the slot's bindings point elsewhere, or to another length.
     pub fn is_changed(&self) -> bool {
         self.holds != self.written
     }

@@ -71,7 +71,7 @@ pub struct SubgroupLimits {
 }
 
 impl SubgroupLimits {
-    /// Says whether a compute pipeline with workgroups of this size can ask for subgroups of [`SubgroupLimits::size`] lanes.
+    /// Returns true if a compute pipeline with workgroups of this size can ask for subgroups of [`SubgroupLimits::size`] lanes.
     pub fn can_ask(&self, local_size: [u32; 3]) -> bool {
         let invocations: u64 = local_size.iter().map(|&n| u64::from(n)).product();
         self.selectable
@@ -80,7 +80,7 @@ impl SubgroupLimits {
             && invocations <= u64::from(self.size) * u64::from(self.max_per_group)
     }
 
-    /// Says whether workgroups of this size run in subgroups of [`SubgroupLimits::size`] lanes for certain.
+    /// Returns true if workgroups of this size run in subgroups of [`SubgroupLimits::size`] lanes for certain.
     pub fn is_certain(&self, local_size: [u32; 3]) -> bool {
         let only_one = self.min_size == self.max_size && self.size == self.max_size;
         only_one || self.can_ask(local_size)

@@ -155,7 +155,7 @@ impl Compilers {
         Ok(())
     }
 
-    /// Refuses a plan that the driver compiles in vain, and any while it does so with too many. Says whether another may begin.
+    /// Refuses a plan that the driver compiles in vain, and any while it does so with too many. Returns true if another may begin.
     fn has_room(&self, plan: &Plan, patience: Duration) -> Result<bool, BackendError> {
         let mut abandoned = self.abandoned();
         abandoned.retain(|former| former.plan.strong_count() > 0);

@@ -200,7 +200,7 @@ impl<G: Gpu> Recorder<'_, G> {
         self.encoder.pop_label();
     }
 
-    /// Says whether the host reads copies of this frame that no step of the plan makes visible to it. (Waiting for the submission
+    /// Returns true if the host reads copies of this frame that no step of the plan makes visible to it. (Waiting for the submission
     /// alone does not.)
     fn host_reads_unseen_copies(&self) -> bool {
         let inspect = &self.inputs.inspect;

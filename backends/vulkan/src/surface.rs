@@ -46,7 +46,7 @@ impl Surface {
         Ok(Surface { raw, functions: khr::surface::Instance::new(entry, instance), window })
     }
 
-    /// Says whether queues of this family can present to the window.
+    /// Returns true if queues of this family can present to the window.
     pub fn can_show(&self, device: vk::PhysicalDevice, family: u32) -> bool {
         // SAFETY: the device is one of the instance's, and the family one of the device's.
         unsafe { self.functions.get_physical_device_surface_support(device, family, self.raw) }
