@@ -33,7 +33,7 @@ impl Picker {
         Picker { request: None, wake }
     }
 
-    /// Looks for the splats of a pixel, and cancels the search before.
+    /// Starts a search for the splats of a pixel, and cancels the previous one.
     ///
     /// `camera` is in the scene's coordinates, with the size of the picture.
     ///

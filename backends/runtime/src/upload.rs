@@ -11,7 +11,7 @@ use splatgraph_api::{BackendError, Progress, SceneData};
 use splatgraph_framework::ir::Usage;
 use std::ops::Range;
 
-/// Bytes of one copy at most; less where that is not a whole number of entries.
+/// Maximum bytes of one copy, rounded down to whole entries.
 const CHUNK: u64 = 16 << 20;
 
 /// Reads the planes `missing` from the scene and uploads them. When this returns, also with an error, the device uses none of

@@ -52,7 +52,7 @@ pub struct PropertyChange {
     pub b: Option<String>,
 }
 
-/// A number of both sides.
+/// A number on each side.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TotalChange {
     /// Name of the total.

@@ -57,7 +57,7 @@ impl Msl {
     pub const MOST_PUSH_BYTES: u32 = 4095;
 }
 
-/// Places a binding in a table of arguments.
+/// The place of a binding in an argument table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MslArgument {
     /// Number of the binding in set 0.

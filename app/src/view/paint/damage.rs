@@ -104,7 +104,7 @@ impl Interface {
         self.is_placed_as(other) && self.pieces == other.pieces
     }
 
-    /// Returns true if texels and places mean the same in both.
+    /// Returns true if both have the same window, view, background and textures.
     fn is_placed_as(&self, other: &Interface) -> bool {
         (other.window, other.view, other.background) == (self.window, self.view, self.background)
             && Arc::ptr_eq(&other.texels, &self.texels)

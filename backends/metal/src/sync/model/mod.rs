@@ -82,7 +82,7 @@ impl Objection {
         }
     }
 
-    /// The same objection, perhaps in another frame.
+    /// Returns true for the same objection, perhaps in another frame.
     fn recurs_as(&self, other: &Objection) -> bool {
         match (self, other) {
             (
