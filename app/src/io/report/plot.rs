@@ -6,6 +6,7 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontStyle, RGBColor, register_font};
+use std::iter;
 use std::ops::Range;
 use std::sync::Once;
 
@@ -104,6 +105,20 @@ const NAME: u32 = 13;
 /// Height of the title and the legend.
 const HEAD: u32 = 66;
 
+/// The look of a series. Series beyond the seventh repeat the colours, with open dots.
+#[derive(Clone, Copy)]
+struct Mark {
+    colour: RGBColor,
+    open: bool,
+}
+
+impl Mark {
+    /// Lists the discs of a dot, with their radii in pixels, from back to front.
+    fn discs(self) -> impl Iterator<Item = (RGBColor, i32)> {
+        iter::once((self.colour, 4)).chain(self.open.then_some((WHITE, 2)))
+    }
+}
+
 impl Series {
     /// Makes a line through points without names.
     pub fn line(name: &str, points: impl IntoIterator<Item = (f64, f64)>) -> Series {
@@ -165,7 +180,7 @@ impl Plot {
             .margin(14)
             .margin_top(HEAD)
             .x_label_area_size(48)
-            .y_label_area_size(64)
+            .y_label_area_size(84)
             .build_cartesian_2d(x, y)?;
         chart
             .configure_mesh()
@@ -178,24 +193,29 @@ impl Plot {
             .light_line_style(TRANSPARENT)
             .draw()?;
 
-        let mut colours = COLOURS.iter().cycle();
+        let filled = COLOURS.map(|colour| Mark { colour, open: false });
+        let open = COLOURS.map(|colour| Mark { colour, open: true });
+        let mut marks = filled.iter().chain(&open).cycle();
         let muted = |at: &usize| self.series[*at].form == Form::Muted;
-        let colour_of: Vec<RGBColor> = (0..self.series.len())
-            .map(|at| if muted(&at) { GREY } else { *colours.next().unwrap_or(&INK) })
+        let behind_all = Mark { colour: GREY, open: false };
+        let mark_of: Vec<Mark> = (0..self.series.len())
+            .map(|at| if muted(&at) { behind_all } else { *marks.next().unwrap_or(&behind_all) })
             .collect();
         // What is muted lies behind the others, and its names take the room that is left.
         let (behind, before): (Vec<usize>, Vec<usize>) = (0..self.series.len()).partition(muted);
-        self.head(area, &colour_of)?;
+        self.head(area, &mark_of)?;
         let bar = |(low, high, y): &(f64, f64, f64)| PathElement::new(vec![(*low, *y), (*high, *y)], GREY);
         chart.draw_series(bars.iter().map(bar))?;
         for at in behind.iter().chain(&before) {
-            let (series, points, colour) = (&self.series[*at], &shown[*at], colour_of[*at]);
+            let (series, points, mark) = (&self.series[*at], &shown[*at], mark_of[*at]);
             if series.form == Form::Line {
                 let line = points.iter().map(|(x, y, _)| (*x, *y));
-                chart.draw_series(LineSeries::new(line, colour.stroke_width(2)))?;
+                chart.draw_series(LineSeries::new(line, mark.colour.stroke_width(2)))?;
             }
-            let dots = points.iter().map(|(x, y, _)| Circle::new((*x, *y), 4, colour.filled()));
-            chart.draw_series(dots)?;
+            for (colour, radius) in mark.discs() {
+                let dots = points.iter().map(|(x, y, _)| Circle::new((*x, *y), radius, colour.filled()));
+                chart.draw_series(dots)?;
+            }
         }
         let mut names = Names::default();
         shown.iter().flatten().for_each(|(x, y, _)| names.block(chart.backend_coord(&(*x, *y))));
@@ -217,13 +237,13 @@ impl Plot {
     fn head<B: DrawingBackend>(
         &self,
         area: &DrawingArea<B, Shift>,
-        colours: &[RGBColor],
+        marks: &[Mark],
     ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
         let centred = Pos::new(HPos::Center, VPos::Center);
         let title = (FONT, 18).into_font().color(&INK).pos(centred);
         area.draw(&Text::new(self.title.clone(), (SIZE.0 as i32 / 2, 22), title))?;
         let style = (FONT, TEXT).into_font().color(&INK);
-        let named = || self.series.iter().zip(colours).filter(|(series, _)| !series.name.is_empty());
+        let named = || self.series.iter().zip(marks).filter(|(series, _)| !series.name.is_empty());
         let width =
             |series: &Series| area.estimate_text_size(&series.name, &style).map(|(width, _)| width as i32);
         /// Room for a dot, and between entries.
@@ -233,8 +253,10 @@ impl Plot {
             all += width(series)? + DOT;
         }
         let mut x = (SIZE.0 as i32 - all) / 2 + DOT / 2;
-        for (series, colour) in named() {
-            area.draw(&Circle::new((x, 46), 4, colour.filled()))?;
+        for (series, mark) in named() {
+            for (colour, radius) in mark.discs() {
+                area.draw(&Circle::new((x, 46), radius, colour.filled()))?;
+            }
             let beside = style.clone().pos(Pos::new(HPos::Left, VPos::Center));
             area.draw(&Text::new(series.name.clone(), (x + 10, 46), beside))?;
             x += width(series)? + DOT;
