@@ -44,7 +44,7 @@ impl Golden {
     }
 
     pub fn scene(&self) -> Scene {
-        Scene::load(self.path(), &|_, _| {}).expect("the scene loads")
+        Scene::load(self.path(), splatgraph_assets::QUIET).expect("the scene loads")
     }
 
     pub fn cameras(&self) -> Vec<Camera> {

@@ -68,7 +68,7 @@ fn main() -> Result<()> {
         std::fs::write(path, text)?;
     }
     let (scene, path) = match &args.scene {
-        Some(path) => (Scene::load(path, &|_, _| {})?, path.clone()),
+        Some(path) => (Scene::load(path, splatgraph_assets::QUIET)?, path.clone()),
         None => (synth::generate("demo", 200_000, 0)?, folder.path().join("demo.ply")),
     };
     let splats = scene.count();

@@ -35,8 +35,18 @@ const DRAW: [&str; 19] = [
 ];
 
 /// The modules of `studies`, from the ground up.
-const STUDIES: [&str; 8] =
-    ["metrics", "evaluation", "trade", "bench", "sweep", "advise", "experiment", "popping"];
+const STUDIES: [&str; 10] = [
+    "metrics",
+    "evaluation",
+    "study",
+    "measurement",
+    "trade",
+    "bench",
+    "sweep",
+    "advise",
+    "experiment",
+    "popping",
+];
 
 /// The modules of the viewer, from the ground up.
 const VIEW: [&str; 19] = [

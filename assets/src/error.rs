@@ -20,6 +20,10 @@ pub enum SceneError {
     #[error("cannot be read: {0}")]
     Io(#[from] std::io::Error),
 
+    /// The callback for the progress of the load cancelled it.
+    #[error("the load was cancelled")]
+    Cancelled,
+
     /// The file is empty.
     #[error("expected a scene, found an empty file")]
     Empty,

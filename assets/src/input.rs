@@ -15,8 +15,9 @@ use crate::scene::{Columns, FileNotes, Gathered, Rows, Scene};
 use crate::size_breakdown::SizeBreakdown;
 use std::fs::File;
 use std::io::{self, ErrorKind};
+use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
@@ -25,8 +26,12 @@ const PIECE: usize = 1 << 20;
 
 /// A callback for the progress of a load: bytes of splats converted, and bytes in total.
 ///
-/// Several threads call it, so the first number does not always ascend.
-pub type Progress<'a> = &'a (dyn Fn(u64, u64) + Sync);
+/// Several threads call it, so the first number does not always ascend. `Break` cancels the load: it ends with
+/// [`SceneError::Cancelled`] as soon as every thread has noticed.
+pub type Progress<'a> = &'a (dyn Fn(u64, u64) -> ControlFlow<()> + Sync);
+
+/// Ignores the progress of a load.
+pub const QUIET: Progress<'static> = &|_, _| ControlFlow::Continue(());
 
 /// The contents of a scene file's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,7 +104,7 @@ pub(crate) struct Table {
 /// `convert` gets the row of every table and the splat's index, and pushes one splat.
 ///
 /// # Errors
-/// The file cannot be read, or there is no memory for a buffer per thread.
+/// The file cannot be read, there is no memory for a buffer per thread, or the load is cancelled.
 pub(crate) fn fill<const N: usize>(
     source: &Source,
     tables: [Table; N],
@@ -113,6 +118,7 @@ pub(crate) fn fill<const N: usize>(
     columns.fill(|out: &mut Rows| {
         buffers.with(rows_at_once.min(out.len()) * stride, |buffer| {
             for first in (0..out.len()).step_by(rows_at_once) {
+                done.check()?;
                 let count = rows_at_once.min(out.len() - first);
                 let first = out.first() + first;
                 let mut left = &mut buffer[..count * stride];
@@ -127,33 +133,44 @@ pub(crate) fn fill<const N: usize>(
                         |table: usize| &pieces[table][row * tables[table].stride..][..tables[table].stride];
                     convert(std::array::from_fn(at), first + row, out);
                 }
-                done.add((count * stride) as u64);
+                done.add((count * stride) as u64)?;
             }
             Ok(())
         })
     })
 }
 
-/// Sums the progress of parallel chunks.
+/// Sums the progress of parallel chunks, and ends all of them when the load is cancelled.
 pub(crate) struct Done<'a> {
     done: AtomicU64,
     of: u64,
     tell: Progress<'a>,
+    cancelled: AtomicBool,
 }
 
 impl<'a> Done<'a> {
-    pub(crate) fn new(of: u64, tell: Progress<'a>) -> Self {
-        tell(0, of);
-        Self::after(0, of, tell)
+    pub(crate) fn new(of: u64, tell: Progress<'a>) -> Result<Self, SceneError> {
+        let begun = Self::after(0, of, tell);
+        begun.add(0)?;
+        Ok(begun)
     }
 
     /// Continues after `done` reported bytes.
     pub(crate) fn after(done: u64, of: u64, tell: Progress<'a>) -> Self {
-        Self { done: AtomicU64::new(done), of, tell }
+        Self { done: AtomicU64::new(done), of, tell, cancelled: AtomicBool::new(false) }
     }
 
-    pub(crate) fn add(&self, bytes: u64) {
-        (self.tell)(self.done.fetch_add(bytes, Ordering::Relaxed) + bytes, self.of);
+    pub(crate) fn add(&self, bytes: u64) -> Result<(), SceneError> {
+        let done = self.done.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        if (self.tell)(done, self.of).is_break() {
+            self.cancelled.store(true, Ordering::Relaxed);
+        }
+        self.check()
+    }
+
+    /// Returns an error if the load is cancelled.
+    pub(crate) fn check(&self) -> Result<(), SceneError> {
+        if self.cancelled.load(Ordering::Relaxed) { Err(SceneError::Cancelled) } else { Ok(()) }
     }
 }
 

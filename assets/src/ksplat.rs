@@ -317,7 +317,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let most = sections.iter().map(|section| section.stride).max().unwrap_or(1);
     let mut columns = input.allocate(count, degree(&sections), false, (most, 0))?;
     let bytes: u64 = sections.iter().map(|section| (section.count * section.stride) as u64).sum();
-    let done = Done::new(bytes, input.progress);
+    let done = Done::new(bytes, input.progress)?;
     let buffers = input::Buffers::default();
     let gathered = columns.fill(|out| {
         buffers.with(ROWS * most, |buffer| {
@@ -333,7 +333,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
                     let (splat, norm) = header.splat(section, index, row);
                     out.push(&splat, norm);
                 }
-                done.add(piece.len() as u64);
+                done.add(piece.len() as u64)?;
                 next += rows;
             }
             Ok::<_, SceneError>(())
@@ -443,7 +443,7 @@ mod tests {
             let mut bytes = file(1, 1);
             bytes[at..at + value.len()].copy_from_slice(value);
             let source = Source::Bytes(&bytes);
-            let input = Input { source: &source, memory: Some(1 << 30), progress: &|_, _| {} };
+            let input = Input { source: &source, memory: Some(1 << 30), progress: crate::QUIET };
             parse(&input).unwrap_err().to_string()
         };
         assert!(with(1, &[9]).contains("byte 0, `version`: expected 0.1, found 0.9"));

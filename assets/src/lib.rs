@@ -51,7 +51,7 @@ pub use camera::Camera;
 pub use dataset::{CameraError, Dataset, MAX_CAMERA_BYTES, TEST_EVERY, View};
 pub use edit::Similarity;
 pub use error::{LoadError, SceneError};
-pub use input::{Progress, SceneHeader};
+pub use input::{Progress, QUIET, SceneHeader};
 pub use memory::SceneMemoryError;
 pub use recognise::SceneFormat;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};

@@ -67,7 +67,7 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let SceneHeader { count, .. } = header(input.source)?;
     let mut columns = input.allocate(count, 0, false, (STRIDE, 0))?;
-    let done = Done::new(input.source.length(), input.progress);
+    let done = Done::new(input.source.length(), input.progress)?;
     let table = [Table { start: 0, stride: STRIDE }];
     let gathered = input::fill(input.source, table, &mut columns, &done, |[row], _, out| {
         let (splat, norm) = splat(row);

@@ -18,7 +18,7 @@ pub(crate) fn splat(index: usize) -> Splat {
 
 /// Parses a scene without a progress callback.
 pub(crate) fn parse(bytes: &[u8]) -> Result<Scene, crate::error::SceneError> {
-    Scene::parse(bytes, &|_, _| {})
+    Scene::parse(bytes, crate::QUIET)
 }
 
 /// Returns the folder of captured scenes in `SPLATGRAPH_DATA`; reports the test as not run without it.

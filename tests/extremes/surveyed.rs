@@ -36,7 +36,7 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     let place = Place::new();
     let synth = ["synth", "surveyed", "--count", "1000", "-o", "far.ply", "--cameras", "far.json"];
     assert_eq!(place.code(&synth).0, Some(0));
-    let loaded = Scene::load(place.at("far.ply"), &|_, _| {}).expect("it loads");
+    let loaded = Scene::load(place.at("far.ply"), splatgraph_assets::QUIET).expect("it loads");
     assert_eq!(loaded.offset(), made.offset(), "the reader finds the origin that the writer had");
     let off = loaded.positions().iter().flatten().zip(made.positions().iter().flatten());
     // The world's coordinates have 53 bits: 2^-29 of a unit.

@@ -65,7 +65,7 @@ impl<D: Device> Monkey<D> {
             scene.write_ply(folder.path().join(name)).expect("the scene is written");
         }
         let path = folder.path().join("scene.ply");
-        let scene = Scene::load(&path, &|_, _| {}).expect("the scene is loaded");
+        let scene = Scene::load(&path, splatgraph_assets::QUIET).expect("the scene is loaded");
         let graph = folder.path().join(format!("pipelines/{graph}.ron"));
         let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], Arc::new(|| {}))
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
@@ -464,7 +464,7 @@ fn after_five_hundred_random_actions_the_picture_is_the_one_that_render_draws() 
     let set: Vec<(&str, &str)> =
         viewer.a.renderer.set().iter().map(|(name, value)| (name.as_str(), value.as_str())).collect();
     let camera = viewer.navigation.camera(shown.width as u32, shown.height as u32);
-    let scene = Scene::load(viewer.scene_path(), &|_, _| {}).expect("the scene is loaded");
+    let scene = Scene::load(viewer.scene_path(), splatgraph_assets::QUIET).expect("the scene is loaded");
     let graph = viewer.a.renderer.graph();
     let drawn = images::draw_scene(scene, &[camera], graph, viewer.background, &set);
     assert!(shown.rgb == drawn[0].rgb, "{graph} with {set:?} after {:#?}", monkey.deeds);

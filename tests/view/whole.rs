@@ -61,7 +61,7 @@ impl TestShell {
         let scene = synth::generate(scene.0, scene.1, 0).expect("the scene is generated");
         scene.write_ply(&path).expect("the scene is written");
         // As the file has it, whose numbers are rounded: so it is the same when it is opened again.
-        let scene = Scene::load(&path, &|_, _| {}).expect("the scene is loaded");
+        let scene = Scene::load(&path, splatgraph_assets::QUIET).expect("the scene is loaded");
         let graph = folder.path().join(graph);
         let window = folder.path().join("pipelines/view/window.ron");
         let canvas = common::open(options);

@@ -1,27 +1,22 @@
 //! Runs `splatgraph advise`: reports what a scene needs, and finds the fastest setting within a budget.
 
 use super::cameras;
+use super::console::Console;
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
-use super::{Outcome, Usage};
-use crate::draw::backend::Backend;
+use super::outcome::{Outcome, Usage};
 use crate::draw::fit;
-use crate::draw::interleaved::Effort;
-use crate::draw::keys::{self, Mapping, Need, Seen, WIDTHS};
-use crate::draw::session::Session;
+use crate::draw::keys::{self, Mapping, Need, WIDTHS};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::shell_word;
-use crate::io::progress::Progress;
-use crate::studies::advise::harmonics::{self, Band};
-use crate::studies::advise::search::{Best, Budget, Tried, best, combinations, own_share};
-use crate::studies::trade::measure::{Baseline, Row, View, measure};
-use crate::studies::trade::noise::LEAST_SAVING;
-use crate::studies::trade::plans;
-use crate::studies::trade::settings::{EXACT, Setting};
+use crate::studies::advise::harmonics::Band;
+use crate::studies::advise::search::{Best, Budget, Tried};
+use crate::studies::advise::{Advice, Description, Wanted, describe, study};
+use crate::studies::measurement::noise::LEAST_SAVING;
+use crate::studies::measurement::settings::EXACT;
+use crate::studies::study::Subject;
 use anyhow::{Context, Result};
 use serde_json::json;
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Report};
-use splatgraph_framework::lower::Control;
 use std::path::{Path, PathBuf};
 
 /// Advise how to draw a scene: its flaws, its keys, its harmonics, and the fastest setting within a budget
@@ -81,8 +76,6 @@ fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "expected a number above 0".into())
 }
 
-/// Maximum number of combinations to draw, and the number within the budget after which the search ends.
-const DRAWN: (usize, usize) = (12, 3);
 /// Views around a scene without cameras.
 const AROUND: u32 = 4;
 
@@ -97,37 +90,38 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if sampled {
         cameras = keys::around(&scene, cameras.first().context("no cameras")?, AROUND);
     }
-    let report = Report::new(&scene, &cameras);
-    let needs = keys::needs(&Seen::shown(&scene, &cameras).views(), args.errors);
-    let bands = harmonics::bands(&scene);
+    let found = describe(&scene, &cameras, args.errors);
     let name = args.scene.as_ref().map_or_else(|| "the demo scene".into(), |path| path.display().to_string());
     let silent = args.json.as_deref().is_some_and(crate::io::output::is_standard_output);
     let tell = |text: &str| if silent { Ok(()) } else { options::write_text(None, text) };
-    tell(&format!("{name}: {report}{}{}", keys_text(&needs, args.errors), bands_text(&bands)))?;
+    let Description { report, keys, bands } = &found;
+    tell(&format!("{name}: {report}{}{}", keys_text(keys, args.errors), bands_text(bands)))?;
 
     let budget = Budget { psnr: args.psnr, ms: args.ms };
     let mut outcome = Outcome::Done;
     let mut all =
-        json!({ "scene": args.scene, "cameras": cameras, "report": report, "keys": needs, "bands": bands });
+        json!({ "scene": args.scene, "cameras": cameras, "report": report, "keys": keys, "bands": bands });
     if budget != Budget::default() {
         let device = args.device.open()?;
         if let Some(path) = &args.scene {
             fit::check_header(path, device.info(), &args.pipeline, &args.set)?;
         }
-        let mut session = Session::new(device, scene, &args.pipeline, &args.set);
-        let Searched { tried, unsure } = search(args, &mut session, &cameras, &needs, &budget)?;
-        let Best { found, hidden } = best(&tried, &budget);
-        tell(&found.map_or_else(|| nothing(&tried, &budget), |found| advice(args, is_one, found, &tried)))?;
-        tell(&noise(found, &hidden, &unsure))?;
+        let subject = Subject { device: &device, name, scene: scene.into(), cameras };
+        let (pipeline, set) = (args.pipeline.clone(), args.set.clone());
+        let wanted = Wanted { pipeline, set, budget, frames: args.effort.frames() };
+        let advice = study(&subject, keys, &wanted, &mut Console::default())?;
+        let (Advice { tried, unsure, .. }, Best { found, hidden }) = (&advice, advice.best());
+        tell(&found.map_or_else(|| nothing(tried, &budget), |found| command(args, is_one, found, tried)))?;
+        tell(&noise(found, &hidden, unsure))?;
         if found.is_none() {
             outcome = Outcome::Failed;
         }
         all["budget"] = serde_json::to_value(budget)?;
         all["advised"] = serde_json::to_value(found)?;
-        all["tried"] = serde_json::to_value(&tried)?;
+        all["tried"] = serde_json::to_value(tried)?;
         let names = |of: &[&Tried]| of.iter().map(|tried| tried.setting.name.clone()).collect::<Vec<_>>();
         all["too_noisy_to_tell"] = json!({ "better": names(&hidden), "not_combined": unsure });
-        if super::validated(args.device.validate, &session.into_device().close()) == Outcome::Failed {
+        if super::outcome::validated(args.device.validate, &device.close()) == Outcome::Failed {
             outcome = Outcome::Failed;
         }
     }
@@ -185,121 +179,6 @@ pub(super) fn bands_text(bands: &[Band]) -> String {
     }
 }
 
-/// The measurements of a search.
-struct Searched {
-    tried: Vec<Tried>,
-    /// Settings that may save time within the noise; they were not combined.
-    unsure: Vec<String>,
-}
-
-/// Measures one parameter at a time and every preset, then the most promising combinations.
-fn search(
-    args: &Args,
-    session: &mut Session<Backend>,
-    cameras: &[Camera],
-    needs: &[Need],
-    budget: &Budget,
-) -> Result<Searched> {
-    let first = cameras.first().context("no cameras")?;
-    let controls = session.controls((first.width, first.height))?;
-    let mut singles = options::settings_of(&args.pipeline, &args.set, &controls);
-    singles.extend(advised_keys(&singles[0], needs));
-    let mut exact = session.beside(&singles[0].pipeline, &singles[0].set)?;
-    exact.prepare((first.width, first.height), &mut |_| {})?;
-    let singles = options::with_effect(singles, &exact)?;
-    let singles = options::with_plans(singles, &mut exact, cameras)?;
-    // Half as many frames as in a ledger, because there are many settings.
-    let effort = args.effort.choose(&mut exact, first, 8)?;
-    let views: Vec<View> = cameras.iter().map(|camera| View::exact(session.scene(), camera)).collect();
-
-    let mut progress = Progress::new("measuring");
-    let of = (singles.len() + DRAWN.0) as u64;
-    let mut tried = Vec::new();
-    let mut exact_ms = vec![None; views.len()];
-    let mut floor = None;
-    let mut measured = |setting: &Setting, exact_ms: &mut [Option<f64>]| {
-        measured(session, &mut exact, exact_ms, setting, &views, effort)
-    };
-    for (at, (setting, _)) in singles.iter().enumerate() {
-        progress.set(at as u64, of, &setting.name);
-        let Some(rows) = measured(setting, &mut exact_ms)? else { continue };
-        if setting.name == EXACT {
-            // The exact settings against themselves show the noise.
-            floor = own_share(&rows).and_then(|share| share.floor());
-        }
-        tried.extend(Tried::new(setting, &rows, floor));
-    }
-    let mut within = 0;
-    let (combined, unsure) = combinations(&tried, budget);
-    let new = combined.iter().filter(|setting| singles.iter().all(|(other, _)| other.name != setting.name));
-    for (at, setting) in new.take(DRAWN.0).enumerate() {
-        progress.set((singles.len() + at) as u64, of, &setting.name);
-        // The command need not name defaults.
-        let setting = Setting { set: changed(&setting.set, &controls), ..setting.clone() };
-        let rows = measured(&setting, &mut exact_ms)?;
-        let found = rows.and_then(|rows| Tried::new(&setting, &rows, floor));
-        within += usize::from(found.as_ref().is_some_and(|found| budget.allows(found) == Some(true)));
-        tried.extend(found);
-        if within == DRAWN.1 {
-            break;
-        }
-    }
-    for found in &mut tried {
-        if found.setting.pipeline == args.pipeline {
-            found.setting.set = changed(&found.setting.set, &controls);
-        }
-    }
-    Ok(Searched { tried, unsure })
-}
-
-/// Returns the exact settings with keys as narrow as their mapping allows.
-fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
-    let of = |name: &str| exact.set.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
-    let bits = needs.iter().find(|need| Some(need.map.name()) == of("key_map"))?.bits?;
-    if of("key_bits")?.parse() == Ok(bits) {
-        return None;
-    }
-    let mut set = exact.set.clone();
-    set.iter_mut().filter(|(name, _)| name == "key_bits").for_each(|(_, value)| *value = bits.to_string());
-    Some(Setting { name: format!("key_bits = {bits}"), pipeline: exact.pipeline.clone(), set })
-}
-
-/// Removes the values that are the graph's defaults.
-fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, String)> {
-    let is_default = |(name, value): &(String, String)| {
-        controls
-            .iter()
-            .any(|control| control.param.name == *name && control.param.value.to_string() == *value)
-    };
-    set.iter().filter(|pair| !is_default(pair)).cloned().collect()
-}
-
-/// Measures a setting in every view; `None` if it draws from the previous frame, because still views hide its error.
-///
-/// `exact_ms` are the milliseconds of the exact settings in each view, once known.
-fn measured(
-    session: &mut Session<Backend>,
-    exact: &mut Session<Backend>,
-    exact_ms: &mut [Option<f64>],
-    setting: &Setting,
-    views: &[View],
-    effort: Effort,
-) -> Result<Option<Vec<Row>>> {
-    let mut rows = Vec::new();
-    for (view, exact_ms) in views.iter().zip(exact_ms) {
-        exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
-        let baseline = Baseline { session: &mut *exact, ms: *exact_ms };
-        let row = measure(session, baseline, (setting, None), view, effort)?;
-        if session.plan().is_some_and(plans::uses_last_frame) {
-            return Ok(None);
-        }
-        let found = row.found.as_ref().ok().and_then(|found| found.time.as_ref());
-        *exact_ms = exact_ms.or(found.map(|time| time.exact_ms));
-        rows.push(row);
-    }
-    Ok(Some(rows))
-}
-
 /// Maximum number of settings within the noise to name; the JSON has all.
 const NAMED: usize = 5;
 
@@ -349,7 +228,7 @@ fn time(tried: &Tried) -> String {
 }
 
 /// Formats the advice: a complete command, which draws one picture or several, and its measurements.
-fn advice(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String {
+fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String {
     let mut command = "splatgraph render".to_owned();
     let mut add = |word: &str| command += &format!(" {}", shell_word(word));
     args.scene.iter().for_each(|path| add(&path.display().to_string()));
@@ -398,7 +277,8 @@ fn nothing(tried: &[Tried], budget: &Budget) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::studies::trade::noise::Share;
+    use crate::studies::measurement::noise::Share;
+    use crate::studies::study::Setting;
 
     #[test]
     fn without_a_setting_in_the_budget_the_nearest_are_told() {

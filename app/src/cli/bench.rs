@@ -1,25 +1,23 @@
 //! Runs `splatgraph bench`: time, bytes and memory of graphs, drawn interleaved.
 
 use super::cameras;
+use super::console::Console;
 use super::options::{self, BackendArgs, DEFAULT_PIPELINE, EffortArgs};
-use super::{Outcome, Usage};
+use super::outcome::{Outcome, Usage};
 use crate::draw::backend::Backend;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::{Planner, without_effect};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output, say};
-use crate::io::progress::Progress;
 use crate::io::report::plot::Plot;
-use crate::studies::bench::limit::{self, CopyLimit};
-use crate::studies::bench::measure::{Bench, Candidate, Frames};
-use crate::studies::bench::report::{Origin, Report, Row, SceneOrigin, is_cpu, size_text};
-use crate::studies::bench::{plot, sort, table};
+use crate::studies::bench::report::{Origin, Report, size_text};
+use crate::studies::bench::{Wanted, copy_limit, plot, sort, study, table};
+use crate::studies::study::{Setting, Subject};
 use anyhow::{Result, bail};
 use serde::Serialize;
 use splatgraph_api::{Device, DeviceInfo};
-use splatgraph_assets::{Camera, Scene, SceneHeader, grouped, synth};
+use splatgraph_assets::{Camera, SceneHeader};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Measure graphs against each other, pass by pass
 ///
@@ -98,15 +96,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if args.suite == Suite::Frames {
         check_graphs(args, device.info())?;
     }
-    let (rounds, frames) = args.effort.given();
-    let frames = Frames { rounds, frames };
-    let copy = copy_limit(&device, frames)?;
+    let frames = args.effort.frames();
+    let copy = copy_limit(&device, frames, &mut Console::default())?;
     let origin = Origin::new(device.info(), copy, frames, &args.set);
     let measured = match args.suite {
         Suite::Frames => measure_frames(args, &device, origin, &work)?,
         Suite::Sort => measure_sorts(args, &device, origin)?,
     };
-    let outcome = super::validated(args.device.validate, &device.close());
+    let outcome = super::outcome::validated(args.device.validate, &device.close());
     Ok(if measured { outcome } else { Outcome::Failed })
 }
 
@@ -142,13 +139,7 @@ fn write_plot(folder: &Path, name: &str, plot: &Plot) -> Result<()> {
 fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> {
     let usual = sort::usual_pairs();
     let pairs = if args.pairs.is_empty() { &usual } else { &args.pairs };
-    let mut progress = Progress::new("sorting");
-    let (mut done, of) = (0, pairs.len() as u64);
-    let report = sort::measure(device, pairs, origin, &mut |pairs| {
-        progress.set(done, of, &format!("{} pairs", grouped(pairs.into())));
-        done += 1;
-    })?;
-    drop(progress);
+    let report = sort::measure(device, pairs, origin, &mut Console::default())?;
     show(args, &report.table())?;
     write_json(args, &report, true)?;
     if let Some(folder) = &args.output {
@@ -212,19 +203,6 @@ fn show(args: &Args, text: &str) -> Result<()> {
     options::write_text(None, text)
 }
 
-/// Measures the copy limit, and says why if it cannot.
-fn copy_limit(device: &Backend, frames: Frames) -> Result<Option<CopyLimit>> {
-    // On a CPU, caches serve most passes, and a copy of main memory bounds none of them.
-    if is_cpu(device.info()) {
-        return Ok(None);
-    }
-    let copy = limit::measure(device, frames, limit::no_scene()?)?;
-    Ok(copy.unwrap_or_else(|why| {
-        say(format!("the copy limit cannot be measured: {why}"));
-        None
-    }))
-}
-
 /// Measures a scene, or the demo scene, for all numbers of splats and sizes.
 fn measure_scene(
     args: &Args,
@@ -233,70 +211,15 @@ fn measure_scene(
     report: &mut Report,
 ) -> Result<()> {
     let stems = names::unique(&options::camera_names(path, given.as_deref()), MAX_NAME_BYTES);
-    let (base, cameras) = options::scene_and_cameras(path, given, &stems, None)?;
-    let scene = path.map_or_else(|| "demo".into(), |path| path.display().to_string());
-    report.scenes.push(SceneOrigin {
-        scene: scene.clone(),
-        splats: base.count(),
-        cameras: serde_json::to_value(&cameras)?,
-    });
-    let base = Arc::new(base);
-    let counts = if args.splats.is_empty() { vec![base.count()] } else { args.splats.clone() };
-    let sizes = args.sizes();
-    let candidates: Vec<Candidate> = args
-        .pipelines
-        .iter()
-        .map(|pipeline| Candidate { pipeline: pipeline.clone(), set: args.set.clone() })
-        .collect();
-    let mut progress = Progress::new(format!("measuring {}", table::scene_name(&scene)));
-    let of = (counts.len() * sizes.len() * cameras.len()) as u64;
-    let mut done = 0;
-    for splats in counts {
-        let row = |size, pipeline: &str, found| Row {
-            scene: scene.clone(),
-            splats,
-            size,
-            pipeline: pipeline.to_owned(),
-            found,
-        };
-        progress.set(done, of, &format!("{} splats", grouped(splats.into())));
-        let enlarged = match enlarged(&base, splats) {
-            Ok(scene) => scene,
-            Err(error) => {
-                let places =
-                    sizes.iter().flat_map(|size| args.pipelines.iter().map(move |name| (size, name)));
-                report.rows.extend(places.map(|(size, name)| row(*size, name, Err(error.to_string()))));
-                done += (sizes.len() * cameras.len()) as u64;
-                continue;
-            }
-        };
-        for size in &sizes {
-            let resized =
-                |camera: &Camera| size.map_or_else(|| camera.clone(), |(w, h)| camera.resized(w, h));
-            let cameras: Vec<Camera> = cameras.iter().map(resized).collect();
-            let bench = Bench {
-                device,
-                scene: enlarged.clone(),
-                frames: report.origin.effort,
-                copy: report.origin.copy.as_ref().map(|copy| copy.gb_per_s),
-            };
-            let place = format!("{} splats, {}", grouped(splats.into()), size_text(*size));
-            let outcomes = bench.measure(&candidates, &cameras, &mut |at| {
-                progress.set(done + at as u64, of, &place);
-            })?;
-            done += cameras.len() as u64;
-            let rows = args.pipelines.iter().zip(outcomes).map(|(name, found)| row(*size, name, found));
-            report.rows.extend(rows);
-            // A run that is cut short leaves what it has measured.
-            write_json(args, &report, false)?;
-        }
-    }
+    let (scene, cameras) = options::scene_and_cameras(path, given, &stems, None)?;
+    let name = path.map_or_else(|| "demo".into(), |path| path.display().to_string());
+    let candidates = args.pipelines.iter().map(|pipeline| Setting::of_graph(pipeline, &args.set)).collect();
+    let wanted = Wanted { candidates, splats: args.splats.clone(), sizes: args.sizes() };
+    let subject = Subject { device, name, scene: scene.into(), cameras };
+    // A run that is cut short leaves what it has measured.
+    let mut kept = |report: &Report| write_json(args, report, false);
+    study(&subject, &wanted, report, &mut kept, &mut Console::default())?;
     Ok(())
-}
-
-/// Enlarges or cuts a scene to a number of splats.
-fn enlarged(base: &Arc<Scene>, splats: u32) -> Result<Arc<Scene>> {
-    Ok(if base.count() == splats { base.clone() } else { Arc::new(synth::enlarge(base, splats)?) })
 }
 
 impl Args {
@@ -397,7 +320,7 @@ fn claim_files(args: &Args, stems: &[String]) -> Result<(), Usage> {
         }
     }
     for cameras in &args.cameras {
-        options::claim_cameras(&mut guard, cameras)?;
+        cameras::claim_file(&mut guard, cameras)?;
     }
     for pipeline in &args.pipelines {
         guard.input("the graph", Path::new(pipeline))?;

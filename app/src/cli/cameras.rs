@@ -1,10 +1,10 @@
 //! Finds the cameras of a command: those of `--cameras`, or the first of the file beside the scene.
 
-use super::{Usage, options};
+use super::outcome::Usage;
 use crate::draw::camera;
 use crate::io::output::{OutputGuard, say};
 use anyhow::Result;
-use splatgraph_assets::Camera;
+use splatgraph_assets::{Camera, CameraError, Dataset};
 use std::path::{Path, PathBuf};
 
 /// Returns the file that is used without `--cameras`; see [`camera::beside`].
@@ -20,11 +20,11 @@ fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
 /// The file of `--cameras` cannot be read, or holds no cameras.
 pub fn load(spec: Option<&str>, scene: Option<&Path>) -> Result<Option<Vec<Camera>>> {
     if let Some(spec) = spec {
-        return Ok(Some(options::cameras(spec)?));
+        return Ok(Some(parse(spec)?));
     }
     let Some(file) = beside(spec, scene) else { return Ok(None) };
     let file_name = file.display();
-    match options::cameras(&file.to_string_lossy()) {
+    match parse(&file.to_string_lossy()) {
         Ok(mut all) => {
             let others = match all.len() {
                 1 => String::new(),
@@ -44,7 +44,7 @@ pub fn load(spec: Option<&str>, scene: Option<&Path>) -> Result<Option<Vec<Camer
 /// Adds the file of the cameras to the inputs.
 pub fn claim(guard: &mut OutputGuard, spec: Option<&str>, scene: Option<&Path>) -> Result<(), Usage> {
     if let Some(spec) = spec {
-        return options::claim_cameras(guard, spec);
+        return claim_file(guard, spec);
     }
     match beside(spec, scene) {
         Some(file) => Ok(guard.input("the cameras", &file)?),
@@ -52,9 +52,55 @@ pub fn claim(guard: &mut OutputGuard, spec: Option<&str>, scene: Option<&Path>) 
     }
 }
 
+/// Returns true for the text of a `cameras.json`, false for the name of a file.
+fn is_json(spec: &str) -> bool {
+    spec.trim_start().starts_with(['[', '{']) && !Path::new(spec).exists()
+}
+
+/// Loads the cameras of `PATH` or `PATH#INDEX`, in any format of [`Dataset`], or parses the text of a `cameras.json`.
+pub fn parse(spec: &str) -> Result<Vec<Camera>, CameraError> {
+    if is_json(spec) {
+        let name = Path::new("--cameras");
+        let cameras = Camera::parse(spec, name)?;
+        return if cameras.is_empty() { Err(CameraError::Empty { path: name.into() }) } else { Ok(cameras) };
+    }
+    // A `#` may also be part of the file's own name.
+    if spec.contains('#') && !Path::new(spec).exists() {
+        return Camera::select(spec).map(|camera| vec![camera]);
+    }
+    let dataset = Dataset::load(spec)?;
+    tell_off_center(&dataset);
+    let cameras: Vec<Camera> = dataset.views.into_iter().map(|view| view.camera).collect();
+    if cameras.is_empty() { Err(CameraError::Empty { path: spec.into() }) } else { Ok(cameras) }
+}
+
+/// Warns if principal points are not in the middle of the pictures.
+pub fn tell_off_center(dataset: &Dataset) {
+    if dataset.off_center > 0.5 {
+        say(format!(
+            "principal points are up to {:.1} pixels from the middle of the pictures; they are drawn in the middle, as by the 3DGS reference",
+            dataset.off_center
+        ));
+    }
+}
+
+/// Adds the file of `FILE` or `FILE#INDEX` to the inputs; a `#` may also be part of the file's own name, and JSON has no file.
+pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
+    if is_json(cameras) {
+        return Ok(());
+    }
+    guard.input("the cameras", Path::new(cameras))?;
+    if let Some((file, _)) = cameras.rsplit_once('#') {
+        guard.input("the cameras", Path::new(file))?;
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::render_command::RenderCommand;
+    use proptest::prelude::*;
     use splatgraph_assets::synth;
 
     #[test]
@@ -77,5 +123,69 @@ mod tests {
         let mut guard = OutputGuard::default();
         claim(&mut guard, None, Some(&scene)).expect("an input");
         assert!(guard.output("--output", &own).is_err(), "no output replaces it");
+    }
+
+    #[test]
+    fn mistakes_in_the_text_of_cameras_are_told_with_line_and_column() {
+        let said = |text: &str| parse(text).unwrap_err().to_string();
+        let one = r#"{"position": [0,0,0], "rotation": [[1,0,0],[0,1,0],[0,0,1]], "width": 4, "height": 2, "fx": 5.0}"#;
+        assert_eq!(said(&format!("[{one}]")), "--cameras:1:97: camera 0: missing field `fy`");
+        assert_eq!(
+            said("[\n {\"width\": 1.5}]"),
+            "--cameras:2:14: camera 0: invalid type: floating point `1.5`, expected u32"
+        );
+        assert!(
+            said(one).starts_with("--cameras:1:") && said(one).contains("expected a list of cameras"),
+            "{}",
+            said(one)
+        );
+        assert_eq!(said(" []"), "--cameras has no cameras");
+        let whole = one.replace("\"fx\"", "\"fy\": 6.0, \"fx\"");
+        assert_eq!(parse(&format!("[{whole}]")).unwrap()[0].fy, 6.0);
+        // A file's name that looks like JSON.
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("[1].json");
+        assert!(!is_json(&file.to_string_lossy()));
+    }
+
+    proptest! {
+        #[test]
+        fn a_camera_comes_back_from_its_command_bit_by_bit(
+            position in prop::array::uniform3(any::<f64>().prop_filter("within f32", |v| v.abs() < 1e18)),
+            turn in prop::array::uniform3(-4.0..4.0f64), focal in prop::array::uniform2(1e-3..1e5f64),
+            size in (1..9000u32, 1..9000u32),
+        ) {
+            let rotation = glam::DMat3::from_euler(glam::EulerRot::XYZ, turn[0], turn[1], turn[2]);
+            let camera = Camera {
+                id: 7,
+                img_name: "it's #1".into(),
+                width: size.0,
+                height: size.1,
+                position,
+                rotation: rotation.to_cols_array_2d(),
+                fx: focal[0],
+                fy: focal[1],
+            };
+            let line = RenderCommand {
+                scene: Path::new("scene.ply"),
+                camera: &camera,
+                graph: "tiled",
+                set: [],
+                background: [0.0; 3],
+                output: Path::new("out.png"),
+            }.line();
+            // The shell's words, without a shell for each of hundreds of lines.
+            let json = line.split("--cameras '").nth(1).and_then(|rest| rest.split("' --size").next());
+            let json = json.expect("a quoted word").replace("'\\''", "'");
+            let read = parse(&json).expect("the camera is read");
+            prop_assert_eq!(read.len(), 1);
+            let resized = read[0].resized(size.0, size.1);
+            let bits = |camera: &Camera| {
+                let numbers = [&camera.position[..], camera.rotation.as_flattened(), &[camera.fx, camera.fy]].concat();
+                numbers.into_iter().map(f64::to_bits).collect::<Vec<_>>()
+            };
+            prop_assert_eq!(bits(&resized), bits(&camera));
+            prop_assert_eq!(resized, camera);
+        }
     }
 }

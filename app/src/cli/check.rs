@@ -1,7 +1,8 @@
 //! Runs `splatgraph check`: builds graphs and replays their barriers.
 
-use super::Outcome;
-use super::{colour, known_devices, options};
+use super::outcome::Outcome;
+use super::outcome::colour;
+use super::{known_devices, options};
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Fit, Target, Wanted};
 use crate::draw::planner::{GraphErrors, PlainDiagnostic, Planner, without_effect};

@@ -1,6 +1,7 @@
 //! Runs `splatgraph compare`: measures the difference between pictures.
 
-use super::{Outcome, Usage, options};
+use super::options;
+use super::outcome::{Outcome, Usage};
 use crate::io::image::{Depth, Format, Image, npz_names, split_member};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{OutputGuard, is_standard_output, one_line, say};

@@ -1,6 +1,7 @@
 //! Runs `splatgraph devices`: lists the devices of this machine.
 
-use super::{Outcome, options};
+use super::options;
+use super::outcome::Outcome;
 use crate::draw::backend::Api;
 use crate::io::output::say;
 use anyhow::Result;

@@ -1,8 +1,9 @@
 //! Runs `splatgraph evaluate`: scores a scene against the photographs of its dataset.
 
+use super::cameras;
 use super::options::{self, DeviceArgs};
+use super::outcome::{Outcome, Usage, validated};
 use super::render::{Renderer, refuse_graph_options, renderer};
-use super::{Outcome, Usage, validated};
 use crate::draw::backend::{Api, Backend};
 use crate::draw::fit;
 use crate::draw::session::{FrameOptions, Session, image_of};
@@ -97,7 +98,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         refuse_graph_options(&args.pipeline, &args.set, &args.device)?;
     }
     let dataset = Dataset::load(&args.cameras)?;
-    options::tell_off_center(&dataset);
+    cameras::tell_off_center(&dataset);
     let chosen: Vec<_> = if args.all { dataset.views.iter().collect() } else { dataset.test_views() };
     if chosen.is_empty() {
         bail!(
@@ -224,7 +225,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     }
     if let Drawer::Device(session) = &mut drawer {
-        progress.suspend(|| session.tell_settings_without_effect());
+        progress.suspend(|| session.settings_without_effect().iter().for_each(say));
     }
     drop(progress);
     let found = Evaluation::new(scores);

@@ -1,16 +1,17 @@
 //! Runs `splatgraph experiment`: pages that illustrate an equation with measurements.
 
 use super::cameras;
+use super::console::Console;
 use super::options::{self, DrawingBackendArgs};
-use super::{Outcome, Usage, claim_graph_files};
+use super::outcome::{Outcome, Usage, claim_graph_files};
+use crate::draw::backend::Backend;
 use crate::draw::fit;
-use crate::draw::session::Session;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{OutputGuard, one_line, say};
-use crate::io::progress::Progress;
-use crate::io::report::page::Page;
-use crate::studies::experiment::{GRAPH, order, sh};
-use anyhow::{Context, Result};
+use crate::studies::experiment;
+use crate::studies::experiment::exact::GRAPH;
+use crate::studies::study::{Setting, Subject};
+use anyhow::Result;
 use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 use std::path::PathBuf;
@@ -102,52 +103,34 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Some(_) => cameras,
         None => cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect(),
     };
-    let view = view(common, &scene, &cameras, device.info());
-    let mut session = Session::new(device, scene, GRAPH, &[]);
-    // The files of the graph are known once it has been read.
-    let first = cameras.first().context("no cameras")?;
-    session.controls((first.width, first.height))?;
-    claim_graph_files(&mut guard, &session.files())?;
-
-    let mut progress = Progress::new(format!("experiment {}", args.kind.page()));
-    let mut report = |done: usize, of: usize, step: &str| progress.set(done as u64, of as u64, step);
-    let mut messages = Vec::new();
-    let page: Page = match &args.kind {
-        Kind::Order(_) => {
-            let (found, own) = order::measure(&mut session, first, view, &mut report)?;
-            messages.extend(own.into_device().close());
-            order::page(&found)?
-        }
-        Kind::Sh(_) => sh::page(&sh::measure(&mut session, &cameras, view, &mut report)?)?,
+    let name =
+        common.scene.as_ref().map_or_else(|| "the demo scene".into(), |path| path.display().to_string());
+    let subject = Subject { device: &device, name, scene: scene.into(), cameras };
+    claim_graph_files(&mut guard, &subject.check(&[Setting::of_graph(GRAPH, &[])])?)?;
+    let kind = match &args.kind {
+        Kind::Order(_) => experiment::Kind::Order,
+        Kind::Sh(_) => experiment::Kind::Sh,
     };
-    drop(progress);
+    let page = experiment::study(&subject, kind, view(&subject), &mut Console::default())?;
     options::write_text(Some(&output), &page.html())?;
     if !crate::io::output::is_standard_output(&output) {
         say(format!("{}: open it in a browser", output.display()));
     }
-    messages.extend(session.into_device().close());
-    Ok(super::validated(common.device.validate, &messages))
+    Ok(super::outcome::validated(common.device.validate, &device.close()))
 }
 
 /// Describes what the page shows.
-fn view(
-    common: &Common,
-    scene: &splatgraph_assets::Scene,
-    cameras: &[Camera],
-    device: &splatgraph_api::DeviceInfo,
-) -> String {
-    let name =
-        common.scene.as_ref().map_or_else(|| "the demo scene".into(), |path| path.display().to_string());
-    let names: Vec<_> = cameras.iter().map(|camera| one_line(&camera.img_name)).collect();
-    let size = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
+fn view(subject: &Subject<Backend>) -> String {
+    let names: Vec<_> = subject.cameras.iter().map(|camera| one_line(&camera.img_name)).collect();
+    let size = subject.cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
     format!(
         "Scene: {}, {} splats. Camera: {}, {} x {} pixels. Device: {}. Version: {}.",
-        one_line(&name),
-        scene.count(),
+        one_line(&subject.name),
+        subject.scene.count(),
         names.join(", "),
         size.0,
         size.1,
-        device.name,
+        subject.device.info().name,
         env!("CARGO_PKG_VERSION")
     )
 }

@@ -3,9 +3,10 @@
 #[path = "../../../tests/files/words.rs"]
 mod words;
 
+use super::outcome::Usage;
 use super::{
-    Cli, Command, Usage, advise, bench, compare, convert, dump, evaluate, experiment, new, options, popping,
-    render, sweep, synth, trade, view,
+    Cli, Command, advise, bench, compare, convert, dump, evaluate, experiment, new, options, popping, render,
+    sweep, synth, trade, view,
 };
 use anyhow::Result;
 use clap::Parser;

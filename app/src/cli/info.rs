@@ -2,7 +2,7 @@
 
 use super::advise::{bands_text, keys_text};
 use super::options::{self, Drawing};
-use super::{Outcome, Usage};
+use super::outcome::{Outcome, Usage};
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Target, Wanted};
 use crate::draw::keys::{self, Seen};

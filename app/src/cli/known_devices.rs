@@ -171,7 +171,7 @@ fn read(named: &Map<String, Value>) -> Result<DeviceFacts> {
 /// Lists the catalogue in two columns, for help.
 pub fn list() -> String {
     let row = |device: KnownDevice| (device.name, device.source.to_owned());
-    super::options::two_columns(catalogue().into_iter().map(row).collect())
+    super::help::two_columns(catalogue().into_iter().map(row).collect())
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Cameras from the command line: a point to look from and one to look at, and circles of cameras.
 
-use super::Usage;
+use super::outcome::Usage;
 use crate::draw::facts;
 use glam::{DQuat, DVec3};
 use splatgraph_assets::{Camera, Scene};

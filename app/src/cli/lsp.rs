@@ -1,6 +1,6 @@
 //! Runs `splatgraph lsp`: the language server for editors.
 
-use super::Outcome;
+use super::outcome::Outcome;
 use crate::lsp;
 use anyhow::{Context, Result};
 use lsp_server::Connection;

@@ -10,6 +10,7 @@ mod bench;
 mod cameras;
 mod check;
 mod compare;
+mod console;
 mod convert;
 mod devices;
 mod dump;
@@ -17,12 +18,14 @@ mod evaluate;
 mod experiment;
 #[cfg(all(test, feature = "window"))]
 mod fuzz;
+mod help;
 mod info;
 mod known_devices;
 mod look_at;
 mod lsp;
 mod new;
 mod options;
+mod outcome;
 mod params;
 mod popping;
 mod render;
@@ -37,12 +40,11 @@ mod view;
 use crate::draw::planner::{self, GraphErrors};
 use crate::draw::session::SessionError;
 use crate::draw::shader_cache::ShaderCache;
-use crate::io::output::{self, OutputGuard, say, say_styled, terminal};
+use crate::io::output::{self, say, say_styled, terminal};
 use crate::{draw::backend, draw::builtin};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use splatgraph_framework::reload::Wanted;
+use outcome::{Outcome, Usage, colour};
 use splatgraph_framework::shader::Worker;
-use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -112,49 +114,6 @@ enum Command {
     Experiment(experiment::Args),
     Popping(popping::Args),
     Devices(devices::Args),
-}
-
-/// The result of a command that ran to its end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Outcome {
-    /// Success: exit code 0.
-    Done,
-    /// A negative result, already reported: exit code 1.
-    Failed,
-}
-
-/// An invalid command line, detected after parsing: exit code 2.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct Usage(String);
-
-impl From<output::guard::Conflict> for Usage {
-    fn from(conflict: output::guard::Conflict) -> Usage {
-        Usage(conflict.to_string())
-    }
-}
-
-/// Adds the files that a plan is built from to the inputs, once they are known.
-fn claim_graph_files(guard: &mut OutputGuard, wanted: &[Wanted]) -> Result<(), Usage> {
-    wanted.iter().try_for_each(|file| Ok(guard.input("a file of the graph", &file.path)?))
-}
-
-/// Prints the validation messages; they are a failure if validation was requested.
-fn validated(asked: bool, messages: &[String]) -> Outcome {
-    for message in messages {
-        say(format!("validation: {message}"));
-    }
-    match (asked, messages.len()) {
-        (false, _) => Outcome::Done,
-        (true, 0) => {
-            say("validation: no messages");
-            Outcome::Done
-        }
-        (true, count) => {
-            say(format!("error: the validation layer gave {count} messages"));
-            Outcome::Failed
-        }
-    }
 }
 
 /// Runs the program with the process's arguments.
@@ -243,18 +202,13 @@ fn preset_list() -> String {
     let groups = builtin::groups();
     let rows = |title: &str| {
         let files = groups.iter().filter(|(other, _)| *other == title).flat_map(|(_, files)| files);
-        options::two_columns(files.map(|file| (file.name.to_owned(), file.summary.clone())).collect())
+        help::two_columns(files.map(|file| (file.name.to_owned(), file.summary.clone())).collect())
     };
     format!(
         "Built-in graphs:\n{}\n{}\n\nTheir parameters, for --set: splatgraph params NAME\nTheir text: splatgraph source NAME",
         rows("Graphs"),
         rows("Filters"),
     )
-}
-
-/// Returns true if messages may have colours.
-fn colour() -> bool {
-    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
 }
 
 /// Prints an error with its causes, each once, and returns the exit code.

@@ -1,6 +1,6 @@
 //! Runs `splatgraph new`: writes a graph to start from.
 
-use super::{Outcome, Usage};
+use super::outcome::{Outcome, Usage};
 use crate::io::output::{self, note, shell_word};
 use anyhow::Result;
 use clap::ValueEnum;

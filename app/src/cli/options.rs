@@ -1,35 +1,27 @@
 //! Defines options and helpers of several commands.
 
-use super::{Usage, known_devices};
+use super::known_devices;
+use super::outcome::Usage;
 use crate::draw::backend::{Api, Backend, Options, Validation};
 use crate::draw::builtin;
 use crate::draw::facts;
 use crate::draw::fit::Target;
-use crate::draw::interleaved::{Effort, suitable_frames};
-use crate::draw::session::Session;
+use crate::draw::interleaved::Frames;
 use crate::io::demo;
 use crate::io::output::{self, OutputGuard, say};
 use crate::io::progress::Progress;
 use crate::studies::bench;
-use crate::studies::trade::plans;
-use crate::studies::trade::settings::{self, Setting};
 use anyhow::{Context, Result};
 use splatgraph_api::{BackendError, Heap};
-use splatgraph_assets::{Camera, CameraError, Dataset, Scene};
-use splatgraph_framework::ir::{Catalog, DeviceFacts, Domain};
-use splatgraph_framework::lower::Control;
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::ir::{Catalog, DeviceFacts};
 use std::collections::HashMap;
 use std::io::IsTerminal;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// Default of `--pipeline`: the fastest graph for the device, chosen by its facts.
-pub const DEFAULT_PIPELINE: &str = "auto";
-
-/// Lists the built-in graphs to measure: all but `auto`, which is one of the others on each device.
-pub fn measured_names() -> Vec<&'static str> {
-    builtin::names().into_iter().filter(|name| *name != DEFAULT_PIPELINE).collect()
-}
+pub use crate::draw::builtin::DEFAULT_PIPELINE;
 
 /// Parses `NAME=VALUE`.
 pub fn setting(text: &str) -> Result<(String, String), String> {
@@ -69,36 +61,6 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
-/// Formats a parameter's range of values, for help.
-pub fn domain(domain: &Domain) -> String {
-    match domain {
-        Domain::Bool => "true|false".into(),
-        Domain::Int { min, max } => format!("{min}..{max}"),
-        Domain::Float { min, max, .. } => format!("{min:?}..{max:?}"),
-        Domain::Choice(choices) => choices.join("|"),
-    }
-}
-
-/// Formats a list of names and descriptions in two columns, for help.
-pub fn two_columns(rows: Vec<(String, String)>) -> String {
-    /// Width below which clap does not wrap the text on common terminals.
-    const COLUMNS: usize = 98;
-    let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-    let mut lines: Vec<String> = Vec::new();
-    for (name, about) in &rows {
-        let mut line = format!("  {name:width$} ");
-        for word in about.split(' ') {
-            if line.chars().count() + 1 + word.chars().count() > COLUMNS && !line.trim().is_empty() {
-                lines.push(line);
-                line = " ".repeat(width + 3);
-            }
-            line = line + " " + word;
-        }
-        lines.push(line);
-    }
-    lines.iter().map(|line| line.trim_end()).collect::<Vec<_>>().join("\n")
-}
-
 /// Loads a scene, with progress.
 pub fn load_scene(path: &Path) -> Result<Scene> {
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
@@ -107,6 +69,7 @@ pub fn load_scene(path: &Path) -> Result<Scene> {
         if let Ok(mut progress) = progress.try_lock() {
             progress.set(done, of, "");
         }
+        ControlFlow::Continue(())
     })?;
     if scene.dropped().total() > 0 {
         say(format!("{}: {} splats dropped ({})", path.display(), scene.dropped().total(), scene.dropped()));
@@ -135,38 +98,6 @@ pub fn inspect_target(text: &str) -> Result<(String, String), String> {
             Ok((resource.to_owned(), pass.to_owned()))
         }
         _ => Err("expected RESOURCE@PASS, for instance keys@scatter".into()),
-    }
-}
-
-/// Returns true for the text of a `cameras.json`, false for the name of a file.
-fn is_json(spec: &str) -> bool {
-    spec.trim_start().starts_with(['[', '{']) && !Path::new(spec).exists()
-}
-
-/// Loads the cameras of `PATH` or `PATH#INDEX`, in any format of [`Dataset`], or parses the text of a `cameras.json`.
-pub fn cameras(spec: &str) -> Result<Vec<Camera>, CameraError> {
-    if is_json(spec) {
-        let name = Path::new("--cameras");
-        let cameras = Camera::parse(spec, name)?;
-        return if cameras.is_empty() { Err(CameraError::Empty { path: name.into() }) } else { Ok(cameras) };
-    }
-    // A `#` may also be part of the file's own name.
-    if spec.contains('#') && !Path::new(spec).exists() {
-        return Camera::select(spec).map(|camera| vec![camera]);
-    }
-    let dataset = Dataset::load(spec)?;
-    tell_off_center(&dataset);
-    let cameras: Vec<Camera> = dataset.views.into_iter().map(|view| view.camera).collect();
-    if cameras.is_empty() { Err(CameraError::Empty { path: spec.into() }) } else { Ok(cameras) }
-}
-
-/// Warns if principal points are not in the middle of the pictures.
-pub fn tell_off_center(dataset: &Dataset) {
-    if dataset.off_center > 0.5 {
-        say(format!(
-            "principal points are up to {:.1} pixels from the middle of the pictures; they are drawn in the middle, as by the 3DGS reference",
-            dataset.off_center
-        ));
     }
 }
 
@@ -391,17 +322,9 @@ pub struct EffortArgs {
 }
 
 impl EffortArgs {
-    /// Chooses the number of frames. Without `--frames`, a round has `1 / part` of the usual number.
-    ///
-    /// The session is prepared in the camera's size.
-    pub fn choose(&self, session: &mut Session<Backend>, camera: &Camera, part: u32) -> Result<Effort> {
-        let usual = || suitable_frames(session, camera).map(|frames| (frames / part).max(1));
-        Ok(Effort { rounds: self.rounds, frames: self.frames.map_or_else(usual, Ok)? })
-    }
-
-    /// Returns `--rounds` and `--frames`.
-    pub fn given(&self) -> (u32, Option<u32>) {
-        (self.rounds, self.frames)
+    /// Returns the numbers.
+    pub fn frames(&self) -> Frames {
+        Frames { rounds: self.rounds, frames: self.frames }
     }
 }
 
@@ -414,64 +337,6 @@ pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<Outpu
     }
     super::cameras::claim(&mut guard, cameras, scene)?;
     Ok(guard)
-}
-
-/// Adds the file of `FILE` or `FILE#INDEX` to the inputs; a `#` may also be part of the file's own name, and JSON has no file.
-pub fn claim_cameras(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
-    if is_json(cameras) {
-        return Ok(());
-    }
-    guard.input("the cameras", Path::new(cameras))?;
-    if let Some((file, _)) = cameras.rsplit_once('#') {
-        guard.input("the cameras", Path::new(file))?;
-    }
-    Ok(())
-}
-
-/// Lists the settings of a graph to measure, with the parameters of `set` fixed.
-pub fn settings_of(pipeline: &str, set: &[(String, String)], controls: &[Control]) -> Vec<Setting> {
-    let all = settings::list(pipeline, controls, &measured_names());
-    if set.is_empty() {
-        return all;
-    }
-    let presets = builtin::presets();
-    let has = |graph: &str, name: &str| {
-        let preset = presets.iter().find(|preset| preset.name == graph);
-        preset.is_some_and(|preset| preset.params.iter().any(|control| control.param.name == name))
-    };
-    settings::fixed(all, set, has)
-}
-
-/// Removes and reports settings without an effect on the plan of the exact settings, which must be prepared.
-pub fn with_effect(all: Vec<Setting>, exact: &Session<Backend>) -> Result<Vec<Setting>> {
-    let plan = exact.plan().context("no plan of the exact settings")?;
-    let (settings, lines) = settings::with_effect(all, plan);
-    lines.iter().for_each(say);
-    Ok(settings)
-}
-
-/// Builds the plans of settings for all picture sizes, and removes settings whose plans equal those of an earlier one.
-///
-/// Returns each with the hash of its plans; `None` if one cannot be built.
-pub fn with_plans(
-    all: Vec<Setting>,
-    session: &mut Session<Backend>,
-    cameras: &[Camera],
-) -> Result<Vec<(Setting, Option<u64>)>> {
-    let mut sizes: Vec<(u32, u32)> = cameras.iter().map(|camera| (camera.width, camera.height)).collect();
-    sizes.sort_unstable();
-    sizes.dedup();
-    let mut progress = Progress::new("building plans");
-    let (mut planned, of) = (Vec::new(), all.len() as u64);
-    for (at, setting) in all.into_iter().enumerate() {
-        progress.set(at as u64, of, &setting.name);
-        let plan = plans::of_setting(session, &setting, &sizes)?;
-        planned.push((setting, plan));
-    }
-    drop(progress);
-    let (settings, lines) = plans::distinct(planned);
-    lines.iter().for_each(say);
-    Ok(settings)
 }
 
 /// Returns an error if the file of `--json` would destroy an input.
@@ -512,86 +377,4 @@ pub fn refuse_terminal(what: &str) -> Result<(), Usage> {
         )));
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::draw::render_command::RenderCommand;
-    use proptest::prelude::*;
-
-    #[test]
-    fn mistakes_in_the_text_of_cameras_are_told_with_line_and_column() {
-        let said = |text: &str| cameras(text).unwrap_err().to_string();
-        let one = r#"{"position": [0,0,0], "rotation": [[1,0,0],[0,1,0],[0,0,1]], "width": 4, "height": 2, "fx": 5.0}"#;
-        assert_eq!(said(&format!("[{one}]")), "--cameras:1:97: camera 0: missing field `fy`");
-        assert_eq!(
-            said("[\n {\"width\": 1.5}]"),
-            "--cameras:2:14: camera 0: invalid type: floating point `1.5`, expected u32"
-        );
-        assert!(
-            said(one).starts_with("--cameras:1:") && said(one).contains("expected a list of cameras"),
-            "{}",
-            said(one)
-        );
-        assert_eq!(said(" []"), "--cameras has no cameras");
-        let whole = one.replace("\"fx\"", "\"fy\": 6.0, \"fx\"");
-        assert_eq!(cameras(&format!("[{whole}]")).unwrap()[0].fy, 6.0);
-        // A file's name that looks like JSON.
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("[1].json");
-        assert!(!is_json(&file.to_string_lossy()));
-    }
-
-    proptest! {
-        #[test]
-        fn a_camera_comes_back_from_its_command_bit_by_bit(
-            position in prop::array::uniform3(any::<f64>().prop_filter("within f32", |v| v.abs() < 1e18)),
-            turn in prop::array::uniform3(-4.0..4.0f64), focal in prop::array::uniform2(1e-3..1e5f64),
-            size in (1..9000u32, 1..9000u32),
-        ) {
-            let rotation = glam::DMat3::from_euler(glam::EulerRot::XYZ, turn[0], turn[1], turn[2]);
-            let camera = Camera {
-                id: 7,
-                img_name: "it's #1".into(),
-                width: size.0,
-                height: size.1,
-                position,
-                rotation: rotation.to_cols_array_2d(),
-                fx: focal[0],
-                fy: focal[1],
-            };
-            let line = RenderCommand {
-                scene: Path::new("scene.ply"),
-                camera: &camera,
-                graph: "tiled",
-                set: [],
-                background: [0.0; 3],
-                output: Path::new("out.png"),
-            }.line();
-            // The shell's words, without a shell for each of hundreds of lines.
-            let json = line.split("--cameras '").nth(1).and_then(|rest| rest.split("' --size").next());
-            let json = json.expect("a quoted word").replace("'\\''", "'");
-            let read = cameras(&json).expect("the camera is read");
-            prop_assert_eq!(read.len(), 1);
-            let resized = read[0].resized(size.0, size.1);
-            let bits = |camera: &Camera| {
-                let numbers = [&camera.position[..], camera.rotation.as_flattened(), &[camera.fx, camera.fy]].concat();
-                numbers.into_iter().map(f64::to_bits).collect::<Vec<_>>()
-            };
-            prop_assert_eq!(bits(&resized), bits(&camera));
-            prop_assert_eq!(resized, camera);
-        }
-    }
-
-    #[test]
-    fn lists_are_broken_into_lines_that_stay_in_their_column() {
-        let long = ["word"; 30].join(" ");
-        let text = two_columns(vec![("a".into(), "short".into()), ("name".into(), long)]);
-        let lines: Vec<&str> = text.lines().collect();
-        assert_eq!(lines[0], "  a     short");
-        assert!(lines[1].starts_with("  name  word word") && lines[1].len() <= 98);
-        assert!(lines[2].starts_with("        word"));
-        assert_eq!(lines.len(), 3);
-    }
 }

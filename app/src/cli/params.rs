@@ -1,6 +1,7 @@
 //! Runs `splatgraph params`: lists the parameters of a graph.
 
-use super::{Outcome, options};
+use super::options;
+use super::outcome::Outcome;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::Planner;
 use crate::io::output::say;
@@ -97,7 +98,7 @@ fn listed(controls: &[Control]) -> String {
     let mut text = String::new();
     for group in controls.chunk_by(|a, b| a.part == b.part) {
         let title = group[0].part.as_ref().map(|part| format!("\n {part}:")).unwrap_or_default();
-        let rows = options::two_columns(group.iter().map(row).collect());
+        let rows = super::help::two_columns(group.iter().map(row).collect());
         text += &format!("{title}\n{rows}");
     }
     text
@@ -110,7 +111,7 @@ fn row(control: &Control) -> (String, String) {
         _ => String::new(),
     };
     let about = if help.is_empty() { label } else { help };
-    let domain = options::domain(&param.domain);
+    let domain = super::help::domain(&param.domain);
     (param.name.clone(), format!("{} {domain} [{}{exact}]  {about}", kind(control), param.value))
 }
 
@@ -124,7 +125,7 @@ fn kind(control: &Control) -> &'static str {
 fn as_json(control: &Control) -> Value {
     let Control { param, label, help, part } = control;
     json!({
-        "name": param.name, "part": part, "kind": kind(control), "domain": options::domain(&param.domain),
+        "name": param.name, "part": part, "kind": kind(control), "domain": super::help::domain(&param.domain),
         "value": param.value, "default": param.default, "exact": param.exact, "grows_with": param.grows,
         "reason": param.reason, "label": label, "help": help,
     })

@@ -1,15 +1,16 @@
 //! Runs `splatgraph popping`: measures how errors change from frame to frame.
 
 use super::cameras;
+use super::console::Console;
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs};
-use super::{Outcome, Usage, claim_graph_files};
+use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::fit;
-use crate::draw::session::Session;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
-use crate::io::output::{self, OutputGuard, is_standard_output, one_line};
-use crate::io::progress::Progress;
-use crate::studies::popping::measure::{self, Path as CameraPath, Variant};
+use crate::io::output::{self, OutputGuard, is_standard_output};
+use crate::studies::measurement::settings;
 use crate::studies::popping::report::{self, Summary};
+use crate::studies::popping::{measure, study};
+use crate::studies::study::{Setting, Subject};
 use anyhow::{Context, Result};
 use serde_json::json;
 use splatgraph_api::Device;
@@ -46,7 +47,7 @@ pub struct Args {
     pipeline: Vec<String>,
     /// Also measure `auto` with these parameters; may be repeated for several variants
     #[arg(long, value_name = "NAME=VALUE,...", value_parser = variant)]
-    with: Vec<Variant>,
+    with: Vec<Setting>,
     /// The path, as cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
@@ -79,10 +80,10 @@ const SVG: &str = "popping.svg";
 const PNG: &str = "popping.png";
 
 /// Parses `NAME=VALUE,...`.
-fn variant(text: &str) -> Result<Variant, String> {
+fn variant(text: &str) -> Result<Setting, String> {
     let set = text.split(',').map(options::setting).collect::<Result<Vec<_>, _>>()?;
     let name = set.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",");
-    Ok(Variant { name, pipeline: DEFAULT_PIPELINE.into(), set })
+    Ok(Setting { name, pipeline: DEFAULT_PIPELINE.into(), set })
 }
 
 fn degrees(text: &str) -> Result<f64, String> {
@@ -105,31 +106,20 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     }
     let (scene, cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
-    let path = path(args, &scene, cameras)?;
-    measure::check(&path)?;
-    let origin = origin(args, &scene, &path, device.info());
-    let size = (path[0].width, path[0].height);
-    let mut session = Session::new(device, scene, DEFAULT_PIPELINE, &[]);
+    let cameras = path(args, &scene, cameras)?;
+    measure::check(&cameras)?;
+    let name = args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string());
+    let subject = Subject { device: &device, name, scene: scene.into(), cameras };
     // Report mistakes in a graph before drawing the true pictures, which takes the longest.
-    for variant in &variants {
-        session.set_graph(&variant.pipeline, &variant.set);
-        session.controls(size)?;
-    }
-    claim_graph_files(&mut guard, &session.files())?;
-
-    let mut progress = Progress::new("measuring popping");
-    let of = (path.len() * (1 + variants.len())) as u64;
-    let frames = path.len();
-    let mut told = |row: usize, frame: usize, what: &str| {
-        progress.set((row * frames + frame) as u64, of, &format!("{what}, frame {frame}"));
-    };
-    let path = CameraPath::new(session.scene(), path, &mut |frame| told(0, frame, "the exact pictures"))?;
-    let mut tracks = Vec::new();
-    for (row, variant) in variants.iter().enumerate() {
-        let name = one_line(&variant.name);
-        tracks.push(measure::measure(&mut session, variant, &path, &mut |at| told(1 + row, at, &name))?);
-    }
-    drop(progress);
+    claim_graph_files(&mut guard, &subject.check(&variants)?)?;
+    let tracks = study(&subject, &variants, &mut Console::default())?;
+    let origin = json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "scene": subject.name,
+        "splats": subject.scene.count(),
+        "cameras": subject.cameras,
+        "device": subject.device_name(),
+    });
 
     let summaries: Vec<Summary> = tracks.iter().map(report::summary).collect();
     if !args.json.as_deref().is_some_and(is_standard_output) {
@@ -147,20 +137,20 @@ pub fn run(args: &Args) -> Result<Outcome> {
         output::write_bytes(&folder.join(SVG), plot.svg()?.as_bytes())?;
         plot.image()?.save(&folder.join(PNG))?;
     }
-    Ok(super::validated(args.device.validate, &session.into_device().close()))
+    Ok(super::outcome::validated(args.device.validate, &device.close()))
 }
 
 /// Lists what is drawn: the given graphs and variants, or all built-in graphs. Duplicates are drawn once.
-fn variants(args: &Args) -> Vec<Variant> {
-    let graph = |name: &str| Variant { name: name.into(), pipeline: name.into(), set: Vec::new() };
-    let mut all: Vec<Variant> = args.pipeline.iter().map(|name| graph(name)).collect();
+fn variants(args: &Args) -> Vec<Setting> {
+    let graph = |name: &str| Setting::of_graph(name, &[]);
+    let mut all: Vec<Setting> = args.pipeline.iter().map(|name| graph(name)).collect();
     if all.is_empty() && args.with.is_empty() {
-        all = options::measured_names().into_iter().map(graph).collect();
+        all = settings::measured_names().into_iter().map(graph).collect();
     } else if all.is_empty() {
         all.push(graph(DEFAULT_PIPELINE));
     }
     all.extend(args.with.iter().cloned());
-    let mut kept: Vec<Variant> = Vec::new();
+    let mut kept: Vec<Setting> = Vec::new();
     for variant in all {
         if !kept.contains(&variant) {
             kept.push(variant);
@@ -180,21 +170,6 @@ fn path(args: &Args, scene: &Scene, mut cameras: Vec<Camera>) -> Result<Vec<Came
     cameras.truncate(args.frames.map_or(usize::MAX, |frames| frames as usize));
     cameras.first().context("no cameras")?;
     Ok(cameras)
-}
-
-fn origin(
-    args: &Args,
-    scene: &Scene,
-    path: &[Camera],
-    device: &splatgraph_api::DeviceInfo,
-) -> serde_json::Value {
-    json!({
-        "version": env!("CARGO_PKG_VERSION"),
-        "scene": args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string()),
-        "splats": scene.count(),
-        "cameras": path,
-        "device": format!("{} ({})", device.name, device.driver),
-    })
 }
 
 /// Lists the files; an error if an output would overwrite an input.

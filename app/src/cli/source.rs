@@ -1,6 +1,7 @@
 //! Runs `splatgraph source`: prints the graphs and shaders that are built in.
 
-use super::{Outcome, options};
+use super::options;
+use super::outcome::Outcome;
 use crate::draw::builtin;
 use anyhow::{Result, bail};
 
@@ -38,7 +39,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 fn list() -> String {
     let group = |(title, files): (&str, Vec<builtin::File>)| {
         let rows = files.into_iter().map(|file| (file.name.to_owned(), file.summary)).collect();
-        format!("{title}:\n{}", options::two_columns(rows))
+        format!("{title}:\n{}", super::help::two_columns(rows))
     };
     builtin::groups().into_iter().map(group).collect::<Vec<_>>().join("\n\n")
 }

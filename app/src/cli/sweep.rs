@@ -1,18 +1,16 @@
 //! Runs `splatgraph sweep`: quality and time as splats are removed.
 
+use super::console::Console;
 use super::options::{self, Drawing, DrawingBackendArgs, EffortArgs};
-use super::{Outcome, Usage};
+use super::outcome::{Outcome, Usage};
 use crate::draw::fit;
-use crate::draw::session::Session;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
-use crate::io::output::{self, one_line, say};
-use crate::io::progress::Progress;
-use crate::studies::sweep::approach;
-use crate::studies::sweep::choice::{BUDGET, Choice, for_nearest};
-use crate::studies::sweep::measure::{Step, Sweep, counts};
-use crate::studies::sweep::page::{PLOTS, Shown, gather};
-use crate::studies::trade::measure::View;
-use anyhow::{Context, Result, anyhow};
+use crate::io::output::{self, say};
+use crate::studies::study::Subject;
+use crate::studies::sweep::choice::Choice;
+use crate::studies::sweep::page::{PLOTS, Shown};
+use crate::studies::sweep::{Wanted, study};
+use anyhow::Result;
 use splatgraph_api::Device;
 use std::path::{Path, PathBuf};
 
@@ -65,62 +63,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (scene, cameras) =
         options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
     let name = args.scene.as_deref().and_then(Path::file_stem).map_or("demo".into(), |s| s.to_string_lossy());
-    let info = device.info();
-    let device_name = format!("{} ({})", info.name, info.driver);
-    let first = cameras.first().context("no cameras")?;
-    let splats = scene.count();
-    let counts = counts(splats, args.steps);
-
-    let mut whole = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
-    let controls = whole.controls((first.width, first.height))?;
-    let nearest = for_nearest(&controls);
-    if nearest.is_none() {
-        say(format!(
-            "{}: no parameter `{BUDGET}`: the nearest splats are not measured",
-            args.drawing.pipeline
-        ));
-    }
-    // Quads blend every fragment.
-    let stops = controls.iter().any(|control| control.param.name == "stop");
-    let mut progress = Progress::new("sweeping");
-    let per_view = (1 + Choice::ALL.len() * (counts.len() - 1)) as u64;
-    let of = per_view * cameras.len() as u64 + approach::STEPS.len() as u64;
-    let mut done = 0;
-    let mut steps: Vec<Step> = Vec::new();
-    let mut shown = Vec::new();
-    for (at, camera) in cameras.iter().enumerate() {
-        // The orders of different parts of the scene cannot be compared.
-        let view = View::exact(whole.scene(), camera);
-        whole.prepare((camera.width, camera.height), &mut |_| {})?;
-        progress.suspend(|| whole.tell_settings_without_effect());
-        let effort = args.effort.choose(&mut whole, camera, 4)?;
-        let (pipeline, set) = (args.drawing.pipeline.as_str(), args.drawing.set.as_slice());
-        let mut sweep = Sweep { whole: &mut whole, pipeline, set, ms: None, nearest: nearest.as_deref() };
-        let refused = |why: String| anyhow!("{}: {why}", one_line(&camera.img_name));
-        let mut keep = |step: Step, picture| {
-            done += 1;
-            progress.set(done, of, &format!("{}, {} splats", one_line(&camera.img_name), step.count));
-            if at == 0 {
-                shown.push(Shown { choice: step.choice, count: step.count, picture });
-            }
-            steps.push(step);
-        };
-        let (step, picture) = sweep.all(&view, effort)?.map_err(refused)?;
-        keep(step, picture);
-        for choice in Choice::ALL {
-            sweep.steps(choice, &counts[1..], &view, effort, &mut keep)?.map_err(refused)?;
-        }
-    }
-    let closer = approach::cameras(whole.scene(), first);
-    whole.prepare((first.width, first.height), &mut |_| {})?;
-    let effort = args.effort.choose(&mut whole, first, 4)?;
-    let closer = approach::measure(&mut whole, &closer, stops, effort, &mut |at| {
-        progress.set(done + at as u64, of, "a camera comes closer");
-    })?;
-    drop(progress);
-
-    let swept =
-        gather((name.into_owned(), splats), args.drawing.pipeline.clone(), device_name, steps, closer);
+    let subject = Subject { device: &device, name: name.into_owned(), scene: scene.into(), cameras };
+    let wanted = Wanted {
+        pipeline: args.drawing.pipeline.clone(),
+        set: args.drawing.set.clone(),
+        steps: args.steps,
+        frames: args.effort.frames(),
+    };
+    let (swept, shown) = study(&subject, &wanted, &mut Console::default())?;
     options::write_text(None, &swept.table())?;
     let file = |name: &str| args.output.join(name);
     output::write_bytes(&file(CSV), swept.csv().as_bytes())?;
@@ -135,7 +85,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     output::write_bytes(&file(PAGE), swept.page(&shown)?.as_bytes())?;
     say(format!("{} shows the result", file(PAGE).display()));
-    Ok(super::validated(args.device.validate, &whole.into_device().close()))
+    Ok(super::outcome::validated(args.device.validate, &device.close()))
 }
 
 /// Returns an error if a file of the sweep would destroy an input.

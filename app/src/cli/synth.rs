@@ -1,6 +1,7 @@
 //! Runs `splatgraph synth`: generates scenes.
 
-use super::{Outcome, Usage, look_at, options};
+use super::outcome::{Outcome, Usage};
+use super::{look_at, options};
 use crate::draw::truth::Truth;
 use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
@@ -58,7 +59,7 @@ pub fn generator_list() -> String {
     let row = |g: &synth::Generator| {
         (g.name.to_owned(), format!("{} ({} splats)", g.summary, grouped(g.default_count.into())))
     };
-    format!("Scenes:\n{}", options::two_columns(synth::generators().iter().map(row).collect()))
+    format!("Scenes:\n{}", super::help::two_columns(synth::generators().iter().map(row).collect()))
 }
 
 /// Checks the files of the command line, before a scene is made.

@@ -1,26 +1,20 @@
 //! Runs `splatgraph trade`: a ledger of what each setting saves and costs.
 
 use super::cameras;
-use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
-use super::{Outcome, Usage};
-use crate::draw::backend::Backend;
+use super::console::Console;
+use super::options::{self, DEFAULT_PIPELINE, DeviceArgs, DrawingBackendArgs, EffortArgs};
+use super::outcome::{Outcome, Usage};
 use crate::draw::fit;
-use crate::draw::session::Session;
 use crate::io::image::{Format, Image};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
-use crate::io::output::{self, one_line, say, shell_word};
-use crate::io::progress::Progress;
-use crate::studies::trade::ledger::{Book, Origin};
-use crate::studies::trade::measure::{Baseline, View, measure};
+use crate::io::output::{self, say, shell_word};
+use crate::studies::study::{StudyError, Subject};
 use crate::studies::trade::page::{page, plot};
-use crate::studies::trade::settings::{self, Setting};
 use crate::studies::trade::table::{csv, notes, table};
-use anyhow::{Context, Result, bail};
+use crate::studies::trade::{Wanted, study};
+use anyhow::{Result, bail};
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene};
-use std::fs;
-use std::hash::{DefaultHasher, Hash, Hasher};
-use std::io::Read;
+use splatgraph_assets::Camera;
 use std::path::{Path, PathBuf};
 
 /// Measure what each setting saves, and what it costs in accuracy
@@ -97,63 +91,50 @@ pub fn run(args: &Args) -> Result<Outcome> {
         fit::check_header(path, device.info(), &args.pipeline, &args.set)?;
     }
     let (scene, cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
-    let truths = args.truth.as_deref().map(|folder| true_pictures(folder, &cameras, &stems)).transpose()?;
-    let mut session = Session::new(device, scene, &args.pipeline, &args.set);
-    let settings = chosen(args, &mut session, &cameras)?;
-    let (first, camera) = settings.first().zip(cameras.first()).context("no exact settings")?;
-    let mut exact = session.beside(&first.pipeline, &first.set)?;
-    // The files of the graph and its shaders are known once they are built.
-    exact.prepare((camera.width, camera.height), &mut |_| {})?;
-    let wanted = options::with_effect(settings, &exact)?.into_iter().filter(|setting| only(args, setting));
-    let settings = options::with_plans(wanted.collect(), &mut exact, &cameras)?;
-    let plans: Vec<_> = settings.iter().map(|(setting, plan)| (setting.name.as_str(), *plan)).collect();
-    let origin = origin(args, &mut exact, (&cameras, truths.as_deref()), plans[0].1)?;
-    let (mut book, lost) = Book::open(args.output.join(LEDGER), origin, &plans);
-    lost.iter().for_each(say);
-    if !book.ledger.rows.is_empty() {
-        say(format!("{}: {} rows of an earlier run are kept", book.path().display(), book.ledger.rows.len()));
-    }
+    let truths = |folder: &PathBuf| -> Result<_> {
+        Ok((folder.display().to_string(), true_pictures(folder, &cameras, &stems)?))
+    };
+    let file = |name: &str| args.output.join(name);
+    let DeviceArgs { validate, no_robustness, .. } = &*args.device;
+    let wanted = Wanted {
+        pipeline: args.pipeline.clone(),
+        set: args.set.clone(),
+        only: args.only.clone(),
+        frames: args.effort.frames(),
+        truths: args.truth.as_ref().map(truths).transpose()?,
+        opened: format!("validation {validate}, robustness {}", !no_robustness),
+        file: file(LEDGER),
+    };
+    let name = args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string());
+    let subject = Subject { device: &device, name, scene: scene.into(), cameras };
+    let mut ledger = study(&subject, &wanted, &mut Console::default()).map_err(usage)?;
 
-    let mut progress = Progress::new("measuring");
-    let of = (settings.len() * cameras.len()) as u64;
-    for (index, camera) in cameras.iter().enumerate() {
-        if settings.iter().all(|(setting, _)| book.has(&setting.name, &camera.img_name)) {
-            continue;
-        }
-        exact.prepare((camera.width, camera.height), &mut |_| {})?;
-        let effort = args.effort.choose(&mut exact, camera, 4)?;
-        let view = view(session.scene(), camera, truths.as_ref().map(|truths| &truths[index]));
-        for (at, (setting, plan)) in settings.iter().enumerate() {
-            if book.has(&setting.name, &camera.img_name) {
-                continue;
-            }
-            let done = (index * settings.len() + at) as u64;
-            progress.set(done, of, &format!("{}, {}", one_line(&camera.img_name), setting.name));
-            let baseline = Baseline { session: &mut exact, ms: book.exact_ms(&camera.img_name) };
-            book.add(measure(&mut session, baseline, (setting, *plan), &view, effort)?)?;
-        }
-    }
-    drop(progress);
-
-    book.ledger.command = std::env::args().map(|word| shell_word(&word)).collect::<Vec<_>>().join(" ");
-    book.ledger.rows.retain(|row| settings.iter().any(|(setting, _)| setting.name == row.setting));
-    let (lines, failed) = book.ledger.lines();
+    ledger.command = std::env::args().map(|word| shell_word(&word)).collect::<Vec<_>>().join(" ");
+    let (lines, failed) = ledger.lines();
     let notes: String = notes(&lines).iter().map(|note| format!("{note}\n")).collect();
     options::write_text(None, &format!("{}{notes}", table(&lines)))?;
     for (setting, why) in &failed {
         say(format!("{setting}: {why}"));
     }
-    let file = |name: &str| args.output.join(name);
     output::write_bytes(&file(CSV), csv(&lines).as_bytes())?;
-    output::write_bytes(&file(PAGE), page(&book.ledger, &lines, &failed)?.as_bytes())?;
-    if let Some(plot) = plot(&book.ledger, &lines) {
+    output::write_bytes(&file(PAGE), page(&ledger, &lines, &failed)?.as_bytes())?;
+    if let Some(plot) = plot(&ledger, &lines) {
         output::write_bytes(&file(SVG), plot.svg()?.as_bytes())?;
         plot.image()?.save(&file(PNG))?;
     }
     say(format!("{} shows the result", file(PAGE).display()));
-    let mut messages = exact.into_device().close();
-    messages.extend(session.into_device().close());
-    Ok(super::validated(args.device.validate, &messages))
+    Ok(super::outcome::validated(args.device.validate, &device.close()))
+}
+
+/// Makes a mistake in `--only` one of the command line.
+fn usage(error: StudyError) -> anyhow::Error {
+    match error {
+        StudyError::UnknownSetting { name, known } => {
+            let known = known.join(", ");
+            Usage(format!("--only {name}: expected the begin of a setting's name, of: {known}")).into()
+        }
+        error => error.into(),
+    }
 }
 
 /// An error if a file of the ledger would destroy an input.
@@ -164,87 +145,6 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
         guard.output("--output", &args.output.join(name))?;
     }
     Ok(())
-}
-
-/// Returns true if `--only` selects a setting; the exact settings are always selected.
-fn only(args: &Args, setting: &Setting) -> bool {
-    args.only.is_empty()
-        || setting.name == settings::EXACT
-        || args.only.iter().any(|name| setting.name.starts_with(name.as_str()))
-}
-
-/// Lists the settings; an error if `--only` selects none of them.
-fn chosen(args: &Args, session: &mut Session<Backend>, cameras: &[Camera]) -> Result<Vec<Setting>> {
-    let camera = cameras.first().context("no cameras")?;
-    let controls = session.controls((camera.width, camera.height))?;
-    let all = options::settings_of(&args.pipeline, &args.set, &controls);
-    for name in &args.only {
-        if !all.iter().any(|setting| setting.name.starts_with(name.as_str())) {
-            let names: Vec<&str> = all.iter().map(|setting| setting.name.as_str()).collect();
-            bail!(Usage(format!(
-                "--only {name}: expected the begin of a setting's name, of: {}",
-                names.join(", ")
-            )));
-        }
-    }
-    Ok(all)
-}
-
-/// Describes everything that the rows depend on; `exact` is the hash of the exact settings' plans.
-fn origin(
-    args: &Args,
-    session: &mut Session<Backend>,
-    (cameras, truths): (&[Camera], Option<&[Image]>),
-    exact: Option<u64>,
-) -> Result<Origin> {
-    let info = session.device().info();
-    let device = format!("{} ({})", info.name, info.driver);
-    let opened = format!(
-        "{:?}, bounds {:?}, validation {}, robustness {}",
-        info.facts, info.robustness, args.device.validate, !args.device.no_robustness
-    );
-    let (rounds, frames) = args.effort.given();
-    Ok(Origin {
-        version: env!("CARGO_PKG_VERSION").into(),
-        program: program().context("the program's own file cannot be read")?,
-        scene: args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string()),
-        splats: session.scene().count(),
-        content: format!("{:016x}", session.scene().identity()),
-        cameras: serde_json::to_value(cameras)?,
-        pipeline: args.pipeline.clone(),
-        set: args.set.clone(),
-        exact: exact.map_or_else(String::new, |plan| format!("{plan:016x}")),
-        truth: args.truth.as_ref().map_or_else(|| "reference".into(), |path| path.display().to_string()),
-        truth_content: truths.map_or_else(String::new, content),
-        device,
-        opened,
-        rounds,
-        frames,
-    })
-}
-
-/// Hashes the program's file.
-fn program() -> std::io::Result<String> {
-    // On Linux, the link leads to the running program, even if its file was replaced.
-    let link = fs::File::open("/proc/self/exe");
-    let mut file = link.or_else(|_| fs::File::open(std::env::current_exe()?))?;
-    let (mut hash, mut bytes) = (DefaultHasher::new(), vec![0; 1 << 20]);
-    loop {
-        match file.read(&mut bytes)? {
-            0 => return Ok(format!("{:016x}", hash.finish())),
-            count => hash.write(&bytes[..count]),
-        }
-    }
-}
-
-/// Hashes the pixels of pictures, bit by bit.
-fn content(pictures: &[Image]) -> String {
-    let mut hash = DefaultHasher::new();
-    for picture in pictures {
-        (picture.width, picture.height).hash(&mut hash);
-        picture.rgb.as_flattened().iter().for_each(|value| value.to_bits().hash(&mut hash));
-    }
-    format!("{:016x}", hash.finish())
 }
 
 /// Loads the true picture of every camera.
@@ -272,13 +172,4 @@ fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<
         Ok(image)
     };
     cameras.iter().zip(stems).map(load).collect()
-}
-
-/// Returns the truth of a view: the exact renderer's, with its picture replaced by one of `--truth` if given.
-fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> View {
-    let mut view = View::exact(scene, camera).with_order(scene);
-    if let Some(picture) = picture {
-        view.picture = picture.clone();
-    }
-    view
 }

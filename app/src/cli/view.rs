@@ -1,7 +1,8 @@
 //! Runs `splatgraph view`: opens a window on a scene.
 
+use super::cameras;
 use super::options::{self, BackendArgs, Drawing};
-use super::{Outcome, Usage};
+use super::outcome::{Outcome, Usage};
 use crate::draw::backend::Backend;
 use crate::draw::camera;
 use crate::io::image::Format;
@@ -201,7 +202,7 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
         }
     }
     if let Some(path) = &args.drawing.cameras {
-        options::claim_cameras(&mut guard, path)?;
+        cameras::claim_file(&mut guard, path)?;
     }
     for graph in [Some(&args.drawing.pipeline), args.compare.as_ref()].into_iter().flatten() {
         guard.input("the graph", Path::new(graph))?;
@@ -227,7 +228,7 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
 pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
     args.check()?;
-    let cameras = args.drawing.cameras.as_deref().map(options::cameras).transpose()?;
+    let cameras = args.drawing.cameras.as_deref().map(cameras::parse).transpose()?;
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
     let events = args.events.as_deref().map(Log::create).transpose()?;
     let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
@@ -251,7 +252,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         screenshot: args.screenshot.clone(),
         frames: args.frames,
     })?;
-    Ok(super::validated(args.device.validate, &messages))
+    Ok(super::outcome::validated(args.device.validate, &messages))
 }
 
 /// Loads the scene and its cameras; returns the scene with its path.

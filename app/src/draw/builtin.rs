@@ -10,6 +10,9 @@ use splatgraph_framework::schema::Document;
 use splatgraph_framework::schema::folded;
 use splatgraph_framework::source::{Library, SourceMap, nearest};
 
+/// Default of `--pipeline`: the fastest graph for the device, chosen by its facts.
+pub const DEFAULT_PIPELINE: &str = "auto";
+
 /// Path (`pipelines/splat.ron`, `shaders/sort/scatter.comp`) and text of each file, sorted by path.
 pub const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/builtin.rs"));
 

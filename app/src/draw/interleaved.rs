@@ -9,6 +9,8 @@ use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::{Device, FrameResult};
 use splatgraph_assets::Camera;
+use splatgraph_framework::ir::PassId;
+use splatgraph_framework::plan::Plan;
 use std::time::{Duration, Instant};
 
 /// Numbers of frames.
@@ -20,6 +22,35 @@ pub struct Effort {
     pub frames: u32,
 }
 
+/// The numbers of frames that a person asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Frames {
+    /// Rounds of frames, at most.
+    pub rounds: u32,
+    /// Frames of each in a round; `None` where the time of a frame decides.
+    pub frames: Option<u32>,
+}
+
+impl Frames {
+    /// Chooses the numbers for a session that is prepared in the camera's size. Without a number of frames, a round is the given part
+    /// of what is usual.
+    ///
+    /// # Errors
+    /// The device fails.
+    pub fn choose<D: Device>(
+        self,
+        session: &mut Session<D>,
+        camera: &Camera,
+        part: u32,
+    ) -> Result<Effort, SessionError> {
+        let usual = || -> Result<u32, SessionError> {
+            frame(session, camera)?;
+            Ok((frames_of(frame(session, camera)?.wall_ms) / part).max(1))
+        };
+        Ok(Effort { rounds: self.rounds, frames: self.frames.map_or_else(usual, Ok)? })
+    }
+}
+
 /// A frame with the time of the host.
 pub struct Timed {
     /// The results.
@@ -28,6 +59,41 @@ pub struct Timed {
     pub submit_ms: f64,
     /// Milliseconds on the host's clock until the frame was done.
     pub wall_ms: f64,
+}
+
+impl Timed {
+    /// Sums the milliseconds of the wanted passes; `None` without timestamps.
+    pub fn passes_ms(&self, wanted: impl Fn(PassId) -> bool) -> Option<f64> {
+        self.result.pass_ms.iter().filter(|(id, _)| wanted(*id)).map(|(_, ms)| *ms).sum()
+    }
+}
+
+/// Lists the passes of a plan's frame that a frame has times of, in order of execution. Passes that run once are left out.
+pub fn timed_passes(plan: &Plan, frame: &Timed) -> Vec<PassId> {
+    let ran = |id: &PassId| frame.result.pass_ms.iter().any(|(pass, _)| pass == id);
+    plan.frame.iter().map(|step| step.pass).filter(ran).collect()
+}
+
+/// Lists the phases of passes, each once, in the order of the passes.
+pub fn phases<'a>(plan: &'a Plan, passes: &[PassId]) -> Vec<&'a str> {
+    let mut names: Vec<&str> = Vec::new();
+    for id in passes {
+        let phase = plan.pass(*id).phase.as_str();
+        if !names.contains(&phase) {
+            names.push(phase);
+        }
+    }
+    names
+}
+
+/// Computes the median of a value over frames; `None` if a frame has none.
+pub fn median_of(frames: &[Timed], value: impl Fn(&Timed) -> Option<f64>) -> Option<f64> {
+    median(frames.iter().map(value).collect::<Option<Vec<_>>>()?)
+}
+
+/// Computes the median milliseconds of frames on the GPU; `None` without timestamps.
+pub fn gpu_ms(frames: &[Timed]) -> Option<f64> {
+    median_of(frames, |frame| frame.result.total_ms)
 }
 
 /// The frames of a session, by round.
@@ -120,15 +186,6 @@ pub fn busy(frames: &[Timed]) -> Option<f64> {
 
 /// Time that the frames of a round take together, about.
 const ROUND: Duration = Duration::from_millis(200);
-
-/// Chooses the number of frames in a round, by the time of one.
-///
-/// # Errors
-/// The device fails.
-pub fn suitable_frames<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<u32, SessionError> {
-    frame(session, camera)?;
-    Ok(frames_of(frame(session, camera)?.wall_ms))
-}
 
 /// Chooses the number of frames in a round, for frames of so many milliseconds.
 pub fn frames_of(wall_ms: f64) -> u32 {

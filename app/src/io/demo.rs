@@ -60,7 +60,7 @@ mod tests {
         let path = folder.path().join("new/demo.ply");
         assert!(ensure(&path).unwrap());
         assert!(!ensure(&path).unwrap());
-        let scene = Scene::load(&path, &|_, _| {}).unwrap();
+        let scene = Scene::load(&path, splatgraph_assets::QUIET).unwrap();
         assert_eq!((scene.stored_degree(), scene.dropped().total()), (3, 0));
         let beside: Vec<_> = fs::read_dir(path.parent().unwrap()).unwrap().collect();
         assert_eq!(beside.len(), 1, "nothing unfinished is left");

@@ -1,6 +1,7 @@
-//! Finds the graphs that may use a file: those of the editor's folders, or those around the file.
+//! Finds the graphs that may use a file, those of the editor's folders or those around the file, and the facts that they are built with.
 
-use super::graph::is_graph;
+use crate::draw::facts::{self, SceneFacts};
+use splatgraph_framework::ir::{Catalog, Facts};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -9,6 +10,20 @@ const MAX_ENTRIES: usize = 20_000;
 
 /// Bounds the nesting of folders below those that are searched.
 const MAX_DEPTH: usize = 6;
+
+/// Subgroups of a GPU and of a CPU, for which graphs are built.
+pub const LANES: [u32; 2] = [facts::USUAL_SUBGROUP_SIZE, 8];
+
+/// Returns true for the files that are built; others are read by them.
+pub fn is_graph(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "ron")
+}
+
+/// Returns the facts and imports that graphs are built with.
+pub fn nominal(lanes: u32) -> (Facts, Catalog) {
+    let device = facts::portable_device(lanes);
+    (facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE), facts::nominal_catalog())
+}
 
 /// Returns a path without links and `..`, if it is absolute and exists.
 pub fn canonical(path: &Path) -> PathBuf {

@@ -1,8 +1,9 @@
 //! Builds the graphs that are open, and answers questions about them.
 
 use super::cursor::{self, Meaning};
+use super::files::{self, LANES, is_graph, nominal};
 use super::index::{Index, Place};
-use super::{files, hints, rename, text};
+use super::{hints, rename, text};
 use crate::draw::builtin;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::{PlainDiagnostic, Planner, Severity};
@@ -12,21 +13,13 @@ use lsp_types::{
 };
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump::{Dump, dump};
-use splatgraph_framework::ir::{Catalog, Facts, Format, ParamBinding, Shape};
+use splatgraph_framework::ir::{Format, ParamBinding, Shape};
 use splatgraph_framework::lower::{Control, ExpressionNames};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::schema::Document;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops;
 use std::path::{Path, PathBuf};
-
-/// Subgroups of a GPU and of a CPU, for which graphs are built.
-pub const LANES: [u32; 2] = [facts::USUAL_SUBGROUP_SIZE, 8];
-
-/// Returns true for the files that are built; others are read by them.
-pub fn is_graph(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension == "ron")
-}
 
 /// A planner, and what is known of each graph since it was last right.
 #[derive(Default)]
@@ -46,12 +39,6 @@ struct Known {
     controls: Vec<Control>,
     /// The plan for a GPU; `None` while there is a mistake.
     dump: Option<Dump>,
-}
-
-/// Returns the facts and imports that graphs are built with.
-pub fn nominal(lanes: u32) -> (Facts, Catalog) {
-    let device = facts::portable_device(lanes);
-    (facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE), facts::nominal_catalog())
 }
 
 impl Workspace {

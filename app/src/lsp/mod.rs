@@ -232,7 +232,7 @@ impl Server {
     }
 
     fn hints(&mut self, params: &InlayHintParams) -> Vec<InlayHint> {
-        let path = text::path_of(&params.text_document.uri).filter(|path| graph::is_graph(path));
+        let path = text::path_of(&params.text_document.uri).filter(|path| files::is_graph(path));
         let Some((path, text)) = path.and_then(|path| Some((path.clone(), self.open.get(&path)?))) else {
             return Vec::new();
         };
@@ -255,7 +255,7 @@ impl Server {
     /// Returns the file, its text and the byte of a position in a graph that is open.
     fn place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, String, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
-        let text = self.open.get(&path).filter(|_| graph::is_graph(&path))?.clone();
+        let text = self.open.get(&path).filter(|_| files::is_graph(&path))?.clone();
         let offset = text::offset_of(&text, at.position);
         Some((path, text, offset))
     }

@@ -1,6 +1,6 @@
 //! Renames what a graph declares in all files that use it, and builds the graphs with the new name before it is offered.
 
-use super::graph::{LANES, nominal};
+use super::files::{LANES, nominal};
 use super::index::{Form, Index, Place, capital};
 use super::names::continues_name;
 use crate::draw::planner::Planner;

@@ -1,5 +1,7 @@
-//! Measures graphs and settings over many frames. Each study is a function that returns numbers or a page.
+//! Measures graphs and settings over many frames. Each study is a function `study` that returns numbers or a page.
 //!
+//! - [`mod@study`]: what all studies share: their subject, the listener that follows them, and their error;
+//! - [`measurement`]: settings, and the time and the error of their pictures, as all studies measure them;
 //! - [`metrics`]: differences between pictures;
 //! - [`evaluation`]: scores against photographs;
 //! - [`trade`]: the cost of each setting, in time and in accuracy;
@@ -13,7 +15,9 @@ pub mod advise;
 pub mod bench;
 pub mod evaluation;
 pub mod experiment;
+pub mod measurement;
 pub mod metrics;
 pub mod popping;
+pub mod study;
 pub mod sweep;
 pub mod trade;

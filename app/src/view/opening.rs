@@ -8,7 +8,8 @@ use super::renderer::Wake;
 use crate::draw::camera;
 use splatgraph_assets::{Camera, Scene};
 use std::any::Any;
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::ops::ControlFlow;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -70,9 +71,6 @@ pub struct Opening {
     wake: Wake,
 }
 
-/// The payload of the unwinding that ends a cancelled load.
-struct Cancelled;
-
 impl Opening {
     /// Creates a reader that calls `wake` when a file was read.
     pub fn new(wake: Wake) -> Opening {
@@ -108,11 +106,9 @@ impl Opening {
         self.scenes[index(id)] = None;
         let failed = move |error| Content::Scene(id, Err(error), None);
         let request = self.start(path, failed, move |path, cancelled| {
-            let progress = |_, _| {
-                if cancelled.load(Ordering::Relaxed) {
-                    // Without the message of a panic.
-                    resume_unwind(Box::new(Cancelled));
-                }
+            let progress = |_, _| match cancelled.load(Ordering::Relaxed) {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
             };
             let scene = Scene::load(path, &progress).map(Box::new).map_err(|error| error.to_string());
             if let Ok(scene) = &scene {
@@ -180,12 +176,13 @@ impl Opening {
         let (path, done, wake) = (path.to_owned(), self.finished.0.clone(), self.wake.clone());
         let work = move || {
             let begun = Instant::now();
-            let content = match catch_unwind(AssertUnwindSafe(|| read(&path, &cancelled))) {
-                Ok(content) => content,
-                Err(payload) if payload.is::<Cancelled>() || cancelled.load(Ordering::Relaxed) => return,
-                // A panic is a defect of this program, and no reason to end it.
-                Err(payload) => failed(format!("internal error: {}", message(&*payload))),
-            };
+            // A panic is a defect of this program, and no reason to end it.
+            let content = catch_unwind(AssertUnwindSafe(|| read(&path, &cancelled)));
+            if cancelled.load(Ordering::Relaxed) {
+                return;
+            }
+            let content =
+                content.unwrap_or_else(|payload| failed(format!("internal error: {}", message(&*payload))));
             let load_ms = begun.elapsed().as_secs_f64() * 1e3;
             // The viewer may be closed by now.
             let _ = done.send(Opened { path, load_ms, number, content });

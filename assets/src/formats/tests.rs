@@ -3,6 +3,7 @@
 use super::*;
 use crate::scene::Splat;
 use crate::testing::{captures, parse as read};
+use std::ops::ControlFlow;
 use std::sync::Mutex;
 
 /// Makes a scene of splats that differ in everything.
@@ -130,7 +131,7 @@ fn a_written_file_is_recognised_without_its_name_and_its_header_says_how_many_sp
         let path = folder.path().join("scene");
         std::fs::write(&path, written(&scene, format)).unwrap();
         let header = SceneHeader::load(&path).unwrap();
-        let loaded = Scene::load(&path, &|_, _| {}).unwrap();
+        let loaded = Scene::load(&path, crate::QUIET).unwrap();
         assert_eq!((header.count, header.stored_degree), (300, loaded.stored_degree()), "{format:?}");
     }
 }
@@ -158,6 +159,7 @@ fn progress_ends_at_all_bytes() {
         let tell = |done, of| {
             let mut most = most.lock().unwrap();
             *most = (most.0.max(done), of);
+            ControlFlow::Continue(())
         };
         Scene::parse(&written(&scene, format), &tell).unwrap();
         let (done, of) = *most.lock().unwrap();
@@ -172,9 +174,26 @@ fn a_scene_larger_than_the_memory_is_refused() {
         let bytes = written(&scene, format);
         let source = Source::Bytes(&bytes);
         let with =
-            |memory| parse(&Input { source: &source, memory: Some(memory), progress: &|_, _| {} }, None);
+            |memory| parse(&Input { source: &source, memory: Some(memory), progress: crate::QUIET }, None);
         assert!(matches!(with(200_000), Err(SceneError::Memory(_))), "{format:?}");
         assert_eq!(with(64 << 20).unwrap().count(), 5000, "{format:?}");
+    }
+}
+
+#[test]
+fn a_load_that_its_progress_cancels_ends_before_all_is_read() {
+    let scene = varied(100_000, 3);
+    for format in SceneFormat::WRITTEN {
+        let bytes = written(&scene, format);
+        let most = Mutex::new((0, 0));
+        let cancel = |done: u64, of: u64| {
+            let mut most = most.lock().unwrap();
+            *most = (most.0.max(done), of);
+            if done > 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        assert!(matches!(Scene::parse(&bytes, &cancel), Err(SceneError::Cancelled)), "{format:?}");
+        let (done, of) = *most.lock().unwrap();
+        assert!(0 < done && done < of, "{format:?}: {done} of {of}");
     }
 }
 
@@ -182,7 +201,7 @@ fn a_scene_larger_than_the_memory_is_refused() {
 fn the_compressed_capture_has_the_values_that_were_decoded_from_it() {
     let test = "the_compressed_capture_has_the_values_that_were_decoded_from_it";
     let Some(captures) = captures(test) else { return };
-    let load = |name: &str| Scene::load(captures.join(name), &|_, _| {}).unwrap();
+    let load = |name: &str| Scene::load(captures.join(name), crate::QUIET).unwrap();
     let [packed, plain] = ["biker.compressed.ply", "biker.ply"].map(load);
     assert_eq!(packed.count(), plain.count());
     for index in 0..packed.count() as usize {

@@ -149,7 +149,7 @@ impl Packed {
         let mut columns =
             input.allocate(count, self.degree, false, (vertex.stride + sh.stride, bounds_bytes))?;
         let bounds = self.bounds(input, chunks.0, count)?;
-        let done = Done::new(count * (vertex.stride + sh.stride) as u64, input.progress);
+        let done = Done::new(count * (vertex.stride + sh.stride) as u64, input.progress)?;
         let gathered =
             input::fill(input.source, [vertex, sh], &mut columns, &done, |[row, rest], index, out| {
                 let (splat, norm) = self.splat(row, rest, &bounds[index / CHUNK_SPLATS]);

@@ -144,7 +144,7 @@ impl File<'_> {
         let origin = self.binary_origin::<BIG>(start, count)?;
         let wide = layout.wide();
         let mut columns = self.allocate(count)?;
-        let done = Done::new(count * stride as u64, self.input.progress);
+        let done = Done::new(count * stride as u64, self.input.progress)?;
         let table = [Table { start, stride }];
         let gathered = input::fill(self.source, table, &mut columns, &done, |[row], _, out| {
             let position = |axis: usize| {
@@ -231,7 +231,7 @@ impl File<'_> {
         }
         let origin = sample.map_or([0.0; 3], Sample::origin);
         let mut columns = self.allocate(vertex.count)?;
-        let done = Done::new(lines.place().at - start, self.input.progress);
+        let done = Done::new(lines.place().at - start, self.input.progress)?;
         let sizes = Mutex::new(vec![0; vertex.properties.len()]);
         let gathered = columns.fill(|out: &mut Rows| {
             let place = chunks[out.first() / CHUNK];
@@ -258,7 +258,7 @@ impl File<'_> {
             let mut sizes = sizes.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
             sizes.iter_mut().zip(&chunk_sizes).for_each(|(sum, size)| *sum += size);
             drop(sizes);
-            done.add(lines.place().at - place.at);
+            done.add(lines.place().at - place.at)?;
             Ok(())
         })?;
         let sizes = sizes.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());

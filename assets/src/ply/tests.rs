@@ -287,7 +287,7 @@ fn a_scene_that_exceeds_the_memory_is_refused_from_its_header() {
     let bytes = Made { degree: 3, count: 1000, ..PLAIN }.bytes();
     let source = Source::Bytes(&bytes);
     let with =
-        |memory| super::read::parse(&Input { source: &source, memory: Some(memory), progress: &|_, _| {} });
+        |memory| super::read::parse(&Input { source: &source, memory: Some(memory), progress: crate::QUIET });
     let said = with(200_000).unwrap_err().to_string();
     assert!(
         said.contains("found 1000 splats of degree 3, which need") && said.contains("of 195.3 KiB available"),
@@ -316,7 +316,7 @@ fn sparse(folder: &std::path::Path, count: u64) -> std::path::PathBuf {
 fn more_rows_of_bytes_than_any_memory_or_index_holds_are_refused_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let path = sparse(folder.path(), 1 << 32);
-    let said = Scene::load(&path, &|_, _| {}).unwrap_err().to_string();
+    let said = Scene::load(&path, crate::QUIET).unwrap_err().to_string();
     assert!(
         said.contains("at most 4,294,967,295 splats, which 32 bits can index, found 4294967296"),
         "{said}"
@@ -324,7 +324,7 @@ fn more_rows_of_bytes_than_any_memory_or_index_holds_are_refused_at_once() {
     let path = sparse(folder.path(), (1 << 32) - 1);
     let file = OpenFile::open(&path).unwrap();
     let source = Source::File(&file);
-    let said = super::read::parse(&Input { source: &source, memory: Some(64 << 30), progress: &|_, _| {} });
+    let said = super::read::parse(&Input { source: &source, memory: Some(64 << 30), progress: crate::QUIET });
     let said = said.unwrap_err().to_string();
     assert!(
         said.contains("4294967295 splats of degree 3, which need 992.0 GiB, of 64.0 GiB available"),
@@ -484,7 +484,7 @@ fn a_scene_written_and_read_back_is_the_same_but_for_rounding() {
         let path = folder.path().join("scene.ply");
         scene.write_ply(&path).unwrap();
         let size = std::fs::metadata(&path).unwrap().len();
-        let back = Scene::load(&path, &|_, _| {}).unwrap();
+        let back = Scene::load(&path, crate::QUIET).unwrap();
         assert_eq!(
             (back.size_breakdown(), size),
             (scene.size_breakdown(), scene.size_breakdown().file_bytes)
@@ -508,6 +508,7 @@ fn progress_reaches_the_end() {
         Scene::parse(&bytes, &|done, of| {
             most.fetch_max(done, Ordering::Relaxed);
             whole.store(of, Ordering::Relaxed);
+            std::ops::ControlFlow::Continue(())
         })
         .unwrap();
         assert!(most.load(Ordering::Relaxed) > 20_000);
@@ -517,16 +518,16 @@ fn progress_reaches_the_end() {
 
 #[test]
 fn a_file_that_is_not_there_is_named() {
-    let said = Scene::load("no/such.ply", &|_, _| {}).unwrap_err().to_string();
+    let said = Scene::load("no/such.ply", crate::QUIET).unwrap_err().to_string();
     assert!(said.starts_with("no/such.ply: cannot be read: "), "{said}");
-    let said = Scene::load(".", &|_, _| {}).unwrap_err().to_string();
+    let said = Scene::load(".", crate::QUIET).unwrap_err().to_string();
     assert!(said.contains("folder"), "{said}");
 }
 
 #[test]
 fn the_captures_load_whole_and_their_size_breakdowns_sum_to_their_sizes() {
     let check = |path: PathBuf, count, degrees| {
-        let scene = Scene::load(&path, &|_, _| {}).unwrap();
+        let scene = Scene::load(&path, crate::QUIET).unwrap();
         assert_eq!((scene.count(), scene.dropped().total()), (count, 0), "{}", path.display());
         assert_eq!((scene.stored_degree(), scene.effective_degree()), degrees, "{}", path.display());
         assert_eq!(scene.size_breakdown().sum(), std::fs::metadata(&path).unwrap().len());

@@ -88,7 +88,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let beside = bytes + 2 * count * TEXEL as u64;
     let needed = Scene::host_bytes(count, degree).saturating_add(beside);
     SceneMemoryError::check_against(count, degree, needed, input.memory)?;
-    let done = Done::new(2 * bytes, input.progress);
+    let done = Done::new(2 * bytes, input.progress)?;
     let mut data = Vec::new();
     let mut tables = [Table { start: 0, stride: 0 }; 6];
     for (table, name) in tables.iter_mut().zip(names) {
@@ -98,7 +98,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         let rows = &texels[..count as usize * TEXEL];
         data.try_reserve(rows.len()).map_err(std::io::Error::from)?;
         data.extend_from_slice(rows);
-        done.add(rows.len() as u64);
+        done.add(rows.len() as u64)?;
     }
     let entries = meta.sh_n.as_ref().map(|palette| Entries::read(&mut archive, palette)).transpose()?;
     let packed = archive.packed_bytes()?;

@@ -11,7 +11,7 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 fn parse(bytes: &[u8]) -> Result<Scene, SceneError> {
-    read(&Input { source: &Source::Bytes(bytes), memory: Some(1 << 30), progress: &|_, _| {} })
+    read(&Input { source: &Source::Bytes(bytes), memory: Some(1 << 30), progress: crate::QUIET })
 }
 
 fn webp(width: u32, height: u32, texels: &[u8]) -> Vec<u8> {

@@ -70,7 +70,7 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     check_memory(&header, input)?;
     let count = u64::from(header.count);
     let bytes = count * header.stride();
-    let done = Done::new(2 * bytes, input.progress);
+    let done = Done::new(2 * bytes, input.progress)?;
     let header_bytes = unpacker.get_ref().taken;
     let (mut data, mut fields) = (Vec::new(), Vec::new());
     let mut tables = [Table { start: 0, stride: 0 }; 6];
@@ -78,8 +78,8 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
         *table = Table { start: data.len() as u64, stride };
         let before = unpacker.get_ref().taken;
         let bytes = count * stride as u64;
-        append(&mut unpacker, bytes, &mut data, &done)
-            .map_err(|error| unpacked(error, HEADER as u64 + table.start, name, bytes))?;
+        let failed = |error| unpacked(error, HEADER as u64 + table.start, name, bytes);
+        append(&mut unpacker, bytes, &mut data, &done, failed)?;
         if stride > 0 {
             let bytes = unpacker.get_ref().taken - before;
             let (name, kind) = (name.into(), kind.into());

@@ -135,15 +135,20 @@ pub(super) fn append(
     bytes: u64,
     data: &mut Vec<u8>,
     done: &Done,
-) -> io::Result<()> {
+    failed: impl FnOnce(io::Error) -> SceneError,
+) -> Result<(), SceneError> {
     let mut left = bytes;
     while left > 0 {
         let piece = left.min(data.len().clamp(PIECE, 1 << 24) as u64);
         let start = data.len();
-        data.try_reserve(piece as usize)?;
-        data.resize(start + piece as usize, 0);
-        unpacker.read_exact(&mut data[start..])?;
-        done.add(piece);
+        let read = data.try_reserve(piece as usize).map_err(io::Error::from).and_then(|()| {
+            data.resize(start + piece as usize, 0);
+            unpacker.read_exact(&mut data[start..])
+        });
+        if let Err(error) = read {
+            return Err(failed(error));
+        }
+        done.add(piece)?;
         left -= piece;
     }
     Ok(())

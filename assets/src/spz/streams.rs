@@ -47,7 +47,7 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     let (header, table_at) = header(source)?;
     check_memory(&header, input)?;
     let count = u64::from(header.count);
-    let done = Done::new(2 * count * header.stride(), input.progress);
+    let done = Done::new(2 * count * header.stride(), input.progress)?;
     // No longer than the file.
     let mut records = vec![0; (table_at - LONG_HEADER as u64) as usize];
     source.read(LONG_HEADER as u64, &mut records)?;
@@ -84,7 +84,7 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
         let packed_bytes = SourceReader::new(source, at).take(packed);
         let mut stream =
             StreamingDecoder::new(packed_bytes).map_err(|error| failed(std::io::Error::other(error)))?;
-        append(&mut stream, bytes, &mut data, &done).map_err(failed)?;
+        append(&mut stream, bytes, &mut data, &done, failed)?;
         if stream.read(&mut [0]).map_err(failed)? > 0 {
             return Err(field(at, name, format!("expected {bytes} unpacked bytes, found more")));
         }

@@ -242,7 +242,7 @@ fn damage_of_version_4_names_the_byte_and_the_field() {
 fn the_capture_has_the_splats_of_the_plain_capture_within_its_steps() {
     let test = "the_capture_has_the_splats_of_the_plain_capture_within_its_steps";
     let Some(captures) = captures(test) else { return };
-    let load = |name: &str| Scene::load(captures.join(name), &|_, _| {}).unwrap();
+    let load = |name: &str| Scene::load(captures.join(name), crate::QUIET).unwrap();
     let [packed, plain] = ["biker.spz", "biker.ply"].map(load);
     assert_eq!(packed.count(), plain.count());
     for index in 0..packed.count() as usize {

@@ -5,12 +5,13 @@ use crate::long;
 use splatgraph_assets::{LoadError, Scene, SceneError, synth};
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 fn load(path: &Path) -> Result<Scene, LoadError> {
-    Scene::load(path, &|_, _| {})
+    Scene::load(path, splatgraph_assets::QUIET)
 }
 
 /// Bytes of a scene file, with the number of the splats' first colour put in for the seed.
@@ -18,7 +19,7 @@ fn written(seed: u64) -> (Vec<u8>, u64) {
     let scene = synth::generate("uniform", 40_000, seed).expect("it is generated");
     let mut bytes = Vec::new();
     scene.write_ply_to(&mut bytes).expect("memory takes it");
-    let read = Scene::parse(&bytes, &|_, _| {}).expect("a whole file");
+    let read = Scene::parse(&bytes, splatgraph_assets::QUIET).expect("a whole file");
     (bytes, read.identity())
 }
 
@@ -107,6 +108,7 @@ fn a_file_that_is_truncated_between_two_pieces_says_that_it_became_shorter() {
             if done == 0 {
                 File::options().write(true).open(&path).unwrap().set_len(length / 2).unwrap();
             }
+            ControlFlow::Continue(())
         };
         let said = Scene::load(&path, &truncate).unwrap_err();
         assert!(
@@ -129,6 +131,7 @@ fn a_file_that_is_written_over_while_it_is_read_says_so() {
         if done == 0 {
             rewrite(&path, &bytes, false);
         }
+        ControlFlow::Continue(())
     };
     let said = Scene::load(&path, &touch).unwrap_err();
     assert!(matches!(said.problem, SceneError::Changed), "{said}");
@@ -138,6 +141,7 @@ fn a_file_that_is_written_over_while_it_is_read_says_so() {
             fs::write(folder.path().join("new"), "not a scene").unwrap();
             fs::rename(folder.path().join("new"), &path).unwrap();
         }
+        ControlFlow::Continue(())
     };
     assert_eq!(Scene::load(&path, &replace).unwrap().count(), 40_000);
 }

@@ -256,7 +256,7 @@ fn spz3_scenes() -> [Vec<u8>; 2] {
 }
 
 fn parse(bytes: &[u8]) -> Result<(), String> {
-    match Scene::parse(bytes, &|_, _| {}) {
+    match Scene::parse(bytes, splatgraph_assets::QUIET) {
         Ok(scene) => {
             assert_eq!(scene.size_breakdown().sum(), bytes.len() as u64);
             assert!(scene.count() > 0 && scene.positions().as_flattened().iter().all(|v| v.is_finite()));

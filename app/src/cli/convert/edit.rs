@@ -1,6 +1,7 @@
 //! Changes a scene before it is written: joins, moves, crops, selects and orders splats.
 
-use crate::cli::{Usage, options};
+use crate::cli::options;
+use crate::cli::outcome::Usage;
 use anyhow::Result;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;

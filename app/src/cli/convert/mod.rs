@@ -2,7 +2,8 @@
 
 mod edit;
 
-use super::{Outcome, Usage, options};
+use super::options;
+use super::outcome::{Outcome, Usage};
 use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -56,7 +57,7 @@ fn formats() -> impl TypedValueParser<Value = SceneFormat> {
 /// Lists the formats, for help.
 pub fn format_list() -> String {
     let row = |format: SceneFormat| (format!(".{}", format.extension()), format.summary().to_owned());
-    format!("Formats:\n{}", options::two_columns(SceneFormat::WRITTEN.map(row).to_vec()))
+    format!("Formats:\n{}", super::help::two_columns(SceneFormat::WRITTEN.map(row).to_vec()))
 }
 
 /// Checks the files of the command line, and finds the format of the output.

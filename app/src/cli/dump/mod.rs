@@ -1,7 +1,7 @@
 //! Runs `splatgraph dump`: writes the plan of a graph.
 
 use super::options;
-use super::{Outcome, Usage, claim_graph_files};
+use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::Planner;

@@ -1,6 +1,6 @@
 //! Names the files of a rendering's pictures.
 
-use crate::cli::Usage;
+use crate::cli::outcome::Usage;
 use crate::io::image::Format;
 use crate::io::output::is_standard_output;
 use std::path::{Path, PathBuf};

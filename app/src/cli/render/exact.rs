@@ -1,6 +1,5 @@
 //! Parses the options of the exact renderer.
 
-use crate::cli::options;
 use crate::draw::truth::{Map, rule_list};
 use crate::io::image::Format;
 use std::path::{Path, PathBuf};
@@ -9,7 +8,7 @@ use std::path::{Path, PathBuf};
 pub fn rule_help() -> String {
     format!(
         "Change a rule of the exact renderer; may be repeated\n\nThe rules, with their values and their place in the published rasteriser:\n{}",
-        options::two_columns(rule_list())
+        crate::cli::help::two_columns(rule_list())
     )
 }
 

@@ -3,14 +3,14 @@
 use super::cameras;
 use super::look_at::LookAtArgs;
 use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
-use super::{Outcome, Usage, claim_graph_files};
+use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::{Api, Backend};
 use crate::draw::fit;
 use crate::draw::session::Session;
 use crate::draw::truth::{self, Map, Truth};
 use crate::io::image::Format;
 use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
-use crate::io::output::{OutputGuard, is_standard_output, one_line};
+use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
 use crate::io::progress::Progress;
 use anyhow::{Result, bail};
 use splatgraph_api::Device;
@@ -253,7 +253,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
         let loaded = frames::prepare_plan(&mut session, camera)?;
         if loaded {
-            progress.suspend(|| session.tell_settings_without_effect());
+            progress.suspend(|| session.settings_without_effect().iter().for_each(say));
             claim_graph_files(&mut guard, &session.files())?;
         }
         if args.repeat == 1 && args.inspect.is_empty() {
@@ -278,7 +278,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(path) = &args.json {
         options::write_json(path, &serde_json::to_value(all)?)?;
     }
-    Ok(super::validated(args.device.validate, &session.into_device().close()))
+    Ok(super::outcome::validated(args.device.validate, &session.into_device().close()))
 }
 
 /// Loads the scene and its cameras, in the requested size.

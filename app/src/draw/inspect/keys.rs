@@ -3,7 +3,6 @@
 //! In `splat` and `tiled_cpu` the keys are depths, one for each visible splat. In `tiled` they are pairs of a bin and a depth, whose
 //! lowest bits (`tie_bits`) the radix sort does not read: a later pass orders what agrees in the others.
 
-use super::{without_half, without_index};
 use serde::Serialize;
 use splatgraph_framework::ir::{Pass, Work};
 use splatgraph_framework::plan::Plan;
@@ -119,6 +118,16 @@ fn pushed(plan: &Plan, pass: &Pass, member: &str) -> Option<u32> {
     let start = block.members.iter().find(|other| other.name == member)?.offset as usize;
     let bytes = pass.push.get(start..start + 4)?;
     Some(u32::from_le_bytes(bytes.try_into().ok()?))
+}
+
+/// Strips the index of `sort.scatter[2]`.
+pub(super) fn without_index(name: &str) -> &str {
+    name.split_once('[').map_or(name, |(stem, _)| stem)
+}
+
+/// Strips the half of `keys#1`.
+pub(super) fn without_half(name: &str) -> &str {
+    name.split_once('#').map_or(name, |(stem, _)| stem)
 }
 
 #[cfg(test)]

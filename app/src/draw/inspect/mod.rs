@@ -19,6 +19,7 @@ use std::path::Path;
 
 pub use contents::{Histogram, ReadAs, Words};
 pub use keys::{KeyOrder, holds_keys, sorted_keys};
+use keys::{without_half, without_index};
 
 /// Number of words shown from either end.
 const SHOWN: usize = 8;
@@ -46,11 +47,6 @@ pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, Inspe
 /// Returns true if the pass runs only in the first frame after a load.
 pub fn in_prologue(plan: &Plan, target: &Inspect) -> bool {
     plan.pass(target.after).run == Run::Once
-}
-
-/// Strips the index of `sort.scatter[2]`.
-fn without_index(name: &str) -> &str {
-    name.split_once('[').map_or(name, |(stem, _)| stem)
 }
 
 /// Strips the index and the includes of `sort.scatter[2]`.
@@ -117,11 +113,6 @@ fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, Ins
             )))
         }
     }
-}
-
-/// Strips the half of `keys#1`.
-fn without_half(name: &str) -> &str {
-    name.split_once('#').map_or(name, |(stem, _)| stem)
 }
 
 /// The contents of a resource after a pass.

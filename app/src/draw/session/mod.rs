@@ -276,16 +276,14 @@ impl<D: Device> Session<D> {
         Ok(true)
     }
 
-    /// Says on standard error which of the session's settings have no effect in the current plan, and why; each once.
+    /// Lists which of the session's settings have no effect in the current plan, and why: lines for a person, each once.
     ///
     /// For settings that a person made: measurements set parameters that they know nothing of.
-    pub fn tell_settings_without_effect(&mut self) {
-        let Some((plan, _)) = &self.loaded else { return };
-        for (name, text) in planner::without_effect(plan, &self.set) {
-            if self.told_settings.insert(name) {
-                say(format!("{}: {text}", self.pipeline));
-            }
-        }
+    pub fn settings_without_effect(&mut self) -> Vec<String> {
+        let Some((plan, _)) = &self.loaded else { return Vec::new() };
+        let found = planner::without_effect(plan, &self.set).into_iter();
+        let new = found.filter(|(name, _)| self.told_settings.insert(name.clone()));
+        new.map(|(_, text)| format!("{}: {text}", self.pipeline)).collect()
     }
 
     /// Submits a frame. The camera must have the prepared size.

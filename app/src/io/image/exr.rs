@@ -4,7 +4,7 @@
 //! so: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop Forum, and
 //! `comments` for people.
 
-use super::{Image, ImageError, check_size, open};
+use super::pixels::{Image, ImageError, check_size, open};
 use crate::io::output::file::Cause;
 use exr::prelude as x;
 use exr::prelude::{ReadChannels, ReadLayers, WritableImage};

@@ -3,7 +3,7 @@
 //! Arrays are written as float32, little-endian, shape `[height, width, 3]`. They are read as float32, float64, or bytes
 //! of 0 to 255, with 3 channels, or 4 of which the last is ignored.
 
-use super::{Depth, Image, ImageError, check_size, has_extension, open, room};
+use super::pixels::{Depth, Image, ImageError, check_size, has_extension, open, room};
 use crate::io::output::{self, file::Cause};
 use npyz::{NpyFile, NpyWriter, Order, TypeChar, WriteOptions, WriterBuilder};
 use std::fs::File;

@@ -1,6 +1,7 @@
 //! Reads photographs: PNG and JPEG, distinguished by their first bytes.
 
-use super::{Image, ImageError, check_size, open, png, room};
+use super::pixels::{Image, ImageError, check_size, open, room};
+use super::png;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;

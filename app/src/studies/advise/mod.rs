@@ -7,3 +7,6 @@
 
 pub mod harmonics;
 pub mod search;
+mod study;
+
+pub use study::{Advice, Description, Wanted, describe, study};

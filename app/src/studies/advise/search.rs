@@ -2,11 +2,12 @@
 //!
 //! Every parameter is measured alone, one step away from the exact settings. What several do together is predicted: squared
 //! errors add up, as those of independent causes do, and shares of time multiply. The cheapest predictions are then drawn,
-//! and only what was drawn and measured is advised. What noise hides is told: see [`crate::studies::trade::noise`].
+//! and only what was drawn and measured is advised. What noise hides is told: see [`crate::studies::measurement::noise`].
 
+use crate::studies::measurement::noise::Share;
+use crate::studies::measurement::settings::{DEFAULTS, EXACT};
+use crate::studies::study::Setting;
 use crate::studies::trade::measure::Row;
-use crate::studies::trade::noise::Share;
-use crate::studies::trade::settings::{DEFAULTS, EXACT, Setting};
 use serde::Serialize;
 
 /// The wanted limits.

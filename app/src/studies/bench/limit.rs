@@ -1,9 +1,9 @@
 //! Measures how fast the device copies from buffer to buffer: the limit of what passes can move.
 
-use super::measure::{Bench, Candidate, Frames};
+use super::measure::Bench;
 use crate::draw::facts::DEFAULT_SIZE;
-use crate::draw::interleaved::Figure;
-use crate::draw::session::SessionError;
+use crate::draw::interleaved::{Figure, Frames};
+use crate::studies::study::{Setting, Steps, StudyError};
 use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, synth};
@@ -39,10 +39,11 @@ pub fn measure<D: Device>(
     device: &D,
     frames: Frames,
     (scene, camera): (Scene, Camera),
-) -> Result<Result<Option<CopyLimit>, String>, SessionError> {
+) -> Result<Result<Option<CopyLimit>, String>, StudyError> {
     let bench = Bench { device, scene: scene.into(), frames, copy: None };
-    let candidate = Candidate { pipeline: GRAPH.into(), set: Vec::new() };
-    let outcome = bench.measure(&[candidate], &[camera], &mut |_| {})?.into_iter().next();
+    let mut nobody = ();
+    let steps = &mut Steps::new(&mut nobody, "", 1);
+    let outcome = bench.measure(&[Setting::of_graph(GRAPH, &[])], &[camera], steps, "")?.into_iter().next();
     let found = match outcome {
         Some(Ok(found)) => found,
         Some(Err(why)) => return Ok(Err(why)),

@@ -1,9 +1,10 @@
 //! Draws candidates interleaved, and measures time, bytes and memory of each.
 
 use super::bytes;
-use crate::draw::interleaved::{self, Effort, Figure, Rounds, Timed, Timestamps};
+use crate::draw::interleaved::{self, Effort, Figure, Frames, Rounds, Timed, Timestamps};
 use crate::draw::session::{Session, SessionError};
 use crate::draw::stats::{self, BufferSize};
+use crate::studies::study::{Setting, Steps, StudyError};
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
 use splatgraph_api::{BackendError, Device};
@@ -12,24 +13,6 @@ use splatgraph_framework::ir::{Fallback, PassId, Reason, Run};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-
-/// A graph with the values that some of its parameters are set to.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Candidate {
-    /// The graph, as `--pipeline` takes it.
-    pub pipeline: String,
-    /// Names and values, as `--set` takes them.
-    pub set: Vec<(String, String)>,
-}
-
-/// The numbers of frames of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Frames {
-    /// Rounds of frames.
-    pub rounds: u32,
-    /// Frames of each candidate in a round; `None` where the time of a frame decides.
-    pub frames: Option<u32>,
-}
 
 /// The time and the bytes of a pass, or of all passes of a phase.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -163,18 +146,19 @@ pub struct Bench<'a, D> {
 }
 
 impl<D: Device> Bench<'_, D> {
-    /// Measures candidates from each camera, interleaved; `each` is told of the number of cameras done before each.
+    /// Measures candidates from each camera, interleaved. Each camera is a step, `place` of the task.
     ///
     /// Candidates that cannot be drawn do not take part; their reason is their result.
     ///
     /// # Errors
-    /// The device fails.
+    /// The device fails, or the listener cancels.
     pub fn measure(
         &self,
-        candidates: &[Candidate],
+        candidates: &[Setting],
         cameras: &[Camera],
-        each: &mut dyn FnMut(usize),
-    ) -> Result<Vec<Outcome>, SessionError> {
+        steps: &mut Steps,
+        place: &str,
+    ) -> Result<Vec<Outcome>, StudyError> {
         let mut all: Vec<Result<Runner<D>, String>> = Vec::new();
         for candidate in candidates {
             let context = self.device.new_context().map_err(SessionError::from);
@@ -186,8 +170,8 @@ impl<D: Device> Bench<'_, D> {
                 Err(error) => Err(reason(error)?),
             });
         }
-        for (at, camera) in cameras.iter().enumerate() {
-            each(at);
+        for camera in cameras {
+            steps.next(place)?;
             for runner in &mut all {
                 let Ok(candidate) = runner else { continue };
                 if let Err(error) = self.prepare(candidate, camera) {
@@ -198,7 +182,7 @@ impl<D: Device> Bench<'_, D> {
             self.view(&mut all, camera)?;
         }
         let outcome = |runner: Result<Runner<D>, String>| match runner {
-            Ok(runner) => found(runner, self.copy).map(Ok),
+            Ok(runner) => Ok(Ok(found(runner, self.copy)?)),
             Err(why) => Ok(Err(why)),
         };
         all.into_iter().map(outcome).collect()
@@ -268,39 +252,25 @@ fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> F
         |of: &Rounds, value: Value| Figure::of(of.iter().map(|round| round.iter().map(value).collect()));
     let over = |value: Value| of_rounds(rounds, value);
     let over_whole = |value: Value| of_rounds(whole, value);
-    let steps = || plan.frame.iter().map(|step| step.pass);
-    let ran = |id: &PassId| {
-        let first = rounds.first().and_then(|round| round.first());
-        first.is_some_and(|frame| frame.result.pass_ms.iter().any(|(pass, _)| pass == id))
-    };
-    let ids: Vec<PassId> = steps().filter(ran).collect();
-    let ms = |frame: &Timed, wanted: &dyn Fn(PassId) -> bool| {
-        frame.result.pass_ms.iter().filter(|(id, _)| wanted(*id)).map(|(_, ms)| *ms).sum::<Option<f64>>()
-    };
+    let ids = rounds.first().and_then(|round| round.first());
+    let ids = ids.map(|frame| interleaved::timed_passes(plan, frame)).unwrap_or_default();
     let pass = |id: PassId| {
         let pass = plan.pass(id);
-        let figure = over(&|frame| ms(frame, &|other| other == id));
+        let figure = over(&|frame| frame.passes_ms(|other| other == id));
         Part::new(pass.name.clone(), Some(pass.phase.clone()), figure, bytes::of_pass(plan, pass), copy)
     };
-    let mut names: Vec<&str> = Vec::new();
-    for id in &ids {
-        let phase = plan.pass(*id).phase.as_str();
-        if !names.contains(&phase) {
-            names.push(phase);
-        }
-    }
     let phase = |name: &str| {
         let of = |id: PassId| plan.pass(id).phase == name && ids.contains(&id);
         let bytes = ids.iter().filter(|id| of(**id)).map(|id| bytes::of_pass(plan, plan.pass(*id))).sum();
-        Part::new(name.to_owned(), None, over(&|frame| ms(frame, &of)), bytes, copy)
+        Part::new(name.to_owned(), None, over(&|frame| frame.passes_ms(of)), bytes, copy)
     };
     Figures {
         gpu_ms: over_whole(&|frame| frame.result.total_ms),
-        between_ms: over(&|frame| Some(frame.result.total_ms? - ms(frame, &|_| true)?)),
+        between_ms: over(&|frame| Some(frame.result.total_ms? - frame.passes_ms(|_| true)?)),
         submit_ms: over_whole(&|frame| Some(frame.submit_ms)),
         record_ms: over_whole(&|frame| Some(frame.result.record_ms)),
         wall_ms: over_whole(&|frame| Some(frame.wall_ms)),
-        phases: names.into_iter().map(phase).collect(),
+        phases: interleaved::phases(plan, &ids).into_iter().map(phase).collect(),
         passes: ids.iter().copied().map(pass).collect(),
     }
 }
@@ -418,26 +388,23 @@ mod tests {
         (device.expect("no fault is set"), journal)
     }
 
-    fn candidate(pipeline: &str, set: &[(&str, &str)]) -> Candidate {
+    fn candidate(pipeline: &str, set: &[(&str, &str)]) -> Setting {
         let set = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
-        Candidate { pipeline: pipeline.into(), set }
+        Setting { name: pipeline.into(), pipeline: pipeline.into(), set }
     }
 
-    fn measured(device: &Null, candidates: &[Candidate], cameras: &[&str]) -> Vec<Outcome> {
+    fn measured(device: &Null, candidates: &[Setting], cameras: &[&str]) -> Vec<Outcome> {
         measured_in(FRAMES, device, candidates, cameras)
     }
 
-    fn measured_in(
-        frames: Frames,
-        device: &Null,
-        candidates: &[Candidate],
-        cameras: &[&str],
-    ) -> Vec<Outcome> {
+    fn measured_in(frames: Frames, device: &Null, candidates: &[Setting], cameras: &[&str]) -> Vec<Outcome> {
         let scene = synth::generate("demo", 50, 0).expect("a small scene");
         let camera = |name: &&str| Camera { img_name: (*name).into(), ..Camera::framing(&scene, 32, 24) };
         let cameras: Vec<Camera> = cameras.iter().map(camera).collect();
         let bench = Bench { device, scene: scene.into(), frames, copy: Some(2.0) };
-        bench.measure(candidates, &cameras, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"))
+        bench
+            .measure(candidates, &cameras, &mut Steps::new(&mut (), "", 1), "")
+            .unwrap_or_else(|error| panic!("{error}"))
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Measures graphs against each other and against the device's copy limit.
 //!
-//! Candidates (graphs with their parameters) are loaded side by side on one device and draw their frames interleaved, so that a change of
+//! [`study()`] measures candidates. Candidates (graphs with their parameters) are loaded side by side on one device and draw their frames interleaved, so that a change of
 //! the device's clock concerns all of them ([`measure`]). First a copy from buffer to buffer shows how many bytes per second the
 //! device moves at best ([`limit`]); each pass is then held against the bytes that it must at least move ([`bytes`]). [`report`]
 //! keeps the numbers of a run, [`table`] and [`plot`] show them, and [`sort`] measures the sort alone.
@@ -11,7 +11,10 @@ pub mod measure;
 pub mod plot;
 pub mod report;
 pub mod sort;
+mod study;
 pub mod table;
+
+pub use study::{Wanted, copy_limit, study};
 
 /// The graphs that measurements draw, besides those to be measured.
 pub const GRAPHS: [&str; 2] = [limit::GRAPH, sort::GRAPH];

@@ -1,12 +1,12 @@
 //! Keeps the numbers of a run, as JSON and as CSV.
 
 use super::limit::CopyLimit;
-use super::measure::{Figures, Found, Frames, Outcome, Part};
-use crate::draw::interleaved::Figure;
+use super::measure::{Figures, Found, Outcome, Part};
+use crate::draw::interleaved::{Figure, Frames};
 use crate::io::report::text::quoted;
 use serde::Serialize;
-use serde_json::Value as Json;
 use splatgraph_api::DeviceInfo;
+use splatgraph_assets::Camera;
 
 /// Version of the JSON: it changes when a field changes its meaning or goes.
 pub const VERSION: u32 = 1;
@@ -66,7 +66,7 @@ pub struct SceneOrigin {
     /// Number of splats in the file.
     pub splats: u32,
     /// The cameras, as in cameras.json.
-    pub cameras: Json,
+    pub cameras: Vec<Camera>,
 }
 
 /// A candidate on a scene of some splats, in one size.

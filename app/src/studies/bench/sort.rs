@@ -1,16 +1,16 @@
 //! Measures the sort alone, over numbers of pairs and widths of keys.
 
 use super::limit::no_scene;
-use super::measure::{Bench, Candidate, Found, Part};
+use super::measure::{Bench, Found, Part};
 use super::report::{Origin, first_line, optional};
 use super::table::head;
 use crate::draw::interleaved::Figure;
-use crate::draw::session::SessionError;
 use crate::io::report::plot::{Axis, Plot, Series};
 use crate::io::report::text::{quoted, table};
+use crate::studies::study::{Listener, Setting, Steps, StudyError};
 use serde::Serialize;
 use splatgraph_api::Device;
-use splatgraph_assets::{grouped, synth};
+use splatgraph_assets::grouped;
 
 /// The graph that sorts random pairs.
 pub const GRAPH: &str = "bench/pairs";
@@ -84,40 +84,30 @@ pub struct Report {
     pub rows: Vec<Row>,
 }
 
-/// An error of measuring sorts.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// The device fails.
-    // Not transparent: a graph's errors are found among the causes, and printed with their source text.
-    #[error("{0}")]
-    Session(#[from] SessionError),
-    /// There is no memory for the scene that stands for none.
-    #[error(transparent)]
-    Scene(#[from] synth::SynthError),
-}
-
-/// Measures sorts of each number of pairs, keys of different widths interleaved; `each` is told of the number before each.
+/// Measures sorts of each number of pairs, keys of different widths interleaved.
 ///
 /// # Errors
-/// The device fails. A sort that does not fit is a row that says why.
+/// The device fails, or the listener cancels. A sort that does not fit is a row that says why.
 pub fn measure<D: Device>(
     device: &D,
     pairs: &[u32],
     origin: Origin,
-    each: &mut dyn FnMut(u32),
-) -> Result<Report, Error> {
+    listener: &mut dyn Listener,
+) -> Result<Report, StudyError> {
     let (scene, camera) = no_scene()?;
     let copy = origin.copy.as_ref().map(|copy| copy.gb_per_s);
     let bench = Bench { device, scene: scene.into(), frames: origin.effort, copy };
+    let mut steps = Steps::new(listener, "sorting", pairs.len());
     let mut rows = Vec::new();
     for pairs in pairs.iter().copied() {
-        each(pairs);
         let candidate = |key_bits: u32| {
             let own = OWN_PARAMETERS.into_iter().zip([pairs, key_bits]);
             let own = own.map(|(name, value)| (name.to_owned(), value.to_string()));
-            Candidate { pipeline: GRAPH.into(), set: origin.set.iter().cloned().chain(own).collect() }
+            Setting::of_graph(GRAPH, &origin.set.iter().cloned().chain(own).collect::<Vec<_>>())
         };
-        let outcomes = bench.measure(&KEY_BITS.map(candidate), std::slice::from_ref(&camera), &mut |_| {})?;
+        let place = format!("{} pairs", grouped(pairs.into()));
+        let cameras = std::slice::from_ref(&camera);
+        let outcomes = bench.measure(&KEY_BITS.map(candidate), cameras, &mut steps, &place)?;
         rows.extend(KEY_BITS.into_iter().zip(outcomes).map(|(key_bits, found)| Row {
             pairs,
             key_bits,

@@ -4,8 +4,9 @@
 //! set, and each wrong way of blending changes that set in its own manner. [`measure`] draws every way and measures how far off
 //! picture and order are; [`page`] writes it down.
 
+use super::exact::{self, GAIN, decibels, draw};
 use super::two::{self, Two};
-use super::{ExperimentError, GAIN, decibels, draw};
+use super::ways::WAYS;
 use crate::draw::capture;
 use crate::draw::session::Session;
 use crate::draw::truth::Truth;
@@ -13,74 +14,10 @@ use crate::io::image::Image;
 use crate::io::report::page::{Figure, Page};
 use crate::io::report::plot::{Axis, Form, Plot, Point, Series};
 use crate::studies::metrics::{self, Comparison};
+use crate::studies::study::{Listener, Steps, StudyError};
 use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 use splatgraph_reference::{Rules, depth_order};
-
-/// A way of blending splats.
-#[derive(Debug, PartialEq, Eq)]
-pub struct Way {
-    /// The name on the page.
-    pub name: &'static str,
-    /// Parameters of the graph that are changed for it.
-    pub set: &'static [(&'static str, &'static str)],
-    /// True if the splats are sorted by depth.
-    pub sorted: bool,
-    /// True if the nearest splat is blended first.
-    pub nearest_first: bool,
-    /// True for `under`, which keeps a transmittance; false for `over`.
-    pub under: bool,
-    /// The sum that it computes.
-    pub sum: &'static str,
-    /// The reason of its picture.
-    pub why: &'static str,
-}
-
-/// The ways of blending, the true one second.
-pub const WAYS: [Way; 4] = [
-    Way {
-        name: "unsorted",
-        set: &[("sort", "false")],
-        sorted: false,
-        nearest_first: false,
-        under: false,
-        sum: "sum_i c_i a_i prod_{p(j) < p(i)} (1 - a_j)",
-        why: "The order of the file permutes the index set of the product: splat j dims splat i if it comes before i in the \
-              file (p is the place in the file), whichever of the two is nearer. Of each pair, chance decides which covers \
-              the other.",
-    },
-    Way {
-        name: "back to front",
-        set: &[],
-        sorted: true,
-        nearest_first: false,
-        under: false,
-        sum: "sum_i c_i a_i prod_{j < i} (1 - a_j)",
-        why: "`over`, farthest first: C <- a_i c_i + (1 - a_i) C. Each later, nearer splat multiplies everything below it \
-              by its 1 - a, so that in the end i has been dimmed by all j < i: the true product.",
-    },
-    Way {
-        name: "front to back, naive",
-        set: &[("blend", "front_to_back_naive")],
-        sorted: true,
-        nearest_first: true,
-        under: false,
-        sum: "sum_i c_i a_i prod_{j > i} (1 - a_j)",
-        why: "The same `over` on the sorted list from its other end: i is dimmed by the splats that come later, which are \
-              those behind it. The index set j < i has become j > i. That is the true sum of the same footprints seen from \
-              behind: the farthest surface is in front.",
-    },
-    Way {
-        name: "front to back",
-        set: &[("blend", "front_to_back")],
-        sorted: true,
-        nearest_first: true,
-        under: true,
-        sum: "sum_i c_i a_i T_i,  T_i = prod_{j < i} (1 - a_j)",
-        why: "`under`, nearest first: C <- C + T a_i c_i, then T <- (1 - a_i) T. The transmittance T carries the product \
-              over j < i along, so that the sum is the true one, term by term.",
-    },
-];
 
 /// Widths of the depth keys that are measured, in bits.
 const KEY_BITS: [u32; 9] = [8, 10, 12, 14, 16, 20, 24, 28, 32];
@@ -126,15 +63,15 @@ pub fn measure<D: Device>(
     session: &mut Session<D>,
     camera: &Camera,
     view: String,
-    report: &mut dyn FnMut(usize, usize, &str),
-) -> Result<(Order, Session<D>), ExperimentError> {
-    let of = 2 + WAYS.len() + KEY_BITS.len();
-    report(0, of, "the exact picture");
+    listener: &mut dyn Listener,
+) -> Result<Order, StudyError> {
+    let mut steps = Steps::new(listener, "experiment order", 2 + WAYS.len() + KEY_BITS.len());
+    steps.next("the exact picture")?;
     let truth = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::PUBLISHED).image();
     let order = depth_order(session.scene(), camera, &Rules::PUBLISHED);
-    let exact = super::exact(session, (camera.width, camera.height))?;
+    let exact = exact::values(session, (camera.width, camera.height))?;
 
-    let mut drawn = |name: &str, set: &[(&str, &str)], reversed: bool| -> Result<Drawn, ExperimentError> {
+    let mut drawn = |name: &str, set: &[(&str, &str)], reversed: bool| -> Result<Drawn, StudyError> {
         let capture = draw(session, &exact, set, camera)?;
         let error = metrics::compare(&capture.image, &truth)?;
         let count = capture.order.as_ref().map_or(0, |order| order.len() as u64);
@@ -144,27 +81,26 @@ pub fn measure<D: Device>(
         Ok(Drawn { name: name.to_owned(), image: capture.image, error, inversions, wrong, pairs })
     };
     let mut ways = Vec::new();
-    for (at, way) in WAYS.iter().enumerate() {
-        report(1 + at, of, way.name);
+    for way in &WAYS {
+        steps.next(way.name)?;
         // `over` wants the farthest first, and `under` the nearest.
         ways.push(drawn(way.name, way.set, way.nearest_first != way.under)?);
     }
     let mut keys = Vec::new();
-    for (at, bits) in KEY_BITS.into_iter().enumerate() {
-        report(1 + WAYS.len() + at, of, &format!("keys of {bits} bits"));
+    for bits in KEY_BITS {
+        steps.next(&format!("keys of {bits} bits"))?;
         let value = bits.to_string();
         keys.push((bits, drawn(&format!("{bits} bits"), &[("key_bits", &value)], false)?));
     }
-    report(of - 1, of, "two splats");
-    let (two, own) = two::work_out(session)?;
-    Ok((Order { view, truth, ways, keys, two }, own))
+    steps.next("two splats")?;
+    Ok(Order { view, truth, ways, keys, two: two::work_out(session)? })
 }
 
 /// Writes the page.
 ///
 /// # Errors
 /// A picture or a plot cannot be encoded.
-pub fn page(found: &Order) -> Result<Page, ExperimentError> {
+pub fn page(found: &Order) -> Result<Page, StudyError> {
     let mut page = Page::new("The order of splats");
     page.text(&found.view);
     page.text(
@@ -188,7 +124,7 @@ pub fn page(found: &Order) -> Result<Page, ExperimentError> {
     Ok(page)
 }
 
-fn four_ways(page: &mut Page, found: &Order) -> Result<(), ExperimentError> {
+fn four_ways(page: &mut Page, found: &Order) -> Result<(), StudyError> {
     page.heading("Four ways of blending");
     let pictures: Vec<Figure> = found
         .ways
@@ -251,7 +187,7 @@ fn four_ways(page: &mut Page, found: &Order) -> Result<(), ExperimentError> {
     Ok(())
 }
 
-fn worked_example(page: &mut Page, two: &Two) -> Result<(), ExperimentError> {
+fn worked_example(page: &mut Page, two: &Two) -> Result<(), StudyError> {
     let triple = |color: [f64; 3]| format!("({:.3}, {:.3}, {:.3})", color[0], color[1], color[2]);
     page.heading("Two splats, step by step");
     let [near, far] = two.layers;
@@ -308,7 +244,7 @@ fn worked_example(page: &mut Page, two: &Two) -> Result<(), ExperimentError> {
     Ok(())
 }
 
-fn keys(page: &mut Page, found: &Order) -> Result<(), ExperimentError> {
+fn keys(page: &mut Page, found: &Order) -> Result<(), StudyError> {
     page.heading("How much of the order is wrong");
     page.text(
         "Splats are sorted by a key made of their depth. A key of fewer bits takes less time to sort, and makes equal what is \

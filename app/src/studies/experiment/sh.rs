@@ -5,8 +5,8 @@
 //! the squares that it leaves out, over 4 pi, band by band. [`measure`] draws the glossiest part of a picture ([`gloss`]) from
 //! several directions with bands up to 0, 1, 2 and 3; [`page`] holds the errors against that sum.
 
+use super::exact::{self, GAIN, decibels, draw};
 use super::gloss::{self, Part};
-use super::{ExperimentError, GAIN, decibels, draw};
 use crate::draw::orbit;
 use crate::draw::session::Session;
 use crate::draw::truth::Truth;
@@ -14,6 +14,7 @@ use crate::io::image::Image;
 use crate::io::report::page::{Figure, Page};
 use crate::studies::advise::harmonics::{Energy, energy};
 use crate::studies::metrics::{self, squared_error};
+use crate::studies::study::{Listener, Steps, StudyError};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Rules, Splats};
@@ -78,30 +79,31 @@ pub fn measure<D: Device>(
     session: &mut Session<D>,
     cameras: &[Camera],
     view: String,
-    report: &mut dyn FnMut(usize, usize, &str),
-) -> Result<Sh, ExperimentError> {
+    listener: &mut dyn Listener,
+) -> Result<Sh, StudyError> {
     let scene = session.scene();
     let degree = [scene.stored_degree(), scene.effective_degree()];
     let all = mean_energy(scene);
     let of = 2 + DEGREES.len().max(cameras.len()) + degree[1] as usize;
-    report(0, of, "the glossiest part");
+    let mut steps = Steps::new(listener, "experiment sh", of);
+    steps.next("the glossiest part")?;
     let found = cameras.first().filter(|_| degree[1] > 0);
     let found = found.and_then(|first| Some((first, gloss::find(session.scene(), first)?)));
     let Some((first, part)) = found else { return Ok(Sh { view, degree, all, glossy: None }) };
 
     let views = views(cameras, first, &part);
-    let exact = super::exact(session, (first.width, first.height))?;
+    let exact = exact::values(session, (first.width, first.height))?;
     let overview = draw(session, &exact, &[], first)?.image;
     let mut directions = Vec::new();
-    for (at, (name, camera)) in views.iter().enumerate() {
-        report(1 + at, of, &format!("the exact picture, {name}"));
+    for (name, camera) in &views {
+        steps.next(&format!("the exact picture, {name}"))?;
         let exact = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::PUBLISHED).image();
         directions.push(Direction { name: name.clone(), exact, degrees: Vec::new() });
     }
     // By degree first: a plan is built for each.
     let mut pictures: Vec<Vec<Image>> = vec![Vec::new(); views.len()];
     for highest in 0..=degree[1] {
-        report(1 + views.len() + highest as usize, of, &format!("bands up to {highest}"));
+        steps.next(&format!("bands up to {highest}"))?;
         for ((_, camera), pictures) in views.iter().zip(&mut pictures) {
             let value = highest.to_string();
             pictures.push(draw(session, &exact, &[("sh_degree", &value)], camera)?.image);
@@ -148,7 +150,7 @@ fn bands(first: u32, last: u32) -> String {
 ///
 /// # Errors
 /// A picture cannot be encoded.
-pub fn page(found: &Sh) -> Result<Page, ExperimentError> {
+pub fn page(found: &Sh) -> Result<Page, StudyError> {
     let mut page = Page::new("Bands of spherical harmonics");
     page.text(&found.view);
     page.text(
@@ -182,7 +184,7 @@ pub fn page(found: &Sh) -> Result<Page, ExperimentError> {
     Ok(page)
 }
 
-fn pictures(page: &mut Page, glossy: &Glossy, highest: u32) -> Result<(), ExperimentError> {
+fn pictures(page: &mut Page, glossy: &Glossy, highest: u32) -> Result<(), StudyError> {
     let Glossy { part, overview, directions } = glossy;
     page.heading("The glossiest part");
     page.text(&format!(

@@ -3,11 +3,12 @@
 //! Two splats have only one wrong order, so that every step can be followed. Their alphas at a pixel, and their colours, are
 //! taken from exact pictures of each splat alone; the formulas are then evaluated step by step with these numbers alone.
 
-use super::order::{WAYS, Way};
-use super::{ExperimentError, draw};
+use super::exact::{self, GRAPH, draw};
+use super::ways::{WAYS, Way};
 use crate::draw::session::Session;
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
+use crate::studies::study::StudyError;
 use splatgraph_api::Device;
 use splatgraph_assets::harmonics::basis;
 use splatgraph_assets::{Camera, Scene, Splat};
@@ -62,23 +63,22 @@ pub struct Two {
 ///
 /// # Errors
 /// The graph has errors, or the device fails.
-pub fn work_out<D: Device>(session: &mut Session<D>) -> Result<(Two, Session<D>), ExperimentError> {
+pub fn work_out<D: Device>(session: &mut Session<D>) -> Result<Two, StudyError> {
     let scene = scene();
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, SIZE);
     let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED);
     let pixel = (SIZE.1 / 2 * SIZE.0 + SIZE.0 / 2) as usize;
     // In the file, the far splat is first: without a sort it counts as the near one.
     let layers = [1, 0].map(|index| layer(&scene.get(index), &camera, pixel));
-    let mut own = Session::new(session.device().new_context()?, scene, super::GRAPH, &[]);
-    let exact = super::exact(&mut own, SIZE)?;
+    let mut own = Session::new(session.device().new_context()?, scene, GRAPH, &[]);
+    let exact = exact::values(&mut own, SIZE)?;
     let mut ways = Vec::new();
     for way in &WAYS {
         let image = draw(&mut own, &exact, way.set, &camera)?.image;
         let drawn = image.rgb[pixel].map(f64::from);
         ways.push(Blended { way, steps: steps(way, layers), drawn, image });
     }
-    let two = Two { layers, ways, exact: truth.picture.color[pixel], image: truth.image() };
-    Ok((two, own))
+    Ok(Two { layers, ways, exact: truth.picture.color[pixel], image: truth.image() })
 }
 
 /// Makes an orange splat, and a blue one behind it that it covers in part; the blue one is first in the list.

@@ -1,30 +1,17 @@
 //! Draws a path of cameras with variants of graphs, and scores each step.
 
 use super::score::{Score, score};
-use crate::draw::capture::{self, Capture, CaptureError};
+use crate::draw::capture::{self, Capture};
 use crate::draw::orbit;
-use crate::draw::session::{FrameOptions, Session, SessionError};
-use crate::draw::truth::Truth;
-use crate::io::image::Image;
-use crate::studies::metrics::MetricError;
+use crate::draw::session::{FrameOptions, Session};
+use crate::studies::measurement::view::View;
+use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_reference::{Rules, depth_order};
 
 /// Bytes that the true pictures of a path may take: they are kept, so that each is drawn once for all variants.
 const MOST_BYTES: u64 = 4 << 30;
-
-/// A graph with the values that some of its parameters are set to.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Variant {
-    /// A preset's name, or the changes: `key_bits=8`.
-    pub name: String,
-    /// The graph, as `--pipeline` takes it.
-    pub pipeline: String,
-    /// Names and values, as `--set` takes them.
-    pub set: Vec<(String, String)>,
-}
 
 /// A step of a variant, from a frame to the next.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -47,47 +34,9 @@ pub struct Step {
 pub struct Track {
     /// The variant.
     #[serde(flatten)]
-    pub variant: Variant,
+    pub variant: Setting,
     /// Its steps, one less than frames.
     pub steps: Vec<Step>,
-}
-
-/// An error of a measurement.
-#[derive(Debug, thiserror::Error)]
-pub enum PoppingError {
-    /// A graph has errors, or the device failed.
-    // Not transparent: a graph's errors are found among the causes, and printed with their source text.
-    #[error("{0}")]
-    Session(#[from] SessionError),
-    /// A picture cannot be drawn.
-    #[error("{variant}: {error}")]
-    Capture {
-        /// The variant's name.
-        variant: String,
-        /// The reason.
-        #[source]
-        error: CaptureError,
-    },
-    /// A picture cannot be scored.
-    #[error("{variant}: {error}")]
-    Metric {
-        /// The variant's name.
-        variant: String,
-        /// The reason.
-        #[source]
-        error: MetricError,
-    },
-    /// The cameras of a path have pictures of several sizes.
-    #[error(
-        "expected pictures of one size along the path, found {0:?} and {1:?} pixels: --size makes them equal"
-    )]
-    Sizes((u32, u32), (u32, u32)),
-    /// The true pictures need too much memory.
-    #[error("expected true pictures of at most {} MiB in all, found {} MiB: take a smaller --size or fewer --frames", MOST_BYTES >> 20, .0 >> 20)]
-    Memory(u64),
-    /// The path has no step.
-    #[error("expected a path of at least two cameras, found {0}")]
-    Short(usize),
 }
 
 /// Makes a path around the middle of a scene, with the given camera in its middle. `step` is in degrees.
@@ -101,92 +50,103 @@ pub fn orbit(scene: &Scene, camera: &Camera, frames: u32, step: f64) -> Vec<Came
     (0..frames).map(frame).collect()
 }
 
-/// A path with the true picture and order of each frame.
-pub struct Path {
-    cameras: Vec<Camera>,
-    truths: Vec<Image>,
-    orders: Vec<Vec<u32>>,
-}
-
-impl Path {
-    /// Draws the true pictures. `report` is told the frame that is drawn next.
-    ///
-    /// # Errors
-    /// There are fewer than two cameras, of several sizes, or of too many pixels.
-    pub fn new(
-        scene: &Scene,
-        cameras: Vec<Camera>,
-        report: &mut dyn FnMut(usize),
-    ) -> Result<Path, PoppingError> {
-        check(&cameras)?;
-        let (mut truths, mut orders) = (Vec::new(), Vec::new());
-        for (at, camera) in cameras.iter().enumerate() {
-            report(at);
-            truths.push(Truth::draw(scene, camera, [0.0; 3], &Rules::PUBLISHED).image());
-            orders.push(depth_order(scene, camera, &Rules::PUBLISHED));
-        }
-        Ok(Path { cameras, truths, orders })
-    }
-}
-
 /// Checks that a path can be measured.
 ///
 /// # Errors
 /// There are fewer than two cameras, of several sizes, or of too many pixels.
-pub fn check(cameras: &[Camera]) -> Result<(), PoppingError> {
+pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
     let size = |camera: &Camera| (camera.width, camera.height);
-    let [first, _, ..] = cameras else { return Err(PoppingError::Short(cameras.len())) };
+    let refused = |text: String| Err(StudyError::Input(text));
+    let [first, _, ..] = cameras else {
+        return refused(format!("expected a path of at least two cameras, found {}", cameras.len()));
+    };
     if let Some(other) = cameras.iter().find(|camera| size(camera) != size(first)) {
-        return Err(PoppingError::Sizes(size(first), size(other)));
+        return refused(format!(
+            "expected pictures of one size along the path, found {:?} and {:?} pixels: --size makes them equal",
+            size(first),
+            size(other)
+        ));
     }
     let pixels = u64::from(first.width) * u64::from(first.height) * cameras.len() as u64;
     let bytes = pixels.saturating_mul(size_of::<[f32; 3]>() as u64);
-    if bytes > MOST_BYTES { Err(PoppingError::Memory(bytes)) } else { Ok(()) }
+    if bytes > MOST_BYTES {
+        return refused(format!(
+            "expected true pictures of at most {} MiB in all, found {} MiB: take a smaller --size or fewer --frames",
+            MOST_BYTES >> 20,
+            bytes >> 20
+        ));
+    }
+    Ok(())
 }
 
-/// Draws a path with a variant, and scores its steps. `report` is told the frame that is drawn next.
+/// Draws the path of a subject's cameras with each variant, and scores the steps.
+///
+/// The true pictures come first, as they take the longest: [`Subject::check`] tells mistakes in a graph before.
+///
+/// # Errors
+/// The path cannot be measured, a graph has errors, its pictures cannot be scored, the device fails, or the listener cancels.
+pub fn study<D: Device>(
+    subject: &Subject<D>,
+    variants: &[Setting],
+    listener: &mut dyn Listener,
+) -> Result<Vec<Track>, StudyError> {
+    let Subject { scene, cameras, .. } = subject;
+    check(cameras)?;
+    let mut session = subject.session("", &[])?;
+    let mut steps = Steps::new(listener, "measuring popping", cameras.len() * (1 + variants.len()));
+    let mut path = Vec::new();
+    for (at, camera) in cameras.iter().enumerate() {
+        steps.next(&format!("the exact pictures, frame {at}"))?;
+        path.push(View::exact(scene, camera).with_order(scene));
+    }
+    let mut tracks = Vec::new();
+    let mut messages = Vec::new();
+    for variant in variants {
+        tracks.push(measure(&mut session, variant, &path, &mut steps)?);
+        messages.extend(session.settings_without_effect());
+    }
+    messages.iter().for_each(|line| listener.say(line));
+    Ok(tracks)
+}
+
+/// Draws a path with a variant, and scores its steps.
 ///
 /// Each frame is drawn once, so that a graph that keeps something from the last frame has that of the path. The first frame is
 /// drawn twice: it has no last one.
-///
-/// # Errors
-/// The graph has errors, its pictures cannot be scored, or the device fails.
-pub fn measure<D: Device>(
+fn measure<D: Device>(
     session: &mut Session<D>,
-    variant: &Variant,
-    path: &Path,
-    report: &mut dyn FnMut(usize),
-) -> Result<Track, PoppingError> {
+    variant: &Setting,
+    path: &[View],
+    progress: &mut Steps,
+) -> Result<Track, StudyError> {
     session.set_graph(&variant.pipeline, &variant.set);
     let mut steps = Vec::new();
-    let mut last: Option<Capture> = None;
-    for (at, (camera, truth)) in path.cameras.iter().zip(&path.truths).enumerate() {
-        report(at);
+    let mut last: Option<(&View, Capture)> = None;
+    for (at, view) in path.iter().enumerate() {
+        let camera = &view.camera;
+        progress.next(&format!("{}, frame {at}", variant.name))?;
         if at == 0 {
             session.prepare((camera.width, camera.height), &mut |_| {})?;
-            session.tell_settings_without_effect();
             let frame = session.submit(camera, &FrameOptions::default())?;
             session.wait(frame)?;
         }
-        let named = |error| PoppingError::Capture { variant: variant.name.clone(), error };
-        let next = capture::take(session, camera).map_err(named)?;
-        if let Some(last) = &last {
-            let named = |error| PoppingError::Metric { variant: variant.name.clone(), error };
-            let score = score((&last.image, &path.truths[at - 1]), (&next.image, truth)).map_err(named)?;
+        let next = capture::take(session, camera).map_err(StudyError::of(&variant.name))?;
+        if let Some((before, last)) = &last {
+            let score = score((&last.image, &before.picture), (&next.image, &view.picture))
+                .map_err(StudyError::of(&variant.name))?;
             let orders = last.order.as_ref().zip(next.order.as_ref());
-            let truths = (&path.orders[at - 1], &path.orders[at]);
             steps.push(Step {
                 camera: camera.img_name.clone(),
-                degrees: orbit::turn_between(&path.cameras[at - 1], camera),
+                degrees: orbit::turn_between(&before.camera, camera),
                 score,
                 order_changes: orders.and_then(|(before, after)| capture::order_changes(before, after)),
-                true_order_changes: orders.and_then(|(before, after)| {
-                    let before = capture::only(truths.0, before);
-                    capture::order_changes(&before, &capture::only(truths.1, after))
+                true_order_changes: orders.and_then(|(drawn, after)| {
+                    let drawn = capture::only(&before.order, drawn);
+                    capture::order_changes(&drawn, &capture::only(&view.order, after))
                 }),
             });
         }
-        last = Some(next);
+        last = Some((view, next));
     }
     Ok(Track { variant: variant.clone(), steps })
 }

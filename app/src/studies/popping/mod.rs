@@ -2,9 +2,11 @@
 //!
 //! An eye forgives an error that stays, and is drawn to one that comes and goes. A single picture cannot show the difference, a
 //! path of cameras can. The exact renderer draws every frame of it, and its own changes between frames are the true ones: a
-//! renderer pops where its picture changes differently ([`score`]). [`measure`] draws the path with one variant of a graph after
+//! renderer pops where its picture changes differently ([`score`]). [`study`] draws the path with one variant of a graph after
 //! another, and [`report`] makes the table, the lines of a CSV file and the plot.
 
 pub mod measure;
 pub mod report;
 pub mod score;
+
+pub use measure::study;

@@ -164,9 +164,10 @@ pub fn plot(tracks: &[Track]) -> Plot {
 
 #[cfg(test)]
 mod tests {
-    use super::super::measure::{Step, Variant};
+    use super::super::measure::Step;
     use super::super::score::Score;
     use super::*;
+    use crate::studies::study::Setting;
 
     fn track() -> Track {
         let step = |camera: &str, pop: f64, changes: Option<u64>| Step {
@@ -182,7 +183,7 @@ mod tests {
             order_changes: changes,
             true_order_changes: Some(2),
         };
-        let variant = Variant { name: "a \"b\"".into(), pipeline: "splat".into(), set: Vec::new() };
+        let variant = Setting { name: "a \"b\"".into(), pipeline: "splat".into(), set: Vec::new() };
         Track { variant, steps: vec![step("x", 0.1, Some(3)), step("y", 0.3, Some(4))] }
     }
 

@@ -4,8 +4,9 @@
 //! fragments, all of these times lie on one line over covered pixels times overlap.
 
 use crate::draw::interleaved::Effort;
-use crate::draw::session::{Session, SessionError};
-use crate::studies::trade::measure::{self, Time};
+use crate::draw::session::Session;
+use crate::studies::measurement::time::{Time, time_alone};
+use crate::studies::study::{Steps, StudyError};
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, NEAR, Scene};
@@ -65,29 +66,29 @@ pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     STEPS.map(at).into()
 }
 
-/// Measures each camera of [`cameras`]; `each` is told the number done before each.
+/// Measures each camera of [`cameras`].
 ///
 /// Fragments are counted by the exact renderer, with the early stop if the graph `stops`.
 ///
 /// # Errors
-/// The device fails.
+/// The device fails, or the listener cancels.
 pub fn measure<D: Device>(
     session: &mut Session<D>,
     cameras: &[Camera],
     stops: bool,
     effort: Effort,
-    each: &mut dyn FnMut(usize),
-) -> Result<Vec<Closer>, SessionError> {
+    progress: &mut Steps,
+) -> Result<Vec<Closer>, StudyError> {
     let rules = Rules { stop: Rules::PUBLISHED.stop.filter(|_| stops), ..Rules::PUBLISHED };
     let mut found = Vec::new();
-    for (at, (camera, (distance, _))) in cameras.iter().zip(STEPS).enumerate() {
-        each(at);
+    for (camera, (distance, _)) in cameras.iter().zip(STEPS) {
+        progress.next("a camera comes closer")?;
         let size = (camera.width, camera.height);
         session.prepare(size, &mut |_| {})?;
         let picture = render(session.scene(), camera, [0.0; 3], &rules, &|_, _| {});
         let fragments: u64 = picture.contributors.iter().map(|count| u64::from(*count)).sum();
         let covered = picture.contributors.iter().filter(|count| **count > 0).count() as u64;
-        let time = measure::time_alone(session, camera, effort)?;
+        let time = time_alone(session, camera, effort)?;
         let overlap = fragments as f64 / covered.max(1) as f64;
         found.push(Closer { distance, size, covered, overlap, fragments, time });
     }
@@ -122,7 +123,7 @@ pub fn fit(steps: &[Closer]) -> Option<Fit> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::studies::trade::noise::Share;
+    use crate::studies::measurement::noise::Share;
     use splatgraph_assets::synth;
 
     #[test]

@@ -4,8 +4,10 @@ use super::choice::{BUDGET, Choice, ranking, subset};
 use crate::draw::interleaved::Effort;
 use crate::draw::session::{Session, SessionError};
 use crate::io::image::Image;
-use crate::studies::trade::error::Error;
-use crate::studies::trade::measure::{self, Baseline, Time, View};
+use crate::studies::measurement::error::Error;
+use crate::studies::measurement::time::{Baseline, LONGEST, Time};
+use crate::studies::measurement::view::{self, View};
+use crate::studies::study::StudyError;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 
@@ -71,15 +73,15 @@ impl<D: Device> Sweep<'_, D> {
     /// Measures the view with each of `counts` splats; `each` gets a step with its picture.
     ///
     /// # Errors
-    /// The device fails, or the memory for a part of the scene is not there. The inner error says why a picture cannot be compared.
+    /// The device fails, `each` does, or the memory for a part of the scene is not there. The inner error says why a picture cannot be compared.
     pub fn steps(
         &mut self,
         choice: Choice,
         counts: &[u32],
         view: &View,
         effort: Effort,
-        each: &mut dyn FnMut(Step, Image),
-    ) -> Result<Result<(), String>, SessionError> {
+        each: &mut dyn FnMut(Step, Image) -> Result<(), StudyError>,
+    ) -> Result<Result<(), String>, StudyError> {
         let all = self.whole.scene().count();
         let ranking = ranking(self.whole.scene(), &view.camera, choice);
         for &count in counts {
@@ -97,7 +99,7 @@ impl<D: Device> Sweep<'_, D> {
                 }
             };
             match self.step(&mut session, Some(choice), count, view, effort)? {
-                Ok((step, picture)) => each(step, picture),
+                Ok((step, picture)) => each(step, picture)?,
                 Err(text) => return Ok(Err(text)),
             }
         }
@@ -113,12 +115,11 @@ impl<D: Device> Sweep<'_, D> {
         effort: Effort,
     ) -> Result<Result<(Step, Image), String>, SessionError> {
         session.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
-        let drawn = match measure::draw(session, view)? {
-            Ok(drawn) => drawn,
+        let whole = Baseline { session: &mut *self.whole, ms: self.ms };
+        let (found, drawn) = match view::measure(session, whole, view, effort, LONGEST)? {
+            Ok(found) => found,
             Err(text) => return Ok(Err(text)),
         };
-        let whole = Baseline { session: &mut *self.whole, ms: self.ms };
-        let time = measure::time_in_turns(session, whole, &view.camera, effort, measure::LONGEST)?;
         let number = |name: &str| drawn.counts.iter().find(|(n, _)| n == name).map(|(_, count)| *count);
         let step = Step {
             choice,
@@ -126,9 +127,9 @@ impl<D: Device> Sweep<'_, D> {
             count,
             visible: number("visible"),
             drawn: number("drawn"),
-            time,
-            error: drawn.error,
-            gpu_bytes: session.device().memory().iter().map(|(_, bytes)| bytes).sum(),
+            time: found.time,
+            error: found.error,
+            gpu_bytes: found.gpu_bytes,
         };
         Ok(Ok((step, drawn.picture)))
     }

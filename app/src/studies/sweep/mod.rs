@@ -2,9 +2,12 @@
 //!
 //! [`choice`] lists the ways and picks splats; [`measure`] draws a view with 1, 1/2, 1/4, ... of the splats and holds each
 //! picture against that of all of them; [`approach`] moves a camera closer, where time goes into covered pixels and no
-//! longer into splats; [`page`] makes the table, the plots and the page.
+//! longer into splats; [`study()`] does both, and [`page`] makes the table, the plots and the page.
 
 pub mod approach;
 pub mod choice;
 pub mod measure;
 pub mod page;
+mod study;
+
+pub use study::{Wanted, study};

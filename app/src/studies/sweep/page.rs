@@ -7,10 +7,10 @@ use crate::io::image::Image;
 use crate::io::report::page::{Figure, Page};
 use crate::io::report::plot::{Axis, Form, Plot, Point, Series};
 use crate::io::report::text;
+use crate::studies::measurement::error::Error;
+use crate::studies::measurement::time::Time;
 use crate::studies::metrics::squared_error;
-use crate::studies::trade::error::Error;
-use crate::studies::trade::measure::Time;
-use anyhow::Result;
+use crate::studies::study::StudyError;
 use serde::Serialize;
 use splatgraph_assets::grouped;
 use std::collections::BTreeSet;
@@ -261,7 +261,7 @@ impl Swept {
     ///
     /// # Errors
     /// A picture or a plot cannot be encoded.
-    pub fn page(&self, shown: &[Shown]) -> Result<String> {
+    pub fn page(&self, shown: &[Shown]) -> Result<String, StudyError> {
         let mut page = Page::new(&format!("{}: what fewer splats cost and save", self.scene));
         page.text(&format!(
             "{} splats, drawn by `{}` on {}. Every step has half the splats of the one before, chosen in {} ways; the truth is \

@@ -1,9 +1,11 @@
 //! Keeps the rows of a ledger in a file, and sums them up.
 
-use super::measure::{Measured, Row, Time};
-use super::noise::{self, Mark, Point, Share};
-use super::settings::EXACT;
+use super::measure::Row;
 use crate::io::output;
+use crate::studies::measurement::noise::{self, Mark, Point, Share};
+use crate::studies::measurement::settings::EXACT;
+use crate::studies::measurement::time::Time;
+use crate::studies::measurement::view::Measured;
 use crate::studies::metrics::squared_error;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
@@ -346,10 +348,9 @@ pub(super) mod testing {
 
 #[cfg(test)]
 mod tests {
-    use super::super::error::Error;
-    use super::super::measure::Time;
     use super::testing::{ledger, origin};
     use super::*;
+    use crate::studies::measurement::error::Error;
 
     fn measured(ms: f64, psnr_db: Option<f64>) -> Measured {
         within(ms, 0.005, psnr_db)

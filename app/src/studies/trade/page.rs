@@ -1,10 +1,10 @@
 //! Shows a ledger as a plot of time against error, and as a page.
 
 use super::ledger::{Ledger, Line, phase_names};
-use super::noise::Mark;
 use super::table::{COLUMNS, cells, notes, sign};
 use crate::io::report::page::Page;
 use crate::io::report::plot::{Axis, Bar, Form, Plot, PlotError, Point, Series};
+use crate::studies::measurement::noise::Mark;
 
 /// Decibels above the most accurate picture at which a plot shows those that equal the truth.
 const ABOVE: f64 = 6.0;

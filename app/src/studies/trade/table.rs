@@ -1,10 +1,10 @@
 //! Prints a ledger as a table and as CSV.
 
 use super::ledger::{Line, phase_names};
-use super::noise::{LEAST_ROUNDS, LEAST_SAVING, Mark};
-use super::settings::EXACT;
 use crate::draw::stats::BUSY;
 use crate::io::report::text;
+use crate::studies::measurement::noise::{LEAST_ROUNDS, LEAST_SAVING, Mark};
+use crate::studies::measurement::settings::EXACT;
 
 /// The columns of the tables.
 pub(super) const COLUMNS: [&str; 13] = [
@@ -175,8 +175,8 @@ pub fn csv(lines: &[Line]) -> String {
 #[cfg(test)]
 mod tests {
     use super::super::ledger::testing::line;
-    use super::super::noise::Share;
     use super::*;
+    use crate::studies::measurement::noise::Share;
 
     #[test]
     fn a_table_marks_the_front_and_says_in_the_row_why_others_are_not_judged() {

@@ -1,6 +1,5 @@
 //! Defines the pictures below the user interface: their place and their comparison.
 
-use super::{PARTS, PICTURES, VIEW_DRAW, bytes};
 use bytemuck::{Pod, Zeroable};
 use splatgraph_api::{BufferContents, FrameInputs, Picture, ROWS_ALIGNMENT};
 use splatgraph_framework::ir::Format;
@@ -11,6 +10,17 @@ pub const WINDOW: &str = "frame.window";
 
 /// Size of the uniform block, in bytes.
 pub const WINDOW_BYTES: u64 = size_of::<Block>() as u64;
+
+/// Name of the buffer with the arguments of the draws of the view: one for each part of picture A, and one for all else.
+pub const VIEW_DRAW: &str = "frame.view_draw";
+/// Names of the buffers with the pixels of picture A and B, packed. Each has parts of so many rows that no part is larger than
+/// a storage binding may be.
+pub const PICTURES: [[&str; PARTS]; 2] = [
+    ["frame.picture_a0", "frame.picture_a1", "frame.picture_a2", "frame.picture_a3"],
+    ["frame.picture_b0", "frame.picture_b1", "frame.picture_b2", "frame.picture_b3"],
+];
+/// Number of parts of a picture.
+pub const PARTS: usize = 4;
 
 /// Bytes that a storage binding can have on every device.
 const BINDING: usize = 128 << 20;
@@ -184,4 +194,11 @@ fn shape(picture: &Option<Shown>) -> [u32; 4] {
         Format::R32Float => 4,
     };
     [*width, *height, format, shown.rows_per_part().max(1)]
+}
+
+/// Copies the elements' bytes, or those of one zero element, because no buffer may be empty.
+pub(super) fn bytes<T: Pod>(elements: &[T]) -> Arc<Vec<u8>> {
+    let none = [T::zeroed()];
+    let elements = if elements.is_empty() { &none } else { elements };
+    Arc::new(bytemuck::cast_slice(elements).to_vec())
 }

@@ -20,7 +20,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use textures::{Texture, Textures};
 
-pub use composition::{Composition, Mode, Shown, WINDOW, WINDOW_BYTES};
+use composition::bytes;
+pub use composition::{Composition, Mode, PARTS, PICTURES, Shown, VIEW_DRAW, WINDOW, WINDOW_BYTES};
 
 mod composition;
 mod damage;
@@ -41,17 +42,6 @@ pub const CLIPS: &str = "frame.ui_clips";
 pub const TEXELS: &str = "frame.ui_texels";
 /// Name of the buffer with the arguments of the indirect draw.
 pub const DRAW: &str = "frame.ui_draw";
-/// Name of the buffer with the arguments of the draws of the view: one for each part of picture A, and one for all else.
-pub const VIEW_DRAW: &str = "frame.view_draw";
-/// Names of the buffers with the pixels of picture A and B, packed. Each has parts of so many rows that no part is larger than
-/// a storage binding may be.
-pub const PICTURES: [[&str; PARTS]; 2] = [
-    ["frame.picture_a0", "frame.picture_a1", "frame.picture_a2", "frame.picture_a3"],
-    ["frame.picture_b0", "frame.picture_b1", "frame.picture_b2", "frame.picture_b3"],
-];
-/// Number of parts of a picture.
-pub const PARTS: usize = 4;
-
 /// A vertex, in the shader's layout.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -259,11 +249,4 @@ impl Meshes {
         self.vertices.extend([[left, top], [right, top], [left, bottom], [right, bottom]].map(vertex));
         self.indices.extend([0, 1, 2, 1, 2, 3].map(|i| first + i));
     }
-}
-
-/// Copies the elements' bytes, or those of one zero element, because no buffer may be empty.
-fn bytes<T: Pod>(elements: &[T]) -> Arc<Vec<u8>> {
-    let none = [T::zeroed()];
-    let elements = if elements.is_empty() { &none } else { elements };
-    Arc::new(bytemuck::cast_slice(elements).to_vec())
 }

@@ -168,7 +168,8 @@ impl Script {
         let first = recovery.open(SIZE, true);
         // The program says why and ends; a person starts it again.
         let (canvas, device) = first.or_else(|_| recovery.open(SIZE, true)).expect("the second device opens");
-        let scene = Scene::load(folder.join("first.ply"), &|_, _| {}).expect("the scene is loaded");
+        let scene =
+            Scene::load(folder.join("first.ply"), splatgraph_assets::QUIET).expect("the scene is loaded");
         let graph = folder.join("graph.ron");
         let wake: crate::view::renderer::Wake = Arc::new(|| {});
         let mut viewer = Viewer::new(

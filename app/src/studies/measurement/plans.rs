@@ -1,8 +1,10 @@
 //! Tells settings apart by their plans: what two equal plans draw, and how long it takes, can differ by noise alone.
 
-use super::settings::Setting;
+use super::settings::with_effect;
 use crate::draw::session::{Session, SessionError};
+use crate::studies::study::{Listener, Setting, Steps, StudyError};
 use splatgraph_api::Device;
+use splatgraph_assets::Camera;
 use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -42,7 +44,7 @@ pub fn uses_last_frame(plan: &Plan) -> bool {
 ///
 /// # Errors
 /// The device fails.
-pub fn of_setting<D: Device>(
+fn of_setting<D: Device>(
     session: &mut Session<D>,
     setting: &Setting,
     sizes: &[(u32, u32)],
@@ -58,8 +60,42 @@ pub fn of_setting<D: Device>(
     Ok(Some(hash.finish()))
 }
 
+/// Leaves out the settings that draw what another does: those that change only a parameter without an effect in the plan of `exact`,
+/// and those whose plans are equal to those of an earlier one in the pictures of all cameras. Says which, and why.
+///
+/// `exact` draws the first setting, and is prepared. Plans are built of the `wanted` settings. Returns each with the hash of its plans;
+/// `None` if one cannot be built.
+///
+/// # Errors
+/// The device fails, or the listener cancels.
+pub fn to_measure<D: Device>(
+    all: Vec<Setting>,
+    exact: &mut Session<D>,
+    cameras: &[Camera],
+    wanted: &dyn Fn(&Setting) -> bool,
+    listener: &mut dyn Listener,
+) -> Result<Vec<(Setting, Option<u64>)>, StudyError> {
+    let plan = exact.plan().ok_or(SessionError::NotPrepared)?;
+    let (all, lines) = with_effect(all, plan);
+    lines.iter().for_each(|line| listener.say(line));
+    let all: Vec<Setting> = all.into_iter().filter(wanted).collect();
+    let mut sizes: Vec<(u32, u32)> = cameras.iter().map(|camera| (camera.width, camera.height)).collect();
+    sizes.sort_unstable();
+    sizes.dedup();
+    let mut steps = Steps::new(listener, "building plans", all.len());
+    let mut planned = Vec::new();
+    for setting in all {
+        steps.next(&setting.name)?;
+        let plan = of_setting(exact, &setting, &sizes)?;
+        planned.push((setting, plan));
+    }
+    let (settings, lines) = distinct(planned);
+    lines.iter().for_each(|line| listener.say(line));
+    Ok(settings)
+}
+
 /// Leaves out settings whose plans are equal to those of an earlier one. Also returns a line for each.
-pub fn distinct(all: Vec<(Setting, Option<u64>)>) -> (Vec<(Setting, Option<u64>)>, Vec<String>) {
+fn distinct(all: Vec<(Setting, Option<u64>)>) -> (Vec<(Setting, Option<u64>)>, Vec<String>) {
     let mut kept: Vec<(Setting, Option<u64>)> = Vec::new();
     let mut lines = Vec::new();
     for (setting, plan) in all {

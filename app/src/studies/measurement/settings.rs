@@ -1,27 +1,36 @@
 //! Lists the ways to draw that a ledger compares.
 
+use crate::draw::builtin;
 use crate::draw::planner::without_effect;
-use serde::{Deserialize, Serialize};
+use crate::studies::study::Setting;
 use splatgraph_framework::ir::{Domain, Param, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
-
-/// A graph with the values that some of its parameters are set to.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Setting {
-    /// A short name: `exact`, `defaults`, `key_bits = 16`, or a preset's name.
-    pub name: String,
-    /// The graph, as `--pipeline` takes it.
-    pub pipeline: String,
-    /// Names and values, as `--set` takes them.
-    pub set: Vec<(String, String)>,
-}
 
 /// Name of the setting that the others are held against.
 pub const EXACT: &str = "exact";
 
 /// Name of the setting with the graph's defaults.
 pub const DEFAULTS: &str = "defaults";
+
+/// Lists the built-in graphs to measure: all but `auto`, which is one of the others on each device.
+pub fn measured_names() -> Vec<&'static str> {
+    builtin::names().into_iter().filter(|name| *name != builtin::DEFAULT_PIPELINE).collect()
+}
+
+/// Lists the settings of a graph to measure, with the parameters of `set` fixed.
+pub fn measured(pipeline: &str, set: &[(String, String)], controls: &[Control]) -> Vec<Setting> {
+    let all = list(pipeline, controls, &measured_names());
+    if set.is_empty() {
+        return all;
+    }
+    let presets = builtin::presets();
+    let has = |graph: &str, name: &str| {
+        let preset = presets.iter().find(|preset| preset.name == graph);
+        preset.is_some_and(|preset| preset.params.iter().any(|control| control.param.name == name))
+    };
+    fixed(all, set, has)
+}
 
 /// Lists the exact settings of a graph, then one parameter away from them at a time, the defaults, and the presets.
 ///
@@ -52,7 +61,7 @@ pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setti
 /// Gives parameters a value in every setting, and leaves out the settings that change one of them.
 ///
 /// Settings of another graph are left out, too, unless it has all of these parameters: `has` tells for its name.
-pub fn fixed(all: Vec<Setting>, set: &[(String, String)], has: impl Fn(&str, &str) -> bool) -> Vec<Setting> {
+fn fixed(all: Vec<Setting>, set: &[(String, String)], has: impl Fn(&str, &str) -> bool) -> Vec<Setting> {
     let Some(pipeline) = all.first().map(|exact| exact.pipeline.clone()) else { return all };
     let is_fixed = |name: &str| set.iter().any(|(fixed, _)| fixed == name);
     let changes = |setting: &Setting| setting.name.split_once(" = ").is_some_and(|(name, _)| is_fixed(name));
@@ -112,7 +121,6 @@ fn alternatives(param: &Param) -> Vec<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw::builtin;
     use crate::draw::facts::{self, SceneFacts};
     use crate::draw::planner::Planner;
 

@@ -1,0 +1,53 @@
+//! Defines how a command ends, and what is told then.
+
+use crate::io::output::{self, OutputGuard, say};
+use splatgraph_framework::reload::Wanted;
+use std::io::IsTerminal;
+
+/// The result of a command that ran to its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Success: exit code 0.
+    Done,
+    /// A negative result, already reported: exit code 1.
+    Failed,
+}
+
+/// An invalid command line, detected after parsing: exit code 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Usage(pub String);
+
+impl From<output::guard::Conflict> for Usage {
+    fn from(conflict: output::guard::Conflict) -> Usage {
+        Usage(conflict.to_string())
+    }
+}
+
+/// Adds the files that a plan is built from to the inputs, once they are known.
+pub fn claim_graph_files(guard: &mut OutputGuard, wanted: &[Wanted]) -> Result<(), Usage> {
+    wanted.iter().try_for_each(|file| Ok(guard.input("a file of the graph", &file.path)?))
+}
+
+/// Prints the validation messages; they are a failure if validation was requested.
+pub fn validated(asked: bool, messages: &[String]) -> Outcome {
+    for message in messages {
+        say(format!("validation: {message}"));
+    }
+    match (asked, messages.len()) {
+        (false, _) => Outcome::Done,
+        (true, 0) => {
+            say("validation: no messages");
+            Outcome::Done
+        }
+        (true, count) => {
+            say(format!("error: the validation layer gave {count} messages"));
+            Outcome::Failed
+        }
+    }
+}
+
+/// Returns true if messages may have colours.
+pub fn colour() -> bool {
+    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
+}

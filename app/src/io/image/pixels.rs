@@ -1,0 +1,160 @@
+//! Holds pictures in memory, and what all readers of their files share: errors, sizes and memory.
+
+use crate::io::output::OutputError;
+use splatgraph_assets::memory;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// Largest picture that is read, in pixels: a damaged header must not exhaust the memory.
+const MAX_PIXELS: u64 = 1 << 28;
+
+/// A picture: rows from the top, pixels from the left, display-encoded RGB, not clamped.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image<C = f32> {
+    /// Width, in pixels.
+    pub width: usize,
+    /// Height, in pixels.
+    pub height: usize,
+    /// `width * height` pixels; 0 is black and 1 is white.
+    pub rgb: Vec<[C; 3]>,
+}
+
+/// The precision of the values in a picture's file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depth {
+    /// Integers from 0 to this level, which is white.
+    Levels(u16),
+    /// float32.
+    Single,
+    /// float64.
+    Double,
+}
+
+impl Image<f64> {
+    /// Clamps every channel to 0..1, as a screen or an 8-bit file does.
+    pub fn clamped(mut self) -> Image<f64> {
+        self.rgb.as_flattened_mut().iter_mut().for_each(|value| *value = value.clamp(0.0, 1.0));
+        self
+    }
+
+    /// Replaces the float32 nearest to a level of `greatest` by the float64 nearest to it.
+    pub fn levels(mut self, greatest: u16) -> Image<f64> {
+        let greatest = f64::from(greatest);
+        let level = |value: &mut f64| *value = (*value * greatest).round() / greatest;
+        self.rgb.as_flattened_mut().iter_mut().for_each(level);
+        self
+    }
+}
+
+impl Image {
+    /// Makes a picture whose pixel at column `x` and row `y` is `pixel(x, y)`.
+    pub fn from_fn(width: usize, height: usize, mut pixel: impl FnMut(usize, usize) -> [f32; 3]) -> Image {
+        let mut rgb = Vec::with_capacity(width * height);
+        for y in 0..height {
+            rgb.extend((0..width).map(|x| pixel(x, y)));
+        }
+        Image { width, height, rgb }
+    }
+
+    /// Returns the pixel at column `x` of row `y`. Panics outside of the picture.
+    pub fn at(&self, x: usize, y: usize) -> [f32; 3] {
+        assert!(x < self.width && y < self.height, "pixel ({x}, {y}) of {} x {}", self.width, self.height);
+        self.rgb[y * self.width + x]
+    }
+
+    /// Clamps every channel to 0..1, as a screen or an 8-bit file does.
+    pub fn clamped(mut self) -> Image {
+        for value in self.rgb.as_flattened_mut() {
+            *value = value.clamp(0.0, 1.0);
+        }
+        self
+    }
+
+    /// Converts every channel to f64.
+    pub fn wide(&self) -> Image<f64> {
+        let rgb = self.rgb.iter().map(|pixel| pixel.map(f64::from)).collect();
+        Image { width: self.width, height: self.height, rgb }
+    }
+
+    /// Averages squares of pixels, as few as make the picture at most `width` wide.
+    pub fn reduced(&self, width: usize) -> Image {
+        let by = self.width.div_ceil(width.max(1)).max(1);
+        let side = |of: usize| of.div_ceil(by);
+        Image::from_fn(side(self.width), side(self.height), |x, y| {
+            let (mut sum, mut count) = ([0.0; 3], 0.0);
+            for row in (y * by..self.height).take(by) {
+                for column in (x * by..self.width).take(by) {
+                    let pixel = self.at(column, row);
+                    sum = std::array::from_fn(|c| sum[c] + pixel[c]);
+                    count += 1.0;
+                }
+            }
+            sum.map(|channel| channel / count)
+        })
+    }
+}
+
+/// An error of reading or writing a picture: the file and the problem.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {what}", path.display())]
+pub struct ImageError {
+    /// The picture's file, or the archive with it.
+    pub path: PathBuf,
+    what: String,
+}
+
+impl ImageError {
+    pub(super) fn new(path: &Path, what: impl Into<String>) -> ImageError {
+        ImageError { path: path.to_owned(), what: what.into() }
+    }
+
+    pub(super) fn because(path: &Path, cause: impl fmt::Display) -> ImageError {
+        ImageError::new(path, cause.to_string())
+    }
+}
+
+impl From<OutputError> for ImageError {
+    fn from(error: OutputError) -> ImageError {
+        ImageError { path: error.path, what: format!("cannot be written: {}", error.cause) }
+    }
+}
+
+/// Opens a regular file for reading.
+pub(super) fn open(path: &Path) -> Result<std::io::BufReader<std::fs::File>, ImageError> {
+    splatgraph_assets::file::open(path).map(std::io::BufReader::new).map_err(|e| ImageError::because(path, e))
+}
+
+pub(super) fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
+}
+
+/// Bytes of memory per pixel that reading a picture takes at most: its values as f64, and as f32 or as a file may hold them.
+const BYTES_PER_PIXEL: u64 = 24 + 12;
+
+/// Allocates room for the pixels of a picture.
+pub(super) fn room<C>(path: &Path, pixels: usize) -> Result<Vec<[C; 3]>, ImageError> {
+    let mut rgb = Vec::new();
+    rgb.try_reserve_exact(pixels).map_err(|e| ImageError::because(path, e))?;
+    Ok(rgb)
+}
+
+/// Checks the size in a file's header before memory is allocated for it.
+pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize), ImageError> {
+    let pixels = width.saturating_mul(height);
+    if pixels == 0 {
+        return Err(ImageError::new(path, format!("expected at least one pixel, found {width} x {height}")));
+    }
+    if pixels > MAX_PIXELS {
+        let text = format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}");
+        return Err(ImageError::new(path, text));
+    }
+    let needed = pixels.saturating_mul(BYTES_PER_PIXEL);
+    if let Some(available) = memory::available().filter(|available| needed > *available) {
+        let (needed, available) = (memory::display(needed), memory::display(available));
+        let text = format!(
+            "expected a picture that fits in the {available} of memory available, found {width} x {height} pixels, which need {needed}"
+        );
+        return Err(ImageError::new(path, text));
+    }
+    Ok((width as usize, height as usize))
+}

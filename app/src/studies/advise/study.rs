@@ -1,0 +1,178 @@
+//! Finds what a scene needs, and the cheapest setting within a budget.
+
+use super::harmonics::{self, Band};
+use super::search::{Best, Budget, Tried, best, combinations, own_share};
+use crate::draw::interleaved::{Effort, Frames};
+use crate::draw::keys::{self, Need, Seen};
+use crate::draw::session::Session;
+use crate::studies::measurement::plans::{self, to_measure};
+use crate::studies::measurement::settings::{self, EXACT};
+use crate::studies::measurement::time::Baseline;
+use crate::studies::measurement::view::View;
+use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
+use crate::studies::trade::measure::{Row, measure};
+use serde::Serialize;
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Report, Scene};
+use splatgraph_framework::lower::Control;
+
+/// What a scene is like.
+#[derive(Debug, Serialize)]
+pub struct Description {
+    /// What was dropped, and what is unusual.
+    pub report: Report,
+    /// The width that depth keys need, for each mapping of depth to keys.
+    pub keys: Vec<Need>,
+    /// How much each band of harmonics changes the colours.
+    pub bands: Vec<Band>,
+}
+
+/// Describes a scene. A depth key may leave `errors` pairs of overlapping splats in the wrong order in a view.
+pub fn describe(scene: &Scene, cameras: &[Camera], errors: u64) -> Description {
+    Description {
+        report: Report::new(scene, cameras),
+        keys: keys::needs(&Seen::shown(scene, cameras).views(), errors),
+        bands: harmonics::bands(scene),
+    }
+}
+
+/// What is wanted.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// The graph whose parameters are changed.
+    pub pipeline: String,
+    /// Parameters that have a value in every setting.
+    pub set: Vec<(String, String)>,
+    /// The limits.
+    pub budget: Budget,
+    /// The numbers of frames.
+    pub frames: Frames,
+}
+
+/// The settings that a search measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Advice {
+    /// The limits.
+    pub budget: Budget,
+    /// The settings.
+    pub tried: Vec<Tried>,
+    /// Settings that may save time within the noise; they were not combined.
+    pub unsure: Vec<String>,
+}
+
+impl Advice {
+    /// Chooses the best setting within the budget.
+    pub fn best(&self) -> Best<'_> {
+        best(&self.tried, &self.budget)
+    }
+}
+
+/// Maximum number of combinations to draw, and the number within the budget after which the search ends.
+const DRAWN: (usize, usize) = (12, 3);
+
+/// Measures one parameter at a time and every preset, then the most promising combinations.
+///
+/// # Errors
+/// The graph has errors, the device fails, or the listener cancels.
+pub fn study<D: Device>(
+    subject: &Subject<D>,
+    needs: &[Need],
+    wanted: &Wanted,
+    listener: &mut dyn Listener,
+) -> Result<Advice, StudyError> {
+    let (cameras, first) = (&subject.cameras, subject.first()?);
+    let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
+    let controls = session.controls((first.width, first.height))?;
+    let mut singles = settings::measured(&wanted.pipeline, &wanted.set, &controls);
+    singles.extend(advised_keys(&singles[0], needs));
+    let mut exact = subject.session(&singles[0].pipeline, &singles[0].set)?;
+    exact.prepare((first.width, first.height), &mut |_| {})?;
+    let singles = to_measure(singles, &mut exact, cameras, &|_| true, listener)?;
+    // Half as many frames as in a ledger, because there are many settings.
+    let effort = wanted.frames.choose(&mut exact, first, 8)?;
+    let views: Vec<View> = cameras.iter().map(|camera| View::exact(&subject.scene, camera)).collect();
+
+    let mut steps = Steps::new(listener, "measuring", singles.len() + DRAWN.0);
+    let mut tried = Vec::new();
+    let mut exact_ms = vec![None; views.len()];
+    let mut floor = None;
+    let mut measured = |setting: &Setting| {
+        steps.next(&setting.name)?;
+        measured(&mut session, &mut exact, &mut exact_ms, setting, &views, effort)
+    };
+    for (setting, _) in &singles {
+        let Some(rows) = measured(setting)? else { continue };
+        if setting.name == EXACT {
+            // The exact settings against themselves show the noise.
+            floor = own_share(&rows).and_then(|share| share.floor());
+        }
+        tried.extend(Tried::new(setting, &rows, floor));
+    }
+    let mut within = 0;
+    let (combined, unsure) = combinations(&tried, &wanted.budget);
+    let new = combined.iter().filter(|setting| singles.iter().all(|(other, _)| other.name != setting.name));
+    for setting in new.take(DRAWN.0) {
+        // The command need not name defaults.
+        let setting = Setting { set: changed(&setting.set, &controls), ..setting.clone() };
+        let found = measured(&setting)?.and_then(|rows| Tried::new(&setting, &rows, floor));
+        within += usize::from(found.as_ref().is_some_and(|found| wanted.budget.allows(found) == Some(true)));
+        tried.extend(found);
+        if within == DRAWN.1 {
+            break;
+        }
+    }
+    for found in &mut tried {
+        if found.setting.pipeline == wanted.pipeline {
+            found.setting.set = changed(&found.setting.set, &controls);
+        }
+    }
+    Ok(Advice { budget: wanted.budget, tried, unsure })
+}
+
+/// Returns the exact settings with keys as narrow as their mapping allows.
+fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
+    let of = |name: &str| exact.set.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
+    let bits = needs.iter().find(|need| Some(need.map.name()) == of("key_map"))?.bits?;
+    if of("key_bits")?.parse() == Ok(bits) {
+        return None;
+    }
+    let mut set = exact.set.clone();
+    set.iter_mut().filter(|(name, _)| name == "key_bits").for_each(|(_, value)| *value = bits.to_string());
+    Some(Setting { name: format!("key_bits = {bits}"), pipeline: exact.pipeline.clone(), set })
+}
+
+/// Removes the values that are the graph's defaults.
+fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, String)> {
+    let is_default = |(name, value): &(String, String)| {
+        controls
+            .iter()
+            .any(|control| control.param.name == *name && control.param.value.to_string() == *value)
+    };
+    set.iter().filter(|pair| !is_default(pair)).cloned().collect()
+}
+
+/// Measures a setting in every view; `None` if it draws from the previous frame, because still views hide its error.
+///
+/// `exact_ms` are the milliseconds of the exact settings in each view, once known.
+fn measured<D: Device>(
+    session: &mut Session<D>,
+    exact: &mut Session<D>,
+    exact_ms: &mut [Option<f64>],
+    setting: &Setting,
+    views: &[View],
+    effort: Effort,
+) -> Result<Option<Vec<Row>>, StudyError> {
+    let mut rows = Vec::new();
+    for (view, exact_ms) in views.iter().zip(exact_ms) {
+        exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
+        let baseline = Baseline { session: &mut *exact, ms: *exact_ms };
+        let row = measure(session, baseline, (setting, None), view, effort)?;
+        if session.plan().is_some_and(plans::uses_last_frame) {
+            return Ok(None);
+        }
+        let found = row.found.as_ref().ok().and_then(|found| found.time.as_ref());
+        *exact_ms = exact_ms.or(found.map(|time| time.exact_ms));
+        rows.push(row);
+    }
+    Ok(Some(rows))
+}

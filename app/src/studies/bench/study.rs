@@ -1,0 +1,98 @@
+//! Measures a scene with candidates, in numbers of splats and sizes.
+
+use super::limit::{self, CopyLimit};
+use super::measure::Bench;
+use super::report::{Report, Row, SceneOrigin, is_cpu, size_text};
+use crate::draw::interleaved::Frames;
+use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Scene, grouped, synth};
+use std::sync::Arc;
+
+/// What is measured on a scene.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// The graphs, each with the values of some parameters.
+    pub candidates: Vec<Setting>,
+    /// Numbers of splats, to which the scene is enlarged or cut; empty for its own.
+    pub splats: Vec<u32>,
+    /// Sizes of the pictures; `None` stands for the cameras' own.
+    pub sizes: Vec<Option<(u32, u32)>>,
+}
+
+/// Measures the copy limit of a device, and says why if it cannot.
+///
+/// `None` for a device on a CPU: caches serve most passes there, and a copy of main memory bounds none of them.
+///
+/// # Errors
+/// The device fails.
+pub fn copy_limit<D: Device>(
+    device: &D,
+    frames: Frames,
+    listener: &mut dyn Listener,
+) -> Result<Option<CopyLimit>, StudyError> {
+    if is_cpu(device.info()) {
+        return Ok(None);
+    }
+    Ok(limit::measure(device, frames, limit::no_scene()?)?.unwrap_or_else(|why| {
+        listener.say(&format!("the copy limit cannot be measured: {why}"));
+        None
+    }))
+}
+
+/// Measures candidates on a scene and adds them to a report; `kept` is called after each number of splats and size.
+///
+/// # Errors
+/// The device fails, `kept` does, or the listener cancels. A candidate that cannot be drawn is a row that says why.
+pub fn study<D: Device, E: From<StudyError>>(
+    subject: &Subject<D>,
+    wanted: &Wanted,
+    report: &mut Report,
+    kept: &mut dyn FnMut(&Report) -> Result<(), E>,
+    listener: &mut dyn Listener,
+) -> Result<(), E> {
+    let Subject { name, scene: base, cameras, .. } = subject;
+    report.scenes.push(SceneOrigin { scene: name.clone(), splats: base.count(), cameras: cameras.clone() });
+    let counts = if wanted.splats.is_empty() { vec![base.count()] } else { wanted.splats.clone() };
+    let of = counts.len() * wanted.sizes.len() * cameras.len();
+    let mut steps = Steps::new(listener, format!("measuring {}", super::table::scene_name(name)), of);
+    for splats in counts {
+        let row = |size, candidate: &Setting, found| {
+            let (scene, pipeline) = (name.clone(), candidate.pipeline.clone());
+            Row { scene, splats, size, pipeline, found }
+        };
+        let enlarged = match enlarged(base, splats) {
+            Ok(scene) => scene,
+            Err(error) => {
+                for size in &wanted.sizes {
+                    let failed = |candidate| row(*size, candidate, Err(error.to_string()));
+                    report.rows.extend(wanted.candidates.iter().map(failed));
+                }
+                steps.skip(wanted.sizes.len() * cameras.len());
+                continue;
+            }
+        };
+        for size in &wanted.sizes {
+            let resized =
+                |camera: &Camera| size.map_or_else(|| camera.clone(), |(w, h)| camera.resized(w, h));
+            let cameras: Vec<Camera> = cameras.iter().map(resized).collect();
+            let bench = Bench {
+                device: subject.device,
+                scene: enlarged.clone(),
+                frames: report.origin.effort,
+                copy: report.origin.copy.as_ref().map(|copy| copy.gb_per_s),
+            };
+            let place = format!("{} splats, {}", grouped(splats.into()), size_text(*size));
+            let outcomes = bench.measure(&wanted.candidates, &cameras, &mut steps, &place)?;
+            let rows = wanted.candidates.iter().zip(outcomes).map(|(own, found)| row(*size, own, found));
+            report.rows.extend(rows);
+            kept(report)?;
+        }
+    }
+    Ok(())
+}
+
+/// Enlarges or cuts a scene to a number of splats.
+fn enlarged(base: &Arc<Scene>, splats: u32) -> Result<Arc<Scene>, synth::SynthError> {
+    Ok(if base.count() == splats { base.clone() } else { Arc::new(synth::enlarge(base, splats)?) })
+}

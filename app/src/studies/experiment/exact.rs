@@ -1,0 +1,48 @@
+//! Draws with every parameter at its exact value, except for what an experiment changes.
+
+use crate::draw::capture::{self, Capture};
+use crate::draw::session::{Session, SessionError};
+use crate::studies::measurement::settings;
+use crate::studies::study::StudyError;
+use splatgraph_api::Device;
+use splatgraph_assets::Camera;
+
+/// The graph of the experiments.
+pub const GRAPH: &str = "splat";
+
+/// Amplification of the pictures of differences: a step of 8 bits is just visible, and a large error does not fill the picture.
+pub const GAIN: f32 = 4.0;
+
+/// Names and values of parameters, as `--set` takes them.
+pub type Set = Vec<(String, String)>;
+
+/// Lists the exact values of the graph's parameters for a picture size.
+///
+/// # Errors
+/// The graph cannot be read.
+pub fn values<D: Device>(session: &mut Session<D>, size: (u32, u32)) -> Result<Set, SessionError> {
+    session.set_graph(GRAPH, &[]);
+    let controls = session.controls(size)?;
+    let all = settings::list(GRAPH, &controls, &[]);
+    Ok(all.into_iter().find(|setting| setting.name == settings::EXACT).map_or_else(Set::new, |s| s.set))
+}
+
+/// Draws with the exact values and some changes.
+pub(super) fn draw<D: Device>(
+    session: &mut Session<D>,
+    exact: &Set,
+    changes: &[(&str, &str)],
+    camera: &Camera,
+) -> Result<Capture, StudyError> {
+    let kept = exact.iter().filter(|(name, _)| changes.iter().all(|(changed, _)| name != changed)).cloned();
+    let changed = changes.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned()));
+    let set: Set = kept.chain(changed).collect();
+    session.set_graph(GRAPH, &set);
+    session.prepare((camera.width, camera.height), &mut |_| {})?;
+    Ok(capture::take(session, camera)?)
+}
+
+/// Formats decibels; no number for equal pictures.
+pub(super) fn decibels(psnr_db: Option<f64>) -> String {
+    psnr_db.map_or_else(|| "equal".into(), |db| format!("{db:.1}"))
+}

@@ -1,0 +1,66 @@
+//! Lists the ways of blending splats, right and wrong.
+
+/// A way of blending splats.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Way {
+    /// The name on the page.
+    pub name: &'static str,
+    /// Parameters of the graph that are changed for it.
+    pub set: &'static [(&'static str, &'static str)],
+    /// True if the splats are sorted by depth.
+    pub sorted: bool,
+    /// True if the nearest splat is blended first.
+    pub nearest_first: bool,
+    /// True for `under`, which keeps a transmittance; false for `over`.
+    pub under: bool,
+    /// The sum that it computes.
+    pub sum: &'static str,
+    /// The reason of its picture.
+    pub why: &'static str,
+}
+
+/// The ways of blending, the true one second.
+pub const WAYS: [Way; 4] = [
+    Way {
+        name: "unsorted",
+        set: &[("sort", "false")],
+        sorted: false,
+        nearest_first: false,
+        under: false,
+        sum: "sum_i c_i a_i prod_{p(j) < p(i)} (1 - a_j)",
+        why: "The order of the file permutes the index set of the product: splat j dims splat i if it comes before i in the \
+              file (p is the place in the file), whichever of the two is nearer. Of each pair, chance decides which covers \
+              the other.",
+    },
+    Way {
+        name: "back to front",
+        set: &[],
+        sorted: true,
+        nearest_first: false,
+        under: false,
+        sum: "sum_i c_i a_i prod_{j < i} (1 - a_j)",
+        why: "`over`, farthest first: C <- a_i c_i + (1 - a_i) C. Each later, nearer splat multiplies everything below it \
+              by its 1 - a, so that in the end i has been dimmed by all j < i: the true product.",
+    },
+    Way {
+        name: "front to back, naive",
+        set: &[("blend", "front_to_back_naive")],
+        sorted: true,
+        nearest_first: true,
+        under: false,
+        sum: "sum_i c_i a_i prod_{j > i} (1 - a_j)",
+        why: "The same `over` on the sorted list from its other end: i is dimmed by the splats that come later, which are \
+              those behind it. The index set j < i has become j > i. That is the true sum of the same footprints seen from \
+              behind: the farthest surface is in front.",
+    },
+    Way {
+        name: "front to back",
+        set: &[("blend", "front_to_back")],
+        sorted: true,
+        nearest_first: true,
+        under: true,
+        sum: "sum_i c_i a_i T_i,  T_i = prod_{j < i} (1 - a_j)",
+        why: "`under`, nearest first: C <- C + T a_i c_i, then T <- (1 - a_i) T. The transmittance T carries the product \
+              over j < i along, so that the sum is the true one, term by term.",
+    },
+];

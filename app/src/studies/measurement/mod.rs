@@ -1,0 +1,12 @@
+//! Measures settings: the model that all studies share.
+//!
+//! [`settings`] lists the ways to draw with a graph, and [`plans`] tells which of them draw the same. [`view`] draws a camera's picture and
+//! compares it with the truth ([`error`]); [`time`] draws frames interleaved with those of a baseline, so that a change of the device's clock
+//! cancels, and [`noise`] tells which differences in time are known.
+
+pub mod error;
+pub mod noise;
+pub mod plans;
+pub mod settings;
+pub mod time;
+pub mod view;

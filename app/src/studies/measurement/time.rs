@@ -1,0 +1,217 @@
+//! Measures the time of a frame as a share of a baseline's, by frames of both interleaved.
+
+use super::noise::{self, Share};
+use crate::draw::interleaved::{self, Effort, Figure, Timed, Timestamps};
+use crate::draw::session::{Session, SessionError};
+use crate::draw::stats::median;
+use serde::{Deserialize, Serialize};
+use splatgraph_api::Device;
+use splatgraph_assets::Camera;
+use splatgraph_framework::plan::Plan;
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+/// The time of a frame.
+///
+/// All milliseconds are shares of one time of the exact settings, [`Time::exact_ms`]: a device's clock may change between two settings, and
+/// concerns both sides of a share alike.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Time {
+    /// Milliseconds on the GPU: `share` of `exact_ms`.
+    pub gpu_ms: f64,
+    /// Difference between the largest and the smallest of the rounds' shares, in milliseconds.
+    pub spread_ms: f64,
+    /// The share of the exact settings' time in the same rounds.
+    pub share: Share,
+    /// Milliseconds of the exact settings, of a warm device: the median of the rounds' medians.
+    pub exact_ms: f64,
+    /// Rounds that were drawn.
+    pub rounds: u32,
+    /// The share of the host's time of a frame in which the device drew, 1 at most: between frames it rests.
+    pub busy: f64,
+    /// Milliseconds per phase: the median of the rounds' medians.
+    pub phases: BTreeMap<String, f64>,
+    /// Difference between the largest and the smallest of a phase's rounds, in milliseconds.
+    pub phase_spreads: BTreeMap<String, f64>,
+}
+
+/// The exact settings, which others are measured against.
+pub struct Baseline<'a, D> {
+    /// The session that draws them, prepared in the view's size.
+    pub session: &'a mut Session<D>,
+    /// The milliseconds that shares are of; `None` for those of the same rounds.
+    pub ms: Option<f64>,
+}
+
+/// Longest time of a setting's rounds, however wide the range: on a busy machine it may never become narrow.
+pub const LONGEST: Duration = Duration::from_secs(8);
+
+/// Measures the time of a frame of `session`, interleaved with frames of `exact`; `None` without timestamps.
+///
+/// Both are prepared in the camera's size, and draw for a while before any frame counts. Rounds end when the share is known well
+/// enough ([`noise::enough`]), with `effort.rounds` at the latest, or when they have taken `longest` and have a range.
+///
+/// # Errors
+/// The device fails.
+pub fn time_in_turns<D: Device>(
+    session: &mut Session<D>,
+    exact: Baseline<D>,
+    camera: &Camera,
+    effort: Effort,
+    longest: Duration,
+) -> Result<Option<Time>, SessionError> {
+    // A single round is a glance: nothing is told from it, and two frames side by side are as warm as each other.
+    if effort.rounds > 1 {
+        interleaved::warm_up(&mut [&mut *exact.session, &mut *session], camera)?;
+    }
+    let begun = Instant::now();
+    let one = Effort { rounds: 1, ..effort };
+    let mut rounds = Vec::new();
+    for _ in 0..effort.rounds {
+        let sessions = &mut [&mut *exact.session, &mut *session];
+        let mut of_each =
+            interleaved::rounds(sessions, camera, one, Timestamps::Passes)?.into_iter().flatten();
+        let (of_exact, own) = (of_each.next().unwrap_or_default(), of_each.next().unwrap_or_default());
+        let plan = session.plan().ok_or(SessionError::NotPrepared)?;
+        rounds.push(Round::new(plan, &own, interleaved::gpu_ms(&of_exact)));
+        let late = rounds.len() >= noise::LEAST_ROUNDS && begun.elapsed() >= longest;
+        if late || shares(&rounds).is_some_and(|shares| noise::enough(&shares)) {
+            break;
+        }
+    }
+    Ok(time(&rounds, exact.ms))
+}
+
+/// Measures the time of a frame of a prepared session, which is its own baseline; `None` without timestamps.
+///
+/// # Errors
+/// The device fails.
+pub fn time_alone<D: Device>(
+    session: &mut Session<D>,
+    camera: &Camera,
+    effort: Effort,
+) -> Result<Option<Time>, SessionError> {
+    if effort.rounds > 1 {
+        interleaved::warm_up(&mut [&mut *session], camera)?;
+    }
+    let frames = interleaved::rounds(&mut [&mut *session], camera, effort, Timestamps::Passes)?;
+    let plan = session.plan().ok_or(SessionError::NotPrepared)?;
+    let round = |own: Vec<Timed>| Round::new(plan, &own, interleaved::gpu_ms(&own));
+    Ok(time(&frames.into_iter().flatten().map(round).collect::<Vec<_>>(), None))
+}
+
+/// A round of frames of a session, and of its baseline. Times are medians.
+struct Round {
+    own_ms: Option<f64>,
+    exact_ms: Option<f64>,
+    busy: Option<f64>,
+    /// Milliseconds of each phase.
+    phases: Vec<(String, Option<f64>)>,
+}
+
+impl Round {
+    fn new(plan: &Plan, own: &[Timed], exact_ms: Option<f64>) -> Round {
+        let passes = own.first().map(|frame| interleaved::timed_passes(plan, frame)).unwrap_or_default();
+        let ms = |phase: &str| {
+            let of_phase = |id| plan.pass(id).phase == phase && passes.contains(&id);
+            interleaved::median_of(own, |frame| frame.passes_ms(of_phase))
+        };
+        let phases = interleaved::phases(plan, &passes).into_iter();
+        Round {
+            own_ms: interleaved::gpu_ms(own),
+            exact_ms,
+            busy: interleaved::busy(own),
+            phases: phases.map(|phase| (phase.to_owned(), ms(phase))).collect(),
+        }
+    }
+
+    fn phase_ms(&self, name: &str) -> Option<f64> {
+        self.phases.iter().find(|(own, _)| own == name)?.1
+    }
+}
+
+/// Lists the shares of the rounds; `None` without timestamps.
+fn shares(rounds: &[Round]) -> Option<Vec<f64>> {
+    rounds.iter().map(|round| Some(round.own_ms? / round.exact_ms?)).collect()
+}
+
+/// Summarises the rounds; `None` without timestamps.
+fn time(rounds: &[Round], exact_ms: Option<f64>) -> Option<Time> {
+    let shares = shares(rounds)?;
+    let share = Share::of(&shares)?;
+    let over = |of: fn(&Round) -> Option<f64>| median(rounds.iter().map(of).collect::<Option<_>>()?);
+    let own_ms = over(|round| round.own_ms)?;
+    let exact_of_rounds = over(|round| round.exact_ms)?;
+    let exact_ms = exact_ms.unwrap_or(exact_of_rounds);
+    let gpu_ms = share.median * exact_ms;
+    // What a phase took in these rounds, at the clock of the exact settings' time.
+    let scale = if own_ms > 0.0 { gpu_ms / own_ms } else { 1.0 };
+    let figure = |(name, _): &(String, Option<f64>)| {
+        let ms = |round: &Round| vec![round.phase_ms(name).map(|ms| scale * ms)];
+        Some((name.clone(), Figure::of(rounds.iter().map(ms))?))
+    };
+    let phases: Vec<(String, Figure)> = rounds.first()?.phases.iter().filter_map(figure).collect();
+    let each =
+        |of: fn(&Figure) -> f64| phases.iter().map(|(name, figure)| (name.clone(), of(figure))).collect();
+    Some(Time {
+        gpu_ms,
+        spread_ms: spread(&shares) * exact_ms,
+        share,
+        exact_ms,
+        rounds: rounds.len() as u32,
+        busy: over(|round| round.busy)?,
+        phases: each(|figure| figure.median),
+        phase_spreads: each(|figure| figure.spread),
+    })
+}
+
+/// Computes the difference between the largest and the smallest value.
+fn spread(values: &[f64]) -> f64 {
+    let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    most - values.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+    use splatgraph_null::{Call, Config, Null, open};
+
+    #[test]
+    fn milliseconds_are_shares_of_one_time_of_the_exact_settings_on_a_warm_device() {
+        let (device, journal) = open(&Config::default());
+        let scene = synth::generate("demo", 50, 0).expect("a small scene");
+        let camera = Camera::framing(&scene, 32, 24);
+        let mut session: Session<Null> =
+            Session::new(device.expect("no fault is set"), scene, "unsorted", &[]);
+        let mut exact = session.beside("splat", &[]).expect("a context");
+        for session in [&mut session, &mut exact] {
+            session.prepare((32, 24), &mut |_| {}).expect("it is prepared");
+            interleaved::frame(session, &camera).expect("the prologue's frame");
+        }
+        let mut timed = |ms, effort| {
+            journal.take();
+            let baseline = Baseline { session: &mut exact, ms };
+            let time = time_in_turns(&mut session, baseline, &camera, effort, LONGEST)
+                .expect("frames")
+                .expect("timestamps");
+            let submits =
+                journal.take().into_iter().filter(|call| matches!(call, Call::Submit { .. })).count();
+            (time, submits)
+        };
+        // The null device's passes take as long in every frame, so that eight rounds are enough.
+        let effort = Effort { rounds: 16, frames: 2 };
+        let (own, submits) = timed(None, effort);
+        assert_eq!((own.rounds, own.share.range), (8, Some((own.share.median, own.share.median))));
+        assert!(submits >= 2 * 2 + 8 * 2 * 2, "two turns of a warm-up at least, and eight rounds: {submits}");
+        assert!(own.share.median < 1.0 && own.busy <= 1.0, "{own:?}");
+        let (other, _) = timed(Some(100.0), effort);
+        assert_eq!((other.share, other.exact_ms), (own.share, 100.0));
+        assert!((other.gpu_ms - 100.0 * own.share.median).abs() < 1e-9, "{other:?}");
+        let phase = |time: &Time| time.phases["draw"] / time.gpu_ms;
+        assert!((phase(&other) - phase(&own)).abs() < 1e-9, "phases are of the same time: {own:?} {other:?}");
+        // One round is a glance: no warm-up, and no range.
+        let (glance, submits) = timed(None, Effort { rounds: 1, frames: 1 });
+        assert_eq!((glance.rounds, glance.share.range, submits), (1, None, 2));
+    }
+}

@@ -1,0 +1,120 @@
+//! Draws a picture and compares it with the truth, and times its frames.
+
+use super::error::{self, Error};
+use super::plans;
+use super::time::{Baseline, Time, time_in_turns};
+use crate::draw::capture::{self, CaptureError};
+use crate::draw::interleaved::{self, Effort};
+use crate::draw::session::{Session, SessionError};
+use crate::draw::truth::Truth;
+use crate::io::image::Image;
+use serde::{Deserialize, Serialize};
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::{Rules, depth_order};
+use std::time::Duration;
+
+/// A camera with the truth about its picture.
+pub struct View {
+    /// The camera, in the size of the pictures.
+    pub camera: Camera,
+    /// The true picture.
+    pub picture: Image,
+    /// True for each pixel that a splat shows in.
+    pub covered: Vec<bool>,
+    /// The splats beyond the near plane, near to far; empty if their order is not to be compared.
+    pub order: Vec<u32>,
+}
+
+impl View {
+    /// Draws the exact picture by the published rules as the truth, with progress. The order is not compared.
+    pub fn exact(scene: &Scene, camera: &Camera) -> View {
+        let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::PUBLISHED);
+        View {
+            camera: camera.clone(),
+            picture: truth.image(),
+            covered: truth.picture.transmittance.iter().map(|share| *share < 1.0).collect(),
+            order: Vec::new(),
+        }
+    }
+
+    /// Adds the order of the splats.
+    pub fn with_order(self, scene: &Scene) -> View {
+        View { order: depth_order(scene, &self.camera, &Rules::PUBLISHED), ..self }
+    }
+}
+
+/// The measurements of a session in a view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// The time of a frame; `None` if the device has no timestamps.
+    pub time: Option<Time>,
+    /// The error of the picture.
+    pub error: Error,
+    /// Pairs of visible splats that are drawn in another order than that of their depth; `None` if the graph has no order.
+    pub inversions: Option<u64>,
+    /// True if the picture is drawn from what was kept of the frame before, which costs nothing that a still view shows.
+    pub of_last_frame: bool,
+    /// Bytes of memory on the device.
+    pub gpu_bytes: u64,
+}
+
+/// Draws a view with a prepared session, compares its picture with the truth, and measures its time interleaved with a baseline.
+///
+/// Also returns the picture and its counts.
+///
+/// # Errors
+/// The device fails. The inner error says why the picture cannot be compared.
+pub fn measure<D: Device>(
+    session: &mut Session<D>,
+    baseline: Baseline<D>,
+    view: &View,
+    effort: Effort,
+    longest: Duration,
+) -> Result<Result<(Measured, Drawn), String>, SessionError> {
+    let drawn = match draw(session, view)? {
+        Ok(drawn) => drawn,
+        Err(text) => return Ok(Err(text)),
+    };
+    let found = Measured {
+        time: time_in_turns(session, baseline, &view.camera, effort, longest)?,
+        error: drawn.error.clone(),
+        inversions: drawn.inversions,
+        of_last_frame: session.plan().is_some_and(plans::uses_last_frame),
+        gpu_bytes: session.device().memory().iter().map(|(_, bytes)| bytes).sum(),
+    };
+    Ok(Ok((found, drawn)))
+}
+
+/// A picture with what is known of it.
+pub struct Drawn {
+    /// The picture.
+    pub picture: Image,
+    /// Its error.
+    pub error: Error,
+    /// As [`Measured::inversions`].
+    pub inversions: Option<u64>,
+    /// The graph's counts, such as `visible` and `drawn`.
+    pub counts: Vec<(String, u32)>,
+}
+
+/// Draws a picture with a prepared session, and compares it and the order of its splats with the truth.
+///
+/// # Errors
+/// The device fails. The inner error says why the picture cannot be compared.
+pub fn draw<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
+    // The second frame: one with the order of the last frame has one.
+    interleaved::frame(session, &view.camera)?;
+    let capture = match capture::take(session, &view.camera) {
+        Ok(capture) => capture,
+        Err(CaptureError::Session(error)) => return Err(error),
+        Err(error) => return Ok(Err(error.to_string())),
+    };
+    let error = match error::measure(&capture.image, &view.picture, &view.covered) {
+        Ok(error) => error,
+        Err(error) => return Ok(Err(error.to_string())),
+    };
+    let order = capture.order.filter(|_| !view.order.is_empty());
+    let inversions = order.and_then(|order| capture::wrong_pairs(&view.order, &order));
+    Ok(Ok(Drawn { picture: capture.image, error, inversions, counts: capture.counts }))
+}

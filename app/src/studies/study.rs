@@ -1,0 +1,226 @@
+//! Defines what all studies share: their subject, the listener that follows them, and their error.
+//!
+//! A study is a function `study`: it takes a [`Subject`], what is wanted of it, and a [`Listener`], and returns its numbers. It writes no file
+//! of results and prints nothing; the command line does both with what it gets.
+
+use crate::draw::capture::CaptureError;
+use crate::draw::session::{Session, SessionError};
+use crate::io::image::ImageError;
+use crate::io::output::OutputError;
+use crate::io::report::plot::PlotError;
+use crate::studies::metrics::MetricError;
+use serde::{Deserialize, Serialize};
+use splatgraph_api::{BackendError, Device};
+use splatgraph_assets::{Camera, Scene, synth::SynthError};
+use splatgraph_framework::reload::Wanted;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+/// A graph with the values that some of its parameters are set to.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Setting {
+    /// A short name: a graph's, `exact`, `defaults`, `key_bits = 16`.
+    pub name: String,
+    /// The graph, as `--pipeline` takes it.
+    pub pipeline: String,
+    /// Names and values, as `--set` takes them.
+    pub set: Vec<(String, String)>,
+}
+
+impl Setting {
+    /// Makes the setting of a graph, with the graph's name.
+    pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Setting {
+        Setting { name: pipeline.to_owned(), pipeline: pipeline.to_owned(), set: set.to_vec() }
+    }
+}
+
+/// Follows a study: takes its progress and its messages, and may cancel it.
+pub trait Listener {
+    /// Takes the number of steps done of a task, with the name of the next step. `Break` cancels the study.
+    fn progress(&mut self, task: &str, done: u64, of: u64, step: &str) -> ControlFlow<()>;
+
+    /// Takes a message for a person, such as what is not measured and why.
+    fn say(&mut self, message: &str);
+}
+
+/// Ignores everything, and never cancels.
+impl Listener for () {
+    fn progress(&mut self, _: &str, _: u64, _: u64, _: &str) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    fn say(&mut self, _: &str) {}
+}
+
+/// Counts the steps of a task, and reports each to a listener.
+pub struct Steps<'a> {
+    listener: &'a mut dyn Listener,
+    task: String,
+    done: u64,
+    of: u64,
+}
+
+impl<'a> Steps<'a> {
+    /// Begins a task of so many steps.
+    pub fn new(listener: &'a mut dyn Listener, task: impl Into<String>, of: usize) -> Steps<'a> {
+        Steps { listener, task: task.into(), done: 0, of: of as u64 }
+    }
+
+    /// Begins the next step.
+    ///
+    /// # Errors
+    /// The listener cancels the study.
+    pub fn next(&mut self, step: &str) -> Result<(), StudyError> {
+        let flow = self.listener.progress(&self.task, self.done, self.of, step);
+        self.done += 1;
+        if flow.is_break() { Err(StudyError::Cancelled) } else { Ok(()) }
+    }
+
+    /// Passes over steps that need not be done.
+    pub fn skip(&mut self, steps: usize) {
+        self.done += steps as u64;
+    }
+}
+
+/// What is studied: a scene from some cameras on a device.
+pub struct Subject<'a, D> {
+    /// The device. A study draws with contexts of its own.
+    pub device: &'a D,
+    /// The name of the scene in results.
+    pub name: String,
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// The cameras, in the size of the pictures; at least one.
+    pub cameras: Vec<Camera>,
+}
+
+impl<D: Device> Subject<'_, D> {
+    /// Returns the first camera.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn first(&self) -> Result<&Camera, StudyError> {
+        self.cameras.first().ok_or(StudyError::NoCameras)
+    }
+
+    /// Creates a session that draws the scene with a graph.
+    ///
+    /// # Errors
+    /// The device has no room for another context.
+    pub fn session(&self, pipeline: &str, set: &[(String, String)]) -> Result<Session<D>, StudyError> {
+        Ok(Session::new(self.device.new_context()?, self.scene.clone(), pipeline, set))
+    }
+
+    /// Describes the device and its driver.
+    pub fn device_name(&self) -> String {
+        let info = self.device.info();
+        format!("{} ({})", info.name, info.driver)
+    }
+
+    /// Reads graphs before anything is measured, so that mistakes are told first. Returns their files.
+    ///
+    /// # Errors
+    /// A graph has errors.
+    pub fn check(&self, settings: &[Setting]) -> Result<Vec<Wanted>, StudyError> {
+        let first = self.first()?;
+        let mut session = self.session("", &[])?;
+        for setting in settings {
+            session.set_graph(&setting.pipeline, &setting.set);
+            session.controls((first.width, first.height))?;
+        }
+        Ok(session.files())
+    }
+}
+
+/// An error of a study.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// A graph has errors, or the device failed.
+    // Not transparent: a graph's errors are found among the causes, and printed with their source text.
+    #[error("{0}")]
+    Session(#[from] SessionError),
+    /// A picture cannot be drawn.
+    #[error("{0}")]
+    Capture(#[from] CaptureError),
+    /// Pictures cannot be compared.
+    #[error("{0}")]
+    Metric(#[from] MetricError),
+    /// A picture cannot be encoded.
+    #[error("{0}")]
+    Image(#[from] ImageError),
+    /// A plot cannot be drawn.
+    #[error("{0}")]
+    Plot(#[from] PlotError),
+    /// A scene cannot be generated.
+    #[error("{0}")]
+    Scene(#[from] SynthError),
+    /// A file of results cannot be written.
+    #[error("{0}")]
+    Output(#[from] OutputError),
+    /// One of several settings or views failed.
+    #[error("{name}: {error}")]
+    Of {
+        /// The name of the setting or the view.
+        name: String,
+        /// The error.
+        #[source]
+        error: Box<StudyError>,
+    },
+    /// The inputs allow no measurement. The text says what was expected and what was found.
+    #[error("{0}")]
+    Input(String),
+    /// No setting has a name that begins so.
+    #[error("expected the begin of a setting's name, of: {}; found `{name}`", known.join(", "))]
+    UnknownSetting {
+        /// The beginning.
+        name: String,
+        /// The names of all settings.
+        known: Vec<String>,
+    },
+    /// There is no camera.
+    #[error("expected at least one camera, found none")]
+    NoCameras,
+    /// The listener cancelled the study.
+    #[error("the study was cancelled")]
+    Cancelled,
+}
+
+impl StudyError {
+    /// Makes a function that names the setting or the view of an error.
+    pub fn of<E: Into<StudyError>>(name: &str) -> impl FnOnce(E) -> StudyError {
+        move |error| StudyError::Of { name: name.to_owned(), error: Box::new(error.into()) }
+    }
+}
+
+impl From<BackendError> for StudyError {
+    fn from(error: BackendError) -> StudyError {
+        StudyError::Session(error.into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Keeps what it hears, and cancels after some steps.
+    struct Kept(Vec<String>, usize);
+
+    impl Listener for Kept {
+        fn progress(&mut self, task: &str, done: u64, of: u64, step: &str) -> ControlFlow<()> {
+            self.0.push(format!("{task}: {done} of {of}, {step}"));
+            if self.0.len() < self.1 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        }
+
+        fn say(&mut self, _: &str) {}
+    }
+
+    #[test]
+    fn steps_are_counted_and_a_listener_cancels_at_one_of_them() {
+        let mut kept = Kept(Vec::new(), 2);
+        let mut steps = Steps::new(&mut kept, "measuring", 5);
+        assert!(steps.next("a").is_ok());
+        steps.skip(2);
+        assert!(matches!(steps.next("b"), Err(StudyError::Cancelled)));
+        assert_eq!(kept.0, ["measuring: 0 of 5, a", "measuring: 3 of 5, b"]);
+    }
+}
