@@ -1,123 +1,333 @@
-//! Checks that imports run one way: each module imports only modules before it in a list.
+//! Checks the order of a crate's files: imports run one way, between modules and between files, and modules are laid out alike.
+//!
+//! An import is a path of a `use`, or one in the code, that leads to another file of the crate. A name that a module only passes on
+//! (`use child::Name` in `mod.rs`) counts as an import of the file that defines it. Tests may import anything: a file or a folder
+//! called `tests`, `testing` or `fuzz`, and what is behind `#[cfg(test)]` in a file.
 
+#![allow(dead_code, reason = "not every crate calls every check")]
+
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// Reads the sources of a module and fails on every import that runs against `order`.
-///
-/// `src` is the folder of the module `root`, `crate` or for instance `crate::view`. `order` lists its submodules from the ground
-/// up; paths outside of `root` are not checked. A file may name the modules before its own (by `root`, or as many `super::` as
-/// lead to it), in a `use` or inline. Tests may import anything: a file called `tests.rs` or `testing.rs`, a folder called
-/// `tests`, and the rest of a module behind `#[cfg(test)]`. The file of `root` itself may name every submodule.
-pub fn assert_imports_run_one_way(src: &Path, root: &str, order: &[&str]) {
-    let mut files = Vec::new();
-    collect(src, &mut files);
-    files.sort();
+/// The names that lead to a module, from the crate's root.
+type Module = Vec<String>;
+
+/// A file of the crate.
+struct File {
+    /// The path below `src`, for messages.
+    place: String,
+    /// Every path that the code names, with its line.
+    paths: Vec<(usize, Module)>,
+    /// What the file has names for by `use`: the last segment, or the name after `as`.
+    names: BTreeMap<String, Module>,
+}
+
+/// Fails if a module of `order`, the modules of a crate from the ground up, imports one behind it.
+pub fn assert_modules_run_one_way(src: &Path, order: &[&str]) {
+    let files = read(src);
     let mut wrong = Vec::new();
-    for file in &files {
-        let relative = file.strip_prefix(src).expect("below src");
-        let path: Vec<String> =
-            relative.with_extension("").iter().map(|p| p.to_string_lossy().into()).collect();
-        if path.iter().any(|p| matches!(p.as_str(), "tests" | "testing"))
-            || matches!(&*path[0], "lib" | "main" | "mod")
-        {
-            continue;
-        }
-        let Some(own) = order.iter().position(|m| *m == path[0]) else {
-            wrong.push(format!("{}: the module `{}` is not in the order", relative.display(), path[0]));
+    for (own, file) in &files {
+        let at =
+            |module: &Module| order.iter().position(|name| Some(*name) == module.first().map(String::as_str));
+        // The crate's root may name everything.
+        let Some(first) = own.first() else { continue };
+        let Some(place) = at(own) else {
+            wrong.push(format!("{}: the module `{first}` is not in the order", file.place));
             continue;
         };
-        let depth = path.iter().filter(|p| *p != "mod").count();
-        let text = fs::read_to_string(file).expect("a source file is readable");
-        for (line, name) in imports(&code(&text), root, depth) {
-            match order.iter().position(|m| *m == name) {
-                Some(other) if other <= own => {}
-                Some(_) => {
-                    wrong.push(format!("{}:{line}: `{}` imports `{name}`", relative.display(), path[0]))
-                }
-                None => {
-                    wrong.push(format!("{}:{line}: `{name}` is no module of the order", relative.display()))
-                }
+        for Import { other, text } in imports(&files, own, file) {
+            if at(other).is_some_and(|other| other > place) {
+                wrong.push(text);
             }
         }
     }
-    assert!(!files.is_empty(), "{} holds no source file", src.display());
-    assert!(
-        wrong.is_empty(),
-        "expected imports in the order {}, found\n{}",
-        order.join(" <- "),
-        wrong.join("\n")
-    );
+    let order = order.join(" <- ");
+    assert!(wrong.is_empty(), "expected imports in the order {order}, found\n{}", wrong.join("\n"));
 }
 
-fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
-    for entry in fs::read_dir(folder).expect("a readable folder").flatten() {
-        let path = entry.path();
-        if path.is_dir() {
-            collect(&path, files);
-        } else if path.extension().is_some_and(|e| e == "rs") {
-            files.push(path);
+/// Fails if imports between the files of a crate form a circle, also one of a module and its children.
+pub fn assert_files_have_no_circle(src: &Path) {
+    let files = read(src);
+    let mut left: BTreeMap<&Module, Vec<Import>> = BTreeMap::new();
+    for (own, file) in &files {
+        left.insert(own, imports(&files, own, file));
+    }
+    // What imports nothing that is left, or is imported by nothing, is taken away, again and again. Circles stay, and what joins them.
+    loop {
+        let before = left.len();
+        let kept: BTreeSet<&Module> = left.keys().copied().collect();
+        left.values_mut().for_each(|all| all.retain(|import| kept.contains(import.other)));
+        let imported: BTreeSet<&Module> = left.values().flatten().map(|import| import.other).collect();
+        left.retain(|own, all| !all.is_empty() && imported.contains(own));
+        if left.len() == before {
+            break;
         }
     }
+    let circles: Vec<&str> = left.values().flatten().map(|import| import.text.as_str()).collect();
+    assert!(circles.is_empty(), "expected no circle of imports between files, found\n{}", circles.join("\n"));
 }
 
-/// Blanks comments and modules behind `#[cfg(test)]`, and keeps the line breaks.
-fn code(text: &str) -> String {
-    let mut code = String::new();
-    let (mut after_cfg, mut in_tests) = (false, false);
-    for line in text.lines() {
-        in_tests |= after_cfg && line.starts_with("mod ") && line.ends_with('{');
-        after_cfg = line == "#[cfg(test)]";
-        if !in_tests {
-            code += line.split("//").next().unwrap_or("");
+/// An import of another file, with its place and its path for a message.
+struct Import<'a> {
+    other: &'a Module,
+    text: String,
+}
+
+fn imports<'a>(files: &'a BTreeMap<Module, File>, own: &Module, file: &File) -> Vec<Import<'a>> {
+    let import = |(line, path): &(usize, Module)| {
+        let other = target(files, own, path)?;
+        Some(Import { other, text: format!("{}:{line}: names `{}`", file.place, path.join("::")) })
+    };
+    file.paths.iter().filter_map(import).collect()
+}
+
+/// Fails if a module with children is not laid out as `name/mod.rs`, or unit tests stand elsewhere than at the end of their file, in
+/// `tests.rs` or in `tests/` beside it.
+pub fn assert_modules_are_laid_out_alike(src: &Path) {
+    let mut wrong = Vec::new();
+    for (place, text) in sources(src) {
+        let path = src.join(&place);
+        if path.with_extension("").is_dir() && !place.ends_with("mod.rs") {
+            wrong.push(format!(
+                "{place}: expected {}/mod.rs, as it has children",
+                place.trim_end_matches(".rs")
+            ));
         }
-        in_tests &= line != "}";
-        code.push('\n');
+        if place.ends_with("_tests.rs") || place.ends_with("_test.rs") {
+            wrong.push(format!("{place}: expected a file in `tests/`"));
+        }
+        let code: Vec<&str> = text.lines().collect();
+        let begin = code.windows(2).position(|two| two[0] == "#[cfg(test)]" && two[1] == "mod tests {");
+        if let Some(begin) = begin
+            && let Some(end) = code[begin..].iter().position(|line| *line == "}")
+            && code[begin + end + 1..].iter().any(|line| !line.is_empty())
+        {
+            wrong.push(format!("{place}:{}: expected the module `tests` at the end of the file", begin + 2));
+        }
     }
-    code
+    assert!(wrong.is_empty(), "expected one layout of modules, found\n{}", wrong.join("\n"));
 }
 
-/// Lists the submodules of `root` that the code names, with their lines. The code is `depth` modules below `root`.
-fn imports(code: &str, root: &str, depth: usize) -> Vec<(usize, String)> {
+/// Lists the sources below a folder: paths below it, with their text.
+fn sources(src: &Path) -> Vec<(String, String)> {
+    let (mut found, mut folders) = (Vec::new(), vec![src.to_owned()]);
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).expect("a readable folder").flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                let place = path.strip_prefix(src).expect("below src").to_string_lossy().into_owned();
+                found.push((place, fs::read_to_string(&path).expect("a readable source")));
+            }
+        }
+    }
+    assert!(!found.is_empty(), "{} holds no source file", src.display());
+    found.sort();
+    found
+}
+
+/// Reads the files that are no tests.
+fn read(src: &Path) -> BTreeMap<Module, File> {
+    let mut files = BTreeMap::new();
+    for (place, text) in sources(src) {
+        let mut module: Module = place.trim_end_matches(".rs").split('/').map(String::from).collect();
+        if module.iter().any(|name| matches!(name.as_str(), "tests" | "testing" | "fuzz" | "main")) {
+            continue;
+        }
+        if module.last().is_some_and(|last| last == "mod" || last == "lib") {
+            module.pop();
+        }
+        let (paths, names) = paths(&tokens(&text));
+        files.insert(module, File { place, paths, names });
+    }
+    files
+}
+
+/// Finds the other file that a path leads to, through the names that modules pass on.
+fn target<'a>(files: &'a BTreeMap<Module, File>, own: &Module, path: &[String]) -> Option<&'a Module> {
+    let mut at = own.clone();
+    let mut rest = path;
+    match path.first()?.as_str() {
+        "crate" => at.clear(),
+        "self" | "super" => {}
+        child if files.contains_key(&[own.as_slice(), &[child.to_owned()]].concat()) => {}
+        _ => return None,
+    }
+    if path[0] == "crate" || path[0] == "self" {
+        rest = &rest[1..];
+    }
+    while rest.first().is_some_and(|name| name == "super") {
+        at.pop();
+        rest = &rest[1..];
+    }
+    // Long enough for any chain of names that are passed on.
+    for _ in 0..8 {
+        while let Some(name) = rest.first() {
+            at.push(name.clone());
+            if !files.contains_key(&at) {
+                at.pop();
+                break;
+            }
+            rest = &rest[1..];
+        }
+        let (Some(name), Some(file)) = (rest.first(), files.get(&at).filter(|_| at != *own)) else { break };
+        let Some(next) = file.names.get(name) else { break };
+        let through = target(files, &at, next)?;
+        at.clone_from(through);
+        // The item itself may be passed on once more.
+        rest = next.last().map_or(&[], std::slice::from_ref);
+    }
+    files.get_key_value(&at).map(|(found, _)| found).filter(|found| *found != own)
+}
+
+/// Splits code into names and marks, each with its line, without comments, texts, and modules behind `#[cfg(test)]`.
+fn tokens(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();
-    for start in [format!("{root}::"), "super::".repeat(depth)] {
-        for (at, _) in code.match_indices(&start) {
-            let before = code[..at].chars().next_back();
-            if before.is_some_and(|c| c.is_alphanumeric() || matches!(c, '_' | ':')) {
-                continue;
-            }
-            let line = code[..at].matches('\n').count() + 1;
-            for name in heads(&code[at + start.len()..]) {
-                found.push((line, name));
-            }
+    let (mut after_cfg, mut in_tests) = (false, false);
+    for (line, code) in text.lines().enumerate() {
+        in_tests |= after_cfg && code.ends_with('{');
+        after_cfg = code.starts_with("#[cfg(") && code.contains("test");
+        if !in_tests {
+            line_tokens(code, line + 1, &mut found);
         }
+        in_tests &= code != "}";
     }
     found
 }
 
-/// Lists the first names of a path: one, or those of a group in braces.
-fn heads(path: &str) -> Vec<String> {
-    let name =
-        |text: &str| text.trim().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
-    // A glob in a module within the file, `super::*`, names nothing.
-    let Some(group) = path.strip_prefix('{') else {
-        return Some(name(path)).filter(|n| !n.is_empty()).into_iter().collect();
-    };
-    let (mut heads, mut depth, mut start) = (Vec::new(), 0, 0);
-    for (at, c) in group.char_indices() {
+fn line_tokens(code: &str, line: usize, found: &mut Vec<(usize, String)>) {
+    let mut chars = code.chars().peekable();
+    while let Some(c) = chars.next() {
+        let mut token = c.to_string();
         match c {
-            '{' => depth += 1,
-            '}' if depth > 0 => depth -= 1,
-            ',' | '}' if depth == 0 => {
-                heads.push(name(&group[start..at]));
-                start = at + 1;
-                if c == '}' {
-                    break;
+            '/' if chars.peek() == Some(&'/') => return,
+            '"' => {
+                while let Some(c) = chars.next() {
+                    match c {
+                        '\\' => drop(chars.next()),
+                        '"' => break,
+                        _ => {}
+                    }
                 }
+                continue;
+            }
+            ':' if chars.peek() == Some(&':') => {
+                chars.next();
+                token.push(':');
+            }
+            c if c.is_alphanumeric() || c == '_' => {
+                while let Some(c) = chars.next_if(|c| c.is_alphanumeric() || *c == '_') {
+                    token.push(c);
+                }
+            }
+            c if c.is_whitespace() => continue,
+            _ => {}
+        }
+        found.push((line, token));
+    }
+}
+
+/// Lists the paths in a file's code, and the names that its `use`s give.
+///
+/// Within a module in the file, a `super` that leads back to the file is left out.
+fn paths(tokens: &[(usize, String)]) -> (Vec<(usize, Module)>, BTreeMap<String, Module>) {
+    let (mut all, mut names) = (Vec::new(), BTreeMap::new());
+    let word = |at: usize| tokens.get(at).map_or("", |(_, token)| token.as_str());
+    // The depths of braces at which modules in the file began.
+    let (mut inner, mut depth, mut at) = (Vec::new(), 0, 0);
+    while at < tokens.len() {
+        let line = tokens[at].0;
+        match word(at) {
+            "{" => depth += 1,
+            "}" => {
+                depth -= 1;
+                inner.retain(|began| *began < depth);
+            }
+            "mod" if word(at + 2) == "{" => inner.push(depth),
+            "use" => {
+                let mut found = Vec::new();
+                at = tree(tokens, at + 1, &[], &mut found);
+                for (path, name) in found {
+                    let Some(path) = outside(path, inner.len()) else { continue };
+                    if inner.is_empty() {
+                        names.insert(name, path.clone());
+                    }
+                    all.push((line, path));
+                }
+                continue;
+            }
+            name if name.starts_with(|c: char| c.is_alphabetic() || c == '_')
+                && word(at + 1) == "::"
+                && !matches!(word(at.wrapping_sub(1)), "::" | "." | "in") =>
+            {
+                let mut path = vec![name.to_owned()];
+                while word(at + 1) == "::"
+                    && word(at + 2).starts_with(|c: char| c.is_alphabetic() || c == '_')
+                {
+                    path.push(word(at + 2).to_owned());
+                    at += 2;
+                }
+                all.extend(outside(path, inner.len()).map(|path| (line, path)));
             }
             _ => {}
         }
+        at += 1;
     }
-    heads.retain(|head| !head.is_empty());
-    heads
+    (all, names)
+}
+
+/// Takes the `super`s off a path that lead out of modules in the file; `None` if it stays among them.
+fn outside(path: Module, inner: usize) -> Option<Module> {
+    let up = path.iter().take_while(|name| *name == "super").count();
+    match path.first().map(String::as_str) {
+        _ if inner == 0 => Some(path),
+        Some("crate") => Some(path),
+        _ if up > inner => Some(path[inner..].to_vec()),
+        _ => None,
+    }
+}
+
+/// Reads the tree of a `use` from a token on; returns the place behind it. Each path comes with the name that it gives.
+fn tree(
+    tokens: &[(usize, String)],
+    mut at: usize,
+    front: &[String],
+    found: &mut Vec<(Module, String)>,
+) -> usize {
+    let mut path = front.to_vec();
+    let mut name = None;
+    while let Some((_, token)) = tokens.get(at) {
+        match token.as_str() {
+            "{" => {
+                at += 1;
+                while tokens.get(at).is_some_and(|(_, token)| token != "}") {
+                    at = tree(tokens, at, &path, found);
+                    if tokens.get(at).is_some_and(|(_, token)| token == ",") {
+                        at += 1;
+                    }
+                }
+                at += 1;
+                if tokens.get(at).is_some_and(|(_, token)| token == ";") {
+                    at += 1;
+                }
+                return at;
+            }
+            "," | "}" | ";" => break,
+            "::" => {}
+            "as" => {
+                name = tokens.get(at + 1).map(|(_, token)| token.clone());
+                at += 1;
+            }
+            _ => path.push(token.clone()),
+        }
+        at += 1;
+    }
+    if path.last().is_some_and(|last| last == "self" || last == "*") && path.len() > 1 {
+        path.pop();
+    }
+    let name = name.or_else(|| path.last().cloned()).unwrap_or_default();
+    found.push((path, name));
+    at + usize::from(tokens.get(at).is_some_and(|(_, token)| token == ";"))
 }

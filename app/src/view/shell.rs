@@ -291,7 +291,7 @@ impl<D: Device> Shell<D> {
 
     /// Takes the results of finished frames of the window, and returns true if another can be submitted.
     fn collect_window(&mut self, patience: Duration) -> bool {
-        renderer::collect(&mut [&mut self.canvas], patience)
+        renderer::frames::collect(&mut [&mut self.canvas], patience)
     }
 
     /// Returns true if a frame of the window can be submitted without a long wait for a picture.

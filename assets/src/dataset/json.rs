@@ -5,7 +5,9 @@
 //! <https://docs.nerf.studio/quickstart/data_conventions.html>.
 
 use super::colmap::UNDISTORT;
-use super::{CameraError, Dataset, MOST_CAMERAS, View, photograph, stem};
+use super::error::{CameraError, MOST_CAMERAS};
+use super::photograph;
+use super::view::{Dataset, View, stem};
 use crate::camera::Camera;
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};

@@ -1,7 +1,7 @@
 //! Stores splats as arrays, which readers fill in parallel.
 
 use super::gathered::{Gathered, fault};
-use super::{CHUNK, Splat, sh_floats};
+use super::splat::{CHUNK, Splat, sh_floats};
 use crate::memory::{self, SceneMemoryError};
 use rayon::prelude::*;
 

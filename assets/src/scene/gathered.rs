@@ -1,6 +1,6 @@
 //! Gathers the statistics of splats while they are stored: which were dropped, and why.
 
-use super::Splat;
+use super::splat::Splat;
 use crate::bounds::Bounds;
 use serde::Serialize;
 

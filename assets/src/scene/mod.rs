@@ -7,10 +7,13 @@
 
 mod columns;
 mod gathered;
+mod splat;
 
 pub(crate) use columns::{Columns, Rows};
 pub(crate) use gathered::Gathered;
 pub use gathered::{Dropped, QuaternionNorms};
+pub(crate) use splat::CHUNK;
+pub use splat::{Splat, sh_floats};
 
 use crate::activation;
 use crate::bounds::Bounds;
@@ -21,33 +24,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::OnceLock;
 
-/// Number of splats that one task of a parallel loop converts.
-pub(crate) const CHUNK: usize = 8192;
-
 /// Opacity below which the reference rasteriser never draws a splat.
 pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
-
-/// Counts the floats of spherical harmonics of a degree: 3 channels of (degree + 1)^2 coefficients.
-pub const fn sh_floats(degree: u32) -> usize {
-    3 * ((degree + 1) * (degree + 1)) as usize
-}
-
-/// One splat, activated.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Splat {
-    /// Centre, in world units, relative to [`Scene::offset`].
-    pub position: [f32; 3],
-    /// Standard deviation along each axis, in world units.
-    pub scale: [f32; 3],
-    /// Unit quaternion w, x, y, z that turns the axes into the world.
-    pub rotation: [f32; 4],
-    /// Opacity at the centre, 0 to 1.
-    pub opacity: f32,
-    /// Spherical harmonics in the basis of [`crate::harmonics`], zero beyond the scene's degree.
-    ///
-    /// Coefficient `k` of channel `c` is at `3 * k + c`.
-    pub sh: [f32; 48],
-}
 
 /// Largest rounding error of positions to ignore, in standard deviations: below the rounding of the picture, at 100 dB.
 const INVISIBLE: f32 = 1.0 / 16_384.0;

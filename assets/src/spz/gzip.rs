@@ -1,7 +1,7 @@
 //! Unpacks versions 1 to 3: one gzip stream of the header, the arrays and the extension records.
 
 use super::header::{Header, Unpacked, append, check_memory, field, unpacked};
-use super::{HEADER, MAGIC};
+use super::layout::{HEADER, MAGIC};
 use crate::error::SceneError;
 use crate::input::{Done, Input, Source, SourceReader, Table};
 use crate::size_breakdown::FieldSize;

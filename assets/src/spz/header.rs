@@ -2,7 +2,7 @@
 //!
 //! An unpacked array is not longer than the header's number of splats says, and grows only as its bytes come.
 
-use super::HEADER;
+use super::layout::HEADER;
 use crate::error::SceneError;
 use crate::input::{Done, Input, Table};
 use crate::memory::SceneMemoryError;

@@ -21,12 +21,13 @@
 //! | `rotations` | 4 (before version 3: 3) | index of the largest component and the three others, 9 bits and a sign (x, y, z, a byte each) |
 //! | `sh` | 3 per coefficient | `(u - 128) / 128`, coefficient by coefficient, red, green and blue of each |
 //!
-//! Axes point right, up and back unless the extension [`COORDINATE_SYSTEM`] says otherwise; a scene's point right, down and to the
+//! Axes point right, up and back unless the extension [`layout::COORDINATE_SYSTEM`] says otherwise; a scene's point right, down and to the
 //! front, so y and z change their signs, and with them the odd harmonics. Format: <https://github.com/nianticlabs/spz>.
 
 mod frame;
 mod gzip;
 mod header;
+mod layout;
 mod read;
 mod streams;
 #[cfg(test)]
@@ -34,39 +35,7 @@ mod tests;
 mod write;
 
 pub(crate) use gzip::begins_as_spz;
+pub(crate) use layout::MAGIC;
+pub use layout::SpzVersion;
 pub(crate) use read::{header, parse};
 pub(crate) use write::write;
-
-/// First bytes of the header.
-pub(crate) const MAGIC: &[u8; 4] = b"NGSP";
-
-/// Bytes of the header to version 3.
-const HEADER: usize = 16;
-
-/// Bytes of the header of version 4.
-const LONG_HEADER: usize = 32;
-
-/// Bytes of an entry of the table of contents of version 4.
-const ENTRY: usize = 16;
-
-/// A version of SPZ that is written.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum SpzVersion {
-    /// One gzip stream, which every reader of the format knows.
-    V3 = 3,
-    /// A Zstandard stream per array: smaller and faster to read, since 2026.
-    #[default]
-    V4 = 4,
-}
-
-/// Bit of `flags`: the splats were trained with an anti-aliasing filter.
-const ANTIALIASED: u8 = 1;
-
-/// Bit of `flags`: records follow the arrays.
-const EXTENSIONS: u8 = 2;
-
-/// Type of the extension record that names the axes (Adobe).
-const COORDINATE_SYSTEM: u32 = 0xADBE_0003;
-
-/// `colors` has this many steps of 1 / 255 per unit of band 0, so that bytes reach beyond the colours 0 and 1.
-const COLOR_SCALE: f64 = 0.15;

@@ -2,7 +2,8 @@
 
 use super::frame::Frame;
 use super::header::{Header, Unpacked, field};
-use super::{ANTIALIASED, COLOR_SCALE, COORDINATE_SYSTEM, EXTENSIONS, MAGIC, gzip, streams};
+use super::layout::{ANTIALIASED, COLOR_SCALE, COORDINATE_SYSTEM, EXTENSIONS, MAGIC};
+use super::{gzip, streams};
 use crate::activation;
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, SceneHeader, Source};

@@ -5,7 +5,7 @@
 //! stream. The last stream ends with the file.
 
 use super::header::{Header, Unpacked, append, check_memory, field, unpacked};
-use super::{ENTRY, HEADER, LONG_HEADER};
+use super::layout::{ENTRY, HEADER, LONG_HEADER};
 use crate::error::SceneError;
 use crate::input::{Done, Input, Source, SourceReader, Table};
 use crate::size_breakdown::FieldSize;

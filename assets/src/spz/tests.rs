@@ -1,5 +1,6 @@
 //! Reads SPZ files that are made byte by byte.
 
+use super::layout::*;
 use super::*;
 use crate::error::SceneError;
 use crate::scene::{FileNotes, Scene};

@@ -1,7 +1,7 @@
 //! Writes SPZ versions 3 and 4, with the steps of the reference writer.
 
 use super::frame::Frame;
-use super::{ANTIALIASED, COLOR_SCALE, ENTRY, HEADER, LONG_HEADER, MAGIC, SpzVersion};
+use super::layout::{ANTIALIASED, COLOR_SCALE, ENTRY, HEADER, LONG_HEADER, MAGIC, SpzVersion};
 use crate::activation::{largest_positive, logarithm, quantised};
 use crate::scene::{Scene, Splat, sh_floats};
 use flate2::{Compression, write::GzEncoder};

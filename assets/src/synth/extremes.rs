@@ -2,9 +2,13 @@
 //!
 //! All but `uniform` are seen from [`camera`]: at the origin, looking along +z.
 
-use super::{Made, random::Random};
+use super::random::Random;
 use crate::camera::Camera;
+use crate::memory::SceneMemoryError;
 use crate::scene::{Scene, Splat};
+
+/// A generated scene.
+pub(super) type Made = Result<Scene, SceneMemoryError>;
 
 /// Makes a camera at the origin that looks along +z, so that view depth is exactly z.
 pub(super) fn camera() -> Camera {

@@ -15,6 +15,7 @@ use crate::camera::Camera;
 use crate::error::nearest;
 use crate::memory::SceneMemoryError;
 use crate::scene::Scene;
+use extremes::Made;
 
 /// A generator of scenes.
 #[derive(Clone, Copy, Debug)]
@@ -29,9 +30,6 @@ pub struct Generator {
     pub cameras: fn() -> Vec<Camera>,
     make: fn(u32, u64) -> Made,
 }
-
-/// A generated scene.
-type Made = Result<Scene, SceneMemoryError>;
 
 /// An error of generating a scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -30,5 +30,6 @@ const ORDER: [&str; 18] = [
 #[test]
 fn every_module_imports_only_those_before_it() {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    module_order::assert_imports_run_one_way(&source, "crate", &ORDER);
+    module_order::assert_modules_run_one_way(&source, &ORDER);
+    module_order::assert_modules_are_laid_out_alike(&source);
 }

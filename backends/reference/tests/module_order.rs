@@ -1,4 +1,4 @@
-//! Data takes one way through the modules of the reference renderer, and so do the imports.
+//! Checks that the imports of the crate run one way, and that its modules are laid out alike.
 
 use std::path::Path;
 
@@ -6,11 +6,15 @@ use std::path::Path;
 mod module_order;
 
 #[test]
-fn every_module_imports_only_those_before_it() {
-    let order = ["rules", "gaussian", "harmonics", "order", "project", "raster", "pixel"];
-    module_order::assert_imports_run_one_way(
-        &Path::new(env!("CARGO_MANIFEST_DIR")).join("src"),
-        "crate",
-        &order,
-    );
+fn no_files_import_each_other_in_a_circle() {
+    module_order::assert_files_have_no_circle(&source());
+}
+
+#[test]
+fn modules_are_laid_out_alike() {
+    module_order::assert_modules_are_laid_out_alike(&source());
+}
+
+fn source() -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
 }

@@ -415,27 +415,4 @@ pub fn image_of(pixels: &Pixels) -> Option<Image> {
 }
 
 #[cfg(test)]
-mod growth_tests;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use splatgraph_api::PixelBytes;
-
-    #[test]
-    fn pictures_of_every_colour_format_are_read() {
-        let image = |format, bytes: &[u8]| {
-            image_of(&Pixels { format, width: 1, height: 1, bytes: PixelBytes::new(bytes.to_vec()) })
-                .map(|i| i.rgb[0])
-        };
-        assert_eq!(image(Format::Rgba8Unorm, &[0, 51, 255, 7]), Some([0.0, 0.2, 1.0]));
-        let halves: Vec<u8> =
-            [0.5, -2.0, 1.5, 0.0].iter().flat_map(|v| f16::from_f32(*v).to_le_bytes()).collect();
-        assert_eq!(image(Format::Rgba16Float, &halves), Some([0.5, -2.0, 1.5]));
-        let singles: Vec<u8> = [0.1f32, -2.0, 1e9, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
-        assert_eq!(image(Format::Rgba32Float, &singles), Some([0.1, -2.0, 1e9]));
-        assert_eq!(image(Format::R32Float, &0.25f32.to_le_bytes()), Some([0.25; 3]));
-        assert_eq!(image(Format::R32Uint, &[0; 4]), None);
-        assert_eq!(image(Format::Rgba8Unorm, &[0; 3]), None);
-    }
-}
+mod tests;

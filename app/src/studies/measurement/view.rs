@@ -53,7 +53,7 @@ pub struct Measured {
     pub error: Error,
     /// Pairs of visible splats that are drawn in another order than that of their depth; `None` if the graph has no order.
     pub inversions: Option<u64>,
-    /// True if the picture is drawn from what was kept of the frame before, which costs nothing that a still view shows.
+    /// True if the picture is drawn from what was kept of the previous frame, which costs nothing that a still view shows.
     pub of_last_frame: bool,
     /// Bytes of memory on the device.
     pub gpu_bytes: u64,

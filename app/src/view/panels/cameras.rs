@@ -1,8 +1,8 @@
 //! Draws the tool for cameras: field of view, saved views, the path through keys, and the picture as a command.
 
+use super::controls::{Command, Controls};
 use super::theme::{self, GRID, ROW};
 use super::widgets::{fact, heading, hint};
-use super::{Command, Controls};
 use crate::draw::camera_path::SECONDS;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::FIELDS_OF_VIEW;

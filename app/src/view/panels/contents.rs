@@ -1,7 +1,6 @@
 //! Shows the contents of a resource after a pass: numbers, a histogram, a picture, and the order of sorted keys.
 
-use super::Controls;
-use super::inspector::Target;
+use super::controls::{Command, Controls};
 use super::selection::Selection;
 use super::theme::Palette;
 use super::widgets::hint;
@@ -11,6 +10,31 @@ use egui::{Button, Color32, ColorImage, ComboBox, RichText, TextureHandle, Textu
 use egui_plot::{Bar, BarChart, Plot};
 use splatgraph_api::Device;
 use splatgraph_framework::plan::Plan;
+
+/// What a frame of the inspector may change.
+pub struct Target<'a> {
+    /// The selection.
+    pub selection: &'a mut Option<Selection>,
+    /// Requests to the window.
+    pub commands: &'a mut Vec<Command>,
+    /// Places of the controls.
+    pub controls: &'a mut Controls,
+    /// What is known of the device's copy limit.
+    pub copy: Copy,
+    /// Set to true to measure it.
+    pub measure: &'a mut bool,
+}
+
+/// What is known of the device's copy limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Copy {
+    /// Nothing.
+    Unknown,
+    /// It is being measured.
+    Measuring,
+    /// 10^9 bytes per second, read and written.
+    Known(f64),
+}
 
 /// Number of lines with numbers.
 const LINES: usize = 16;

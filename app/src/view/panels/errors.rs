@@ -1,8 +1,9 @@
 //! Shows errors over the last good picture until they are corrected: the text underlined as in a terminal, to copy or to open in
 //! an editor.
 
+use super::controls::{Command, Controls};
 use super::theme::{HEADING, Palette, TEXT, strong};
-use super::{Command, Controls, failures, hud};
+use super::{failures, hud};
 use crate::view::events::RendererId;
 use crate::view::viewer::Viewer;
 use egui::{Align2, Context, Rect, RichText};

@@ -1,6 +1,6 @@
 //! Draws over the picture: the time of a frame, toasts, progress, and the comparison of A and B.
 
-use super::Controls;
+use super::controls::Controls;
 use super::theme::{self, GRID, Palette, TEXT};
 use super::widgets;
 use crate::view::events::{Event, RendererId};

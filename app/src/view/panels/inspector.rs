@@ -1,9 +1,11 @@
 //! Shows what is selected: a pass, a barrier, a resource with its contents, or the picked splat.
 
+use super::contents;
+use super::contents::{Copy, Target};
+use super::controls::Command;
 use super::selection::{self, Dumped, Selection, bound_bytes};
 use super::theme::{self, Palette};
 use super::widgets::{self, fact, heading, hint, link};
-use super::{Command, Controls, contents};
 use crate::view::viewport::Viewport;
 use egui::{RichText, Ui};
 use egui_plot::{Line, Plot, PlotPoints};
@@ -15,31 +17,6 @@ use splatgraph_framework::ir::{Origin, Run};
 #[derive(Default)]
 pub struct State {
     contents: contents::State,
-}
-
-/// What a frame of the inspector may change.
-pub struct Target<'a> {
-    /// The selection.
-    pub selection: &'a mut Option<Selection>,
-    /// Requests to the window.
-    pub commands: &'a mut Vec<Command>,
-    /// Places of the controls.
-    pub controls: &'a mut Controls,
-    /// What is known of the device's copy limit.
-    pub copy: Copy,
-    /// Set to true to measure it.
-    pub measure: &'a mut bool,
-}
-
-/// What is known of the device's copy limit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Copy {
-    /// Nothing.
-    Unknown,
-    /// It is being measured.
-    Measuring,
-    /// 10^9 bytes per second, read and written.
-    Known(f64),
 }
 
 impl State {

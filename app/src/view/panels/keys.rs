@@ -1,6 +1,7 @@
 //! Applies the keys that belong to no control.
 
-use super::{Command, Panels, Tool, cameras};
+use super::controls::Command;
+use super::{Panels, Tool, cameras};
 use crate::view::viewer::Viewer;
 use egui::{Context, Key};
 use splatgraph_api::Device;

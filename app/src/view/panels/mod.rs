@@ -6,6 +6,7 @@
 
 mod cameras;
 mod contents;
+mod controls;
 mod errors;
 mod failures;
 mod help;
@@ -28,7 +29,6 @@ mod widgets;
 
 use super::events::{Event, RendererId};
 use super::history::{History, WINDOW};
-use super::opening::CameraRole;
 use super::paint::Mode;
 use super::undo::{self, Settings};
 use super::viewer::Viewer;
@@ -40,66 +40,25 @@ use presets::Presets;
 use selection::{Dumped, Selection};
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
-use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf, absolute};
 use std::sync::Arc;
 use std::time::Instant;
 use theme::Palette;
 
+pub use controls::{Command, Controls};
 pub use layout::Tool;
 pub use params::set_line;
+
+/// Height of the line at the bottom, also when it is empty, in points.
+const STATUS_HEIGHT: f32 = 24.0;
 
 /// Number of lines in the log.
 const LOG: usize = 200;
 
 /// Number of files in the list of scenes.
 const RECENT: usize = 12;
-
-/// A request to the window.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Command {
-    /// Save the window's picture.
-    Screenshot,
-    /// Save the picture of A alone, in its own size.
-    SavePicture,
-    /// Turn waiting for the display's refresh on or off.
-    Vsync(bool),
-    /// Capture the next frame.
-    Capture,
-    /// Switch full screen on or off.
-    Fullscreen,
-    /// Ask for a scene, a graph or cameras, and open the file.
-    Open,
-    /// Ask for cameras, and open the file for this use.
-    OpenCameras(CameraRole),
-    /// Open a line of a file in an editor.
-    Edit(Origin),
-}
-
-/// Places of the controls in the last frame, by name, in points, for scripted input.
-#[derive(Clone, Debug, Default)]
-pub struct Controls {
-    now: BTreeMap<String, Rect>,
-}
-
-impl Controls {
-    /// Records the place of a control.
-    pub(super) fn see(&mut self, name: &str, rect: Rect) {
-        self.now.insert(name.to_owned(), rect);
-    }
-
-    /// Returns the place of a control in the last frame.
-    pub fn find(&self, name: &str) -> Option<Rect> {
-        self.now.get(name).copied()
-    }
-
-    /// Iterates over all controls.
-    pub fn iter(&self) -> impl Iterator<Item = (&str, Rect)> {
-        self.now.iter().map(|(name, rect)| (name.as_str(), *rect))
-    }
-}
 
 /// The results of a frame of the panels.
 #[derive(Clone, Debug)]
@@ -310,7 +269,7 @@ impl Panels {
         window: &History,
         window_failure: Option<&str>,
     ) -> PanelOutput {
-        self.controls.now.clear();
+        self.controls.clear();
         let mut commands = Vec::new();
         self.time(viewer.a.history.frames());
         self.keys(ui.ctx(), viewer, &mut commands);
@@ -320,7 +279,7 @@ impl Panels {
         self.tell_effect(viewer);
         if !self.hidden {
             Panel::top("menu").show(ui, |ui| self.top_bar(ui, viewer, &mut commands));
-            Panel::bottom("status").exact_size(status::HEIGHT).show(ui, |ui| self.status(ui, viewer));
+            Panel::bottom("status").exact_size(STATUS_HEIGHT).show(ui, |ui| self.status(ui, viewer));
         }
         let area = ui.available_rect_before_wrap();
         let before = self.selection.clone();

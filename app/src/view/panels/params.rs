@@ -3,7 +3,7 @@
 //! No parameter is known by name: label, help, range, step and choices come from the graph's file. Sliders work on a position from
 //! 0 to 1 rather than on the value, so that drawing a row never rounds or clamps what it shows: only a person changes a value.
 
-use super::Controls;
+use super::controls::Controls;
 use super::theme::{self, Palette, ROW};
 use super::widgets::{self, hint};
 use crate::view::renderer::Renderer;

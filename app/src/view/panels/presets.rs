@@ -1,6 +1,6 @@
 //! Lists the selectable graphs: the built-in ones, and files that were used in this window.
 
-use super::{Command, Controls};
+use super::controls::{Command, Controls};
 use crate::draw::builtin;
 use crate::view::renderer::Renderer;
 use egui::{Key, RichText, Ui};

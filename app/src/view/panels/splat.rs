@@ -1,6 +1,6 @@
 //! Shows the picked splat: its numbers, the list of its pixel, and its outline on the picture.
 
-use super::Controls;
+use super::controls::Controls;
 use super::theme::{self, Palette};
 use super::widgets::{self, fact, heading};
 use crate::draw::pick;

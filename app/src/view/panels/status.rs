@@ -10,9 +10,6 @@ use egui::{Align, Layout, RichText, Spinner, Ui, UiBuilder};
 use splatgraph_api::Device;
 use splatgraph_framework::reload::WatchKind;
 
-/// Height of the line, also when it is empty, in points.
-pub const HEIGHT: f32 = 24.0;
-
 /// Lines of the log that are shown beside the newest.
 const LINES: usize = 20;
 

@@ -3,7 +3,7 @@
 //! The lanes are those of the dump page. Zoom with the wheel over the passes (or Ctrl and the wheel anywhere), pan by dragging. A
 //! click selects a pass, a barrier or a resource for all tools; Tab and Enter do the same from the keyboard.
 
-use super::Controls;
+use super::controls::Controls;
 use super::selection::{Selection, barrier, touches};
 use super::theme::{self, GRID, Palette, ROW, TEXT};
 use super::widgets::{self, hint, text_in};

@@ -1,10 +1,11 @@
 //! Draws the tools in their tiles and in floating windows, and applies clicks on their tabs.
 
+use super::controls::Command;
 use super::layout::{self, Tool};
 use super::selection::Selection;
 use super::theme::Palette;
 use super::widgets::hint;
-use super::{Command, Panels, cameras, inspector, splat, timeline, times};
+use super::{Panels, cameras, contents, splat, timeline, times};
 use crate::view::history::History;
 use crate::view::viewer::Viewer;
 use egui::{Frame, Rect, Response, Ui, WidgetText};
@@ -116,13 +117,13 @@ impl Panels {
             }
             Tool::Inspector => {
                 let copy = match viewer.copy_limit() {
-                    Some(rate) => inspector::Copy::Known(rate),
-                    None if viewer.is_measuring_copy() => inspector::Copy::Measuring,
-                    None => inspector::Copy::Unknown,
+                    Some(rate) => contents::Copy::Known(rate),
+                    None if viewer.is_measuring_copy() => contents::Copy::Measuring,
+                    None => contents::Copy::Unknown,
                 };
                 let Some(viewport) = viewer.viewport(self.selected) else { return };
                 let mut measure = false;
-                let mut target = inspector::Target {
+                let mut target = contents::Target {
                     selection: &mut self.selection,
                     commands,
                     controls: &mut self.controls,

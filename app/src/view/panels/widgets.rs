@@ -1,6 +1,6 @@
 //! Draws the small parts that the panels share: rows, hints beside controls, numbers and sparklines.
 
-use super::Controls;
+use super::controls::Controls;
 use super::theme::{self, Palette, ROW, TEXT};
 use egui::Tooltip;
 use egui::{

@@ -1,25 +1,21 @@
 //! The device of a renderer, its loss, and its successor.
 
+use super::Renderer;
 use super::events::{Cause, Failure};
-use super::{LastGood, Renderer};
-use splatgraph_api::{BackendError, Device, DeviceInfo, Recovery};
+use super::state::{BuildState, DeviceState};
+use splatgraph_api::{BackendError, Device, DeviceInfo};
+use splatgraph_framework::reload::LastGood;
 use std::time::Instant;
-
-/// Returns true for the loss of the device and of its window: another device is needed.
-pub(super) fn ends_device(error: &BackendError) -> bool {
-    let window = matches!(error, BackendError::Unavailable(_) | BackendError::SurfaceLost { .. });
-    error.recovery() == Recovery::DeviceEnded || window
-}
 
 impl<D: Device> Renderer<D> {
     /// Returns the device; `None` while it is lost.
     pub fn device(&self) -> Option<&D> {
-        self.device.as_ref()
+        self.device.device()
     }
 
     /// Returns the device for changes that concern no plan; `None` while it is lost.
     pub fn device_mut(&mut self) -> Option<&mut D> {
-        self.device.as_mut()
+        self.device.device_mut()
     }
 
     /// Describes the device, also after its loss.
@@ -36,23 +32,22 @@ impl<D: Device> Renderer<D> {
 
     /// Returns the error that ended the device, or its window, if any did.
     pub fn lost(&self) -> Option<&BackendError> {
-        self.lost.as_ref()
+        match &self.device {
+            DeviceState::Lost { error, .. } => Some(error),
+            _ => None,
+        }
     }
 
     /// Drops the device with its plan and its frames in flight, whose results are lost. Graph, settings and failures stay.
     pub fn release(&mut self) {
-        self.device = None;
+        self.device = DeviceState::Released;
         self.epoch += 1;
         self.changes += 1;
-        self.lost = None;
-        self.trouble = None;
-        self.rebuild = None;
         self.forgot |= !self.in_flight.is_empty();
         self.in_flight.clear();
         self.stalled = None;
         self.pending_swap = None;
-        self.pending_build = None;
-        self.building = None;
+        self.build = BuildState::Idle;
         self.size = (0, 0);
         self.whole = None;
         self.state = LastGood::new();
@@ -62,25 +57,24 @@ impl<D: Device> Renderer<D> {
     /// Returns true if nothing of the dropped device is in use by a build.
     pub fn is_released(&mut self) -> bool {
         self.take_builds();
-        self.device.is_none() && self.jobs.is_empty()
+        self.device.device().is_none() && self.jobs.is_empty()
     }
 
     /// Continues on another device.
     pub fn give(&mut self, device: D) {
         self.info = device.info().clone();
-        self.device = Some(device);
+        self.device = DeviceState::Drawing(device);
     }
 
     /// Builds nothing before a change of files, parameters, graph or scene; `loss` is shown as the reason.
     pub fn hold(&mut self, loss: &str) {
-        self.pending_build = None;
-        self.held = true;
+        self.build = BuildState::Held;
         let attempt = self.state.asked(self.now);
         self.state.failed(attempt, Failure::Held(loss.to_owned()));
     }
 
     /// Returns the device, unless it is lost.
     pub fn into_device(self) -> Option<D> {
-        self.device
+        self.device.into_device()
     }
 }

@@ -1,7 +1,8 @@
 //! Frames of a renderer in flight: submission, waits that end, and results.
 
-use super::device::ends_device;
-use super::{FinishedFrame, FrameInFlight, PendingSwap, RETRY, Renderer, RendererEvent, Swap, Trouble};
+use super::events::{RendererEvent, Swap};
+use super::state::{DeviceState, RETRY};
+use super::{FinishedFrame, FrameInFlight, PendingSwap, Renderer};
 use crate::view::profile::zone;
 use splatgraph_api::{BackendError, Device, FRAMES_IN_FLIGHT, FrameInputs, Recovery, Running};
 use splatgraph_framework::plan::Plan;
@@ -21,8 +22,12 @@ impl<D: Device> Renderer<D> {
     /// Those of the device. The caller passes them to [`Renderer::report`], unless it tries again with other inputs.
     pub fn submit(&mut self, inputs: FrameInputs) -> Result<bool, BackendError> {
         let Some(plan) = self.state.good().cloned() else { return Ok(false) };
-        let waits = self.trouble.as_ref().is_some_and(|trouble| self.now < trouble.retry);
-        if waits || self.paused || self.lost.is_some() {
+        let waits = match self.device {
+            DeviceState::Drawing(_) => false,
+            DeviceState::Failing { retry, .. } => self.now < retry,
+            DeviceState::Lost { .. } | DeviceState::Released => true,
+        };
+        if waits || self.paused {
             return Ok(false);
         }
         if self.in_flight.len() == FRAMES_IN_FLIGHT && !self.wait_for_oldest(self.patience)? {
@@ -31,9 +36,9 @@ impl<D: Device> Renderer<D> {
         zone!("submit");
         let inspected = inputs.inspect.clone();
         let inputs = FrameInputs { live: self.live(&plan), ..inputs };
-        let Some(device) = &mut self.device else { return Ok(false) };
+        let Some(device) = self.device.device_mut() else { return Ok(false) };
         let frame = device.submit(&inputs)?;
-        self.changes += u64::from(self.trouble.take().is_some());
+        self.changes += u64::from(self.device.recover());
         self.redraw = false;
         self.submitted += 1;
         let first = self.pending_swap.take();
@@ -67,11 +72,7 @@ impl<D: Device> Renderer<D> {
     pub fn report(&mut self, error: BackendError) {
         self.changes += 1;
         self.redraw = true;
-        if ends_device(&error) {
-            self.lost = Some(error);
-        } else {
-            self.trouble = Some(Trouble { error, retry: self.now + RETRY });
-        }
+        self.device.fail(error, self.now + RETRY);
     }
 
     /// Waits for the frames in flight.
@@ -128,7 +129,7 @@ impl<D: Device> Renderer<D> {
     /// Waits for a frame in flight by its place, and keeps its result there; returns true if it is done.
     fn wait_for(&mut self, index: usize, patience: Duration) -> Result<bool, BackendError> {
         let reads_block = self.reads_block();
-        let (Some(device), Some(frame)) = (&mut self.device, self.in_flight.get_mut(index)) else {
+        let (Some(device), Some(frame)) = (self.device.device_mut(), self.in_flight.get_mut(index)) else {
             return Ok(true);
         };
         let end = Instant::now() + patience;

@@ -1,7 +1,7 @@
 //! Builds a plan and prepares it on the device, on the building thread.
 
 use super::events::{Causes, Failure};
-use super::{PlanInputs, Wanted};
+use super::state::PlanInputs;
 use crate::draw::capacity::Capacities;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::Planner;
@@ -11,6 +11,7 @@ use splatgraph_api::{Loader, Progress};
 use splatgraph_framework::ir::DeviceFacts;
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
+use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::Cancel;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;

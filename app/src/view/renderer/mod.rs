@@ -20,64 +20,31 @@
 
 mod device;
 mod events;
-mod frames;
+pub(super) mod frames;
 mod job;
 mod room;
+mod state;
 
 use crate::draw::capacity::{Capacities, Overflow};
-use device::ends_device;
 use indexmap::IndexMap;
 use job::{Built, Job, builder};
 use splatgraph_api::{BackendError, Device, DeviceInfo, FrameId, FrameResult, Inspect, Loader, Running};
 use splatgraph_assets::Scene;
-use splatgraph_framework::ir::{Catalog, ParamBinding, Value};
+use splatgraph_framework::ir::{ParamBinding, Value};
 use splatgraph_framework::lower::{Control, parse_value};
 use splatgraph_framework::plan::Plan;
-use splatgraph_framework::reload::{
-    Attempt, FileChange, LastGood, Rebuilder, Wanted, WatchError, WatchKind, Watcher,
-};
+use splatgraph_framework::reload::{FileChange, LastGood, Rebuilder, WatchError, WatchKind, Watcher};
+use state::{BuildState, Crowded, DeviceState, PendingBuild, ends_device};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 pub use events::{Cause, Causes, Failure, RendererEvent, Swap};
-pub(super) use frames::collect;
-
-/// Interval of attempts to draw, or to build, what failed for want of something that may come back.
-pub const RETRY: Duration = Duration::from_millis(250);
+pub use state::{PlanInputs, RETRY, Wake};
 
 /// Default of [`Renderer::patience`]. With a longer one, a slow frame would delay the user interface; with none, short frames would
 /// wait for the next look at the device.
 const PATIENCE: Duration = Duration::from_millis(5);
-
-/// A callback for new content to draw; any thread calls it.
-pub type Wake = Arc<dyn Fn() + Send + Sync>;
-
-/// The inputs of a plan besides its files and parameters.
-#[derive(Clone)]
-pub struct PlanInputs {
-    /// The scene to draw; `None` for a graph that draws no scene, such as the window's.
-    pub scene: Option<Arc<Scene>>,
-    /// The imports of graphs.
-    pub catalog: Arc<Catalog>,
-    /// Size of the picture, in pixels.
-    pub size: (u32, u32),
-    /// See [`splatgraph_framework::ir::Request::share_memory`].
-    pub share_memory: bool,
-}
-
-impl PlanInputs {
-    /// Lists the causes of a new build; none if a plan for `former` fits.
-    fn differs(&self, former: &PlanInputs) -> Causes {
-        let identity = |inputs: &PlanInputs| inputs.scene.as_ref().map(|scene| scene.identity());
-        let all = [
-            (Cause::Scene, identity(self) != identity(former)),
-            (Cause::Size, self.size != former.size),
-            (Cause::Memory, self.share_memory != former.share_memory),
-        ];
-        all.into_iter().filter_map(|(cause, differs)| differs.then_some(cause)).collect()
-    }
-}
 
 /// A finished frame.
 pub struct FinishedFrame {
@@ -112,29 +79,6 @@ struct PendingSwap {
     asked: Instant,
 }
 
-/// The next plan to build.
-struct PendingBuild {
-    causes: Causes,
-    /// Time of the first change.
-    asked: Instant,
-    attempt: Attempt,
-}
-
-impl PendingBuild {
-    /// Combines this build with that of later changes.
-    fn with(mut self, later: PendingBuild) -> PendingBuild {
-        self.causes.add(later.causes);
-        PendingBuild { causes: self.causes, asked: self.asked.min(later.asked), attempt: later.attempt }
-    }
-}
-
-/// A failure to draw with the current plan.
-struct Trouble {
-    error: BackendError,
-    /// Time of the next attempt.
-    retry: Instant,
-}
-
 type Ready<D> = <<D as Device>::Loader as Loader>::Ready;
 
 /// A device with a graph; see the module's documentation.
@@ -143,18 +87,10 @@ pub struct Renderer<D: Device> {
     pub patience: Duration,
     /// True to draw no frames for now.
     pub(super) paused: bool,
-    /// The device; none between [`Renderer::release`] and [`Renderer::give`].
-    device: Option<D>,
+    device: DeviceState<D>,
     info: DeviceInfo,
     /// Counts the devices.
     epoch: u64,
-    /// The device's loss, or that of its window.
-    lost: Option<BackendError>,
-    /// True if no plan is built before a change, because the device was lost again and again.
-    held: bool,
-    trouble: Option<Trouble>,
-    /// Time of the next attempt to build what failed for want of memory.
-    rebuild: Option<Instant>,
     graph: String,
     set: IndexMap<String, String>,
     /// Least values of the parameters that grow.
@@ -162,7 +98,7 @@ pub struct Renderer<D: Device> {
     /// Those of the current plan.
     drawn_with: Capacities,
     /// The reason why nothing grows before another change, or before the next attempt.
-    crowded: Option<room::Crowded>,
+    crowded: Option<Crowded>,
     /// True if the newest finished frame of the current plan was whole; `None` before its first one.
     whole: Option<bool>,
     /// Counts the plans of other scenes and graphs.
@@ -176,7 +112,7 @@ pub struct Renderer<D: Device> {
     strict: bool,
     builder: Rebuilder<Job<D::Loader>, Built<Ready<D>>>,
     watcher: Watcher,
-    pending_build: Option<PendingBuild>,
+    build: BuildState,
     asked: Option<PlanInputs>,
     state: LastGood<Arc<Plan>, Failure>,
     /// Time of the last poll.
@@ -195,8 +131,6 @@ pub struct Renderer<D: Device> {
     events: Vec<RendererEvent>,
     /// The last reported failure.
     failed: Option<String>,
-    /// The attempt of the current build.
-    building: Option<Attempt>,
     /// The device of each build that is not taken yet, in order.
     jobs: VecDeque<u64>,
     progress: Arc<Mutex<String>>,
@@ -221,12 +155,8 @@ impl<D: Device> Renderer<D> {
             patience: PATIENCE,
             paused: false,
             info: device.info().clone(),
-            device: Some(device),
+            device: DeviceState::Drawing(device),
             epoch: 0,
-            lost: None,
-            held: false,
-            trouble: None,
-            rebuild: None,
             graph: graph.to_owned(),
             set: set.iter().cloned().collect(),
             capacities: Capacities::default(),
@@ -240,7 +170,7 @@ impl<D: Device> Renderer<D> {
             strict: true,
             builder,
             watcher,
-            pending_build: Some(build),
+            build: BuildState::Asked(build),
             asked: None,
             state,
             now,
@@ -254,7 +184,6 @@ impl<D: Device> Renderer<D> {
             done: Vec::new(),
             events: Vec::new(),
             failed: None,
-            building: None,
             jobs: VecDeque::new(),
             progress: Arc::default(),
         })
@@ -267,7 +196,10 @@ impl<D: Device> Renderer<D> {
 
     /// Returns the error of the last attempt to draw a frame, if it failed.
     pub fn trouble(&self) -> Option<&BackendError> {
-        self.trouble.as_ref().map(|trouble| &trouble.error)
+        match &self.device {
+            DeviceState::Failing { error, .. } => Some(error),
+            _ => None,
+        }
     }
 
     /// Describes what is wrong, as for a terminal: the failure of the newest build and that of the last frame; none if nothing is.
@@ -315,7 +247,7 @@ impl<D: Device> Renderer<D> {
 
     /// Returns true while a plan is being built or waits for it.
     pub fn busy(&self) -> bool {
-        self.pending_build.is_some() || self.building.is_some() || self.state.due(self.now).is_some()
+        self.build.is_busy() || self.state.due(self.now).is_some()
     }
 
     /// Returns true if no build is running.
@@ -350,13 +282,19 @@ impl<D: Device> Renderer<D> {
 
     /// Returns the time of the next [`Renderer::poll`] that is needed although nothing wakes the owner.
     pub(super) fn next(&self) -> Option<Instant> {
-        let rebuild = self.rebuild.filter(|_| self.building.is_none());
+        let rebuild = match self.build {
+            BuildState::Retry(time) => Some(time),
+            _ => None,
+        };
         [rebuild, self.room_again(), self.state.due(self.now)].into_iter().flatten().min()
     }
 
     /// Returns the time of the next attempt to draw after a [`Renderer::trouble`].
     pub(super) fn retry(&self) -> Option<Instant> {
-        self.trouble.as_ref().map(|trouble| trouble.retry)
+        match self.device {
+            DeviceState::Failing { retry, .. } => Some(retry),
+            _ => None,
+        }
     }
 
     /// Describes the current step of the build; empty if unknown.
@@ -430,11 +368,7 @@ impl<D: Device> Renderer<D> {
         }
         // A file may be half written, so its errors wait for a moment.
         let attempt = if causes.has_file() { self.state.changed(now) } else { self.state.asked(now) };
-        let later = PendingBuild { causes, asked, attempt };
-        self.pending_build = Some(match self.pending_build.take() {
-            None => later,
-            Some(former) => former.with(later),
-        });
+        self.build.ask(PendingBuild { causes, asked, attempt });
     }
 
     /// Takes a finished plan, and starts a build if something changed. Must be called before every frame.
@@ -450,26 +384,21 @@ impl<D: Device> Renderer<D> {
             self.capacities = Capacities::default();
         }
         // A graph that lost the device waits for more than another size.
-        if causes.iter().next().is_some() && (!self.held || other_scene) {
+        if causes.iter().next().is_some() && (!matches!(self.build, BuildState::Held) || other_scene) {
             self.want(causes, now);
         }
         self.try_room_again();
-        if self.rebuild.is_some_and(|time| time <= now) && self.building.is_none() {
-            self.rebuild = None;
+        if matches!(self.build, BuildState::Retry(time) if time <= now) {
             self.want(Cause::Retry, now);
         }
-        self.builder.set_outdated(self.building.is_some() && self.pending_build.is_some());
+        self.builder.set_outdated(matches!(self.build, BuildState::Running(_, Some(_))));
         // An empty size has no pictures, so the previous plan stays until there is one.
         let drawable = inputs.size.0 > 0 && inputs.size.1 > 0;
         if drawable
-            && self.building.is_none()
-            && let Some(device) = &self.device
-            && let Some(PendingBuild { causes, asked, attempt }) = self.pending_build.take()
+            && let Some(device) = self.device.device()
+            && let Some(PendingBuild { causes, asked, .. }) = self.build.begin()
         {
             self.asked = Some(inputs.clone());
-            self.building = Some(attempt);
-            self.held = false;
-            self.rebuild = None;
             let replaced = self.builder.submit(Job {
                 graph: self.graph.clone(),
                 set: self.set.iter().map(|(name, value)| (name.clone(), value.clone())).collect(),
@@ -516,11 +445,14 @@ impl<D: Device> Renderer<D> {
         if let Failure::Backend(error) = &failure
             && ends_device(error)
         {
-            self.lost = Some(error.clone());
+            self.device.fail(error.clone(), self.now);
         }
-        self.rebuild = failure.may_pass().then(|| self.now + RETRY);
-        if let Some(attempt) = self.building.take() {
+        let may_pass = failure.may_pass();
+        if let Some(attempt) = self.build.end() {
             self.state.failed(attempt, failure);
+        }
+        if may_pass && matches!(self.build, BuildState::Idle) {
+            self.build = BuildState::Retry(self.now + RETRY);
         }
     }
 
@@ -535,18 +467,18 @@ impl<D: Device> Renderer<D> {
         let (plan, controls, ready) = match built.outcome {
             Ok(made) => made,
             Err(Failure::Cancelled) => {
-                self.building = None;
+                self.build.end();
                 // What it was cancelled for is built next, for the causes of both.
                 let former = |attempt| PendingBuild { causes: built.causes, asked: built.asked, attempt };
-                self.pending_build = Some(match self.pending_build.take() {
-                    Some(newer) => former(newer.attempt).with(newer),
-                    None => former(self.state.asked(Instant::now())),
+                self.build = BuildState::Asked(match std::mem::take(&mut self.build) {
+                    BuildState::Asked(newer) => former(newer.attempt).with(newer),
+                    _ => former(self.state.asked(Instant::now())),
                 });
                 return;
             }
             Err(failure) => return self.refuse(&built.causes, failure),
         };
-        let Some(device) = &mut self.device else { return };
+        let Some(device) = self.device.device_mut() else { return };
         if let Err(error) = device.swap(ready) {
             return self.refuse(&built.causes, Failure::Backend(error));
         }
@@ -555,7 +487,7 @@ impl<D: Device> Renderer<D> {
         let new = [Cause::Start, Cause::Scene, Cause::Graph, Cause::Device];
         self.subject += u64::from(new.iter().any(|cause| built.causes.contains(cause)));
         // A new plan may draw where the previous one could not.
-        self.trouble = None;
+        self.device.recover();
         self.strict = false;
         self.size = built.inputs.size;
         self.scene = built.inputs.scene.map(|scene| scene.identity());
@@ -569,7 +501,7 @@ impl<D: Device> Renderer<D> {
             latency_ms: 0.0,
         };
         self.pending_swap = Some(PendingSwap { swap, asked: built.asked });
-        if let Some(attempt) = self.building.take() {
+        if let Some(attempt) = self.build.end() {
             self.state.succeeded(attempt, Arc::new(plan));
         }
         self.apply_set();
@@ -598,33 +530,5 @@ impl<D: Device> Renderer<D> {
     /// Takes the events since the last call.
     pub fn take_events(&mut self) -> Vec<RendererEvent> {
         std::mem::take(&mut self.events)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use splatgraph_assets::synth;
-
-    #[test]
-    fn a_scene_and_a_size_that_are_built_at_once_are_both_told() {
-        let scene = |splats| Some(Arc::new(synth::generate("uniform", splats, 0).expect("a scene")));
-        let former =
-            PlanInputs { scene: scene(10), catalog: Arc::default(), size: (64, 36), share_memory: true };
-        let both = PlanInputs { scene: scene(20), size: (32, 18), ..former.clone() };
-        assert_eq!(former.differs(&former), Causes::default());
-        assert_eq!(both.differs(&former).to_string(), "another scene, another size");
-        // The build for the scene is cancelled for the size that follows.
-        let mut state: LastGood<(), ()> = LastGood::new();
-        let mut build = |causes: Causes, asked| PendingBuild { causes, asked, attempt: state.asked(asked) };
-        let now = Instant::now();
-        let former = build(Cause::Scene.into(), now);
-        let newer = build(Cause::Size.into(), now);
-        let attempt = newer.attempt;
-        let next = former.with(newer);
-        assert_eq!(
-            (next.causes.to_string().as_str(), next.attempt),
-            ("another scene, another size", attempt)
-        );
     }
 }

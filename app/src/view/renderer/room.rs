@@ -1,20 +1,13 @@
 //! Room for what frames of a renderer need: growth of its parameters, and its end.
 
-use super::device::ends_device;
+use super::Renderer;
 use super::events::{Cause, Causes, Failure};
-use super::{RETRY, Renderer};
+use super::state::{Crowded, RETRY, ends_device};
 use crate::draw::capacity::{Overflow, overflows};
 use splatgraph_api::{Device, FrameResult};
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::Instant;
-
-/// A device that refused a plan with more capacity.
-pub(super) struct Crowded {
-    reason: String,
-    /// Time of the next attempt, where it may be otherwise by then.
-    retry: Option<Instant>,
-}
 
 impl<D: Device> Renderer<D> {
     /// Returns the reason why the device has no plan with more capacity, if it refused one since the last change.
@@ -91,7 +84,7 @@ impl<D: Device> Renderer<D> {
         if causes.is_room_alone() {
             let retry = failure.may_pass().then(|| self.now + RETRY);
             self.crowded = Some(Crowded { reason: failure.text(false), retry });
-            self.building = None;
+            self.build.end();
         } else {
             self.fail(failure);
         }

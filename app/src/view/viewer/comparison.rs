@@ -3,77 +3,13 @@
 //! It waits until both viewports draw what was requested, and remembers what that was, so that it is known to be of something else
 //! as soon as the camera or a setting has changed.
 
+use super::parts::{Compared, Comparison, ComparisonResult, Side, Step};
 use super::{Viewer, Viewport};
 use crate::draw::session::image_of;
 use crate::studies::metrics;
 use crate::view::events::{Event, RendererId};
 use crate::view::paint::Mode;
-use indexmap::IndexMap;
 use splatgraph_api::{Device, Pixels};
-use splatgraph_assets::Camera;
-use std::sync::mpsc::{Receiver, Sender, channel};
-
-/// The differences between the pictures of A and B.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Comparison {
-    /// PSNR in decibels; infinite for identical pictures.
-    pub psnr: f64,
-    /// SSIM; `None` for pictures smaller than its window.
-    pub ssim: Option<f64>,
-    /// Largest difference of a channel, of 1.
-    pub worst: f64,
-    /// Column and row of that pixel.
-    pub at: [usize; 2],
-    /// Width and height of the pictures, in pixels.
-    pub size: [usize; 2],
-}
-
-/// Everything that a comparison depends on.
-#[derive(Clone, Debug, PartialEq)]
-struct Compared {
-    camera: Camera,
-    background: [f32; 3],
-    sides: [Option<Side>; 2],
-}
-
-/// Graph, changed parameters and scene of a viewport.
-#[derive(Clone, Debug, PartialEq)]
-struct Side {
-    graph: String,
-    set: IndexMap<String, String>,
-    scene: u64,
-}
-
-/// The progress of a comparison.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Step {
-    No,
-    /// A viewport does not draw yet what was requested.
-    Waiting,
-    /// The pictures are read back.
-    Reading,
-    /// Another thread computes the differences.
-    Computing,
-}
-
-/// A comparison, or the reason that there is none.
-type ComparisonResult = Result<Comparison, String>;
-
-/// The running comparison and the newest one.
-pub(super) struct Comparing {
-    step: Step,
-    results: (Sender<ComparisonResult>, Receiver<ComparisonResult>),
-    /// The newest comparison, with what it was made of.
-    newest: Option<(Comparison, Compared)>,
-    /// What the running comparison is made of.
-    of: Option<Compared>,
-}
-
-impl Default for Comparing {
-    fn default() -> Comparing {
-        Comparing { step: Step::No, results: channel(), newest: None, of: None }
-    }
-}
 
 impl<D: Device> Viewer<D> {
     /// Compares the next pictures of A and B; the result is an event, and [`Viewer::comparison`].

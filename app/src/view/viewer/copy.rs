@@ -2,6 +2,7 @@
 //!
 //! A graph draws it like any other, beside the pictures, so that nothing waits for it.
 
+use super::parts::CopyLimit;
 use super::{Viewer, Viewport};
 use crate::view::events::Event;
 use crate::view::renderer::{PlanInputs, Renderer};
@@ -16,30 +17,6 @@ const PASS: &str = "copy";
 const FRAMES: u64 = 40;
 /// Size of the pictures that nobody sees, in pixels.
 const SIZE: (u32, u32) = (16, 16);
-
-/// The progress of the measurement.
-pub(super) enum CopyLimit<D: Device> {
-    Unknown,
-    Measuring(Box<Viewport<D>>),
-    /// 10^9 bytes per second, read and written.
-    Known(f64),
-}
-
-impl<D: Device> CopyLimit<D> {
-    pub fn viewport(&self) -> Option<&Viewport<D>> {
-        match self {
-            CopyLimit::Measuring(viewport) => Some(viewport),
-            CopyLimit::Unknown | CopyLimit::Known(_) => None,
-        }
-    }
-
-    pub fn viewport_mut(&mut self) -> Option<&mut Viewport<D>> {
-        match self {
-            CopyLimit::Measuring(viewport) => Some(viewport),
-            CopyLimit::Unknown | CopyLimit::Known(_) => None,
-        }
-    }
-}
 
 impl<D: Device> Viewer<D> {
     /// Returns the device's copy limit in 10^9 bytes per second, read and written; `None` before it was measured.

@@ -25,12 +25,11 @@ use std::time::{Duration, Instant};
 mod camera;
 mod comparison;
 mod copy;
+mod parts;
 mod scenes;
 
-use comparison::Comparing;
-pub use comparison::Comparison;
-use copy::CopyLimit;
-use scenes::Subject;
+pub use parts::Comparison;
+use parts::{Comparing, CopyLimit, Subject, at_start};
 
 /// An error of opening the viewer.
 #[derive(Debug, thiserror::Error)]
@@ -114,7 +113,7 @@ impl<D: Device> Viewer<D> {
         set: &[(String, String)],
         wake: Wake,
     ) -> Result<Viewer<D>, ViewerError> {
-        let navigation = scenes::at_start(&scene);
+        let navigation = at_start(&scene);
         let path_of_camera = CameraPath::new(camera_path::length_of_radian(&scene));
         let renderer = Renderer::new(device, graph, set, wake.clone())?;
         Ok(Viewer {
@@ -211,12 +210,12 @@ impl<D: Device> Viewer<D> {
         self.shown().flat_map(of).flatten().min()
     }
 
-    /// Takes the results of finished frames; see [`renderer::collect`].
+    /// Takes the results of finished frames; see [`renderer::frames::collect`].
     pub(super) fn collect(&mut self, patience: Duration) -> bool {
         let all = [Some(&mut self.a), self.b.as_mut(), self.copy.viewport_mut()];
         let mut renderers: Vec<_> =
             all.into_iter().flatten().map(|viewport| &mut viewport.renderer).collect();
-        let ready = renderer::collect(&mut renderers, patience);
+        let ready = renderer::frames::collect(&mut renderers, patience);
         for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
             viewport.collect(self.to_host);
         }

@@ -3,31 +3,15 @@
 //! The camera is in the coordinates of A's scene. B looks from the same place of the world.
 
 use super::Viewer;
+use super::parts::{Subject, at_start};
 use crate::draw::camera_path;
-use crate::draw::facts;
 use crate::view::events::{Event, RendererId};
-use crate::view::navigation::{self, Navigation};
+use crate::view::navigation::Navigation;
 use crate::view::opening::{CameraRole, Content, Opened};
 use glam::DVec3;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::Catalog;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-
-/// A scene, its file, and what graphs import of it.
-pub(super) struct Subject {
-    pub scene: Arc<Scene>,
-    pub path: PathBuf,
-    pub catalog: Arc<Catalog>,
-}
-
-impl Subject {
-    pub fn new(scene: Scene, path: PathBuf) -> Subject {
-        let catalog = Arc::new(facts::catalog(&scene));
-        Subject { scene: Arc::new(scene), path, catalog }
-    }
-}
 
 impl<D: Device> Viewer<D> {
     pub(super) fn subject_of(&self, id: RendererId) -> &Subject {
@@ -178,11 +162,4 @@ enum SceneCameras {
     Kept,
     /// Those of the scene's own file, if it has one: the file, and its cameras or the reason that they cannot be read.
     Own(Option<(PathBuf, Result<Vec<Camera>, String>)>),
-}
-
-/// Makes the first view of a scene without cameras.
-pub(super) fn at_start(scene: &Scene) -> Navigation {
-    let (width, height) = facts::DEFAULT_SIZE;
-    let camera = Camera::framing(scene, width, height);
-    Navigation::new(&scene.robust_bounds(), &camera, navigation::DEFAULT_UP)
 }

@@ -1,7 +1,8 @@
 //! Reads `cameras.bin` and `images.bin`. All numbers are little-endian.
 
-use super::{Fault, Lenses, MODELS, open, push};
-use crate::dataset::{CameraError, Dataset};
+use super::lens::{Fault, Lenses, MODELS, open, push};
+use crate::dataset::error::CameraError;
+use crate::dataset::view::Dataset;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;

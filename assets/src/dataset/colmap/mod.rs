@@ -5,145 +5,14 @@
 //! <https://colmap.github.io/format.html>.
 
 mod binary;
+mod lens;
 pub(super) mod text;
 
-use super::{CameraError, Dataset, MOST_CAMERAS, View, stem};
-use crate::camera::Camera;
-use crate::file;
-use glam::{DMat3, DQuat, DVec3};
-use std::collections::HashMap;
-use std::fs::File;
-use std::io::BufReader;
+pub(super) use lens::UNDISTORT;
+
+use super::error::CameraError;
+use super::view::Dataset;
 use std::path::Path;
-
-/// A lens: the entry of a camera without its pose.
-#[derive(Clone, Copy)]
-struct Lens {
-    width: u32,
-    height: u32,
-    fx: f64,
-    fy: f64,
-    off_center: f64,
-}
-
-/// The lenses of a model by their numbers.
-type Lenses = HashMap<u32, Lens>;
-
-/// The parameters of a model of lenses, in order.
-struct Model {
-    name: &'static str,
-    parameters: &'static [&'static str],
-    /// False for the models that bend rays even if all of their coefficients are 0.
-    is_pinhole: bool,
-}
-
-/// The models by their numbers, from COLMAP's `src/colmap/sensor/models.h`.
-const MODELS: [Model; 11] = [
-    Model { name: "SIMPLE_PINHOLE", parameters: &["f", "cx", "cy"], is_pinhole: true },
-    Model { name: "PINHOLE", parameters: &["fx", "fy", "cx", "cy"], is_pinhole: true },
-    Model { name: "SIMPLE_RADIAL", parameters: &["f", "cx", "cy", "k"], is_pinhole: true },
-    Model { name: "RADIAL", parameters: &["f", "cx", "cy", "k1", "k2"], is_pinhole: true },
-    Model { name: "OPENCV", parameters: &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"], is_pinhole: true },
-    Model {
-        name: "OPENCV_FISHEYE",
-        parameters: &["fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"],
-        is_pinhole: false,
-    },
-    Model {
-        name: "FULL_OPENCV",
-        parameters: &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
-        is_pinhole: true,
-    },
-    Model { name: "FOV", parameters: &["fx", "fy", "cx", "cy", "omega"], is_pinhole: false },
-    Model { name: "SIMPLE_RADIAL_FISHEYE", parameters: &["f", "cx", "cy", "k"], is_pinhole: false },
-    Model { name: "RADIAL_FISHEYE", parameters: &["f", "cx", "cy", "k1", "k2"], is_pinhole: false },
-    Model {
-        name: "THIN_PRISM_FISHEYE",
-        parameters: &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"],
-        is_pinhole: false,
-    },
-];
-
-/// The advice for a lens that is not a pinhole.
-pub(super) const UNDISTORT: &str =
-    "undistort the photographs first, for instance with `colmap image_undistorter`";
-
-/// A field's name with the expectation and the finding.
-type Fault = (&'static str, String);
-
-impl Model {
-    /// Refuses a model that no value of its parameters makes a pinhole.
-    fn check(&self) -> Result<(), Fault> {
-        if self.is_pinhole {
-            return Ok(());
-        }
-        Err(("MODEL", format!("expected a pinhole camera, found {}; {UNDISTORT}", self.name)))
-    }
-
-    /// Makes a lens of as many values as the model has parameters.
-    fn lens(&self, width: u32, height: u32, values: &[f64]) -> Result<Lens, Fault> {
-        let mut lens = Lens { width, height, fx: 0.0, fy: 0.0, off_center: 0.0 };
-        for (name, value) in self.parameters.iter().zip(values) {
-            match *name {
-                "f" => (lens.fx, lens.fy) = (*value, *value),
-                "fx" => lens.fx = *value,
-                "fy" => lens.fy = *value,
-                "cx" | "cy" => {
-                    let side = if *name == "cx" { width } else { height };
-                    if !value.is_finite() {
-                        return Err((name, format!("expected a finite number, found {value}")));
-                    }
-                    lens.off_center = lens.off_center.max((value - 0.5 * f64::from(side)).abs());
-                }
-                _ if *value == 0.0 => {}
-                _ => {
-                    return Err((
-                        name,
-                        format!("expected 0, a lens without distortion, found {value}; {UNDISTORT}"),
-                    ));
-                }
-            }
-        }
-        Ok(lens)
-    }
-}
-
-/// Adds the view of an image; the rotation is w, x, y, z.
-fn push(
-    dataset: &mut Dataset,
-    lenses: &Lenses,
-    (id, lens): (u32, u32),
-    ([w, x, y, z], translation): ([f64; 4], [f64; 3]),
-    name: String,
-) -> Result<(), Fault> {
-    let Some(lens) = lenses.get(&lens) else {
-        return Err(("CAMERA_ID", format!("expected one of the {} cameras, found {lens}", lenses.len())));
-    };
-    if dataset.views.len() == MOST_CAMERAS {
-        return Err(("IMAGE_ID", format!("expected at most {MOST_CAMERAS} images, found more")));
-    }
-    let turn = DQuat::from_xyzw(x, y, z, w);
-    if !(turn.length() > 1e-6 && turn.is_finite()) {
-        return Err(("QW", format!("expected a quaternion other than zero, found {w} {x} {y} {z}")));
-    }
-    let to_world = DMat3::from_quat(turn.normalize()).transpose();
-    let camera = Camera {
-        id: id.into(),
-        img_name: stem(&name),
-        width: lens.width,
-        height: lens.height,
-        position: (to_world * -DVec3::from(translation)).into(),
-        rotation: to_world.transpose().to_cols_array_2d(),
-        fx: lens.fx,
-        fy: lens.fy,
-    };
-    if let Some(fault) = camera.fault() {
-        return Err(("IMAGE_ID", fault));
-    }
-    dataset.off_center = dataset.off_center.max(lens.off_center);
-    dataset.views.push(View { camera, photograph: name, test: None });
-    Ok(())
-}
 
 /// Returns true if the folder has both files of a model.
 pub(super) fn is_folder(folder: &Path) -> bool {
@@ -152,15 +21,6 @@ pub(super) fn is_folder(folder: &Path) -> bool {
 
 fn has(folder: &Path, form: &str) -> bool {
     ["cameras", "images"].into_iter().all(|name| folder.join(format!("{name}.{form}")).exists())
-}
-
-fn open(path: &Path) -> Result<(BufReader<File>, u64), CameraError> {
-    let inner = || {
-        let file = file::open(path)?;
-        let length = file.metadata()?.len();
-        Ok((BufReader::new(file), length))
-    };
-    inner().map_err(|source| CameraError::Io { path: path.to_owned(), source })
 }
 
 /// Reads the model of a folder: the binary one, if there are both.

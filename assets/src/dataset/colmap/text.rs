@@ -1,8 +1,9 @@
 //! Reads and writes `cameras.txt` and `images.txt`. A line that begins with `#` is a comment.
 
-use super::{Fault, Lenses, MODELS, open, push};
+use super::lens::{Fault, Lenses, MODELS, open, push};
 use crate::camera::Camera;
-use crate::dataset::{CameraError, Dataset};
+use crate::dataset::error::CameraError;
+use crate::dataset::view::Dataset;
 use crate::error::nearest;
 use glam::{DMat3, DQuat, DVec3};
 use std::fmt::Write as _;

@@ -15,7 +15,7 @@ mod particles;
 mod pond;
 mod surface;
 
-use super::{Made, random::Random};
+use super::random::Random;
 use crate::camera::Camera;
 use crate::memory::SceneMemoryError;
 use crate::scene::{Scene, Splat};
@@ -47,7 +47,7 @@ const PARTS: [Part; 12] = [
 ];
 
 /// Generates the scene. Shares are proportional to `count`; surfaces are covered at any count, more finely with more.
-pub(super) fn demo(count: u32, seed: u64) -> Made {
+pub(super) fn demo(count: u32, seed: u64) -> Result<Scene, SceneMemoryError> {
     // The splats, those that are mirrored, and a part of them while it is made.
     let needed = u64::from(count) * (3 * size_of::<Splat>() as u64) + Scene::host_bytes(count.into(), 3);
     SceneMemoryError::check(count.into(), 3, needed)?;

@@ -1,0 +1,55 @@
+//! Defines what panels tell the window: requests, and the places of the controls.
+
+use crate::view::opening::CameraRole;
+use egui::Rect;
+use splatgraph_framework::ir::Origin;
+use std::collections::BTreeMap;
+
+/// A request to the window.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Save the window's picture.
+    Screenshot,
+    /// Save the picture of A alone, in its own size.
+    SavePicture,
+    /// Turn waiting for the display's refresh on or off.
+    Vsync(bool),
+    /// Capture the next frame.
+    Capture,
+    /// Switch full screen on or off.
+    Fullscreen,
+    /// Ask for a scene, a graph or cameras, and open the file.
+    Open,
+    /// Ask for cameras, and open the file for this use.
+    OpenCameras(CameraRole),
+    /// Open a line of a file in an editor.
+    Edit(Origin),
+}
+
+/// Places of the controls in the last frame, by name, in points, for scripted input.
+#[derive(Clone, Debug, Default)]
+pub struct Controls {
+    now: BTreeMap<String, Rect>,
+}
+
+impl Controls {
+    /// Forgets the places of the last frame.
+    pub(super) fn clear(&mut self) {
+        self.now.clear();
+    }
+
+    /// Records the place of a control.
+    pub(in crate::view) fn see(&mut self, name: &str, rect: Rect) {
+        self.now.insert(name.to_owned(), rect);
+    }
+
+    /// Returns the place of a control in the last frame.
+    pub fn find(&self, name: &str) -> Option<Rect> {
+        self.now.get(name).copied()
+    }
+
+    /// Iterates over all controls.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, Rect)> {
+        self.now.iter().map(|(name, rect)| (name.as_str(), *rect))
+    }
+}

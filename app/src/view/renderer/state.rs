@@ -1,0 +1,233 @@
+//! Defines the states of a renderer: of its device, and of its builds.
+
+use super::events::{Cause, Causes};
+use splatgraph_api::{BackendError, Recovery};
+use splatgraph_assets::Scene;
+use splatgraph_framework::ir::Catalog;
+use splatgraph_framework::reload::Attempt;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Interval of attempts to draw, or to build, what failed for want of something that may come back.
+pub const RETRY: Duration = Duration::from_millis(250);
+
+/// A callback for new content to draw; any thread calls it.
+pub type Wake = Arc<dyn Fn() + Send + Sync>;
+
+/// The inputs of a plan besides its files and parameters.
+#[derive(Clone)]
+pub struct PlanInputs {
+    /// The scene to draw; `None` for a graph that draws no scene, such as the window's.
+    pub scene: Option<Arc<Scene>>,
+    /// The imports of graphs.
+    pub catalog: Arc<Catalog>,
+    /// Size of the picture, in pixels.
+    pub size: (u32, u32),
+    /// See [`splatgraph_framework::ir::Request::share_memory`].
+    pub share_memory: bool,
+}
+
+impl PlanInputs {
+    /// Lists the causes of a new build; none if a plan for `former` fits.
+    pub(super) fn differs(&self, former: &PlanInputs) -> Causes {
+        let identity = |inputs: &PlanInputs| inputs.scene.as_ref().map(|scene| scene.identity());
+        let all = [
+            (Cause::Scene, identity(self) != identity(former)),
+            (Cause::Size, self.size != former.size),
+            (Cause::Memory, self.share_memory != former.share_memory),
+        ];
+        all.into_iter().filter_map(|(cause, differs)| differs.then_some(cause)).collect()
+    }
+}
+
+/// The state of a renderer's device.
+pub(super) enum DeviceState<D> {
+    /// Frames are drawn.
+    Drawing(D),
+    /// The last frame failed. The next is drawn from `retry` on.
+    Failing { device: D, error: BackendError, retry: Instant },
+    /// The device, or its window, is lost. It stays until it is released.
+    Lost { device: D, error: BackendError },
+    /// The device was released, and its successor was not given yet.
+    Released,
+}
+
+impl<D> DeviceState<D> {
+    pub fn device(&self) -> Option<&D> {
+        match self {
+            DeviceState::Drawing(device)
+            | DeviceState::Failing { device, .. }
+            | DeviceState::Lost { device, .. } => Some(device),
+            DeviceState::Released => None,
+        }
+    }
+
+    pub fn device_mut(&mut self) -> Option<&mut D> {
+        match self {
+            DeviceState::Drawing(device)
+            | DeviceState::Failing { device, .. }
+            | DeviceState::Lost { device, .. } => Some(device),
+            DeviceState::Released => None,
+        }
+    }
+
+    pub fn into_device(self) -> Option<D> {
+        match self {
+            DeviceState::Drawing(device)
+            | DeviceState::Failing { device, .. }
+            | DeviceState::Lost { device, .. } => Some(device),
+            DeviceState::Released => None,
+        }
+    }
+
+    /// Takes note of an error: the device is lost, or the next frame waits until `retry`. A loss stays.
+    pub fn fail(&mut self, error: BackendError, retry: Instant) {
+        *self = match std::mem::replace(self, DeviceState::Released) {
+            DeviceState::Drawing(device) | DeviceState::Failing { device, .. } if ends_device(&error) => {
+                DeviceState::Lost { device, error }
+            }
+            DeviceState::Drawing(device) | DeviceState::Failing { device, .. } => {
+                DeviceState::Failing { device, error, retry }
+            }
+            other => other,
+        };
+    }
+
+    /// Forgets the failure of a frame; returns true if there was one.
+    pub fn recover(&mut self) -> bool {
+        match std::mem::replace(self, DeviceState::Released) {
+            DeviceState::Failing { device, .. } => {
+                *self = DeviceState::Drawing(device);
+                true
+            }
+            other => {
+                *self = other;
+                false
+            }
+        }
+    }
+}
+
+/// Returns true for the loss of the device and of its window: another device is needed.
+pub(super) fn ends_device(error: &BackendError) -> bool {
+    let window = matches!(error, BackendError::Unavailable(_) | BackendError::SurfaceLost { .. });
+    error.recovery() == Recovery::DeviceEnded || window
+}
+
+/// The state of a renderer's builds.
+#[derive(Default)]
+pub(super) enum BuildState {
+    /// The newest plan is built, or cannot be.
+    #[default]
+    Idle,
+    /// The device was lost again and again: nothing is built before a change.
+    Held,
+    /// The last build lacked something, such as memory. The next begins at this time.
+    Retry(Instant),
+    /// A build is asked for.
+    Asked(PendingBuild),
+    /// A build runs. The changes since it began wait for its end.
+    Running(Attempt, Option<PendingBuild>),
+}
+
+impl BuildState {
+    /// Asks for a build, in addition to what is asked for.
+    pub fn ask(&mut self, later: PendingBuild) {
+        *self = match std::mem::take(self) {
+            BuildState::Running(attempt, former) => {
+                let next = match former {
+                    Some(former) => former.with(later),
+                    None => later,
+                };
+                BuildState::Running(attempt, Some(next))
+            }
+            BuildState::Asked(former) => BuildState::Asked(former.with(later)),
+            BuildState::Idle | BuildState::Held | BuildState::Retry(_) => BuildState::Asked(later),
+        };
+    }
+
+    /// Begins the build that is asked for, if none runs.
+    pub fn begin(&mut self) -> Option<PendingBuild> {
+        match std::mem::take(self) {
+            BuildState::Asked(build) => {
+                *self = BuildState::Running(build.attempt, None);
+                Some(build)
+            }
+            other => {
+                *self = other;
+                None
+            }
+        }
+    }
+
+    /// Ends the running build; returns its attempt. The changes since it began are built next.
+    pub fn end(&mut self) -> Option<Attempt> {
+        match std::mem::take(self) {
+            BuildState::Running(attempt, next) => {
+                *self = next.map_or(BuildState::Idle, BuildState::Asked);
+                Some(attempt)
+            }
+            other => {
+                *self = other;
+                None
+            }
+        }
+    }
+
+    /// Returns true if a build runs, or is asked for.
+    pub fn is_busy(&self) -> bool {
+        matches!(self, BuildState::Asked(_) | BuildState::Running(..))
+    }
+}
+
+/// The next plan to build.
+pub(super) struct PendingBuild {
+    pub causes: Causes,
+    /// Time of the first change.
+    pub asked: Instant,
+    pub attempt: Attempt,
+}
+
+impl PendingBuild {
+    /// Combines this build with that of later changes.
+    pub fn with(mut self, later: PendingBuild) -> PendingBuild {
+        self.causes.add(later.causes);
+        PendingBuild { causes: self.causes, asked: self.asked.min(later.asked), attempt: later.attempt }
+    }
+}
+
+/// A device that refused a plan with more capacity.
+pub(super) struct Crowded {
+    pub reason: String,
+    /// Time of the next attempt, where it may be otherwise by then.
+    pub retry: Option<Instant>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+    use splatgraph_framework::reload::LastGood;
+
+    #[test]
+    fn a_scene_and_a_size_that_are_built_at_once_are_both_told() {
+        let scene = |splats| Some(Arc::new(synth::generate("uniform", splats, 0).expect("a scene")));
+        let former =
+            PlanInputs { scene: scene(10), catalog: Arc::default(), size: (64, 36), share_memory: true };
+        let both = PlanInputs { scene: scene(20), size: (32, 18), ..former.clone() };
+        assert_eq!(former.differs(&former), Causes::default());
+        assert_eq!(both.differs(&former).to_string(), "another scene, another size");
+        // The build for the scene is cancelled for the size that follows.
+        let mut state: LastGood<(), ()> = LastGood::new();
+        let mut build = |causes: Causes, asked| PendingBuild { causes, asked, attempt: state.asked(asked) };
+        let now = Instant::now();
+        let former = build(Cause::Scene.into(), now);
+        let newer = build(Cause::Size.into(), now);
+        let attempt = newer.attempt;
+        let next = former.with(newer);
+        assert_eq!(
+            (next.causes.to_string().as_str(), next.attempt),
+            ("another scene, another size", attempt)
+        );
+    }
+}

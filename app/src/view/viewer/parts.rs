@@ -1,0 +1,119 @@
+//! Defines what a viewer holds besides its viewports: scenes with their files, the comparison, and the copy limit.
+
+use crate::draw::facts;
+use crate::view::navigation::{self, Navigation};
+use crate::view::viewport::Viewport;
+use indexmap::IndexMap;
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_framework::ir::Catalog;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+/// A scene, its file, and what graphs import of it.
+pub(super) struct Subject {
+    pub scene: Arc<Scene>,
+    pub path: PathBuf,
+    pub catalog: Arc<Catalog>,
+}
+
+impl Subject {
+    pub fn new(scene: Scene, path: PathBuf) -> Subject {
+        let catalog = Arc::new(facts::catalog(&scene));
+        Subject { scene: Arc::new(scene), path, catalog }
+    }
+}
+
+/// Makes the first view of a scene without cameras.
+pub(super) fn at_start(scene: &Scene) -> Navigation {
+    let (width, height) = facts::DEFAULT_SIZE;
+    let camera = Camera::framing(scene, width, height);
+    Navigation::new(&scene.robust_bounds(), &camera, navigation::DEFAULT_UP)
+}
+
+/// The differences between the pictures of A and B.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    /// PSNR in decibels; infinite for identical pictures.
+    pub psnr: f64,
+    /// SSIM; `None` for pictures smaller than its window.
+    pub ssim: Option<f64>,
+    /// Largest difference of a channel, of 1.
+    pub worst: f64,
+    /// Column and row of that pixel.
+    pub at: [usize; 2],
+    /// Width and height of the pictures, in pixels.
+    pub size: [usize; 2],
+}
+
+/// Everything that a comparison depends on.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Compared {
+    pub camera: Camera,
+    pub background: [f32; 3],
+    pub sides: [Option<Side>; 2],
+}
+
+/// Graph, changed parameters and scene of a viewport.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Side {
+    pub graph: String,
+    pub set: IndexMap<String, String>,
+    pub scene: u64,
+}
+
+/// The progress of a comparison.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Step {
+    No,
+    /// A viewport does not draw yet what was requested.
+    Waiting,
+    /// The pictures are read back.
+    Reading,
+    /// Another thread computes the differences.
+    Computing,
+}
+
+/// A comparison, or the reason that there is none.
+pub(super) type ComparisonResult = Result<Comparison, String>;
+
+/// The running comparison and the newest one.
+pub(super) struct Comparing {
+    pub step: Step,
+    pub results: (Sender<ComparisonResult>, Receiver<ComparisonResult>),
+    /// The newest comparison, with what it was made of.
+    pub newest: Option<(Comparison, Compared)>,
+    /// What the running comparison is made of.
+    pub of: Option<Compared>,
+}
+
+impl Default for Comparing {
+    fn default() -> Comparing {
+        Comparing { step: Step::No, results: channel(), newest: None, of: None }
+    }
+}
+
+/// The progress of the measurement.
+pub(super) enum CopyLimit<D: Device> {
+    Unknown,
+    Measuring(Box<Viewport<D>>),
+    /// 10^9 bytes per second, read and written.
+    Known(f64),
+}
+
+impl<D: Device> CopyLimit<D> {
+    pub fn viewport(&self) -> Option<&Viewport<D>> {
+        match self {
+            CopyLimit::Measuring(viewport) => Some(viewport),
+            CopyLimit::Unknown | CopyLimit::Known(_) => None,
+        }
+    }
+
+    pub fn viewport_mut(&mut self) -> Option<&mut Viewport<D>> {
+        match self {
+            CopyLimit::Measuring(viewport) => Some(viewport),
+            CopyLimit::Unknown | CopyLimit::Known(_) => None,
+        }
+    }
+}

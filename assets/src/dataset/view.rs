@@ -1,0 +1,37 @@
+//! Defines the views of a dataset.
+
+use crate::camera::Camera;
+use std::path::PathBuf;
+
+/// A camera with the name of its photograph.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// The camera. Its `img_name` is `photograph` without extension.
+    pub camera: Camera,
+    /// The photograph's path, relative to [`Dataset::photographs`], perhaps without extension.
+    pub photograph: String,
+    /// True for a view that the dataset's files keep for tests; `None` if they do not say.
+    pub test: Option<bool>,
+}
+
+/// The views of a capture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dataset {
+    /// The views, in the order of their files.
+    pub views: Vec<View>,
+    /// The folder that the photographs' paths are relative to, as far as the dataset tells.
+    pub photographs: Option<PathBuf>,
+    /// Largest distance of a principal point from the middle of its picture, in pixels along an axis.
+    pub off_center: f64,
+}
+
+/// Returns the path of a photograph without its extension, and without `./` before it: a camera's `img_name`.
+pub(super) fn stem(photograph: &str) -> String {
+    let name = photograph.strip_prefix("./").unwrap_or(photograph);
+    let is_extension =
+        |after: &str| (1..=4).contains(&after.len()) && after.bytes().all(|b| b.is_ascii_alphanumeric());
+    match name.rsplit_once('.') {
+        Some((stem, after)) if !stem.is_empty() && is_extension(after) => stem.to_owned(),
+        _ => name.to_owned(),
+    }
+}
