@@ -50,7 +50,7 @@ pub struct Args {
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=134_217_728))]
     pairs: Vec<u32>,
     /// The graphs to compare: names of built-in ones, or paths
-    #[arg(short, long, value_name = "NAME,...", default_value = DEFAULT_PIPELINE, value_delimiter = ',')]
+    #[arg(short, long, visible_alias = "pipeline", value_name = "NAME,...", default_value = DEFAULT_PIPELINE, value_delimiter = ',')]
     pipelines: Vec<String>,
     /// Set a parameter of all graphs; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]

@@ -4,6 +4,8 @@ use super::plot::{Plot, PlotError};
 use crate::io::image::{Image, ImageError};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use pulldown_latex::config::{DisplayMode, RenderConfig};
+use pulldown_latex::{Parser, Storage, push_mathml};
 use std::fmt::Write;
 
 const STYLE: &str = include_str!("page.css");
@@ -41,7 +43,19 @@ impl Page {
         self.body += &format!("<p>{}</p>\n", inline(text));
     }
 
-    /// Adds lines that keep their breaks and columns: a formula, a command.
+    /// Adds a formula in LaTeX, as MathML. A mistake in it becomes an `merror` element.
+    pub fn formula(&mut self, latex: &str) {
+        let storage = Storage::new();
+        let config = RenderConfig { display_mode: DisplayMode::Block, ..RenderConfig::default() };
+        let mut math = String::new();
+        // Writing to a string cannot fail.
+        let _ = push_mathml(&mut math, Parser::new(latex, &storage), config);
+        // The crate does not escape this operator.
+        self.body += &math.replace("<mo><</mo>", "<mo>&lt;</mo>");
+        self.body.push('\n');
+    }
+
+    /// Adds preformatted lines, such as a command.
     pub fn block(&mut self, text: &str) {
         self.body += &format!("<pre>{}</pre>\n", escaped(text));
     }
@@ -168,6 +182,19 @@ mod tests {
         );
         assert!(html.contains("<td>&lt;b&gt;</td>") && html.matches("<script>").count() == 1, "{html}");
         assert!(!html.contains("http"), "nothing is fetched");
+    }
+
+    #[test]
+    fn a_formula_is_mathml_and_a_mistake_in_it_is_shown() {
+        let of = |latex: &str| {
+            let mut page = Page::new("formula");
+            page.formula(latex);
+            page.html()
+        };
+        let html = of(r"\sum_{j < i} a_j");
+        assert!(html.contains("<math display=\"block\">") && html.contains(">∑</mo>"), "{html}");
+        assert!(html.contains("<mo>&lt;</mo>") && !html.contains("merror"), "{html}");
+        assert!(of(r"\sum_{j").contains("merror"));
     }
 
     #[test]

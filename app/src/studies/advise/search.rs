@@ -345,6 +345,56 @@ mod tests {
         assert_eq!(name(&[exact, same, closer, defaults], limit).as_deref(), Some("b"));
     }
 
+    /// Measures fixed true shares in rounds with pseudo-random noise, as a run of `advise` with this seed would.
+    fn run(seed: u64) -> Vec<Tried> {
+        const ROUNDS: usize = 15;
+        const NOISE: f64 = 0.05;
+        let truth = [
+            (EXACT, "0", 80.0, 1.0),
+            (DEFAULTS, "1", 77.0, 0.47),
+            ("target = h", "2", 70.0, 0.46),
+            ("cutoff = 2", "3", 52.0, 0.43),
+            ("cutoff = 1", "4", 46.0, 0.42),
+            ("both", "5", 45.5, 0.40),
+        ];
+        let mut state = seed;
+        let mut noise = || {
+            // An LCG (Knuth, MMIX); its high bits as -1 to 1.
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            1.0 + NOISE * ((state >> 40) as f64 / f64::from(1 << 23) - 1.0)
+        };
+        let measure = |(name, value, psnr, share): (&str, &str, f64, f64)| {
+            let rounds: Vec<f64> = (0..ROUNDS).map(|_| share * noise()).collect();
+            let share = if name == EXACT { Some(Share::EXACT) } else { Share::of(&rounds) };
+            Tried { share, ..tried(name, [value, "3.33"], psnr, 10.0) }
+        };
+        truth.map(measure).to_vec()
+    }
+
+    #[test]
+    fn two_runs_give_the_same_advice_or_call_the_other_too_noisy_to_tell() {
+        let budget = Budget { psnr: Some(45.0), ms: None };
+        let advice = |seed| {
+            let all = run(seed);
+            let Best { found, hidden } = best(&all, &budget);
+            let name = |tried: &Tried| tried.setting.name.clone();
+            (found.map(name).expect("a setting"), hidden.into_iter().map(name).collect::<Vec<_>>())
+        };
+        let runs: Vec<_> = (0..300).map(advice).collect();
+        assert_eq!(advice(7), runs[7], "the same measurements");
+        for (at, (found, hidden)) in runs.iter().enumerate() {
+            for (other, others) in &runs[at..] {
+                assert!(
+                    found == other || hidden.contains(other) || others.contains(found),
+                    "{found} {hidden:?}, {other} {others:?}"
+                );
+            }
+        }
+        // The noise changes the advice, and is not always too large to tell.
+        let sure = runs.iter().filter(|(_, hidden)| hidden.is_empty()).count();
+        assert!(sure > 0 && runs.iter().any(|(found, _)| *found != runs[0].0), "{sure}");
+    }
+
     #[test]
     fn what_noise_hides_is_told_and_the_most_accurate_is_taken() {
         let defaults = noisy("defaults", ["h", "4"], 77.5, 7.0, 0.1);

@@ -107,7 +107,7 @@ pub fn page(found: &Order) -> Result<Page, StudyError> {
         "Splats are translucent, so that the order in which they are blended is part of the picture. With the splats of a pixel \
          numbered from near to far, with alphas a_i and colours c_i, the pixel's colour is",
     );
-    page.block("C = sum_i c_i a_i prod_{j < i} (1 - a_j)");
+    page.formula(r"C = \sum_i c_i a_i \prod_{j < i} (1 - a_j)");
     page.text(
         "Each splat is dimmed by those in front of it. The pictures below have the same splats, the same a_i and the same c_i; \
          only the index set of the product differs, and with it the picture.",
@@ -181,7 +181,7 @@ fn four_ways(page: &mut Page, found: &Order) -> Result<(), StudyError> {
     page.rows(2, &pictures)?;
     for way in &WAYS {
         page.text(&format!("`{}`", way.name));
-        page.block(way.sum);
+        page.formula(way.sum);
         page.text(way.why);
     }
     Ok(())

@@ -157,13 +157,17 @@ pub fn page(found: &Sh) -> Result<Page, StudyError> {
         "A splat's colour depends on the direction v that it is seen from. Each channel is a sum of real spherical harmonics; band \
          l has 2 l + 1 of them, and a scene of degree D stores the bands up to D:",
     );
-    page.block("colour(v) = max(0, 1/2 + sum_{l=0..D} sum_{m=-l..l} c_lm Y_lm(v))");
+    page.formula(
+        r"\text{colour}(v) = \max\left(0, \frac{1}{2} + \sum_{l=0}^{D} \sum_{m=-l}^{l} c_{lm} Y_{lm}(v)\right)",
+    );
     page.text(
         "Band 0 is one colour for all directions, band 1 adds a slope, and the higher bands finer and finer lobes. Leaving bands out \
          makes the file and the work smaller. The functions Y_lm are orthonormal over the sphere, so that all products of two \
          different ones vanish in the mean, and what is left out is known in advance:",
     );
-    page.block("mean over v of (sum of the bands above d)^2  =  1 / (4 pi) * sum_{l > d} sum_m c_lm^2");
+    page.formula(
+        r"\frac{1}{4 \pi} \int \left(\sum_{l > d} \sum_m c_{lm} Y_{lm}(v)\right)^2 dv = \frac{1}{4 \pi} \sum_{l > d} \sum_m c_{lm}^2",
+    );
     let [stored, highest] = found.degree;
     page.text(&format!("The scene stores degree {stored}; its highest band that is not zero is {highest}."));
     match &found.glossy {

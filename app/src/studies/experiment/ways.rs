@@ -13,7 +13,7 @@ pub struct Way {
     pub nearest_first: bool,
     /// True for `under`, which keeps a transmittance; false for `over`.
     pub under: bool,
-    /// The sum that it computes.
+    /// The sum that it computes, in LaTeX.
     pub sum: &'static str,
     /// The reason of its picture.
     pub why: &'static str,
@@ -27,7 +27,7 @@ pub const WAYS: [Way; 4] = [
         sorted: false,
         nearest_first: false,
         under: false,
-        sum: "sum_i c_i a_i prod_{p(j) < p(i)} (1 - a_j)",
+        sum: r"\sum_i c_i a_i \prod_{p(j) < p(i)} (1 - a_j)",
         why: "The order of the file permutes the index set of the product: splat j dims splat i if it comes before i in the \
               file (p is the place in the file), whichever of the two is nearer. Of each pair, chance decides which covers \
               the other.",
@@ -38,7 +38,7 @@ pub const WAYS: [Way; 4] = [
         sorted: true,
         nearest_first: false,
         under: false,
-        sum: "sum_i c_i a_i prod_{j < i} (1 - a_j)",
+        sum: r"\sum_i c_i a_i \prod_{j < i} (1 - a_j)",
         why: "`over`, farthest first: C <- a_i c_i + (1 - a_i) C. Each later, nearer splat multiplies everything below it \
               by its 1 - a, so that in the end i has been dimmed by all j < i: the true product.",
     },
@@ -48,7 +48,7 @@ pub const WAYS: [Way; 4] = [
         sorted: true,
         nearest_first: true,
         under: false,
-        sum: "sum_i c_i a_i prod_{j > i} (1 - a_j)",
+        sum: r"\sum_i c_i a_i \prod_{j > i} (1 - a_j)",
         why: "The same `over` on the sorted list from its other end: i is dimmed by the splats that come later, which are \
               those behind it. The index set j < i has become j > i. That is the true sum of the same footprints seen from \
               behind: the farthest surface is in front.",
@@ -59,7 +59,7 @@ pub const WAYS: [Way; 4] = [
         sorted: true,
         nearest_first: true,
         under: true,
-        sum: "sum_i c_i a_i T_i,  T_i = prod_{j < i} (1 - a_j)",
+        sum: r"\sum_i c_i a_i T_i, \quad T_i = \prod_{j < i} (1 - a_j)",
         why: "`under`, nearest first: C <- C + T a_i c_i, then T <- (1 - a_i) T. The transmittance T carries the product \
               over j < i along, so that the sum is the true one, term by term.",
     },
