@@ -13,7 +13,7 @@
 //! Stages and accesses have the names of Vulkan's synchronization2, the finer of the models. Metal maps them to the two stages of a
 //! draw.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
@@ -196,6 +196,30 @@ impl Plan {
     /// Sums the bytes of the transient resources as if none shared memory.
     pub fn unshared_bytes(&self) -> u64 {
         self.resources.iter().filter(|r| r.source == Source::Transient).map(Resource::bytes).sum()
+    }
+
+    /// Lists the buffers that passes of the prologue alone use: a device can free them once the prologue has run.
+    ///
+    /// They are planes of the scene, and buffers of the graph that have no history and share no memory.
+    pub fn used_once(&self) -> BTreeSet<ResourceId> {
+        let used = |steps: &[Step]| -> BTreeSet<ResourceId> {
+            steps.iter().flat_map(|step| self.pass(step.pass).resources()).collect()
+        };
+        let later = used(&self.frame);
+        let ends = |id: &ResourceId| {
+            let resource = self.resource(*id);
+            let alone = match &resource.source {
+                // Two includes can import one plane.
+                Source::Scene { .. } => !later.iter().any(|other| self.resource(*other).source == resource.source),
+                Source::Transient => resource.history.is_none() && self.aliases(*id).next().is_none(),
+                _ => false,
+            };
+            alone
+                && matches!(resource.shape, Shape::Buffer { .. })
+                && !later.contains(id)
+                && !self.stats.iter().any(|stat| stat.buffer == *id)
+        };
+        used(&self.prologue).into_iter().filter(ends).collect()
     }
 
     /// Lists the dependencies whose later pass this is.

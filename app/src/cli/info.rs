@@ -99,7 +99,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let buffers: Vec<_> = dump
             .resources
             .iter()
-            .map(|r| json!({ "name": r.name, "bytes": r.bytes, "shape": r.shape, "source": r.source }))
+            .map(|r| json!({ "name": r.name, "bytes": r.bytes, "shape": r.shape, "source": r.source, "freed": r.freed }))
             .collect();
         let size_breakdown = scene.size_breakdown();
         let all = json!({
@@ -126,25 +126,29 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// Formats the sizes of the plan's buffers and images by source, each source with its sum.
 fn memory(dump: &Dump, (width, height): (u32, u32)) -> String {
     let mut text = format!("on the GPU with {}, {width} x {height}\n", dump.graph);
-    let mut all = 0;
-    for (source, title) in [
-        ("scene", "of the scene"),
-        ("transient", "of the graph"),
-        ("frame", "of the host, per frame in flight"),
-        ("live", "live parameters, per frame in flight"),
-        ("readback", "statistics for the host, per frame in flight"),
+    let (mut all, mut freed) = (0, 0);
+    for (source, ends, title) in [
+        ("scene", false, "of the scene"),
+        ("transient", false, "of the graph"),
+        ("frame", false, "of the host, per frame in flight"),
+        ("live", false, "live parameters, per frame in flight"),
+        ("readback", false, "statistics for the host, per frame in flight"),
+        ("scene", true, "of the scene, freed once the first frame is drawn"),
+        ("transient", true, "of the graph, freed once the first frame is drawn"),
     ] {
-        let resources: Vec<_> = dump.resources.iter().filter(|r| r.source == source).collect();
+        let resources: Vec<_> =
+            dump.resources.iter().filter(|r| r.source == source && r.freed == ends).collect();
         if resources.is_empty() {
             continue;
         }
         let sum: u64 = resources.iter().map(|r| r.bytes).sum();
-        all += sum;
+        *(if ends { &mut freed } else { &mut all }) += sum;
         text += &format!("  {title}: {} bytes\n", splatgraph_assets::grouped(sum));
         for r in resources {
             text +=
                 &format!("    {:<24}{:>28}{:>18}\n", r.name, r.shape, splatgraph_assets::grouped(r.bytes));
         }
     }
-    text + &format!("  sum: {} bytes\n", splatgraph_assets::grouped(all))
+    let [stays, peak] = [all, all + freed].map(splatgraph_assets::grouped);
+    text + &format!("  sum: {stays} bytes, {peak} until the first frame is drawn\n")
 }

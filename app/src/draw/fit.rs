@@ -59,8 +59,10 @@ pub struct Fit {
     pub fits: bool,
     /// Number of splats.
     pub splats: u64,
-    /// Bytes of all resources on the device, shared memory counted once.
+    /// Bytes of the resources that stay on the device, shared memory counted once.
     pub needed_bytes: u64,
+    /// Bytes of those that are needed until the first frame is drawn, in the host's memory where the device has no room.
+    pub loading_bytes: u64,
     /// The largest storage buffer, with its bytes.
     pub largest: Option<(String, u64)>,
     /// The storage buffers that are larger than the device binds, with their bytes.
@@ -74,7 +76,10 @@ pub struct Fit {
 /// Bytes that a plan needs.
 struct Needs {
     storage: BTreeMap<String, u64>,
+    /// Bytes that stay.
     total: u64,
+    /// Bytes that are freed after the prologue.
+    loading: u64,
 }
 
 impl Needs {
@@ -84,7 +89,9 @@ impl Needs {
         };
         let storage = plan.resources.iter().filter(is_storage).map(|r| (r.name.clone(), r.bytes()));
         let others = plan.resources.iter().filter(|r| r.source != Source::Transient).map(|r| r.bytes());
-        Needs { storage: storage.collect(), total: others.fold(plan.transient_bytes(), u64::saturating_add) }
+        let all = others.fold(plan.transient_bytes(), u64::saturating_add);
+        let loading = plan.used_once().iter().map(|id| plan.resource(*id).bytes()).fold(0, u64::saturating_add);
+        Needs { storage: storage.collect(), total: all.saturating_sub(loading), loading }
     }
 
     fn too_large(&self, limit: u64) -> Vec<(String, u64)> {
@@ -122,6 +129,7 @@ pub fn fit(planner: &mut Planner, wanted: &Wanted, device: &Target) -> Result<(P
         fits,
         splats: count,
         needed_bytes: needs.total,
+        loading_bytes: needs.loading,
         largest: largest.map(|(name, bytes)| (name.clone(), *bytes)),
         too_large: needs.too_large(device.facts.max_storage_bytes),
         most_splats: if fits { None } else { most(planner, wanted, device, &needs) },
@@ -235,6 +243,13 @@ pub fn check_header(
     }
 }
 
+fn loading(bytes: u64) -> String {
+    if bytes == 0 {
+        return String::new();
+    }
+    format!("; {} more until the first frame is drawn, in the host's memory if need be", display(bytes))
+}
+
 impl fmt::Display for Fit {
     /// Writes lines: the device, whether the scene fits, and what would.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -255,10 +270,11 @@ impl fmt::Display for Fit {
             });
             return writeln!(
                 f,
-                "  {} splats fit, with {} in all{}",
+                "  {} splats fit, with {} in all{}{}",
                 grouped(self.splats),
                 display(self.needed_bytes),
-                largest.unwrap_or_default()
+                largest.unwrap_or_default(),
+                loading(self.loading_bytes)
             );
         }
         writeln!(f, "  {} splats do not fit:", grouped(self.splats))?;

@@ -141,6 +141,10 @@ impl Gpu for MetalGpu {
         bindings.write(pass, copy, binding, &target);
     }
 
+    fn clear_bindings(&self, bindings: &mut ArgumentTables, pass: PassId) {
+        bindings.clear(pass);
+    }
+
     fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Timestamps>, BackendError> {
         Ok(Some(Timestamps::new(self, count)))
     }

@@ -80,6 +80,11 @@ impl ArgumentTables {
         }
     }
 
+    /// Drops the objects of a pass, which its table would keep.
+    pub(crate) fn clear(&mut self, pass: PassId) {
+        self.tables[pass.index()].fill(Table::default());
+    }
+
     /// Returns the table of a pass for the frame in this slot; none for passes that bind nothing.
     pub(crate) fn of(&self, pass: PassId, slot: usize) -> Option<&Table> {
         let copies = &self.tables[pass.index()];

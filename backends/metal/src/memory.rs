@@ -58,7 +58,9 @@ impl Memory {
                 let options = shared | MTLResourceOptions::CPUCacheModeWriteCombined;
                 objc::new_buffer(&gpu.device, bytes, options).map(Backing::Buffer)
             }
-            Location::Readback => objc::new_buffer(&gpu.device, bytes, shared).map(Backing::Buffer),
+            Location::Readback | Location::Host => {
+                objc::new_buffer(&gpu.device, bytes, shared).map(Backing::Buffer)
+            }
         };
         let Some(backing) = backing else {
             let reason = "Metal made no object".to_string();

@@ -4,9 +4,9 @@
 //! The [`AttributeCache`] finds those that some plan holds. A plane enters it when its upload is complete, not before, and only
 //! one plan uploads at a time: another that lacks a plane waits for its turn and looks again.
 
-use splatgraph_framework::ir::{Shape, Source};
+use splatgraph_framework::ir::{ResourceId, Shape, Source};
 use splatgraph_framework::plan::{Plan, Resource};
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 /// The key of one plane of scene data.
@@ -24,9 +24,10 @@ pub(crate) struct PlaneKey {
 /// Planes that are on the device, or that a plan is about to upload.
 pub(crate) type Planes<B> = HashMap<PlaneKey, Arc<B>>;
 
-/// Lists the planes that `plan` reads of the scene with this identity.
-pub(crate) fn keys(plan: &Plan, identity: u64) -> Vec<PlaneKey> {
-    plan.resources.iter().filter_map(|resource| key(resource, identity)).collect()
+/// Lists the planes of `plan` for the scene with this identity, but for the `unused` ones.
+pub(crate) fn keys(plan: &Plan, identity: u64, unused: &BTreeSet<ResourceId>) -> Vec<(ResourceId, PlaneKey)> {
+    let ids = (0..plan.resources.len() as u32).map(ResourceId).filter(|id| !unused.contains(id));
+    ids.filter_map(|id| Some((id, key(plan.resource(id), identity)?))).collect()
 }
 
 /// Returns the key of a resource, if it is a plane of the scene with this identity.
@@ -57,9 +58,9 @@ pub(crate) type Turn<'a> = MutexGuard<'a, ()>;
 impl<B> AttributeCache<B> {
     /// Finds the planes of `keys`. If some are missing, waits for the turn to upload them, and looks again: the plan that had the
     /// turn before may have uploaded them.
-    pub fn find(&self, keys: &[PlaneKey]) -> (Planes<B>, Option<Turn<'_>>) {
+    pub fn find(&self, keys: &[(ResourceId, PlaneKey)]) -> (Planes<B>, Option<Turn<'_>>) {
         let held = self.held(keys);
-        if keys.iter().all(|key| held.contains_key(key)) {
+        if keys.iter().all(|(_, key)| held.contains_key(key)) {
             return (held, None);
         }
         // A plan that failed, or panicked, has added nothing.
@@ -77,9 +78,9 @@ impl<B> AttributeCache<B> {
         complete.extend(planes.into_iter().map(|(key, plane)| (key.clone(), Arc::downgrade(plane))));
     }
 
-    fn held(&self, keys: &[PlaneKey]) -> Planes<B> {
+    fn held(&self, keys: &[(ResourceId, PlaneKey)]) -> Planes<B> {
         let complete = self.complete.lock().unwrap_or_else(PoisonError::into_inner);
-        keys.iter().filter_map(|key| Some((key.clone(), complete.get(key)?.upgrade()?))).collect()
+        keys.iter().filter_map(|(_, key)| Some((key.clone(), complete.get(key)?.upgrade()?))).collect()
     }
 }
 
@@ -87,17 +88,18 @@ impl<B> AttributeCache<B> {
 mod tests {
     use super::*;
 
-    fn key(plane: u32) -> PlaneKey {
-        PlaneKey { identity: 1, attribute: "scene.sh".to_string(), plane, stride: 4, bytes: 4 }
+    fn key(plane: u32) -> (ResourceId, PlaneKey) {
+        let attribute = "scene.sh".to_string();
+        (ResourceId(plane), PlaneKey { identity: 1, attribute, plane, stride: 4, bytes: 4 })
     }
 
     #[test]
     fn a_plane_is_found_as_long_as_some_plan_has_it() {
         let cache = AttributeCache::<&str>::default();
         let plane = Arc::new("plane");
-        cache.add([(&key(0), &plane)]);
+        cache.add([(&key(0).1, &plane)]);
         let (found, turn) = cache.find(&[key(0)]);
-        assert!(turn.is_none() && Arc::ptr_eq(&found[&key(0)], &plane));
+        assert!(turn.is_none() && Arc::ptr_eq(&found[&key(0).1], &plane));
         // Another plan has it, and then none.
         drop(plane);
         assert!(cache.find(&[key(0)]).1.is_none());
@@ -115,17 +117,17 @@ mod tests {
             let second = scope.spawn(|| cache.find(&[key(0)]).0);
             // A plan that lacks nothing does not wait.
             assert!(cache.find(&[]).1.is_none());
-            cache.add([(&key(0), &plane)]);
+            cache.add([(&key(0).1, &plane)]);
             drop(turn);
-            assert!(Arc::ptr_eq(&second.join().expect("it ends well")[&key(0)], &plane));
+            assert!(Arc::ptr_eq(&second.join().expect("it ends well")[&key(0).1], &plane));
         });
     }
 
     #[test]
     fn only_scene_attributes_are_planes() {
         let plan = crate::testing::plan();
-        let keys = keys(&plan, 7);
+        let keys = keys(&plan, 7, &BTreeSet::new());
         assert_eq!(keys.len(), 1);
-        assert_eq!((keys[0].identity, keys[0].attribute.as_str()), (7, "scene.sh"));
+        assert_eq!((keys[0].1.identity, keys[0].1.attribute.as_str()), (7, "scene.sh"));
     }
 }

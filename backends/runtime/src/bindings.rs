@@ -7,7 +7,7 @@
 use crate::gpu::{Gpu, binding_copies};
 use crate::resources::Resources;
 use splatgraph_api::BackendError;
-use splatgraph_framework::ir::{Pass, PassId, ResourceId, Source, Work};
+use splatgraph_framework::ir::{Pass, PassId, ResourceId, Run, Source, Work};
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 
@@ -24,13 +24,14 @@ impl<G: Gpu> Bindings<G> {
         plan: &Plan,
         pipelines: &G::Pipelines,
         resources: &Resources<G>,
+        left_out: &[PassId],
     ) -> Result<Self, BackendError> {
         let mut raw = gpu.create_bindings(plan, pipelines)?;
         let steps = plan.prologue.iter().chain(&plan.frame);
         let runs = |pass: &Pass| matches!(pass.work, Work::Dispatch { .. } | Work::Draw { .. });
         let bound = steps
             .map(|step| step.pass)
-            .filter(|&id| runs(plan.pass(id)) && !plan.pass(id).bindings.is_empty());
+            .filter(|&id| runs(plan.pass(id)) && !plan.pass(id).bindings.is_empty() && !left_out.contains(&id));
         let passes: Vec<_> = bound.map(|id| (id, binding_copies(plan, plan.pass(id)))).collect();
         let fixed = |id: ResourceId| !matches!(plan.resource(id).source, Source::HostBuffer { .. });
         for &(id, copies) in &passes {
@@ -42,6 +43,14 @@ impl<G: Gpu> Bindings<G> {
             }
         }
         Ok(Bindings { raw, passes })
+    }
+
+    /// Lets go of what the passes of the prologue bind: they do not run again.
+    pub fn end_prologue(&mut self, gpu: &G, plan: &Plan) {
+        let once = |id: PassId| plan.pass(id).run == Run::Once;
+        for (id, _) in self.passes.extract_if(.., |(id, _)| once(*id)) {
+            gpu.clear_bindings(&mut self.raw, id);
+        }
     }
 
     /// Points all that this slot's passes bind of `changed` to where it is now. No frame that uses these bindings is in flight.

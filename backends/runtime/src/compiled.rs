@@ -7,16 +7,18 @@ use crate::aliasing::Transient;
 use crate::attributes::{self, PlaneKey};
 use crate::bindings::Bindings;
 use crate::check;
-use crate::gpu::{Buffer, Gpu, Memory};
+use crate::gpu::{Buffer, Gpu, Location, Memory};
 use crate::history::{self, History};
+use crate::once::UsedOnce;
 use crate::resources::Resources;
 use crate::results::{self, Recipe, Recipes};
 use crate::shared::Shared;
 use crate::timing::queries;
 use crate::upload::upload;
-use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress, SceneData, display_bytes};
+use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT, Progress, SceneData};
 use splatgraph_framework::shader::Cancel;
 use splatgraph_framework::{ir::*, plan::*};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// Dropped in the order of its fields, when no frame of it is in flight.
@@ -41,6 +43,8 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     recipes: Recipes,
     /// Passes of the prologue whose results were taken over from another plan.
     left_out: Vec<PassId>,
+    /// Buffers that end with the prologue; none once they are freed.
+    used_once: BTreeSet<ResourceId>,
     /// Memory for the output's pixels, each piece for one frame at a time.
     readbacks: Vec<Arc<Buffer<G>>>,
     /// The next frame is the first: it runs the prologue.
@@ -69,21 +73,23 @@ impl<G: Gpu> CompiledPlan<G> {
         let identity = scene.identity();
         let plan = Arc::new(plan);
         let pipelines = shared.compilers.create(gpu, &plan, cancel, progress)?;
-        // Where planes are missing this may wait, so it comes after the pipelines.
-        let (mut planes, turn) = shared.attributes.find(&attributes::keys(&plan, identity));
-        let absent = |key: &PlaneKey| !planes.contains_key(key);
         let recipes = results::recipes(&plan, identity);
         let mut taken = if share_results { shared.results.find(&plan, &recipes) } else { Default::default() };
         let left_out = results::left_out(&plan, &mut taken);
-        let absent = attributes::keys(&plan, identity).into_iter().filter(absent);
-        let held = taken.values().map(|buffer| buffer.bytes).sum();
-        within_budget(&plan, gpu.available(), absent, held)?;
-        let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes, &taken)?;
-        let bindings = Bindings::new(gpu, &plan, &pipelines, &resources)?;
+        let mut once = UsedOnce::new(&plan, &left_out);
+        let keys = attributes::keys(&plan, identity, &once.unused);
+        // Where planes are missing this may wait, so it comes after the pipelines.
+        let (mut planes, turn) = shared.attributes.find(&keys);
+        let absent: Vec<_> = keys.iter().filter(|(_, key)| !planes.contains_key(key)).collect();
+        once.find_room(&plan, gpu.available(), &absent, taken.values().map(|buffer| buffer.bytes).sum())?;
+        let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes, (&taken, &once))?;
+        let bindings = Bindings::new(gpu, &plan, &pipelines, &resources, &left_out)?;
         let slots = [PlanSlot::new(gpu, &plan)?, PlanSlot::new(gpu, &plan)?];
         // Last, since it takes the longest: a plan that cannot run is refused before.
         upload(shared, scene, &missing, &planes, progress)?;
-        shared.attributes.add(missing.iter().map(|key| (key, &planes[key])));
+        // Plans that read a plane in every frame must not find it in the host's memory.
+        let hosted = |key: &PlaneKey| once.location == Location::Host && absent.iter().any(|(id, other)| other == key && once.freed.contains(id));
+        shared.attributes.add(missing.iter().filter(|key| !hosted(key)).map(|key| (key, &planes[key])));
         drop(turn);
         Ok(CompiledPlan {
             bindings,
@@ -96,6 +102,7 @@ impl<G: Gpu> CompiledPlan<G> {
             carried: Vec::new(),
             recipes,
             left_out,
+            used_once: once.freed,
             readbacks: Vec::new(),
             prologue_due: true,
             host_sees_copies: host_sees_copies(&plan),
@@ -117,6 +124,14 @@ impl<G: Gpu> CompiledPlan<G> {
         }
         for slot in 0..FRAMES_IN_FLIGHT {
             self.bindings.rewrite(gpu, &self.plan, &self.resources, slot, &self.carried);
+        }
+    }
+
+    /// Frees what only the prologue uses, whose frame is done.
+    pub fn end_prologue(&mut self, gpu: &G) {
+        self.bindings.end_prologue(gpu, &self.plan);
+        for id in std::mem::take(&mut self.used_once) {
+            self.resources.free(id);
         }
     }
 
@@ -209,33 +224,6 @@ impl<G: Gpu> PlanSlot<G> {
     fn new(gpu: &Arc<G>, plan: &Plan) -> Result<Self, BackendError> {
         let timestamps = gpu.create_timestamps(queries(plan.prologue.len() + plan.frame.len()))?;
         Ok(PlanSlot { timestamps: timestamps.map(Arc::new) })
-    }
-}
-
-/// Refuses a plan whose resources need more than the `available` bytes of the device.
-///
-/// They are counted with the planes that the plan still lacks and without the `held` bytes that it takes over.
-///
-/// The driver's number is an estimate. Without this, memory would be taken piece by piece until one fails, or until other programs
-/// lose theirs.
-fn within_budget(
-    plan: &Plan,
-    available: Option<u64>,
-    absent: impl Iterator<Item = PlaneKey>,
-    held: u64,
-) -> Result<(), BackendError> {
-    let own = plan.transient_bytes().saturating_sub(held);
-    let needed = absent.fold(own, |sum, key| sum.saturating_add(key.bytes));
-    match available {
-        Some(available) if needed > available => Err(BackendError::OutOfMemory {
-            name: format!("the plan `{}`", plan.name),
-            bytes: needed,
-            reason: format!(
-                "expected at most {} of the device's memory, which the driver says this process can still take",
-                display_bytes(available)
-            ),
-        }),
-        _ => Ok(()),
     }
 }
 

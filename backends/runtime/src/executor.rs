@@ -2,7 +2,7 @@
 
 use crate::check::invalid;
 use crate::compiled::CompiledPlan;
-use crate::frame::{Frame, Slot};
+use crate::frame::{Frame, Pending, Slot};
 use crate::gpu::{Gpu, Memory, Window};
 use crate::loader::{Loader, Ready};
 use crate::outputs::SharedOutput;
@@ -141,10 +141,14 @@ impl<G: Gpu> Executor<G> {
     /// Keeps the result of a slot's frame, if it has one. Waits for it if it is `patient`, and otherwise leaves a frame that is not
     /// done.
     fn collect(&mut self, slot: usize, patient: bool) -> Result<(), BackendError> {
-        let Some(pending) = &self.slots[slot].pending else { return Ok(()) };
-        let Some(compiled) = plan(&self.compiled, &self.former, pending.plan) else { return Ok(()) };
+        let Some(Pending { plan: number, prologue, .. }) = self.slots[slot].pending else { return Ok(()) };
+        let Some(compiled) = plan(&self.compiled, &self.former, number) else { return Ok(()) };
         let collected = self.slots[slot].collect(&self.shared, compiled, slot, patient);
         if let Some((frame, result)) = collected.map_err(|error| self.losing(error))? {
+            if prologue {
+                let plans = self.compiled.iter_mut().chain(&mut self.former);
+                plans.filter(|compiled| compiled.number == number).for_each(|c| c.end_prologue(&self.shared.gpu));
+            }
             self.results.insert(frame, result);
             if self.results.len() > MOST_RESULTS {
                 self.results.pop_first();

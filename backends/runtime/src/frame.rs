@@ -37,6 +37,8 @@ pub(crate) struct Pending<G: Gpu> {
     pub outputs: Vec<Arc<SharedOutput<G>>>,
     /// The target of a copy of its output.
     readback: Option<Arc<Buffer<G>>>,
+    /// It runs the prologue of its plan.
+    pub prologue: bool,
     untimed_passes: bool,
     record_ms: f64,
 }
@@ -97,7 +99,7 @@ impl<G: Gpu> Slot<G> {
             shared.results.add(compiled.results());
         }
         compiled.layouts = recorded.layouts;
-        compiled.prologue_due = false;
+        let prologue = std::mem::take(&mut compiled.prologue_due);
         compiled.carried.clear();
         let passes: Arc<[PassId]> = recorded.passes.into();
         let submission = watch::Frame {
@@ -114,6 +116,7 @@ impl<G: Gpu> Slot<G> {
             inspected,
             outputs: output.cloned().into_iter().chain(compiled.resources.take_outputs(slot)).collect(),
             readback,
+            prologue,
             untimed_passes: inputs.untimed_passes,
             record_ms: (start.elapsed() - waited).as_secs_f64() * 1e3,
         });

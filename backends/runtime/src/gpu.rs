@@ -155,6 +155,9 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         target: BindingTarget<Self>,
     );
 
+    /// Lets go of what a pass's bindings hold: the pass does not run again, and what it bound is freed.
+    fn clear_bindings(&self, _bindings: &mut Self::Bindings, _pass: PassId) {}
+
     /// Creates `count` timestamps; none where the queue has no timer.
     fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Self::Timestamps>, BackendError>;
 
@@ -289,6 +292,8 @@ pub enum Location {
     Device,
     /// The host writes, the device reads.
     Upload,
+    /// The device alone, in the host's memory, where its own has no room.
+    Host,
     /// The device writes, the host reads.
     Readback,
 }

@@ -49,6 +49,12 @@ fn check_contents<G: Gpu>(
 ) -> Result<(), BackendError> {
     let (plan, id) = (&compiled.plan, inspect.resource);
     let (resource, pass) = (plan.resource(id), plan.pass(inspect.after));
+    if compiled.resources.is_freed(id) {
+        return invalid(format!(
+            "`{}` cannot be inspected after pass `{}`: only passes that run once use it, and it is freed after them",
+            resource.name, pass.name
+        ));
+    }
     let uses = || compiled.steps().take(last + 1).flat_map(|step| &plan.pass(step.pass).uses);
     if plan.aliases(id).next().is_some() {
         let holds = |touch: &&Use| plan.resource(touch.resource).block == resource.block;

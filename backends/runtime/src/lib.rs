@@ -5,7 +5,7 @@
 //!
 //! 1. `check` checks it against itself and against the device's `limits`;
 //! 2. `pipelines` lets the driver compile them, on a thread that can be given up;
-//!    `resources` (with `aliasing`, `attributes` and `host_buffers`), `bindings` and `upload` create what it needs, which together is
+//!    `resources` (with `aliasing`, `attributes`, `once` and `host_buffers`), `bindings` and `upload` create what it needs, which together is
 //!    a `compiled` plan; a `loader` does all this on any thread;
 //!    What another plan has computed once is taken over (`results`);
 //! 3. the plan becomes the current one of an `executor`, and continues from the `history` of the one before;
@@ -37,6 +37,7 @@ mod inspect;
 mod limits;
 mod loader;
 mod messages;
+mod once;
 mod outputs;
 mod pipelines;
 mod record;

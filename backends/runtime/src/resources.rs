@@ -9,11 +9,12 @@ use crate::aliasing::{self, Member, Transient};
 use crate::attributes::{self, PlaneKey, Planes};
 use crate::gpu::{BindingTarget, Buffer, BufferDesc, Gpu, Image, ImageDesc, Location};
 use crate::host_buffers::HostBuffer;
+use crate::once::UsedOnce;
 use crate::outputs::SharedOutput;
 use crate::usage::usage;
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
 use splatgraph_framework::{ir::*, plan::*};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -22,6 +23,8 @@ enum Held<G: Gpu> {
     Plane(Arc<Buffer<G>>),
     PerFrame([Buffer<G>; FRAMES_IN_FLIGHT]),
     HostBuffer([HostBuffer<G>; FRAMES_IN_FLIGHT]),
+    /// Used by no pass that runs from now on: see [`crate::once`].
+    Freed,
 }
 
 pub(crate) struct Resources<G: Gpu> {
@@ -29,7 +32,7 @@ pub(crate) struct Resources<G: Gpu> {
 }
 
 impl<G: Gpu> Resources<G> {
-    /// Creates the resources of `plan`, but for those `taken` over and the `planes` that are on the device.
+    /// Creates the resources of `plan`, but for those `taken` over, the `planes` that are on the device, and what no pass uses that runs.
     ///
     /// The missing planes are created, added to `planes`, and returned: their data is still to be uploaded.
     pub fn create(
@@ -37,9 +40,9 @@ impl<G: Gpu> Resources<G> {
         plan: &Plan,
         identity: u64,
         planes: &mut Planes<Buffer<G>>,
-        taken: &BTreeMap<ResourceId, Arc<Buffer<G>>>,
+        (taken, once): (&BTreeMap<ResourceId, Arc<Buffer<G>>>, &UsedOnce),
     ) -> Result<(Resources<G>, Vec<PlaneKey>), BackendError> {
-        let mut transients = transients(gpu, plan, taken)?;
+        let mut transients = transients(gpu, plan, taken, &once.unused)?;
         let (mut held, mut missing) = (Vec::new(), Vec::new());
         for (index, resource) in plan.resources.iter().enumerate() {
             let bytes = resource.bytes();
@@ -48,8 +51,10 @@ impl<G: Gpu> Resources<G> {
                 let copy = || Buffer::new(gpu, &desc, location);
                 Ok(Held::PerFrame([copy()?, copy()?]))
             };
+            let id = ResourceId(index as u32);
             held.push(match &resource.source {
-                Source::Transient => match transients.remove(&ResourceId(index as u32)) {
+                _ if once.unused.contains(&id) => Held::Freed,
+                Source::Transient => match transients.remove(&id) {
                     Some(transient) => Held::Transient(transient),
                     None => unreachable!("every transient of a checked plan is in a block"),
                 },
@@ -59,7 +64,8 @@ impl<G: Gpu> Resources<G> {
                     };
                     if !planes.contains_key(&key) {
                         missing.push(key.clone());
-                        planes.insert(key.clone(), Arc::new(Buffer::new(gpu, &desc, Location::Device)?));
+                        let location = if once.freed.contains(&id) { once.location } else { Location::Device };
+                        planes.insert(key.clone(), Arc::new(Buffer::new(gpu, &desc, location)?));
                     }
                     Held::Plane(planes[&key].clone())
                 }
@@ -90,7 +96,7 @@ impl<G: Gpu> Resources<G> {
     /// Returns the buffer, and which of its bytes belong to the resource.
     ///
     /// # Panics
-    /// On an image, and on a host buffer before its contents have come. [`crate::check::check`] made sure that resources used as
+    /// On an image, on a buffer that is freed, and on a host buffer before its contents have come. [`crate::check::check`] made sure that resources used as
     /// buffers are buffers, and [`crate::inputs::take_host_buffers`] that a frame has all its host buffers.
     pub fn part(&self, id: ResourceId, slot: usize) -> (&Buffer<G>, Range<u64>) {
         let buffer = match &self.held[id.index()] {
@@ -103,6 +109,7 @@ impl<G: Gpu> Resources<G> {
             Held::Transient(Transient::Image(_)) => {
                 unreachable!("images are not used as buffers in a checked plan")
             }
+            Held::Freed => unreachable!("no pass that runs uses it"),
         };
         (buffer, 0..buffer.bytes)
     }
@@ -145,6 +152,16 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
+    /// Frees a buffer that no pass uses any more, unless another plan holds it.
+    pub fn free(&mut self, id: ResourceId) {
+        self.held[id.index()] = Held::Freed;
+    }
+
+    /// Returns true for a buffer that was freed, or never made.
+    pub fn is_freed(&self, id: ResourceId) -> bool {
+        matches!(self.held[id.index()], Held::Freed)
+    }
+
     /// Replaces a transient by another plan's.
     pub fn rebind(&mut self, id: ResourceId, transient: Transient<G>) {
         self.held[id.index()] = Held::Transient(transient);
@@ -165,6 +182,7 @@ impl<G: Gpu> Resources<G> {
             Held::Plane(buffer) => vec![&buffer.memory],
             Held::PerFrame(copies) => copies.iter().map(|copy| &copy.memory).collect(),
             Held::HostBuffer(copies) => copies.iter().filter_map(HostBuffer::memory).collect(),
+            Held::Freed => Vec::new(),
         })
     }
 
@@ -182,6 +200,7 @@ impl<G: Gpu> Resources<G> {
             let memory = match &self.held[index] {
                 Held::Transient(transient) => transient.memory(),
                 Held::Plane(buffer) => &buffer.memory,
+                Held::Freed => continue,
                 Held::PerFrame(copies) => {
                     entries.push((name.clone(), copies.iter().map(|copy| copy.memory.bytes()).sum()));
                     continue;
@@ -210,15 +229,17 @@ impl<G: Gpu> Resources<G> {
     }
 }
 
-/// Creates the members of all blocks, but for those `taken` over, which are alone in theirs.
+/// Creates the members of all blocks, but for those `taken` over and the `unused` ones, which are alone in theirs.
 fn transients<G: Gpu>(
     gpu: &Arc<G>,
     plan: &Plan,
     taken: &BTreeMap<ResourceId, Arc<Buffer<G>>>,
+    unused: &BTreeSet<ResourceId>,
 ) -> Result<HashMap<ResourceId, Transient<G>>, BackendError> {
     let mut all: HashMap<_, _> =
         taken.iter().map(|(id, buffer)| (*id, Transient::Buffer(buffer.clone()))).collect();
-    for block in plan.blocks.iter().filter(|block| !block.aliases.iter().any(|id| taken.contains_key(id))) {
+    let is_left = |id: &ResourceId| taken.contains_key(id) || unused.contains(id);
+    for block in plan.blocks.iter().filter(|block| !block.aliases.iter().any(is_left)) {
         let mut members = Vec::new();
         for &id in &block.aliases {
             let resource = plan.resource(id);

@@ -57,25 +57,27 @@ pub(crate) fn recipes(plan: &Plan, identity: u64) -> Recipes {
     results.filter_map(|&id| Some((id, Arc::new(prologue.recipe(id, identity)?)))).collect()
 }
 
-/// Returns the passes of the prologue that write `taken` results alone. `taken` loses those that another pass computes, too.
+/// Returns the passes of the prologue that need not run: they write `taken` results, or what only such passes use.
+///
+/// `taken` loses the results that another pass computes, too.
 pub(crate) fn left_out<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Vec<PassId> {
     let prologue = Prologue::new(plan);
+    let once = plan.used_once();
+    let all: Vec<PassId> = plan.prologue.iter().map(|step| step.pass).collect();
+    let mut out: Vec<PassId> = all.iter().copied().filter(|pass| prologue.written(*pass).next().is_some()).collect();
+    // The largest set that no pass outside of it depends on.
     loop {
-        let runs = |pass: &PassId| prologue.written(*pass).any(|id| !taken.contains_key(&id));
-        let computed: Vec<ResourceId> = taken
-            .keys()
-            .filter(|id| prologue.writers.get(id).is_none_or(|passes| passes.iter().any(runs)))
-            .copied()
-            .collect();
-        if computed.is_empty() {
-            break;
+        let uses = |pass: &PassId, id| touched(plan.pass(*pass)).any(|(used, _)| used == id);
+        let needless = |id| once.contains(&id) && all.iter().all(|pass| out.contains(pass) || !uses(pass, id));
+        let stays = |pass: &PassId| prologue.written(*pass).all(|id| taken.contains_key(&id) || needless(id));
+        let fewer: Vec<PassId> = out.iter().copied().filter(stays).collect();
+        let counted = taken.len();
+        taken.retain(|id, _| prologue.writers.get(id).is_some_and(|passes| passes.iter().all(|pass| fewer.contains(pass))));
+        if fewer.len() == out.len() && taken.len() == counted {
+            return out;
         }
-        for id in computed {
-            taken.remove(&id);
-        }
+        out = fewer;
     }
-    let writes_taken = |pass: &PassId| prologue.written(*pass).any(|id| taken.contains_key(&id));
-    plan.prologue.iter().map(|step| step.pass).filter(writes_taken).collect()
 }
 
 /// The prologue of a plan, by what its passes write.

@@ -50,7 +50,7 @@ impl Memory {
             location: match location {
                 Location::Device => MemoryLocation::GpuOnly,
                 Location::Upload => MemoryLocation::CpuToGpu,
-                Location::Readback => MemoryLocation::GpuToCpu,
+                Location::Readback | Location::Host => MemoryLocation::GpuToCpu,
             },
             linear: matches!(
                 requirements.kind,

@@ -219,6 +219,7 @@ fn totals(dump: &Dump) -> Vec<(&'static str, u64)> {
         ("saved bytes", t.saved_bytes),
         ("transient bytes", t.transient_bytes),
         ("scene bytes", t.scene_bytes),
+        ("bytes freed after the prologue", t.freed_bytes),
         ("host bytes", t.host_bytes),
     ]
 }
@@ -271,6 +272,7 @@ fn resource_properties(dump: &Dump, resource: &DumpResource) -> Properties {
     aliases.sort();
     let name = |i: usize| dump.passes.get(i).map_or("?", |p| p.name.as_str());
     let lifetime = match resource.lifetime {
+        _ if resource.freed => "freed after the prologue".into(),
         Some(l) => format!("{} to {}", name(l.first), name(l.last)),
         None => "longer than a frame".into(),
     };

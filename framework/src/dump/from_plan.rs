@@ -33,7 +33,9 @@ pub fn dump(plan: &Plan) -> Dump {
     }
     let repeats = repeats::find(&mut passes);
     let lifetimes = lifetimes(plan);
-    let resources = (0..plan.resources.len() as u32).map(|i| resource_of(plan, ResourceId(i), &lifetimes));
+    let used_once = plan.used_once();
+    let resources = (0..plan.resources.len() as u32).map(ResourceId);
+    let resources = resources.map(|id| resource_of(plan, id, &lifetimes, used_once.contains(&id)));
     let resources = resources.collect();
     Dump {
         version: DUMP_VERSION,
@@ -120,6 +122,7 @@ fn totals(plan: &Plan) -> Totals {
         unshared_bytes,
         saved_bytes: unshared_bytes.saturating_sub(transient_bytes),
         scene_bytes: bytes(|s| matches!(s, Source::Scene { .. })),
+        freed_bytes: plan.used_once().iter().map(|id| plan.resource(*id).bytes()).sum(),
         host_bytes: bytes(Source::is_per_frame),
     }
 }
@@ -168,7 +171,7 @@ fn phases(passes: &[DumpPass]) -> Vec<DumpPhase> {
     phases
 }
 
-fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>]) -> DumpResource {
+fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>], freed: bool) -> DumpResource {
     let resource = plan.resource(id);
     let (source, from) = match &resource.source {
         Source::Transient => ("transient", None),
@@ -191,6 +194,7 @@ fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>]) -> D
         usage: flags(resource.usage.iter_names()),
         block: resource.block.map(|b| b.0),
         lifetime: lifetimes[id.index()],
+        freed,
         history: resource.history.clone(),
         declared: resource.origin.clone(),
     }

@@ -147,6 +147,9 @@ pub struct Totals {
     pub saved_bytes: u64,
     /// Bytes of the scene's attributes that the plan reads.
     pub scene_bytes: u64,
+    /// Bytes of attributes and of memory blocks that are freed once the prologue has run.
+    #[serde(default)]
+    pub freed_bytes: u64,
     /// Bytes that the host writes or reads, for each frame in flight.
     pub host_bytes: u64,
 }
@@ -198,6 +201,9 @@ pub struct DumpResource {
     pub block: Option<u32>,
     /// `None` for what lives longer than a frame.
     pub lifetime: Option<Lifetime>,
+    /// Passes that run once alone use it: it is freed after them.
+    #[serde(default)]
+    pub freed: bool,
     /// Name under which its contents are kept from frame to frame and from plan to plan.
     pub history: Option<String>,
     /// Position of its declaration.

@@ -55,9 +55,13 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
         totals.frame_passes,
         barrier_counts(&totals.frame)
     )?;
+    let freed = match totals.freed_bytes {
+        0 => String::new(),
+        freed => format!("; {} of these are freed after the prologue", bytes(freed)),
+    };
     writeln!(
         out,
-        "{} of its own ({} if nothing were shared), {} of the scene's",
+        "{} of its own ({} if nothing were shared), {} of the scene's{freed}",
         bytes(totals.transient_bytes),
         bytes(totals.unshared_bytes),
         bytes(totals.scene_bytes),
@@ -116,6 +120,9 @@ fn write_resource(out: &mut String, dump: &Dump, r: &DumpResource) -> fmt::Resul
     if let Some(Lifetime { first, last }) = r.lifetime {
         let name = |i: usize| dump.passes.get(i).map_or("?", |p| p.name.as_str());
         notes += &format!(", {} to {}", name(first), name(last));
+    }
+    if r.freed {
+        notes += ", freed after the prologue";
     }
     if let Some(history) = &r.history {
         notes += &format!(", history {history}");

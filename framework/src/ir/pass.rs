@@ -37,6 +37,24 @@ pub struct Pass<R = ResourceId, S = ShaderId> {
     pub origin: Origin,
 }
 
+impl Pass {
+    /// Lists the resources that the pass names, some more than once.
+    pub fn resources(&self) -> impl Iterator<Item = ResourceId> + '_ {
+        let (operand, targets) = match &self.work {
+            Work::Dispatch { groups: Groups::Indirect { buffer, .. }, .. } | Work::Fill { buffer, .. } => {
+                (Some(*buffer), &[][..])
+            }
+            Work::Draw { call: DrawCall::Indirect { buffer, .. }, targets, .. } => (Some(*buffer), &targets[..]),
+            Work::Draw { targets, .. } => (None, &targets[..]),
+            Work::ClearHistory { resource } => (Some(*resource), &[][..]),
+            Work::Dispatch { .. } | Work::Export | Work::Host => (None, &[][..]),
+        };
+        let used = self.uses.iter().map(|used| used.resource);
+        let bound = self.bindings.iter().map(|binding| binding.resource);
+        used.chain(bound).chain(operand).chain(targets.iter().map(|target| target.image))
+    }
+}
+
 /// Describes the command of a pass.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Work<R = ResourceId, S = ShaderId> {

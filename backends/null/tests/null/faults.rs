@@ -60,7 +60,7 @@ const STEPS: [Action; 14] = [
         let frame = other.submit(&inputs())?;
         other.wait(frame).map(drop)
     },
-    |s| s.load(plan()),
+    |s| s.load(crate::once::packing()),
     |s| s.submit(presented()),
     Script::wait,
     |s| s.load(histories()),

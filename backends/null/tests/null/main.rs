@@ -9,6 +9,7 @@ mod histories;
 mod module_order;
 #[path = "../../../../framework/tests/nominal/mod.rs"]
 mod nominal;
+mod once;
 mod presets;
 mod results;
 #[path = "../../../runtime/src/testing.rs"]

@@ -7,7 +7,7 @@ use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_null::{Call, Config, Journal, Null, Object, open};
 use std::sync::Arc;
 
-const SUMS: ResourceId = ResourceId(6);
+pub const SUMS: ResourceId = ResourceId(6);
 const TABLE: ResourceId = ResourceId(7);
 
 fn used(resource: ResourceId, accesses: Accesses) -> Use {
@@ -21,8 +21,8 @@ fn bound(name: &str, number: u32, resource: ResourceId) -> Binding {
 
 /// Builds the plan of the unit tests for pictures that are this many pixels wide, with two more passes.
 ///
-/// They are in its prologue: `sum` computes `sums` of the scene, and `fold` a `table` of these.
-fn folding(width: u32) -> Plan {
+/// They are in its prologue: `sum` computes `sums` of the scene, and `fold` a `table` of these. Frames read both.
+pub fn folding(width: u32) -> Plan {
     let mut plan = plan();
     for (index, name) in ["sums", "table"].into_iter().enumerate() {
         let block = plan.blocks.len() as u32;
@@ -47,7 +47,8 @@ fn folding(width: u32) -> Plan {
         plan.passes.push(pass);
     }
     // The frame writes what the prologue only clears.
-    plan.passes[1].uses = vec![used(WORDS, Accesses::STORAGE_WRITE), used(TABLE, Accesses::STORAGE_READ)];
+    let read = Accesses::STORAGE_READ;
+    plan.passes[1].uses = vec![used(WORDS, Accesses::STORAGE_WRITE), used(TABLE, read), used(SUMS, read)];
     let Shape::Image { width: pixels, .. } = &mut plan.resources[plan.output.index()].shape else {
         unreachable!("the output is an image")
     };
@@ -55,7 +56,7 @@ fn folding(width: u32) -> Plan {
     plan
 }
 
-fn load_sharing(null: &mut Null, plan: Plan, identity: u64) {
+pub fn load_sharing(null: &mut Null, plan: Plan, identity: u64) {
     let scene = Zeros { identity, ..Zeros::default() };
     let ready = null.loader().sharing_results().prepare(plan, &scene, &mut |_| {});
     null.swap(ready.expect("it is made ready")).expect("it is swapped in");
