@@ -13,6 +13,7 @@
 // same six elements in half floats, 12 bytes.
 
 #include "groups.glsl"
+#include "rotation.glsl"
 
 layout(local_size_x = 256) in;
 
@@ -93,14 +94,8 @@ void main() {
     }
 
     // The quaternion was normalised when the scene was loaded, and is not normalised again.
-    vec4 q = rotation[i];
-    float w = q.x, x = q.y, y = q.z, z = q.w;
+    mat3 r = rows_of_rotation(rotation[i]);
     vec3 s = min(vec3(scale[i].x, scale[i].y, scale[i].z), LARGEST);
-
-    // The rows of R.
-    mat3 r = mat3(vec3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
-                  vec3(2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
-                  vec3(2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)));
 
 #if COVARIANCE == COVARIANCE_FACTORED
     for (int row = 0; row < 3; row++) {

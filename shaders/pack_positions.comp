@@ -5,6 +5,7 @@
 // workgroup takes a block; packed_position.glsl says how it is stored.
 
 #include "groups.glsl"
+#include "ordered_floats.glsl"
 #include "packed_position.glsl"
 
 layout(local_size_x = 256) in;
@@ -18,15 +19,6 @@ layout(set = 0, binding = 1, std430) writeonly buffer Packed { uint packed_words
 shared uint least[3];
 shared uint most[3];
 shared uint steps[3 * 256];
-
-uint in_order(float x) {
-    uint bits = floatBitsToUint(x);
-    return bits ^ ((bits >> 31) != 0u ? 0xffffffffu : 0x80000000u);
-}
-
-float from_order(uint x) {
-    return uintBitsToFloat(x ^ ((x >> 31) != 0u ? 0x80000000u : 0xffffffffu));
-}
 
 void main() {
     uint block = group_index();

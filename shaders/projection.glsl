@@ -4,53 +4,7 @@
 // The rules are those of the published rasteriser (see docs/splatting.md); the formulas are arranged to stay accurate in
 // 32-bit floats: see `Ellipse` and `project_covariance`.
 
-#if POSITION_STORAGE == POSITION_STORAGE_FIXED16
-#include "packed_position.glsl"
-#endif
-
-#if POSITION_STORAGE == POSITION_STORAGE_F32
-#if SCENE_WIDE
-// The rounded position, and the rounding error: some files need more digits than floats have.
-struct Position3 { float x, y, z, low_x, low_y, low_z; };
-#define HAS_LOW
-#else
-struct Position3 { float x, y, z; };
-#endif
-#endif
-#if COVARIANCE == COVARIANCE_FACTORED
-struct Covariance3 { float m[9]; };
-#elif COVARIANCE == COVARIANCE_HALF
-struct Covariance3 { uint l00_l10, l20_l11, l21_l22; };
-#else
-struct Covariance3 { float l00, l10, l20, l11, l21, l22; };
-#endif
-
-#if POSITION_STORAGE == POSITION_STORAGE_F32
-layout(set = 0, binding = 0, std430) readonly buffer Position { Position3 position[]; };
-
-vec3 position_of(uint i) {
-    return vec3(position[i].x, position[i].y, position[i].z);
-}
-#else
-layout(set = 0, binding = 0, std430) readonly buffer Position { uint position[]; };
-
-vec3 position_of(uint i) {
-    uint first = (i >> 8) * BLOCK_WORDS;
-    uint at = 3u * (i & 255u);
-    uint a = position[first + (at >> 1)];
-    uint b = position[first + (at >> 1) + 1u];
-    uvec3 steps = (at & 1u) == 0u ? uvec3(a & 0xffffu, a >> 16, b & 0xffffu) : uvec3(a >> 16, b & 0xffffu, b >> 16);
-    uint box = first + STEP_WORDS;
-    vec3 least = uintBitsToFloat(uvec3(position[box], position[box + 1u], position[box + 2u]));
-    vec3 most = uintBitsToFloat(uvec3(position[box + 3u], position[box + 4u], position[box + 5u]));
-    // The ends are met exactly, and no product overflows.
-    vec3 share = vec3(steps) / 65535.0;
-    return least * (1.0 - share) + most * share;
-}
-#endif
-
-layout(set = 0, binding = 1, std430) readonly buffer Opacity { float opacity[]; };
-layout(set = 0, binding = 2, std430) readonly buffer Covariance { Covariance3 covariance[]; };
+#include "stored_splat.glsl"
 
 const float NEAR_PLANE = 0.2;
 // Added to both variances on the screen, in square pixels: no splat is narrower than about a pixel.
@@ -123,29 +77,7 @@ float largest(vec3 v) {
 // identity its determinant is the squared length of the cross product of A's rows, in which nothing large cancels.
 Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
     int size = exponent_of(max(largest(t0), largest(t1)));
-#if COVARIANCE == COVARIANCE_FACTORED
-    float m[9] = covariance[i].m;
-    mat3 columns = mat3(m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]);
-#else
-    // The signs of the diagonal tell which row of the triangle is that of x: see covariance.comp.
-    Covariance3 c = covariance[i];
-#if COVARIANCE == COVARIANCE_HALF
-    vec2 l00_l10 = unpackHalf2x16(c.l00_l10);
-    vec2 l20_l11 = unpackHalf2x16(c.l20_l11);
-    vec2 l21_l22 = unpackHalf2x16(c.l21_l22);
-    float l00 = l00_l10.x, l10 = l00_l10.y, l20 = l20_l11.x, l11 = l20_l11.y, l21 = l21_l22.x, l22 = l21_l22.y;
-#else
-    float l00 = c.l00, l10 = c.l10, l20 = c.l20, l11 = c.l11, l21 = c.l21, l22 = c.l22;
-#endif
-    if (floatBitsToInt(l00) < 0) {
-        t0 = t0.yzx;
-        t1 = t1.yzx;
-    } else if (floatBitsToInt(l11) < 0) {
-        t0 = t0.zxy;
-        t1 = t1.zxy;
-    }
-    mat3 columns = mat3(abs(l00), l10, l20, 0.0, abs(l11), l21, 0.0, 0.0, l22);
-#endif
+    mat3 columns = factor_for(i, t0, t1);
     size += exponent_of(max(max(largest(columns[0]), largest(columns[1])), largest(columns[2])));
     Ellipse e;
     e.unit_exponent = unit_exponent_for(size);
@@ -203,7 +135,7 @@ bool project_splat(uint i, out Projection splat) {
     }
 #endif
     // At the floor itself, only a pixel exactly at the centre would not be below it.
-    float alpha = opacity[i];
+    float alpha = opacity_of(i);
     if (!(alpha > alpha_floor)) {
         return false;
     }

@@ -1,13 +1,15 @@
 // Evaluates view-dependent colour: real spherical harmonics up to degree SH_DEGREE, in the basis and the sign convention
 // of 3D Gaussian Splatting. The coefficients are in planes of four floats per splat; float 3 k + c of a splat is channel c
 // of coefficient k, so four coefficients fill three planes. Half floats have the planes one after the other in a buffer, and so
-// have 8-bit coefficients, whose planes pack_sh.comp describes. With LONG_SH, four half floats are loaded as a word of 64 bits.
+// have 8-bit coefficients, whose planes pack_sh.comp describes. Packed splats hold theirs in their records. With LONG_SH, four half floats are loaded as a word of 64 bits.
 //
 // Source of the basis: Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2013; signs as in Kerbl et al. 2023.
 
 #include "sh_layout.glsl"
 
-#if SH_STORAGE == SH_STORAGE_F16
+#if STORAGE != STORAGE_SEPARATE
+#include "unpack_splat.glsl"
+#elif SH_STORAGE == SH_STORAGE_F16
 #ifdef LONG_SH
 layout(set = 0, binding = 8, std430) readonly buffer Sh { uint64_t sh[]; };
 #define sh_halves(at) unpackUint2x32(sh[at])
@@ -47,6 +49,9 @@ layout(set = 0, binding = 8, std430) readonly buffer Sh { vec4 v[]; } sh[SH_PLAN
 
 // Evaluates the colour of splat `i` along `d`, a unit vector from the camera to the splat. At least 0, without a maximum.
 vec3 sh_colour(uint i, vec3 d) {
+#if STORAGE != STORAGE_SEPARATE
+    read_harmonics(i);
+#endif
     vec4 a = sh_plane(0u, i);
     vec3 colour = 0.28209479177387814 * a.xyz;
 #if SH_DEGREE >= 1

@@ -142,6 +142,11 @@ fn builds() -> Vec<Build> {
         set: other.map(|(name, value)| (name.into(), value.into())).to_vec(),
         lanes: facts::USUAL_SUBGROUP_SIZE,
     };
+    let packed = Build {
+        graph: "splat".into(),
+        set: vec![("storage".into(), "b64".into())],
+        lanes: facts::USUAL_SUBGROUP_SIZE,
+    };
     let lists = Build {
         graph: "tiled".into(),
         set: vec![("show".into(), "lists".into())],
@@ -153,7 +158,7 @@ fn builds() -> Vec<Build> {
         lanes: facts::USUAL_SUBGROUP_SIZE,
     };
     let filter = Build { graph: "filters/edges".into(), set: vec![], lanes: facts::USUAL_SUBGROUP_SIZE };
-    all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([other, lists, sweep, filter]).collect()
+    all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([other, packed, lists, sweep, filter]).collect()
 }
 
 /// Holds the outcome of a build: the plan, or the diagnostics, each with its rendering.

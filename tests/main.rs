@@ -51,6 +51,7 @@ mod results;
 #[cfg(target_os = "linux")]
 mod serial_tiles;
 mod sort;
+mod storage;
 #[cfg(target_os = "linux")]
 mod sweep;
 mod tiles;

@@ -210,7 +210,9 @@ impl Plan {
             let resource = self.resource(*id);
             let alone = match &resource.source {
                 // Two includes can import one plane.
-                Source::Scene { .. } => !later.iter().any(|other| self.resource(*other).source == resource.source),
+                Source::Scene { .. } => {
+                    !later.iter().any(|other| self.resource(*other).source == resource.source)
+                }
                 Source::Transient => resource.history.is_none() && self.aliases(*id).next().is_none(),
                 _ => false,
             };

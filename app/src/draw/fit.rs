@@ -90,7 +90,8 @@ impl Needs {
         let storage = plan.resources.iter().filter(is_storage).map(|r| (r.name.clone(), r.bytes()));
         let others = plan.resources.iter().filter(|r| r.source != Source::Transient).map(|r| r.bytes());
         let all = others.fold(plan.transient_bytes(), u64::saturating_add);
-        let loading = plan.used_once().iter().map(|id| plan.resource(*id).bytes()).fold(0, u64::saturating_add);
+        let loading =
+            plan.used_once().iter().map(|id| plan.resource(*id).bytes()).fold(0, u64::saturating_add);
         Needs { storage: storage.collect(), total: all.saturating_sub(loading), loading }
     }
 

@@ -29,9 +29,9 @@ impl<G: Gpu> Bindings<G> {
         let mut raw = gpu.create_bindings(plan, pipelines)?;
         let steps = plan.prologue.iter().chain(&plan.frame);
         let runs = |pass: &Pass| matches!(pass.work, Work::Dispatch { .. } | Work::Draw { .. });
-        let bound = steps
-            .map(|step| step.pass)
-            .filter(|&id| runs(plan.pass(id)) && !plan.pass(id).bindings.is_empty() && !left_out.contains(&id));
+        let bound = steps.map(|step| step.pass).filter(|&id| {
+            runs(plan.pass(id)) && !plan.pass(id).bindings.is_empty() && !left_out.contains(&id)
+        });
         let passes: Vec<_> = bound.map(|id| (id, binding_copies(plan, plan.pass(id)))).collect();
         let fixed = |id: ResourceId| !matches!(plan.resource(id).source, Source::HostBuffer { .. });
         for &(id, copies) in &passes {

@@ -88,7 +88,10 @@ impl<G: Gpu> CompiledPlan<G> {
         // Last, since it takes the longest: a plan that cannot run is refused before.
         upload(shared, scene, &missing, &planes, progress)?;
         // Plans that read a plane in every frame must not find it in the host's memory.
-        let hosted = |key: &PlaneKey| once.location == Location::Host && absent.iter().any(|(id, other)| other == key && once.freed.contains(id));
+        let hosted = |key: &PlaneKey| {
+            once.location == Location::Host
+                && absent.iter().any(|(id, other)| other == key && once.freed.contains(id))
+        };
         shared.attributes.add(missing.iter().filter(|key| !hosted(key)).map(|key| (key, &planes[key])));
         drop(turn);
         Ok(CompiledPlan {

@@ -147,7 +147,9 @@ impl<G: Gpu> Executor<G> {
         if let Some((frame, result)) = collected.map_err(|error| self.losing(error))? {
             if prologue {
                 let plans = self.compiled.iter_mut().chain(&mut self.former);
-                plans.filter(|compiled| compiled.number == number).for_each(|c| c.end_prologue(&self.shared.gpu));
+                plans
+                    .filter(|compiled| compiled.number == number)
+                    .for_each(|c| c.end_prologue(&self.shared.gpu));
             }
             self.results.insert(frame, result);
             if self.results.len() > MOST_RESULTS {

@@ -47,7 +47,12 @@ impl UsedOnce {
         held: u64,
     ) -> Result<(), BackendError> {
         let Some(available) = available else { return Ok(()) };
-        let unused: u64 = self.unused.iter().filter(|id| plan.resource(**id).block.is_some()).map(|id| plan.resource(*id).bytes()).sum();
+        let unused: u64 = self
+            .unused
+            .iter()
+            .filter(|id| plan.resource(**id).block.is_some())
+            .map(|id| plan.resource(*id).bytes())
+            .sum();
         let own = plan.transient_bytes().saturating_sub(held).saturating_sub(unused);
         let sum = |freed: bool| -> u64 {
             let planes = absent.iter().filter(|(id, _)| self.freed.contains(id) == freed);

@@ -64,7 +64,8 @@ impl<G: Gpu> Resources<G> {
                     };
                     if !planes.contains_key(&key) {
                         missing.push(key.clone());
-                        let location = if once.freed.contains(&id) { once.location } else { Location::Device };
+                        let location =
+                            if once.freed.contains(&id) { once.location } else { Location::Device };
                         planes.insert(key.clone(), Arc::new(Buffer::new(gpu, &desc, location)?));
                     }
                     Held::Plane(planes[&key].clone())

@@ -64,15 +64,19 @@ pub(crate) fn left_out<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> V
     let prologue = Prologue::new(plan);
     let once = plan.used_once();
     let all: Vec<PassId> = plan.prologue.iter().map(|step| step.pass).collect();
-    let mut out: Vec<PassId> = all.iter().copied().filter(|pass| prologue.written(*pass).next().is_some()).collect();
+    let mut out: Vec<PassId> =
+        all.iter().copied().filter(|pass| prologue.written(*pass).next().is_some()).collect();
     // The largest set that no pass outside of it depends on.
     loop {
         let uses = |pass: &PassId, id| touched(plan.pass(*pass)).any(|(used, _)| used == id);
-        let needless = |id| once.contains(&id) && all.iter().all(|pass| out.contains(pass) || !uses(pass, id));
+        let needless =
+            |id| once.contains(&id) && all.iter().all(|pass| out.contains(pass) || !uses(pass, id));
         let stays = |pass: &PassId| prologue.written(*pass).all(|id| taken.contains_key(&id) || needless(id));
         let fewer: Vec<PassId> = out.iter().copied().filter(stays).collect();
         let counted = taken.len();
-        taken.retain(|id, _| prologue.writers.get(id).is_some_and(|passes| passes.iter().all(|pass| fewer.contains(pass))));
+        taken.retain(|id, _| {
+            prologue.writers.get(id).is_some_and(|passes| passes.iter().all(|pass| fewer.contains(pass)))
+        });
         if fewer.len() == out.len() && taken.len() == counted {
             return out;
         }

@@ -44,7 +44,9 @@ impl Pass {
             Work::Dispatch { groups: Groups::Indirect { buffer, .. }, .. } | Work::Fill { buffer, .. } => {
                 (Some(*buffer), &[][..])
             }
-            Work::Draw { call: DrawCall::Indirect { buffer, .. }, targets, .. } => (Some(*buffer), &targets[..]),
+            Work::Draw { call: DrawCall::Indirect { buffer, .. }, targets, .. } => {
+                (Some(*buffer), &targets[..])
+            }
             Work::Draw { targets, .. } => (None, &targets[..]),
             Work::ClearHistory { resource } => (Some(*resource), &[][..]),
             Work::Dispatch { .. } | Work::Export | Work::Host => (None, &[][..]),

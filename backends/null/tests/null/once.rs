@@ -110,7 +110,9 @@ fn what_is_freed_cannot_be_inspected_later() {
 #[test]
 fn without_room_for_what_is_freed_it_lies_in_the_memory_of_the_host() {
     let all = packing().transient_bytes() + SPLAT_BYTES;
-    for (room, place) in [(all, splatgraph_runtime::Location::Device), (all - 1, splatgraph_runtime::Location::Host)] {
+    for (room, place) in
+        [(all, splatgraph_runtime::Location::Device), (all - 1, splatgraph_runtime::Location::Host)]
+    {
         let (null, journal) = open(&Config { budget: Some(room), ..Config::default() });
         let mut null = null.expect("it opens");
         load(&mut null, packing());

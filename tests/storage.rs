@@ -1,0 +1,98 @@
+//! The memory of a scene on the device: what is freed once the first frame is drawn, and what packed splats take and cost.
+
+use crate::common;
+use crate::golden::Golden;
+use crate::images::{bytes, draw_scene, psnr};
+use splatgraph::draw::backend::Backend;
+use splatgraph::draw::session::{FrameOptions, Session, image_of};
+use splatgraph::io::image::Image;
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Scene, synth};
+use std::sync::Arc;
+
+fn session(scene: &Arc<Scene>, set: &[(&str, &str)]) -> Session<Backend> {
+    let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
+    Session::new(common::device(), scene.clone(), "tiled_cpu", &set)
+}
+
+fn draw(session: &mut Session<Backend>, camera: &Camera) -> Image {
+    session.prepare((camera.width, camera.height), &mut |_| {}).expect("prepared");
+    let request = FrameOptions { read_output: true, ..FrameOptions::default() };
+    let frame = session.submit(camera, &request).expect("submitted");
+    let result = session.wait(frame).expect("drawn");
+    image_of(&result.output.expect("asked for")).expect("colours")
+}
+
+/// Bytes of all memory of the session, and of what it holds of the scene.
+fn memory(session: &mut Session<Backend>) -> (u64, u64) {
+    let listed = session.device().memory();
+    let scene = listed.iter().filter(|(name, _)| name.starts_with("splats.scene."));
+    (listed.iter().map(|(_, bytes)| bytes).sum(), scene.map(|(_, bytes)| bytes).sum())
+}
+
+#[test]
+fn attributes_that_are_packed_are_freed_and_a_reload_draws_the_same_bytes() {
+    let scene = Arc::new(synth::generate("uniform", 4096, 0).expect("a scene"));
+    let camera = Camera::framing(&scene, 96, 54);
+    let mut session = session(&scene, &[("sh_storage", "f16"), ("covariance", "six")]);
+    session.prepare((96, 54), &mut |_| {}).expect("prepared");
+    let n = u64::from(scene.count());
+    let (all, loading) = memory(&mut session);
+    assert_eq!(all, session.device().device_memory().used);
+    assert!(loading >= (12 + 4 + 12 + 16 + 192 + 24 + 96) * n, "{loading}");
+    let first = draw(&mut session, &camera);
+    let (all, resident) = memory(&mut session);
+    assert_eq!(all, session.device().device_memory().used, "the device's own count");
+    assert!(resident >= (12 + 4 + 24 + 96) * n && resident < (12 + 4 + 24 + 96 + 1) * n, "{resident}");
+    // Another constant needs the attributes again, and back.
+    for covariance in ["half", "six"] {
+        let set = [("sh_storage", "f16"), ("covariance", covariance)].map(|(k, v)| (k.into(), v.into()));
+        session.set_graph("tiled_cpu", &set);
+        let again = draw(&mut session, &camera);
+        assert_eq!(bytes(&again) == bytes(&first), covariance == "six", "{covariance}");
+        assert_eq!(memory(&mut session).0, session.device().device_memory().used, "{covariance}");
+    }
+    common::assert_silent(session.device(), "a reload");
+    assert_eq!(session.into_device().close(), Vec::<String>::new());
+}
+
+/// The parameter's values, bytes of a splat of degree 3, and decibels that captures keep.
+const PACKED: [(&str, u64, f64); 3] = [("b64", 64, 60.0), ("b32", 32, 45.0), ("b24", 24, 40.0)];
+
+#[test]
+fn packed_splats_take_no_more_than_their_bytes_at_any_degree() {
+    for degree in ["3", "2", "1", "0"] {
+        // A last block of fewer splats than others.
+        let scene = Arc::new(synth::generate("uniform", 5000, 0).expect("a scene"));
+        let camera = Camera::framing(&scene, 96, 54);
+        let exact = draw(&mut session(&scene, &[("sh_degree", degree)]), &camera);
+        for (storage, most, _) in PACKED {
+            let mut session = session(&scene, &[("sh_degree", degree), ("storage", storage)]);
+            let found = psnr(&draw(&mut session, &camera), &exact);
+            let (all, resident) = memory(&mut session);
+            println!("{storage}, degree {degree}: {} bytes, {found:.1} dB", resident as f64 / 5000.0);
+            assert!(resident <= most * 5000, "{storage}, degree {degree}: {resident}");
+            assert_eq!(all, session.device().device_memory().used);
+            assert!(found > 25.0, "{storage}, degree {degree}: {found:.1} dB");
+            common::assert_silent(session.device(), storage);
+        }
+    }
+}
+
+#[test]
+fn packed_captures_keep_their_decibels() {
+    let Some(data) = common::data("packed_captures_keep_their_decibels") else { return };
+    for name in ["playbot-31k", "biker"] {
+        let golden = Golden::whole(&data, name);
+        let scene = Arc::new(golden.scene());
+        let cameras: Vec<Camera> = golden.cameras().iter().take(2).map(|c| c.resized(480, 270)).collect();
+        let images = |set: &[(&str, &str)]| draw_scene(scene.clone(), &cameras, "tiled_cpu", [0.0; 3], set);
+        let exact = images(&[]);
+        for (storage, _, least) in PACKED {
+            let found = images(&[("storage", storage)]);
+            let worst = found.iter().zip(&exact).map(|(a, b)| psnr(a, b)).fold(f64::INFINITY, f64::min);
+            println!("{name}, {storage}: {worst:.1} dB");
+            assert!(worst >= least, "{name}, {storage}: {worst:.1} dB");
+        }
+    }
+}
