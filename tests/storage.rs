@@ -30,6 +30,12 @@ fn memory(session: &mut Session<Backend>) -> (u64, u64) {
     (listed.iter().map(|(_, bytes)| bytes).sum(), scene.map(|(_, bytes)| bytes).sum())
 }
 
+/// Checks the listed bytes against the device's own count, which includes the gaps that its allocator leaves between pieces.
+fn assert_all_is_listed(session: &mut Session<Backend>, what: &str) {
+    let (listed, used) = (memory(session).0, session.device().device_memory().used);
+    assert!((listed..listed + 4096).contains(&used), "{what}: {listed} bytes are listed, {used} are used");
+}
+
 #[test]
 fn attributes_that_are_packed_are_freed_and_a_reload_draws_the_same_bytes() {
     let scene = Arc::new(synth::generate("uniform", 4096, 0).expect("a scene"));
@@ -37,12 +43,12 @@ fn attributes_that_are_packed_are_freed_and_a_reload_draws_the_same_bytes() {
     let mut session = session(&scene, &[("sh_storage", "f16"), ("covariance", "six")]);
     session.prepare((96, 54), &mut |_| {}).expect("prepared");
     let n = u64::from(scene.count());
-    let (all, loading) = memory(&mut session);
-    assert_eq!(all, session.device().device_memory().used);
+    let loading = memory(&mut session).1;
+    assert_all_is_listed(&mut session, "while loading");
     assert!(loading >= (12 + 4 + 12 + 16 + 192 + 24 + 96) * n, "{loading}");
     let first = draw(&mut session, &camera);
-    let (all, resident) = memory(&mut session);
-    assert_eq!(all, session.device().device_memory().used, "the device's own count");
+    let resident = memory(&mut session).1;
+    assert_all_is_listed(&mut session, "after the first frame");
     assert!(resident >= (12 + 4 + 24 + 96) * n && resident < (12 + 4 + 24 + 96 + 1) * n, "{resident}");
     // Another constant needs the attributes again, and back.
     for covariance in ["half", "six"] {
@@ -50,7 +56,7 @@ fn attributes_that_are_packed_are_freed_and_a_reload_draws_the_same_bytes() {
         session.set_graph("tiled_cpu", &set);
         let again = draw(&mut session, &camera);
         assert_eq!(bytes(&again) == bytes(&first), covariance == "six", "{covariance}");
-        assert_eq!(memory(&mut session).0, session.device().device_memory().used, "{covariance}");
+        assert_all_is_listed(&mut session, covariance);
     }
     common::assert_silent(session.device(), "a reload");
     assert_eq!(session.into_device().close(), Vec::<String>::new());
@@ -69,10 +75,10 @@ fn packed_splats_take_no_more_than_their_bytes_at_any_degree() {
         for (storage, most, _) in PACKED {
             let mut session = session(&scene, &[("sh_degree", degree), ("storage", storage)]);
             let found = psnr(&draw(&mut session, &camera), &exact);
-            let (all, resident) = memory(&mut session);
+            let resident = memory(&mut session).1;
             println!("{storage}, degree {degree}: {} bytes, {found:.1} dB", resident as f64 / 5000.0);
             assert!(resident <= most * 5000, "{storage}, degree {degree}: {resident}");
-            assert_eq!(all, session.device().device_memory().used);
+            assert_all_is_listed(&mut session, storage);
             assert!(found > 25.0, "{storage}, degree {degree}: {found:.1} dB");
             common::assert_silent(session.device(), storage);
         }
