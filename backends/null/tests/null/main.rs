@@ -23,5 +23,5 @@ const ORDER: [&str; 5] = ["fault", "journal", "gpu", "encoder", "backend"];
 #[test]
 fn every_module_imports_only_those_before_it() {
     let source = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    module_order::assert_imports_run_one_way(&source, "crate", &ORDER);
+    module_order::assert_modules_run_one_way(&source, &ORDER);
 }
