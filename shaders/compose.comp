@@ -5,6 +5,7 @@
 // 1 minus it would end 0.05 below 1.
 
 #include "camera.glsl"
+#include "pixels.glsl"
 
 layout(local_size_x = 16, local_size_y = 16) in;
 
@@ -16,6 +17,10 @@ layout(set = 0, binding = 0, rgba8) readonly uniform image2D color;
 layout(set = 0, binding = 0, rgba32f) readonly uniform image2D color;
 #endif
 layout(set = 0, binding = 1, rgba32f) writeonly uniform image2D composed;
+#if WITH_OUTPUTS
+layout(set = 0, binding = 2, rgba32f) readonly uniform image2D depths;
+layout(set = 0, binding = 3, std430) writeonly buffer Pixels { Pixel pixels[]; };
+#endif
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
@@ -24,4 +29,11 @@ void main() {
     }
     vec4 blended = imageLoad(color, pixel);
     imageStore(composed, pixel, vec4(blended.rgb + blended.a * camera.background.rgb, 1.0));
+#if WITH_OUTPUTS
+    vec4 sums = imageLoad(depths, pixel);
+    Pixel outputs = empty_pixel();
+    outputs.light = sums.a;
+    outputs.depth = sums.r;
+    pixels[uint(pixel.y) * uint(VIEWPORT_WIDTH) + uint(pixel.x)] = outputs;
+#endif
 }

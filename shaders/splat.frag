@@ -10,6 +10,12 @@ layout(location = 1) flat in vec4 inverse_axes;
 layout(location = 2) flat in vec4 colour;
 
 layout(location = 0) out vec4 blended;
+#if WITH_OUTPUTS
+layout(location = 3) flat in float depth;
+
+// The depth, blended as the colours are, but always in 32-bit floats.
+layout(location = 1) out vec4 blended_depth;
+#endif
 
 void main() {
     // Distance from the centre in sigmas, along both axes. It is real, so the power is never above 0.
@@ -21,4 +27,7 @@ void main() {
         discard;
     }
     blended = vec4(colour.rgb * alpha, alpha);
+#if WITH_OUTPUTS
+    blended_depth = vec4(depth * alpha, 0.0, 0.0, alpha);
+#endif
 }

@@ -14,9 +14,16 @@ layout(set = 0, binding = 1, std430) readonly buffer Order { uint order[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Splats { Splat splats[]; };
 layout(set = 0, binding = 3, std430) readonly buffer Colours { vec4 colours[]; };
 
+#if WITH_OUTPUTS
+layout(set = 0, binding = 4, std430) readonly buffer Depth { float depth_of[]; };
+#endif
+
 layout(location = 0) flat out vec2 centre;
 layout(location = 1) flat out vec4 inverse_axes;
 layout(location = 2) flat out vec4 colour;
+#if WITH_OUTPUTS
+layout(location = 3) flat out float depth;
+#endif
 
 // Margin in pixels on every side, so that snapping loses no pixel.
 const float MARGIN = 1.0 / 64.0;
@@ -43,4 +50,7 @@ void main() {
     centre = splat.centre;
     inverse_axes = vec4(splat.major / major2, splat.minor / minor2);
     colour = vec4(colours[index].rgb, splat.opacity);
+#if WITH_OUTPUTS
+    depth = depth_of[index];
+#endif
 }

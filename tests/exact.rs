@@ -21,10 +21,10 @@ fn the_exact_renderer_is_a_backend_of_render_and_close_to_a_graph_with_its_exact
         "exact",
         "--format",
         "npy",
-        "--map",
+        "--output",
         "contributors=count.npy",
-        "--map",
-        "transmittance=left.npy",
+        "--output",
+        "alpha=alpha.exr",
         "--json",
         "stats.json",
     ];
@@ -35,7 +35,7 @@ fn the_exact_renderer_is_a_backend_of_render_and_close_to_a_graph_with_its_exact
     assert_eq!(stats[1]["camera"], "two");
     assert_eq!(stats[1]["rules"]["extent"], "Tiles");
     assert!(stats[0]["mean_contributors"].as_f64().is_some_and(|mean| mean > 0.1), "{stats}");
-    for name in ["count-one.npy", "count-two.npy", "left-one.npy", "left-two.npy"] {
+    for name in ["count-one.npy", "count-two.npy", "alpha-one.exr", "alpha-two.exr"] {
         assert!(place.at(name).is_file(), "{name}");
     }
     let (code, errors) = place.code(&[
@@ -81,9 +81,10 @@ fn a_changed_rule_changes_the_picture_and_options_of_graphs_are_refused() {
         (&["--set", "digit_bits=4"], "--set is for graphs"),
         (&["--pipeline", "key16"], "--pipeline is for graphs"),
         (&["--validate"], "--validate is for graphs"),
-        (&["--map", "depth=a.npy"], "expected `transmittance` or `contributors`"),
-        (&["--map", "contributors=c.png"], "extension .npy"),
-        (&["--map", "contributors=a.npy"], "one file"),
+        (&["--output", "depht=b.npy"], "found `depht`"),
+        (&["--output", "contributors=c.png"], "extension .npy"),
+        (&["--output", "contributors=a.npy"], "one file"),
+        (&["--output", "b.npy"], "expected one --output without a name, found 2"),
     ] {
         let (code, errors) = draw(&[&exact[..], &["a.npy"], more].concat());
         assert_eq!(code, Some(2), "{more:?}: {errors}");

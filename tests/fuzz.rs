@@ -9,7 +9,7 @@ use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::studies::bench;
 use splatgraph::view::paint;
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Catalog, Facts, Request};
+use splatgraph_framework::ir::{Catalog, Facts, OUTPUTS, Request, Value};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::{Content, LastGood, Rebuilder};
 use splatgraph_framework::shader::Glslang;
@@ -118,6 +118,8 @@ fn damaged(text: &[u8], random: &mut Random) -> (&'static str, Vec<u8>) {
 struct Build {
     graph: String,
     set: Vec<(String, String)>,
+    /// The output that is asked for besides the picture.
+    output: Option<&'static str>,
     lanes: u32,
 }
 
@@ -127,6 +129,7 @@ fn builds() -> Vec<Build> {
         builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]).map(move |graph| Build {
             graph: graph.into(),
             set: vec![],
+            output: None,
             lanes,
         })
     };
@@ -140,25 +143,31 @@ fn builds() -> Vec<Build> {
     let other = Build {
         graph: "splat".into(),
         set: other.map(|(name, value)| (name.into(), value.into())).to_vec(),
+        output: None,
         lanes: facts::USUAL_SUBGROUP_SIZE,
     };
     let packed = Build {
         graph: "splat".into(),
         set: vec![("storage".into(), "b64".into())],
+        output: None,
         lanes: facts::USUAL_SUBGROUP_SIZE,
     };
     let lists = Build {
         graph: "tiled".into(),
         set: vec![("show".into(), "lists".into())],
+        output: None,
         lanes: facts::USUAL_SUBGROUP_SIZE,
     };
     let sweep = Build {
         graph: "tiled".into(),
         set: vec![("sorter".into(), "sweep".into())],
+        output: None,
         lanes: facts::USUAL_SUBGROUP_SIZE,
     };
-    let filter = Build { graph: "filters/edges".into(), set: vec![], lanes: facts::USUAL_SUBGROUP_SIZE };
-    all(facts::USUAL_SUBGROUP_SIZE).chain(all(4)).chain([other, packed, lists, sweep, filter]).collect()
+    let lanes = facts::USUAL_SUBGROUP_SIZE;
+    let filter = Build { graph: "filters/edges".into(), set: vec![], output: None, lanes };
+    let normals = Build { graph: "tiled".into(), set: vec![], output: Some("normal"), lanes };
+    all(lanes).chain(all(4)).chain([other, packed, lists, sweep, filter, normals]).collect()
 }
 
 /// Holds the outcome of a build: the plan, or the diagnostics, each with its rendering.
@@ -176,8 +185,9 @@ fn builder(folder: PathBuf) -> impl FnMut(Build) -> Outcome {
     let mut catalog = facts::nominal_catalog();
     paint::offer(&mut catalog);
     move |job| {
-        let facts =
+        let mut facts =
             facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(job.lanes), facts::DEFAULT_SIZE);
+        facts.host.extend(job.output.map(|name| (format!("{OUTPUTS}{name}"), Value::Bool(true))));
         let mut files = builtin::source_map();
         let built = plan(&folder, &job, &facts, &catalog, &mut files, &mut compiler);
         let unclear = built.as_ref().err().and_then(|found| unclear(&files, found));

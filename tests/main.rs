@@ -39,6 +39,7 @@ mod metal;
 mod mistakes;
 mod mutations;
 mod numbers;
+mod outputs;
 mod page;
 mod parameters;
 mod parity;

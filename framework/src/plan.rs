@@ -19,8 +19,8 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use crate::ir::{
-    Accesses, BlockId, Culled, Domain, Effect, Fallback, Hazard, Layout, Origin, Param, ParamBinding, Pass,
-    PassId, Reason, ResourceId, Shader, ShaderId, Shape, Source, Stages, Stat, Usage, Value,
+    Accesses, BlockId, Culled, Domain, Effect, Fallback, Hazard, Layout, Origin, Output, Param, ParamBinding,
+    Pass, PassId, Reason, ResourceId, Shader, ShaderId, Shape, Source, Stages, Stat, Usage, Value,
 };
 use crate::source::Diagnostic;
 
@@ -67,6 +67,8 @@ pub struct Plan {
     /// The image that is shown or saved. A [`Work::Export`](crate::ir::Work::Export) pass at the end of the frame leaves it in
     /// [`Layout::TransferSource`], readable by [`Stages::COPY`].
     pub output: ResourceId,
+    /// Images that were asked for besides the output; the same pass leaves them in the same layout.
+    pub outputs: Vec<Output>,
     /// Numbers computed on the GPU for the host: 32-bit words of buffers. The export copies them in order to the resource
     /// with [`Source::Readback`], where the host reads them in the last step of the frame, [`Work::Host`](crate::ir::Work::Host).
     /// Without statistics a plan has neither.

@@ -10,6 +10,7 @@
 #include "record.glsl"
 #include "bins.glsl"
 #include "segments.glsl"
+#include "seen.glsl"
 
 layout(local_size_x = 256) in;
 
@@ -18,6 +19,62 @@ layout(set = 0, binding = 1, std430) readonly buffer Sums { StoredSum sums[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Composited { uint composited_bins[]; };
 layout(set = 0, binding = 3, std430) readonly buffer Groups { uint groups[]; };
 layout(set = 0, binding = 4, rgba32f) writeonly uniform image2D picture;
+#if WITH_OUTPUTS
+layout(set = 0, binding = 5, std430) readonly buffer Ranges { uvec2 ranges[]; };
+layout(set = 0, binding = 6, std430) readonly buffer Lists { uint lists[]; };
+layout(set = 0, binding = 7, std430) readonly buffer Records { StoredRecord records[]; };
+layout(set = 0, binding = 13, std430) readonly buffer SegmentPixels { Pixel segment_pixels[]; };
+
+#if WITH_RANKS
+// Returns the depth of the last splat of a segment that more than half of the light reaches, of which `light` reaches the first. The
+// segment itself knows only its own share of the light, so its splats are blended once more.
+float median_within(uint bin, uint segment, vec2 pixel, float light) {
+    uint begin = ranges[bin].x + segment * uint(SEGMENT_ENTRIES);
+    uint end = min(begin + uint(SEGMENT_ENTRIES), ranges[bin].y);
+    float median = 0.0;
+    for (uint entry = begin; entry < end && light > 0.5; entry++) {
+        uint index = lists[entry];
+        Record r = unpack_record(records[index]);
+        vec2 d = pixel - r.centre;
+        float u = r.root.x * d.x + r.root.y * d.y;
+        float v = r.root.z * d.y;
+        float alpha = min(alpha_cap, exp2(r.log_alpha - u * u - v * v));
+        bool is_blended = alpha >= alpha_floor;
+#if EXTENT == EXTENT_TILES
+        vec2 columns = tile_range(r.centre.x, r.radius);
+        vec2 rows = tile_range(r.centre.y, r.radius);
+        is_blended = is_blended && pixel.x >= columns.x && pixel.x <= columns.y && pixel.y >= rows.x && pixel.y <= rows.y;
+#endif
+        median = is_blended ? depth_of[index] : median;
+        light -= is_blended ? alpha * light : 0.0;
+    }
+    return median;
+}
+#endif
+
+// Adds the sums of a segment, whose splats `front.light` reaches. Sums are dimmed by it, and the splat with the largest share of a
+// segment is the one with the largest of its dimmed shares; of the median depth this is not so.
+void add_segment(inout Pixel front, Pixel back, uint bin, uint segment, vec2 pixel) {
+    front.depth += front.light * back.depth;
+#if WITH_NORMALS
+    front.normal_x += front.light * back.normal_x;
+    front.normal_y += front.light * back.normal_y;
+    front.normal_z += front.light * back.normal_z;
+#endif
+#if WITH_RANKS
+    if (front.light > 0.5 && back.contributors > 0u) {
+        bool stays_above = front.light == 1.0 || front.light * back.light > 0.5;
+        front.median = stays_above ? back.median : median_within(bin, segment, pixel, front.light);
+    }
+    if (front.light * back.most > front.most) {
+        front.most = front.light * back.most;
+        front.index = back.index;
+    }
+    front.contributors += back.contributors;
+#endif
+    front.light *= back.light;
+}
+#endif
 
 void main() {
     uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
@@ -34,13 +91,22 @@ void main() {
     vec4 sum = unpack_sum(sums[number * BIN_PIXELS + place]);
     vec3 colour = sum.rgb;
     float transmittance = sum.a;
+#if WITH_OUTPUTS
+    Pixel outputs = segment_pixels[number * BIN_PIXELS + place];
+#endif
     for (uint s = first; s < end && transmittance >= stop; s++) {
         sum = unpack_sum(sums[(FURTHER_SUMS + s) * BIN_PIXELS + place]);
         colour += transmittance * sum.rgb;
         transmittance *= sum.a;
+#if WITH_OUTPUTS
+        add_segment(outputs, segment_pixels[(FURTHER_SUMS + s) * BIN_PIXELS + place], bin, s - first + 1u, vec2(pixel));
+#endif
     }
     if (pixel.x < uint(VIEWPORT_WIDTH) && pixel.y < uint(VIEWPORT_HEIGHT)) {
         // A done pixel's transmittance is negative: see rasterise.comp.
         imageStore(picture, ivec2(pixel), vec4(colour + abs(transmittance) * camera.background.rgb, 1.0));
+#if WITH_OUTPUTS
+        pixels[pixel.y * uint(VIEWPORT_WIDTH) + pixel.x] = outputs;
+#endif
     }
 }

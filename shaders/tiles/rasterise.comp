@@ -16,6 +16,7 @@
 #include "bins.glsl"
 #include "segments.glsl"
 #include "cells.glsl"
+#include "seen.glsl"
 
 #define LANES DEVICE_SUBGROUP_SIZE
 const uint THREADS = RASTER_THREADS;
@@ -28,6 +29,9 @@ layout(set = 0, binding = 3, std430) readonly buffer Records { StoredRecord reco
 layout(set = 0, binding = 4, std430) writeonly buffer Sums { StoredSum sums[]; };
 layout(set = 0, binding = 6, std430) readonly buffer Numbers { uint numbers[]; };
 layout(set = 0, binding = 5, rgba32f) writeonly uniform image2D picture;
+#if WITH_OUTPUTS
+layout(set = 0, binding = 13, std430) writeonly buffer SegmentPixels { Pixel segment_pixels[]; };
+#endif
 
 // Cells of an invocation.
 const uint OWN = BIN_CELLS / CELLS_AT_ONCE;
@@ -43,6 +47,18 @@ shared vec4 chunk_root[THREADS];
 shared uvec4 chunk_rest[THREADS];
 #if RECORD == RECORD_F32
 shared vec4 chunk_colour[THREADS];
+#endif
+#if WITH_OUTPUTS
+// What the outputs see of them. Where records are 32-bit floats, it has place in the words above: the smallest devices have no more
+// shared memory.
+#if RECORD == RECORD_F32
+#define DEPTH_OF_CHUNK(at) chunk_colour[at].a
+#define INDEX_OF_CHUNK(at) chunk_rest[at].z
+#else
+shared uvec2 chunk_seen[THREADS];
+#define DEPTH_OF_CHUNK(at) uintBitsToFloat(chunk_seen[at].x)
+#define INDEX_OF_CHUNK(at) chunk_seen[at].y
+#endif
 #endif
 // A row for each 32 splats of the chunk: for each cell, a bit for each of them that touches it. Rows are not a multiple of the memory's
 // banks long, because the invocations of a cell each read another row.
@@ -147,9 +163,15 @@ void main() {
     float lights[OWN][CELL_PIXELS];
     float floors[OWN][CELL_PIXELS];
     bool is_done[OWN];
+#if WITH_OUTPUTS
+    Pixel pixels_of[OWN][CELL_PIXELS];
+#endif
     [[unroll]] for (uint o = 0u; o < OWN; o++) {
         is_done[o] = false;
         [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
+#if WITH_OUTPUTS
+            pixels_of[o][p] = empty_pixel();
+#endif
             colours[o][p] = vec3(0.0);
             lights[o][p] = 1.0;
             floors[o][p] = alpha_floor;
@@ -160,7 +182,8 @@ void main() {
     for (uint first = begin; first < end; first += CHUNK, round++) {
         uint entry = first + thread - 1u;
         bool is_entry = thread > 0u && entry < end;
-        StoredRecord stored = records[lists[is_entry ? entry : first]];
+        uint index = lists[is_entry ? entry : first];
+        StoredRecord stored = records[index];
         barrier();
         if (first != begin && is_open[round & 1u] == 0u) {
             break;
@@ -178,8 +201,15 @@ void main() {
 #if RECORD == RECORD_F32
         chunk_rest[thread] = floatBitsToUint(vec4(r.root.z, r.log_alpha, 0.0, 0.0));
         chunk_colour[thread] = stored.colour;
+#if WITH_OUTPUTS
+        chunk_rest[thread].z = index;
+        chunk_colour[thread].a = depth_of[index];
+#endif
 #else
         chunk_rest[thread] = uvec4(floatBitsToUint(vec2(r.root.z, r.log_alpha)), stored.rest.zw);
+#if WITH_OUTPUTS
+        chunk_seen[thread] = uvec2(floatBitsToUint(depth_of[index]), index);
+#endif
 #endif
         for (uint w = thread; w < WORDS * ROW; w += THREADS) {
             touching[w] = 0u;
@@ -241,6 +271,12 @@ void main() {
 #else
                         vec3 colour = vec3(unpackHalf2x16(rest.z), unpackHalf2x16(rest.w).x);
 #endif
+#if WITH_OUTPUTS
+                        Seen seen = Seen(DEPTH_OF_CHUNK(at), INDEX_OF_CHUNK(at), vec3(0.0));
+#if WITH_NORMALS
+                        seen.normal = normals[seen.index].xyz;
+#endif
+#endif
                         [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
                             float alpha = min(alpha_cap, exp2(log_alpha - u * u - v * v));
                             float light = alpha >= floors[o][p] ? alpha * lights[o][p] : 0.0;
@@ -248,6 +284,9 @@ void main() {
                             bool stops = lights[o][p] - light < stop;
                             floors[o][p] = stops ? 2.0 : floors[o][p];
                             light = stops ? 0.0 : light;
+#endif
+#if WITH_OUTPUTS
+                            add_splat(pixels_of[o][p], seen, light, lights[o][p]);
 #endif
                             colours[o][p] += light * colour;
                             lights[o][p] -= light;
@@ -277,15 +316,24 @@ void main() {
     [[unroll]] for (uint o = 0u; o < OWN; o++) {
         [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
             uint place = pixel_place(thread, o, p);
+#if WITH_OUTPUTS
+            pixels_of[o][p].light = lights[o][p];
+#endif
             if (is_whole) {
                 uvec2 at = uvec2(corner) + pixel_at(place);
                 if (at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
                     imageStore(picture, ivec2(at), vec4(colours[o][p] + lights[o][p] * camera.background.rgb, 1.0));
+#if WITH_OUTPUTS
+                    pixels[at.y * uint(VIEWPORT_WIDTH) + at.x] = pixels_of[o][p];
+#endif
                 }
             } else {
                 // Below 0 if the pixel is done: splats behind add nothing.
                 float light = floors[o][p] == 2.0 ? -lights[o][p] : lights[o][p];
                 sums[sum_place * BIN_PIXELS + place] = pack_sum(vec4(colours[o][p], light));
+#if WITH_OUTPUTS
+                segment_pixels[sum_place * BIN_PIXELS + place] = pixels_of[o][p];
+#endif
             }
         }
     }

@@ -7,6 +7,7 @@
 #endif
 
 #include "cut.glsl"
+#include "seen.glsl"
 
 #define LANES DEVICE_SUBGROUP_SIZE
 
@@ -21,8 +22,9 @@ const uint ROWS = LANES < 8 ? 1u : LANES / 8u;
 const uint STEPS = VECTORS / COLUMNS;
 
 // 1 if the falloff goes from row to row by products (see `blend_column`): where many rows share the cost, and rounding and the
-// splats' least width allow it.
-#define FALLOFF_BY_PRODUCTS (LANES <= 8 && RECORD != RECORD_F32 && LOW_PASS != LOW_PASS_NONE)
+// splats' least width allow it. Outputs besides the picture are more accurate than that.
+#define ACCURATE (RECORD == RECORD_F32 || WITH_OUTPUTS)
+#define FALLOFF_BY_PRODUCTS (LANES <= 8 && !ACCURATE && LOW_PASS != LOW_PASS_NONE)
 // Tiles along a bin's side.
 const uint BIN_TILES = BIN / TILE;
 const uint TILES_X = uint(BINS_X) * BIN_TILES;
@@ -39,14 +41,13 @@ uint bin_of_tile(uvec2 tile) {
     return (tile.y / BIN_TILES) * uint(BINS_X) + tile.x / BIN_TILES;
 }
 
-// Returns 2^x for x from -126 to 127; anything for others. Relatively within 2.9e-6 of it, and exact for 0; within 2.5e-7 where records
-// are 32-bit floats.
+// Returns 2^x for x from -126 to 127; anything for others. Relatively within 2.9e-6 of it, and exact for 0; ACCURATE, within 2.5e-7.
 float power_of_2(float x) {
     const float TO_INTEGER = 12582912.0;  // 1.5 2^23: a sum with it has no fraction
     precise float rounded = x + TO_INTEGER;
     precise float integer = rounded - TO_INTEGER;
     precise float f = x - integer;
-#if RECORD == RECORD_F32
+#if ACCURATE
     float p = 0.00132764709 * f + 0.00967554162;
     p = p * f + 0.0555071328;
     p = p * f + 0.240221197;
@@ -68,7 +69,17 @@ struct Splat {
     float log_alpha;  // binary logarithm of the opacity; where the falloff goes by products, of its ratio to the alpha floor
     vec3 colour;
     float bend;       // factor between the ratios of alphas from vector to vector down, where the falloff goes by products
+#if WITH_OUTPUTS
+    Seen seen;
+#endif
 };
+
+#if WITH_OUTPUTS
+// Returns what lane `lane` has of its splat.
+Seen seen_of_lane(Seen s, uint lane) {
+    return Seen(subgroupShuffle(s.depth, lane), subgroupShuffle(s.index, lane), subgroupShuffle(s.normal, lane));
+}
+#endif
 
 // The limits of blending.
 struct Limits {
@@ -86,7 +97,7 @@ Limits limits() {
 }
 
 // Returns a splat as the tile at `corner` sees it.
-Splat seen_from(vec2 corner, Record r, Limits limits) {
+Splat seen_from(vec2 corner, Record r, Limits limits AND(uint index)) {
     vec2 d = corner - r.centre;
     vec2 down = float(ROWS) * r.root.yz;
 #if FALLOFF_BY_PRODUCTS
@@ -97,14 +108,14 @@ Splat seen_from(vec2 corner, Record r, Limits limits) {
     // 1 where no float lies between: exp2() of a small number may be one step too low.
     float bend = -2.0 * dot(down, down);
     bend = bend > -4e-8 ? 1.0 : exp2(bend);
-    return Splat(vec2(r.root.x * d.x + r.root.y * d.y, r.root.z * d.y), r.root, log_alpha, r.colour, bend);
+    return Splat(vec2(r.root.x * d.x + r.root.y * d.y, r.root.z * d.y), r.root, log_alpha, r.colour, bend AND(seen_splat(index)));
 }
 
 // Blends a splat over a pixel; `alpha` has no alpha cap yet, and is 0 below the alpha floor.
 //
 // With STOP_AFTER_SPLAT, a pixel ends before the splat that would bring its transmittance below the early stop: it is left out, and
 // the sign of the transmittance is set.
-void blend(inout vec4 sum, float alpha, vec3 colour, Limits limits) {
+void blend(inout vec4 sum, float alpha, vec3 colour, Limits limits AND(inout Pixel pixel) AND(Seen seen)) {
     // Positive floats compare like integers, which takes one instruction.
     float capped = intBitsToFloat(min(floatBitsToInt(limits.most), floatBitsToInt(alpha)));
     float light = capped * sum.a;
@@ -112,8 +123,14 @@ void blend(inout vec4 sum, float alpha, vec3 colour, Limits limits) {
 #if STOP_AFTER == STOP_AFTER_SPLAT
     bool is_open = behind >= limits.stop;
     light = is_open ? light : 0.0;
+#if WITH_OUTPUTS
+    add_splat(pixel, seen, light, sum.a);
+#endif
     sum = vec4(sum.rgb + light * colour, is_open ? behind : -abs(sum.a));
 #else
+#if WITH_OUTPUTS
+    add_splat(pixel, seen, light, sum.a);
+#endif
     sum = vec4(sum.rgb + light * colour, behind);
 #endif
 }
@@ -163,23 +180,24 @@ void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 
 // Blends a splat over a column of a block. `uv` are u and v of the falloff in its first row.
 //
 // u and v step from row to row, and not their squares: a power that is no sum of squares can be rounded to one far above 0.
-void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 down, Limits limits) {
+void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 down, Limits limits AND(inout Pixel pixels_of[VECTORS])) {
     // Counted from 0, so that drivers unroll it.
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         float power = power_at(s, uv);
-        blend(sums[i * COLUMNS + column], power >= limits.least ? power_of_2(power) : 0.0, s.colour, limits);
+        blend(sums[i * COLUMNS + column], power >= limits.least ? power_of_2(power) : 0.0, s.colour, limits
+              AND(pixels_of[i * COLUMNS + column]) AND(s.seen));
         uv += down;
     }
 }
 #endif
 
 // Blends a splat over the pixels of a block. `first` is the lane's pixel of the first vector, from the tile's first pixel.
-void blend_block(inout vec4 sums[VECTORS], Splat s, vec2 first, Limits limits) {
+void blend_block(inout vec4 sums[VECTORS], Splat s, vec2 first, Limits limits AND(inout Pixel pixels_of[VECTORS])) {
     vec2 down = float(ROWS) * s.root.yz;
     [[unroll]] for (uint column = 0u; column < COLUMNS; column++) {
         float u = s.at.x + (s.root.x * (first.x + float(column * LANES)) + s.root.y * first.y);
         float v = s.at.y + s.root.z * first.y;
-        blend_column(sums, column, s, vec2(u, v), down, limits);
+        blend_column(sums, column, s, vec2(u, v), down, limits AND(pixels_of));
     }
 }
 
@@ -225,5 +243,5 @@ uint any_lane(uint bits) {
 // Returns the splat that lane `lane` has loaded.
 Splat splat_of_lane(Splat s, uint lane) {
     return Splat(subgroupShuffle(s.at, lane), subgroupShuffle(s.root, lane), subgroupShuffle(s.log_alpha, lane), subgroupShuffle(s.colour, lane),
-                 subgroupShuffle(s.bend, lane));
+                 subgroupShuffle(s.bend, lane) AND(seen_of_lane(s.seen, lane)));
 }

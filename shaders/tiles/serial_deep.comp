@@ -45,22 +45,30 @@ void main() {
     Limits limits = limits();
 
     vec4 sums[VECTORS];
+#if WITH_OUTPUTS
+    Pixel pixels_of[VECTORS];
+#endif
     [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
         uvec2 at = tile * TILE + pixel_in_tile(block, v, lane);
         uvec2 last = uvec2(VIEWPORT_WIDTH, VIEWPORT_HEIGHT) - 1u;
         sums[v] = imageLoad(picture, ivec2(min(at, last)));
         // Pixels beyond the picture or the block are done.
         sums[v].a = lane < BLOCK_PIXELS && all(lessThanEqual(at, last)) ? sums[v].a : -1.0;
+#if WITH_OUTPUTS
+        at = min(at, last);
+        pixels_of[v] = pixels[at.y * uint(VIEWPORT_WIDTH) + at.x];
+#endif
     }
     bool open = true;
     for (uint first = begin; first < end && open; first += uint(LOADERS)) {
         uint at = min(first + lane, end - 1u);
-        Record r = unpack_record(records[lists[at]]);
+        uint index = lists[at];
+        Record r = unpack_record(records[index]);
         bool touches = first + lane < end && ((blocks_of(r, corner, alpha_floor) >> block) & 1u) != 0u;
-        Splat own = seen_from(corner, r, limits);
+        Splat own = seen_from(corner, r, limits AND(index));
         own.log_alpha = touches ? own.log_alpha : -1e6;
         [[unroll]] for (uint s = 0u; s < uint(LOADERS); s++) {
-            blend_block(sums, splat_of_lane(own, s), vec2(pixel_in_tile(block, 0u, lane)), limits);
+            blend_block(sums, splat_of_lane(own, s), vec2(pixel_in_tile(block, 0u, lane)), limits AND(pixels_of));
         }
         open = any_lane(has_light(sums, limits) ? 1u : 0u) != 0u;
     }
@@ -73,6 +81,10 @@ void main() {
         vec4 whole = vec4(sum.rgb + abs(sum.a) * background, 1.0);
         if (lane < BLOCK_PIXELS && at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
             imageStore(picture, ivec2(at), is_whole ? whole : sum);
+#if WITH_OUTPUTS
+            pixels_of[v].light = abs(sum.a);
+            pixels[at.y * uint(VIEWPORT_WIDTH) + at.x] = pixels_of[v];
+#endif
         }
     }
 }

@@ -46,7 +46,7 @@ uint lowest_bit(uint bits) {
 // Returns `a` or `b`.
 Splat choose(bool first, Splat a, Splat b) {
     return Splat(first ? a.at : b.at, first ? a.root : b.root, first ? a.log_alpha : b.log_alpha, first ? a.colour : b.colour,
-                 first ? a.bend : b.bend);
+                 first ? a.bend : b.bend AND(first ? a.seen : b.seen));
 }
 
 // Clears the lowest bit and returns its splat; one without light if no bit is left.
@@ -96,6 +96,14 @@ void main() {
             sums[b][v] = vec4(0.0, 0.0, 0.0, 1.0);
         }
     }
+#if WITH_OUTPUTS
+    Pixel pixels_of[BLOCKS][VECTORS];
+    [[unroll]] for (uint b = 0u; b < BLOCKS; b++) {
+        [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
+            pixels_of[b][v] = empty_pixel();
+        }
+    }
+#endif
     // The blocks with light.
     uint open = (1u << BLOCKS) - 1u;
 
@@ -107,8 +115,9 @@ void main() {
         }
         [[unroll]] for (uint o = 0u; o < OWN; o++) {
             uint at = first + o * uint(LOADERS) + lane;
-            Record r = unpack_record(records[lists[min(at, end - 1u)]]);
-            own[o] = seen_from(corner, r, limits);
+            uint index = lists[min(at, end - 1u)];
+            Record r = unpack_record(records[index]);
+            own[o] = seen_from(corner, r, limits AND(index));
             uint touched = lane < uint(LOADERS) && at < end ? blocks_of(r, corner, alpha_floor) & open : 0u;
             [[unroll]] for (uint b = 0u; b < BLOCKS; b++) {
                 words[b / PER_WORD] |= ((touched >> b) & 1u) << ((b % PER_WORD) * CHUNK + o * uint(LOADERS) + (lane & uint(LOADERS - 1)));
@@ -124,8 +133,8 @@ void main() {
         do { \
             Splat one = next_splat(own, bits); \
             Splat other = next_splat(own, bits); \
-            blend_block(sums[b], one, vec2(pixel_in_tile(b, 0u, lane)), limits); \
-            blend_block(sums[b], other, vec2(pixel_in_tile(b, 0u, lane)), limits); \
+            blend_block(sums[b], one, vec2(pixel_in_tile(b, 0u, lane)), limits AND(pixels_of[b])); \
+            blend_block(sums[b], other, vec2(pixel_in_tile(b, 0u, lane)), limits AND(pixels_of[b])); \
         } while (bits != 0u); \
         lit |= has_light(sums[b], limits) ? 1u << b : 0u; }
 
@@ -152,6 +161,10 @@ void main() {
             vec4 whole = vec4(sum.rgb + abs(sum.a) * background, 1.0);
             if (at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
                 imageStore(picture, ivec2(at), is_whole ? whole : sum);
+#if WITH_OUTPUTS
+                pixels_of[b][v].light = abs(sum.a);
+                pixels[at.y * uint(VIEWPORT_WIDTH) + at.x] = pixels_of[b][v];
+#endif
             }
         }
     }

@@ -46,6 +46,13 @@ pub fn filters() -> Vec<&'static str> {
     FILES.iter().filter_map(name).collect()
 }
 
+/// Lists the names of the built-in graphs that give an output besides their picture, sorted.
+pub fn giving(output: &str) -> Vec<&'static str> {
+    let gives = |text: &str| matches!(Document::parse(text), Ok(Document::Graph(graph)) if graph.outputs.contains_key(output));
+    let files = FILES.iter().filter(|(path, text)| path.starts_with("pipelines/") && gives(text));
+    files.map(|(path, _)| name_of(path)).collect()
+}
+
 /// A built-in file, for lists.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct File {

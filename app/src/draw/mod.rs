@@ -14,6 +14,7 @@
 //! - [`fit`]: whether a scene fits a device;
 //! - [`render_command`]: the command that draws a picture again;
 //! - [`inspect`]: the contents of a resource after a pass;
+//! - [`outputs`]: the images of a frame besides its picture;
 //! - [`session`]: draws frames with a device, a scene and a plan;
 //! - [`stats`]: the times and counts of frames;
 //! - [`interleaved`]: frames of several sessions interleaved, and their times;
@@ -31,6 +32,7 @@ pub mod inspect;
 pub mod interleaved;
 pub mod keys;
 pub mod orbit;
+pub mod outputs;
 pub mod pick;
 pub mod planner;
 pub mod render_command;

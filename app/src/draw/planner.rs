@@ -4,8 +4,8 @@ use crate::draw::builtin;
 use crate::draw::capacity::Capacities;
 use serde::Serialize;
 use splatgraph_framework::build;
-use splatgraph_framework::ir::{Catalog, Facts, FileId, Request, Span};
-use splatgraph_framework::lower::{self, Control, ExpressionNames, Standing};
+use splatgraph_framework::ir::{Catalog, Facts, FileId, OUTPUTS, Request, Span, Value};
+use splatgraph_framework::lower::{self, Control, ExpressionNames, Standing, no_output};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
 use splatgraph_framework::shader::{Cancel, Glslang, SpirvStore, Worker};
@@ -45,6 +45,8 @@ pub struct Planner {
     pub share_memory: bool,
     /// See [`Request::capacities`].
     pub capacities: Capacities,
+    /// The names of the outputs that plans give besides the picture.
+    pub outputs: Vec<String>,
     files: SourceMap,
     compiler: Glslang,
     settings: Settings,
@@ -68,7 +70,15 @@ impl Planner {
         };
         let unsaved = BTreeMap::new();
         let files = files(&settings, &unsaved);
-        Planner { share_memory: true, capacities: Capacities::default(), files, compiler, settings, unsaved }
+        Planner {
+            share_memory: true,
+            capacities: Capacities::default(),
+            outputs: Vec::new(),
+            files,
+            compiler,
+            settings,
+            unsaved,
+        }
     }
 
     /// Counts the shaders that were compiled, and not found in a cache.
@@ -90,9 +100,15 @@ impl Planner {
         catalog: &Catalog,
     ) -> Result<Plan, GraphErrors> {
         let capacities = self.capacities.values();
-        let request = Request { graph, set, capacities, facts, catalog, share_memory: self.share_memory };
-        build(&request, &mut self.files, &mut self.compiler)
-            .map_err(|found| GraphErrors::new(&self.files, &found))
+        let mut facts = facts.clone();
+        let asked = self.outputs.iter().map(|name| (format!("{OUTPUTS}{name}"), Value::Bool(true)));
+        facts.host.extend(asked);
+        let share_memory = self.share_memory;
+        let request = Request { graph, set, capacities, facts: &facts, catalog, share_memory };
+        build(&request, &mut self.files, &mut self.compiler).map_err(|mut found| {
+            self.outputs.iter().for_each(|name| name_graphs_with(name, &mut found));
+            GraphErrors::new(&self.files, &found)
+        })
     }
 
     /// Renders the warnings of a plan that was built since [`Planner::forget_files`], with the source text; empty if it has none.
@@ -184,6 +200,14 @@ impl Planner {
     /// Lists the files that the plans since [`Planner::forget_files`] depend on.
     pub fn wanted(&self) -> Vec<Wanted> {
         self.files.wanted()
+    }
+}
+
+/// Adds the built-in graphs that give an output to the error that a graph does not.
+fn name_graphs_with(output: &str, errors: &mut [Diagnostic]) {
+    let graphs = builtin::giving(output).join(", ");
+    for error in errors.iter_mut().filter(|error| !graphs.is_empty() && error.message == no_output(output)) {
+        error.help.push(format!("built-in graphs that give it, with their presets: {graphs}"));
     }
 }
 

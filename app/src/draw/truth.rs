@@ -3,45 +3,16 @@
 //! The renderer is `splatgraph-reference`: f64, and the rules of the published rasteriser. Each rule can be changed by its
 //! name, so that a picture can also show what one of them does.
 
-use crate::io::image::{Image, ImageError, save_words};
+use crate::draw::inspect::Words;
+use crate::draw::outputs::Output;
+use crate::io::image::Image;
 use crate::io::progress::Progress;
 use serde::Serialize;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Picture, RULES, RuleError, Rules, render};
 use std::fmt;
-use std::path::Path;
-use std::str::FromStr;
 use std::sync::Mutex;
 use std::time::Instant;
-
-/// Names a map: a number of each pixel that the exact renderer knows besides the colour.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Map {
-    /// The share of the background that shows, 0 to 1, as float32.
-    Transmittance,
-    /// The number of splats that were blended, as uint32.
-    Contributors,
-}
-
-impl Map {
-    /// Returns the map's name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Map::Transmittance => "transmittance",
-            Map::Contributors => "contributors",
-        }
-    }
-}
-
-impl FromStr for Map {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Map, String> {
-        let all = [Map::Transmittance, Map::Contributors];
-        let found = all.into_iter().find(|map| map.name() == text);
-        found.ok_or_else(|| format!("expected `transmittance` or `contributors`, found `{text}`"))
-    }
-}
 
 /// The statistics of an exact picture.
 #[derive(Clone, Debug, Serialize)]
@@ -83,7 +54,7 @@ impl fmt::Display for TruthStats {
 /// An exact picture with its statistics.
 #[derive(Clone, Debug)]
 pub struct Truth {
-    /// Colours, transmittance and number of contributors of each pixel.
+    /// Colours, and what else is known of each pixel.
     pub picture: Picture,
     /// Its statistics.
     pub stats: TruthStats,
@@ -122,19 +93,26 @@ impl Truth {
         image_of(&self.picture)
     }
 
-    /// Writes a map as an array `[height, width]`.
-    ///
-    /// # Errors
-    /// The extension is not `.npy`, or the file cannot be written.
-    pub fn save(&self, map: Map, path: &Path) -> Result<(), ImageError> {
-        let shape = [u64::from(self.picture.height), u64::from(self.picture.width)];
-        match map {
-            Map::Transmittance => {
-                let shares: Vec<f32> = self.picture.transmittance.iter().map(|t| *t as f32).collect();
-                save_words(path, &shape, &shares)
+    /// Returns an output besides the picture, rounded to f32 where it is no integer; `None` for a name that is none of
+    /// [`NAMES`](crate::draw::outputs::NAMES).
+    pub fn output(&self, name: &str) -> Option<Output> {
+        let picture = &self.picture;
+        let rounded = |values: &[f64]| Words::Float(values.iter().map(|v| *v as f32).collect());
+        let mut shape = vec![u64::from(picture.height), u64::from(picture.width)];
+        let words = match name {
+            "alpha" => Words::Float(picture.transmittance.iter().map(|t| (1.0 - t) as f32).collect()),
+            "depth" => rounded(&picture.depth),
+            "expected_depth" => rounded(&picture.expected_depth()),
+            "median_depth" => rounded(&picture.median_depth),
+            "normal" => {
+                shape.push(3);
+                rounded(picture.normal.as_flattened())
             }
-            Map::Contributors => save_words(path, &shape, &self.picture.contributors),
-        }
+            "contributors" => Words::Uint(picture.contributors.clone()),
+            "index" => Words::Uint(picture.index.clone()),
+            _ => return None,
+        };
+        Some(Output { name: name.to_owned(), shape, words })
     }
 }
 
@@ -167,10 +145,11 @@ pub fn rule_list() -> Vec<(String, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::outputs::NAMES;
     use splatgraph_assets::synth;
 
     #[test]
-    fn an_exact_picture_is_as_large_as_its_camera_and_its_maps_fit_it() {
+    fn an_exact_picture_is_as_large_as_its_camera_and_its_outputs_fit_it() {
         let scene = synth::generate("uniform", 40, 0).unwrap();
         let camera = Camera::framing(&scene, 40, 30);
         let truth = Truth::draw(&scene, &camera, [0.0, 0.0, 1.0], &Rules::PUBLISHED);
@@ -181,14 +160,12 @@ mod tests {
         let empty =
             truth.picture.transmittance.iter().position(|t| *t == 1.0).expect("a pixel without splats");
         assert_eq!((image.rgb[empty], truth.picture.contributors[empty]), ([0.0, 0.0, 1.0], 0));
-        let folder = tempfile::tempdir().unwrap();
-        for map in [Map::Transmittance, Map::Contributors] {
-            let path = folder.path().join(format!("{}.npy", map.name()));
-            truth.save(map, &path).unwrap();
-            assert_eq!(map.name().parse(), Ok(map));
-            assert!(std::fs::metadata(path).unwrap().len() >= 40 * 30 * 4);
+        for (name, _) in NAMES {
+            let output = truth.output(name).unwrap();
+            assert_eq!((output.name.as_str(), &output.shape[..2]), (name, &[30, 40][..]));
+            assert_eq!(output.words.len() as u64, output.shape.iter().product::<u64>(), "{name}");
         }
-        assert!("depth".parse::<Map>().unwrap_err().contains("transmittance"));
+        assert_eq!(truth.output("transmittance"), None);
     }
 
     #[test]

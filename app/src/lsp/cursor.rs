@@ -187,7 +187,7 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
             Meaning::Block { shaders: around.first().map(|pass| shaders(pass)).unwrap_or_default() }
         }
         (None, _) if group.is_map => Meaning::Free,
-        (Some(_), "bind" | "with") if group.is_map => Meaning::Resource,
+        (Some(_), "bind" | "with" | "outputs") if group.is_map => Meaning::Resource,
         (Some("image" | "buffer" | "output"), _) => Meaning::Resource,
         (Some("shader" | "vertex" | "fragment"), _) => Meaning::Shader,
         (Some("graph"), _) => Meaning::Graph,

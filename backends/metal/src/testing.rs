@@ -51,6 +51,7 @@ impl Sketch {
             culled: vec![],
             warnings: vec![],
             output: ResourceId(0),
+            outputs: vec![],
             stats: vec![],
         };
         Sketch { plan }

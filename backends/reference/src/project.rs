@@ -28,6 +28,8 @@ pub(crate) struct Ellipse {
     pub tiles: [u32; 4],
     /// The part that every pixel reads.
     pub footprint: Footprint,
+    /// The shortest axis in the world, turned to the camera; of equal ones the first.
+    pub normal: [f64; 3],
 }
 
 /// The falloff and the colour of a splat on the image.
@@ -145,7 +147,16 @@ impl<'a> Projector<'a> {
             cutoff,
             color: harmonics::color(&splat.sh, splat.position, self.camera.position, self.rules),
         };
-        Some(Ellipse { index, depth, tiles, footprint })
+        Some(Ellipse { index, depth, tiles, footprint, normal: self.normal(splat) })
+    }
+
+    /// The splat's shortest axis in the world, turned to the camera.
+    fn normal(&self, splat: &Gaussian) -> [f64; 3] {
+        let [a, b, c] = splat.scale;
+        let shortest = if c < a.min(b) { 2 } else { usize::from(b < a) };
+        let axis = rotation(splat.rotation).map(|row| row[shortest]);
+        let from_camera = std::array::from_fn(|i| splat.position[i] - self.camera.position[i]);
+        if dot(axis, from_camera) > 0.0 { axis.map(|v| -v) } else { axis }
     }
 
     /// Returns the pixel position of a point in view space: `((ndc + 1) size - 1) / 2` (`ndc2Pix` in auxiliary.h).

@@ -24,6 +24,22 @@ pub struct Picture {
     pub transmittance: Vec<f64>,
     /// Number of blended splats.
     pub contributors: Vec<u32>,
+    /// Sum of the splats' view depths, each times its share of the pixel (alpha times transmittance).
+    pub depth: Vec<f64>,
+    /// View depth of the last splat that more than half of the light reaches; 0 without splats.
+    pub median_depth: Vec<f64>,
+    /// Sum of the splats' normals, each times its share. A normal is the shortest axis, turned to the camera, in the world.
+    pub normal: Vec<[f64; 3]>,
+    /// Index of the splat with the largest share, of equal ones the nearest; `u32::MAX` without splats.
+    pub index: Vec<u32>,
+}
+
+impl Picture {
+    /// Computes the mean depth of each pixel, weighted by the splats' shares: the sum of depths over the share that splats cover.
+    pub fn expected_depth(&self) -> Vec<f64> {
+        let mean = |(depth, light): (&f64, &f64)| depth / (1.0 - light).max(1e-10);
+        self.depth.iter().zip(&self.transmittance).map(mean).collect()
+    }
 }
 
 /// A splat that may be visible in an image.
@@ -55,6 +71,38 @@ struct Pixel {
     color: [f64; 3],
     transmittance: f64,
     contributors: u32,
+    depth: f64,
+    median_depth: f64,
+    normal: [f64; 3],
+    /// The largest share of a splat, and its index.
+    most: (f64, u32),
+}
+
+impl Pixel {
+    const EMPTY: Pixel = Pixel {
+        color: [0.0; 3],
+        transmittance: 1.0,
+        contributors: 0,
+        depth: 0.0,
+        median_depth: 0.0,
+        normal: [0.0; 3],
+        most: (0.0, u32::MAX),
+    };
+
+    /// Adds a splat behind those before it, through which `transmittance` of its light comes.
+    fn add(&mut self, splat: &Ellipse, alpha: f64, transmittance: f64) {
+        let weight = alpha * transmittance;
+        self.color.iter_mut().zip(splat.footprint.color).for_each(|(sum, c)| *sum += weight * c);
+        self.normal.iter_mut().zip(splat.normal).for_each(|(sum, n)| *sum += weight * n);
+        self.depth += weight * splat.depth;
+        self.contributors += 1;
+        if transmittance > 0.5 {
+            self.median_depth = splat.depth;
+        }
+        if weight > self.most.0 {
+            self.most = (weight, splat.index);
+        }
+    }
 }
 
 /// Renders splats over `background` by the given rules.
@@ -76,8 +124,7 @@ pub fn render(
     order::sort(&mut ellipses, rules, |ellipse| (ellipse.depth, ellipse.index));
 
     let width = camera.width as usize;
-    let black = Pixel { color: [0.0; 3], transmittance: 1.0, contributors: 0 };
-    let mut pixels = vec![black; width * camera.height as usize];
+    let mut pixels = vec![Pixel::EMPTY; width * camera.height as usize];
     let done = AtomicUsize::new(0);
     let rows = projector.grid[1] as usize;
     pixels.par_chunks_mut((width * TILE as usize).max(1)).enumerate().for_each(|(row, pixels)| {
@@ -93,6 +140,10 @@ pub fn render(
             .collect(),
         transmittance: pixels.iter().map(|p| p.transmittance).collect(),
         contributors: pixels.iter().map(|p| p.contributors).collect(),
+        depth: pixels.iter().map(|p| p.depth).collect(),
+        median_depth: pixels.iter().map(|p| p.median_depth).collect(),
+        normal: pixels.iter().map(|p| p.normal).collect(),
+        index: pixels.iter().map(|p| p.most.1).collect(),
     }
 }
 
@@ -108,23 +159,21 @@ fn tile_row(ellipses: &[Ellipse], projector: &Projector, row: u32, pixels: &mut 
     }
     let width = projector.width();
     for (column, list) in lists.iter().enumerate() {
-        let footprints: Vec<&Footprint> = list.iter().map(|at| &ellipses[*at as usize].footprint).collect();
+        let splats: Vec<&Ellipse> = list.iter().map(|at| &ellipses[*at as usize]).collect();
         let first = column * TILE as usize;
         for (y, line) in pixels.chunks_mut(width).enumerate() {
             let y = f64::from(row * TILE) + y as f64;
             let end = width.min(first + TILE as usize);
             for (x, pixel) in line[first..end].iter_mut().enumerate() {
-                let mut blended = Pixel { color: [0.0; 3], transmittance: 1.0, contributors: 0 };
+                let mut blended = Pixel::EMPTY;
                 let at = [(first + x) as f64, y];
                 blended.transmittance = blend(
-                    &footprints,
-                    |footprint| footprint,
+                    &splats,
+                    |splat| &splat.footprint,
                     at,
                     rules,
-                    |footprint, alpha, transmittance| {
-                        let weight = alpha * transmittance;
-                        blended.color.iter_mut().zip(footprint.color).for_each(|(sum, c)| *sum += weight * c);
-                        blended.contributors += 1;
+                    |splat, alpha, transmittance| {
+                        blended.add(splat, alpha, transmittance);
                     },
                 );
                 *pixel = blended;

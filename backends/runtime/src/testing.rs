@@ -98,6 +98,7 @@ pub(crate) fn plan() -> Plan {
         culled: Vec::new(),
         warnings: Vec::new(),
         output: COLOR,
+        outputs: vec![],
         stats: vec![Stat { name: "visible".to_string(), buffer: ARGS, offset: 20 }],
     }
 }

@@ -59,6 +59,7 @@ pub fn dump(plan: &Plan) -> Dump {
             .collect(),
         warnings: plan.warnings.iter().map(warning_of).collect(),
         output: plan.resource(plan.output).name.clone(),
+        outputs: plan.outputs.iter().map(|o| (o.name.clone(), plan.resource(o.image).name.clone())).collect(),
         stats: plan
             .stats
             .iter()

@@ -85,6 +85,9 @@ pub struct Dump {
     pub warnings: Vec<DumpWarning>,
     /// The image that is shown or saved.
     pub output: String,
+    /// The images that were asked for besides it, by the names of these outputs.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub outputs: BTreeMap<String, String>,
     /// Numbers that the host reads after each frame.
     pub stats: Vec<DumpStat>,
     /// Milliseconds that the frame's passes take on the GPU, in sum. Filled in by [`Dump::with_times`].

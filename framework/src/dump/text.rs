@@ -108,6 +108,7 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
         }
     }
     writeln!(out, "\noutput: {}", dump.output)?;
+    dump.outputs.iter().try_for_each(|(name, image)| writeln!(out, "output {name}: {image}"))?;
     dump.stats.iter().try_for_each(|s| writeln!(out, "stat {}: {}+{}", s.name, s.buffer, s.offset))
 }
 

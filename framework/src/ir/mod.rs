@@ -26,8 +26,10 @@ pub use features::Features;
 pub use format::{Blend, Format, Load, Topology};
 pub use id::{BlockId, PassId, ResourceId, ShaderId};
 pub use location::{FileId, Origin, Span};
-pub use names::{EXPORT, HOST, LIVE_BINDING, LIVE_BLOCK};
-pub use pass::{Binding, Culled, DescriptorKind, DrawCall, Groups, Pass, Run, Stat, Target, Use, Work};
+pub use names::{EXPORT, HOST, LIVE_BINDING, LIVE_BLOCK, OUTPUTS};
+pub use pass::{
+    Binding, Culled, DescriptorKind, DrawCall, Groups, Output, Pass, Run, Stat, Target, Use, Work,
+};
 pub use reason::{Fallback, Reason, Unmet};
 pub use request::{Attribute, Catalog, Facts, HostBuffer, Request};
 pub use resource::{Shape, Source, Usage};

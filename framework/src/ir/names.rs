@@ -3,6 +3,10 @@
 /// The pass at the end of a frame that makes the output readable by copies.
 pub const EXPORT: &str = "export";
 
+/// The start of the names of the facts that say which outputs are asked for besides the picture: `outputs.depth`. One without a value is
+/// false.
+pub const OUTPUTS: &str = "outputs.";
+
 /// The step after the frame in which the host reads the statistics.
 pub const HOST: &str = "host";
 

@@ -197,6 +197,15 @@ pub struct Culled {
     pub origin: Origin,
 }
 
+/// Names an image that a frame leaves besides the picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Output<R = ResourceId> {
+    /// The name for people: `depth`.
+    pub name: String,
+    /// The image.
+    pub image: R,
+}
+
 /// Names a 32-bit word of a buffer that is read back after each frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stat<R = ResourceId> {

@@ -26,6 +26,7 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 pub use params::parse_value;
+pub use results::no_output;
 
 use declared::Declared;
 use require::Choices;
@@ -33,8 +34,8 @@ use scope::Place;
 
 use crate::expr::Expr;
 use crate::ir::{
-    Culled, DrawCall, Fallback, FileId, Param, ParamSet, Reason, Request, Run, Shape, Source, Span, Stat,
-    Target, Topology, Unmet, Value,
+    Culled, DrawCall, Fallback, FileId, Output, Param, ParamSet, Reason, Request, Run, Shape, Source, Span,
+    Stat, Target, Topology, Unmet, Value,
 };
 use crate::schema::folded;
 use crate::source::{Diagnostic, Path, SourceMap};
@@ -72,6 +73,8 @@ pub struct Lowered {
     pub output: ResourceHandle,
     /// The output's name in the file.
     pub output_span: Span,
+    /// Images that are asked for besides the output.
+    pub outputs: Vec<Output<ResourceHandle>>,
     /// Words to read back.
     pub stats: Vec<Stat<ResourceHandle>>,
     /// The text of the generated include `live.glsl`.

@@ -171,12 +171,17 @@ impl<'a> Lowering<'a> {
             );
             return Err(self.errors);
         }
+        self.check_outputs(&level);
+        if !self.errors.is_empty() {
+            return Err(self.errors);
+        }
         self.includes.push(root.file);
         self.declare(&mut level);
         let passes = Place::new(&root.outline, Path::root().field("passes"));
         self.walk(&mut level, &root.graph.passes, &passes);
         level.names.take_notes();
         let output = self.output(&level);
+        let outputs = self.outputs(&level);
         self.stats(&level);
         self.results.extend(level.names.take_notes().all());
         let live_bytes = resolved.live_bytes.next_multiple_of(16).max(16);
@@ -205,6 +210,7 @@ impl<'a> Lowering<'a> {
                 includes: self.included,
                 output,
                 output_span,
+                outputs,
                 stats: self.stats.into_iter().map(|(stat, _)| stat).collect(),
                 live,
             }),
@@ -348,10 +354,19 @@ impl<'a> Lowering<'a> {
                 };
                 let mut resolved = Vec::new();
                 for (i, target) in targets.iter().enumerate() {
-                    let at = place.field("targets").index(i).field("image");
-                    let Some(image) = self.look_up_one(level, &target.image, &at)? else { return Ok(()) };
-                    self.clear(image, target.load, &place.field("targets").index(i).field("load"))?;
-                    resolved.push((Target { image, load: target.load, blend: target.blend }, at.span()));
+                    let at = place.field("targets").index(i);
+                    if let Some(when) = &target.when
+                        && !level.names.deciding(|| level.names.truth(when, &at.field("when")))?
+                    {
+                        continue;
+                    }
+                    let image_at = at.field("image");
+                    let Some(image) = self.look_up_one(level, &target.image, &image_at)? else {
+                        return Ok(());
+                    };
+                    self.clear(image, target.load, &at.field("load"))?;
+                    resolved
+                        .push((Target { image, load: target.load, blend: target.blend }, image_at.span()));
                 }
                 let work = LoweredWork::Draw {
                     vertex: self.shader(level, vertex, &place.field("vertex"))?,

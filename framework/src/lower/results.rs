@@ -1,12 +1,18 @@
-//! Resolves the output and the statistics of a graph and its parts.
+//! Resolves the output, the other outputs that are asked for, and the statistics of a graph and its parts.
 
 use super::ResourceHandle;
 use super::passes::{Level, Lowering};
 use super::scope::Place;
-use crate::ir::{Shape, Span, Stat};
+use crate::ir::{OUTPUTS, Output, Shape, Span, Stat, Value};
+use crate::schema::Reference;
 use crate::source::{Diagnostic, Path};
 
-impl Lowering<'_> {
+/// Returns the message of the error for an output that is asked for and that the graph does not have.
+pub fn no_output(name: &str) -> String {
+    format!("this graph has no output `{name}`")
+}
+
+impl<'a> Lowering<'a> {
     pub(super) fn output(&mut self, level: &Level) -> Option<(ResourceHandle, Span)> {
         let root = Place::new(&level.outline, Path::root());
         let Some(name) = &level.graph.output else {
@@ -18,10 +24,47 @@ impl Lowering<'_> {
             return None;
         };
         let at = root.field("output");
-        match self.look_up_one(level, name, &at).and_then(|id| self.of_this_frame(id, &at)) {
-            Ok(Some(id)) if matches!(self.resources[id.index()].shape, Shape::Image { .. }) => {
-                Some((id, at.span()))
+        Some((self.output_image(level, name, &at)?, at.span()))
+    }
+
+    /// Refuses outputs that are asked for, by facts such as `outputs.depth`, and that the graph does not have.
+    pub(super) fn check_outputs(&mut self, level: &Level) {
+        let known = || level.graph.outputs.keys().map(String::as_str);
+        for name in self.asked().filter(|name| known().all(|other| other != *name)).collect::<Vec<_>>() {
+            let label = match level.graph.outputs.len() {
+                0 => "gives its picture alone".to_owned(),
+                _ => format!("gives {} besides its picture", known().collect::<Vec<_>>().join(", ")),
+            };
+            let error = Diagnostic::new(no_output(name), level.outline.head(&Path::root()), label);
+            self.errors.push(error.with_nearest(name, known(), ""));
+        }
+    }
+
+    /// Finds the images of the outputs besides the picture, and returns those that are asked for.
+    pub(super) fn outputs(&mut self, level: &Level) -> Vec<Output<ResourceHandle>> {
+        let root = Place::new(&level.outline, Path::root());
+        let mut found = Vec::new();
+        for (name, image) in &level.graph.outputs {
+            let at = root.field("outputs").field(name);
+            if let Some(image) = self.output_image(level, image, &at)
+                && self.asked().any(|asked| asked == name)
+            {
+                found.push(Output { name: name.clone(), image });
             }
+        }
+        found
+    }
+
+    /// Lists the outputs that are asked for.
+    fn asked(&self) -> impl Iterator<Item = &'a str> + use<'a> {
+        let asked = self.request.facts.host.iter().filter(|(_, value)| **value == Value::Bool(true));
+        asked.filter_map(|(name, _)| name.strip_prefix(OUTPUTS))
+    }
+
+    /// Finds the image of an output, whose name stands at `at`.
+    fn output_image(&mut self, level: &Level, name: &Reference, at: &Place) -> Option<ResourceHandle> {
+        match self.look_up_one(level, name, at).and_then(|id| self.of_this_frame(id, at)) {
+            Ok(Some(id)) if matches!(self.resources[id.index()].shape, Shape::Image { .. }) => Some(id),
             Ok(None) => None,
             Ok(Some(_)) => {
                 self.errors.push(at.error(format!("`{}` is a buffer", name.text), "the output is an image"));

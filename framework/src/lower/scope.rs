@@ -6,7 +6,7 @@ use std::rc::Rc;
 
 use super::{Extent, Values};
 use crate::expr::{ExprError, Scope};
-use crate::ir::{Facts, ParamSet, Reason, Span, Value};
+use crate::ir::{Facts, OUTPUTS, ParamSet, Reason, Span, Value};
 use crate::schema::{self, Expression, Number, Reference};
 use crate::source::{Diagnostic, Outline, Path};
 
@@ -46,7 +46,9 @@ impl Scope for Names {
         if let Some(params) = self.params.get(name) {
             self.notes.borrow_mut().read.extend(params);
         }
-        self.values.get(name).cloned()
+        // An output that nobody asks for.
+        let unasked = || name.starts_with(OUTPUTS).then_some(Value::Bool(false));
+        self.values.get(name).cloned().or_else(unasked)
     }
 
     fn names(&self) -> Vec<String> {

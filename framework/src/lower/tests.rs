@@ -2,7 +2,7 @@
 
 use crate::ir::{Request, Shape, Source, Value, Work};
 use crate::source::{Library, SourceMap};
-use crate::testing::{SHADERS, dispatch, graph, plan, plan_of, plan_with_capacities};
+use crate::testing::{ListCompiler, SHADERS, dispatch, graph, plan, plan_of, plan_with_capacities};
 
 fn shown(name: &str) -> String {
     dispatch(name, "show.comp", r#""In": "a", "Image": "image""#)
@@ -487,4 +487,57 @@ fn a_default_in_set_of_what_is_exposed_is_over_the_includers_names() {
     let plan = plan_of(&files, &[]).unwrap_or_else(|e| panic!("{e}"));
     let room = plan.params.iter().find(|param| param.name == "room").expect("it is exposed");
     assert_eq!(room.value, Value::Int(16));
+}
+
+#[test]
+fn an_output_is_a_result_where_it_is_asked_for_and_elsewhere_leaves_nothing_in_the_plan() {
+    let graph = r#"Graph(version: 1, summary: "", output: "image", outputs: {"depth": "depth", "alpha": "image"},
+        let: {"deep": "outputs.depth || outputs.elsewhere"},
+        resources: {"image": Image(format: "rgba8", size: (8, 8)), "depth": Image(format: "r32f", size: (8, 8))},
+        passes: [
+            Dispatch(name: "paint", shader: "paint.comp", size: Threads(64), bind: {"Image": "image"}),
+            Draw(name: "quad", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip,
+                call: Direct(vertices: 4, instances: 1), when: "deep",
+                targets: [Target(image: "depth", load: Clear(0, 0, 0, 0), blend: Replace, when: "deep"),
+                    Target(image: "image", load: Keep, blend: Replace, when: "!deep")]),
+        ])"#;
+    let memory = [
+        ("graph.ron", graph),
+        ("paint.comp", "image w Image rgba8"),
+        ("quad.vert", ""),
+        ("quad.frag", "out depth"),
+    ];
+    let plan = |asked: &[&str]| {
+        let memory = memory.map(|(path, text)| (path.to_string(), text.to_string())).into();
+        let mut files = SourceMap::new(Library { memory, ..Library::default() });
+        let (mut facts, catalog) = (crate::testing::facts(), crate::testing::catalog());
+        facts.host.extend(asked.iter().map(|name| (format!("outputs.{name}"), Value::Bool(true))));
+        let request = Request {
+            graph: "graph.ron",
+            set: &[],
+            capacities: &[],
+            facts: &facts,
+            catalog: &catalog,
+            share_memory: true,
+        };
+        crate::build(&request, &mut files, &mut ListCompiler)
+            .map_err(|errors| crate::source::render(&files, &errors, false))
+    };
+    let names = |plan: &crate::plan::Plan| -> Vec<String> {
+        plan.frame.iter().map(|step| plan.pass(step.pass).name.clone()).collect()
+    };
+    let picture = plan(&[]).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((names(&picture).join(" "), picture.outputs.len()), ("paint export".into(), 0));
+    assert_eq!(picture.find_resource("depth"), None);
+    let deep = plan(&["depth", "alpha"]).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(names(&deep).join(" "), "paint quad export");
+    let outputs: Vec<(&str, &str)> =
+        deep.outputs.iter().map(|o| (o.name.as_str(), deep.resource(o.image).name.as_str())).collect();
+    assert_eq!(outputs, [("depth", "depth"), ("alpha", "image")]);
+    let error = plan(&["dept"]).expect_err("there is none");
+    assert!(
+        error.contains("this graph has no output `dept`") && error.contains("did you mean `depth`?"),
+        "{error}"
+    );
+    assert!(error.contains("gives depth, alpha besides its picture"), "{error}");
 }

@@ -113,6 +113,9 @@ pub struct Graph {
     /// The output image; `include.picture` for an includer. Parts of a renderer have none.
     #[serde(default)]
     pub output: Option<Reference>,
+    /// More images of a frame, by name. Each is there where it is asked for: see [`crate::ir::OUTPUTS`].
+    #[serde(default)]
+    pub outputs: IndexMap<String, Reference>,
 }
 
 /// Holds a number or a bool, or an expression in quotes.
@@ -515,4 +518,7 @@ pub struct TargetDecl {
     pub load: Load,
     /// The blend mode.
     pub blend: Blend,
+    /// Removes the attachment where it is false.
+    #[serde(default)]
+    pub when: Option<Number>,
 }

@@ -3,7 +3,9 @@
 //! Resources and shaders that no pass of the plan uses are dropped; the others keep their relative order. A handle for the
 //! previous frame's contents maps to the resource itself: the order of the passes already accounts for the difference.
 
-use crate::ir::{Binding, DrawCall, Groups, Pass, ResourceId, ShaderId, Stat, Target, Usage, Use, Work};
+use crate::ir::{
+    Binding, DrawCall, Groups, Output, Pass, ResourceId, ShaderId, Stat, Target, Usage, Use, Work,
+};
 use crate::link::{LinkedPass, ShaderHandle};
 use crate::lower::{Lowered, ResourceHandle};
 use crate::plan::{Plan, Resource};
@@ -127,6 +129,11 @@ pub(super) fn compact(
         buffer: ids.resource(stat.buffer),
         offset: stat.offset,
     };
+    let image = |output: &Output<ResourceHandle>| Output {
+        name: output.name.clone(),
+        image: ids.resource(output.image),
+    };
+    let outputs = lowered.outputs.iter().map(image).collect();
     let (resources, stats) =
         (kept.map(|(r, _)| resource(r)).collect(), lowered.stats.iter().map(stat).collect());
     let (passes, output) = (passes.iter().map(|p| ids.pass(&p.pass)).collect(), ids.resource(lowered.output));
@@ -135,6 +142,7 @@ pub(super) fn compact(
         stats,
         passes,
         output,
+        outputs,
         shaders: shaders.into_iter().zip(&used.1).filter(|(_, used)| **used).map(|(s, _)| s).collect(),
         name: lowered.name,
         summary: lowered.summary,

@@ -99,7 +99,7 @@ pub(crate) fn synchronise(plan: &mut Plan, prologue: &[PassId], frame: &[PassId]
     true
 }
 
-/// Makes the last passes of a frame: the output and the statistics become readable by copies, and the host reads the statistics.
+/// Makes the last passes of a frame: the outputs and the statistics become readable by copies, and the host reads the statistics.
 fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     let span = lowered.output_span;
     let touch =
@@ -121,6 +121,11 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     };
     let output = Some(Layout::TransferSource);
     let mut uses = vec![touch(lowered.output, Stages::COPY, Accesses::TRANSFER_READ, output)];
+    for other in &lowered.outputs {
+        if uses.iter().all(|t| t.resource != other.image) {
+            uses.push(touch(other.image, Stages::COPY, Accesses::TRANSFER_READ, output));
+        }
+    }
     if lowered.stats.is_empty() {
         return vec![pass(EXPORT, Work::Export, uses)];
     }

@@ -2,12 +2,13 @@
 //!
 //! Frames of the next cameras are in flight while pictures are read back, and [`Pictures`] encodes and writes them on other threads.
 
-use super::destination::Destination;
+use super::destination::{Destination, per_camera};
 use super::frames;
 use super::kept::Kept;
 use super::pictures::Pictures;
 use super::stdout::Stdout;
 use crate::draw::backend::Backend;
+use crate::draw::outputs::{self, Output};
 use crate::draw::session::{FrameOptions, Session, image_of};
 use crate::draw::stats::CameraStats;
 use crate::io::output::one_line;
@@ -16,6 +17,7 @@ use anyhow::{Context, Result, bail};
 use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
 use splatgraph_assets::Camera;
 use std::collections::VecDeque;
+use std::path::PathBuf;
 
 /// Bytes of memory per pixel that encoding takes beside the pixels: RGB in f32, 8 bits, and the encoded file.
 const ENCODING_BYTES: u64 = 12 + 3 + 3;
@@ -24,6 +26,8 @@ const ENCODING_BYTES: u64 = 12 + 3 + 3;
 pub struct Batch {
     /// Where pictures go; `None` without any.
     pub destination: Option<Destination>,
+    /// The files of outputs besides the picture, by their names, and the number of cameras that have one each.
+    files: (Vec<(String, PathBuf)>, usize),
     stdout: Stdout,
     flying: VecDeque<Flying>,
     pictures: Pictures<Told>,
@@ -44,6 +48,8 @@ pub struct Shown {
     pub stats: CameraStats,
     /// The picture, if one is written.
     pub output: Option<Pixels>,
+    /// The outputs besides it.
+    pub outputs: Vec<Output>,
     /// The error where that has no colours.
     pub no_colours: String,
     /// Name of its file, without extension.
@@ -58,9 +64,15 @@ struct Told {
 
 impl Batch {
     /// Keeps at most `jobs` pictures unfinished.
-    pub fn new(jobs: usize, destination: Option<Destination>, stdout: Stdout) -> Batch {
+    pub fn new(
+        jobs: usize,
+        destination: Option<Destination>,
+        files: (Vec<(String, PathBuf)>, usize),
+        stdout: Stdout,
+    ) -> Batch {
         Batch {
             destination,
+            files,
             stdout,
             flying: VecDeque::new(),
             pictures: Pictures::new(jobs),
@@ -83,8 +95,9 @@ impl Batch {
             self.land(session, progress)?;
         }
         let read_output = self.destination.is_some();
-        let frame =
-            session.submit(camera, &FrameOptions { background, read_output, ..FrameOptions::default() })?;
+        let inspect = session.plan().map(outputs::inspections).unwrap_or_default();
+        let options = FrameOptions { background, read_output, inspect, ..FrameOptions::default() };
+        let frame = session.submit(camera, &options)?;
         let size = (camera.width, camera.height);
         self.flying.push_back(Flying { frame, name: camera.img_name.clone(), stem: stem.to_owned(), size });
         Ok(())
@@ -109,11 +122,12 @@ impl Batch {
         let (info, count) = (session.device().info().clone(), session.scene().count().into());
         let plan = session.plan().context("no plan after a frame")?;
         let mut kept = Kept::default();
+        let outputs = outputs::read(plan, &result.inspected);
         kept.add(result, plan, true);
         let output = kept.output();
         let stats = kept.stats((&name, size), plan, &info, count, memory);
         let no_colours = frames::no_colours(session);
-        self.save(Shown { stats, output, no_colours, stem }, progress)
+        self.save(Shown { stats, output, outputs, no_colours, stem }, progress)
     }
 
     /// Starts to write a camera's picture, and tells of those that are written.
@@ -121,15 +135,28 @@ impl Batch {
     /// # Errors
     /// The picture is missing, or a previous one cannot be written.
     pub fn save(&mut self, shown: Shown, progress: &Progress) -> Result<()> {
-        let Shown { stats, output, no_colours, stem } = shown;
+        let Shown { stats, output, outputs, no_colours, stem } = shown;
         if self.destination.is_some() && output.is_none() {
             bail!("the device returned no picture");
         }
-        let bytes = output.as_ref().map_or(0, |pixels| {
-            pixels.bytes.len() as u64 + ENCODING_BYTES * u64::from(pixels.width) * u64::from(pixels.height)
-        });
+        let (files, cameras) = &self.files;
+        let output_of = |name: &str| outputs.iter().find(|output| output.name == name).cloned();
+        let others: Vec<(PathBuf, Output)> = files
+            .iter()
+            .filter_map(|(name, file)| Some((per_camera(file, &stem, *cameras), output_of(name)?)))
+            .collect();
+        if others.len() < files.len() {
+            bail!("the device returned {} of {} outputs", others.len(), files.len());
+        }
+        let other_bytes: usize = others.iter().map(|(_, output)| 4 * output.words.len()).sum();
+        let bytes = other_bytes as u64
+            + output.as_ref().map_or(0, |pixels| {
+                pixels.bytes.len() as u64
+                    + ENCODING_BYTES * u64::from(pixels.width) * u64::from(pixels.height)
+            });
         let destination = self.destination.clone();
         let work = move || {
+            others.iter().try_for_each(|(path, output)| output.save(path))?;
             let line = match (destination, output) {
                 (Some(destination), Some(pixels)) => {
                     let image = image_of(&pixels).context(no_colours)?;

@@ -1,9 +1,56 @@
 //! Names the files of a rendering's pictures.
 
+use crate::cli::help;
 use crate::cli::outcome::Usage;
+use crate::draw::outputs::{NAMES, check_format};
 use crate::io::image::Format;
 use crate::io::output::is_standard_output;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+
+/// A value of `--output`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// The picture's file or folder.
+    Picture(PathBuf),
+    /// An output besides it, by its name, and the file.
+    Named(String, PathBuf),
+}
+
+/// Parses a value of `--output`: `NAME=FILE`, or the place of the picture. A name has letters, digits and `_` alone, so `./a=b.png` is a
+/// picture.
+pub fn output(text: OsString) -> Result<Output, String> {
+    let is_name =
+        |name: &str| !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+    let Some((name, file)) =
+        text.to_str().and_then(|text| text.split_once('=')).filter(|(name, _)| is_name(name))
+    else {
+        return Ok(Output::Picture(text.into()));
+    };
+    let Some(format) = Format::of(Path::new(file)) else {
+        return Err(format!(
+            "expected NAME=FILE with the extension .npy, .exr or .png, found `{name}={file}`"
+        ));
+    };
+    check_format(name, format)?;
+    Ok(Output::Named(name.to_owned(), file.into()))
+}
+
+/// Lists the outputs of the built-in graphs for help.
+pub fn output_help() -> String {
+    let names = NAMES.map(|(name, what)| (name.to_owned(), what.to_owned()));
+    format!("{OUTPUT_HELP}\n\n{}", help::two_columns(names.into()))
+}
+
+const OUTPUT_HELP: &str = "\
+Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder
+
+A name without one of these extensions is a folder for one picture per camera, named after the camera's img_name.
+Characters that a file name cannot have become `_`, and cameras of equal names get their index appended.
+`-` writes the picture of one camera to standard output, in the format of --format. Files are complete, or not written.
+
+NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture of that name.) Those of the built-in
+graphs, of which quads (`splat`) give the first three, are defined in docs/splatting.md:";
 
 /// The destination of pictures.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -65,7 +112,8 @@ pub fn per_camera(file: &Path, camera: &str, cameras: usize) -> PathBuf {
     if cameras == 1 {
         return file.to_owned();
     }
-    file.with_file_name(format!("{}-{camera}.npy", stem(file)))
+    let extension = file.extension().unwrap_or_default().display();
+    file.with_file_name(format!("{}-{camera}.{extension}", stem(file)))
 }
 
 #[cfg(test)]
@@ -95,6 +143,21 @@ mod tests {
         assert_eq!(destination("render --json -").unwrap(), None);
         assert!(destination("render -o out.jpg").unwrap_err().to_string().contains("found .jpg"));
         assert!(destination("render -o out.png --format exr").is_err());
+    }
+
+    #[test]
+    fn an_output_with_a_name_before_its_file_is_not_the_picture() {
+        let named = |name: &str, file: &str| Ok(Output::Named(name.into(), file.into()));
+        let picture = |path: &str| Ok(Output::Picture(path.into()));
+        assert_eq!(output("depth=a/d.exr".into()), named("depth", "a/d.exr"));
+        for path in ["out.png", "-", "./a=b.png", "a/b=c"] {
+            assert_eq!(output(path.into()), picture(path));
+        }
+        for (text, why) in
+            [("depth=d.png", "end at 1"), ("index=i.exr", ".npy"), ("alpha=a", "found `alpha=a`")]
+        {
+            assert!(output(text.into()).unwrap_err().contains(why), "{text}");
+        }
     }
 
     #[test]

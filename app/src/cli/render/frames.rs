@@ -5,6 +5,7 @@ use crate::cli::options;
 use crate::draw::backend::Backend;
 use crate::draw::inspect::{self, Finding};
 use crate::draw::interleaved;
+use crate::draw::outputs::{self, Output};
 use crate::draw::session::{FrameOptions, Session};
 use crate::draw::stats::CameraStats;
 use crate::io::image::Format;
@@ -58,6 +59,8 @@ pub struct Drawn {
     pub stats: CameraStats,
     /// The picture of the last frame.
     pub output: Option<Pixels>,
+    /// The outputs of the last frame besides the picture.
+    pub outputs: Vec<Output>,
     /// Index of the `--inspect` option of each finding in `stats`. Contents after the prologue are read once per load.
     pub requests: Vec<usize>,
 }
@@ -75,6 +78,7 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
         .collect::<Result<_, _>>()?;
 
     let mut kept = Kept::default();
+    let mut outputs = Vec::new();
     let mut findings: Vec<Option<Finding>> = vec![None; targets.len()];
     let mut flying: VecDeque<(_, Vec<usize>, bool)> = VecDeque::new();
     let mut growths = session.growths();
@@ -89,6 +93,7 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
             let target = resolve(plan, &wanted.inspect[index])?;
             findings[index] = Some(Finding::new(plan, &target, bytes, &result.stats));
         }
+        outputs = outputs::read(plan, &result.inspected[asked.len()..]);
         kept.add(result, plan, counts);
         Ok(())
     };
@@ -102,10 +107,11 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
         // The results of the prologue can only be read in the frame that runs it.
         let due = |target: &Inspect| if inspect::in_prologue(&plan, target) { first && loaded } else { last };
         let asked: Vec<usize> = (0..targets.len()).filter(|&i| due(&targets[i])).collect();
+        let outputs_of = |last| outputs::inspections(&plan).into_iter().filter(move |_| last);
         let request = FrameOptions {
             background: wanted.background,
             read_output: wanted.read_output && last,
-            inspect: asked.iter().map(|&i| targets[i]).collect(),
+            inspect: asked.iter().map(|&i| targets[i]).chain(outputs_of(last)).collect(),
             untimed_passes: false,
         };
         first = false;
@@ -134,7 +140,7 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
         .filter_map(|(inspect_request, finding)| Some((inspect_request, finding?)));
     let requests;
     (requests, stats.inspected) = found.unzip();
-    Ok(Drawn { stats, output, requests })
+    Ok(Drawn { stats, output, outputs, requests })
 }
 
 /// Builds and loads the plan, with progress.

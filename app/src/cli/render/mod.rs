@@ -6,13 +6,15 @@ use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::{Api, Backend};
 use crate::draw::fit;
+use crate::draw::outputs::NAMES;
 use crate::draw::session::Session;
-use crate::draw::truth::{self, Map, Truth};
+use crate::draw::truth::{self, Truth};
 use crate::io::image::Format;
 use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
 use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
 use crate::io::progress::Progress;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
+use clap::builder::{OsStringValueParser, TypedValueParser};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use std::fmt;
@@ -27,7 +29,7 @@ mod pictures;
 mod stdout;
 
 use batch::{Batch, Shown};
-use destination::{Destination, per_camera, stem};
+use destination::{Destination, Output, per_camera, stem};
 use frames::{Drawn, InspectRequest, Wanted, inspect_request};
 use stdout::Stdout;
 
@@ -42,7 +44,8 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph render scene.ply --inspect keys@scatter=keys.npy -o out.png
   splatgraph render scene.ply --pipeline my/graph.ron --validate -o out.png
   splatgraph render scene.ply --backend reference -o exact.npy           # exactly, on the CPU
-  splatgraph render scene.ply --backend reference --rule stop=none --map contributors=count.npy";
+  splatgraph render scene.ply -o out.png --output expected_depth=depth.npy --output alpha=alpha.png
+  splatgraph render scene.ply --backend reference --rule stop=none --output contributors=count.npy";
 
 /// Draw a scene
 ///
@@ -67,19 +70,15 @@ pub struct Args {
     /// Change a rule of the exact renderer; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = exact::rule_help())]
     rule: Vec<(String, String)>,
-    /// Write a map by the exact renderer: `transmittance` (float32) or `contributors` (number of blended splats, uint32)
-    #[arg(long, value_name = "NAME=FILE.npy", value_parser = exact::map)]
-    map: Vec<(Map, PathBuf)>,
     /// Background colour, display-encoded, 0 to 1
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
-    /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder
-    ///
-    /// A name without one of these extensions is a folder for one picture per camera, named after the camera's img_name.
-    /// Characters that a file name cannot have become `_`, and cameras of equal names get their index appended.
-    /// `-` writes the picture of one camera to standard output, in the format of --format. Files are complete, or not written.
-    #[arg(short, long, value_name = "OUT", required_unless_present_any = ["json", "inspect", "map"])]
-    output: Option<PathBuf>,
+    /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder; NAME=FILE for depth, alpha and others
+    #[arg(
+        short, long, value_name = "OUT|NAME=FILE", required_unless_present_any = ["json", "inspect"],
+        value_parser = OsStringValueParser::new().try_map(destination::output), long_help = destination::output_help()
+    )]
+    output: Vec<Output>,
     /// Format of the pictures in a folder [default: png]
     #[arg(long, value_name = "png|exr|npy")]
     format: Option<Format>,
@@ -157,7 +156,7 @@ pub(super) struct Work {
 /// Reads the cameras and chooses the names of all files; an error if one of them would overwrite another, or an input.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     refuse_options_of_others(args)?;
-    let destination = Destination::of(args.output.as_deref(), args.format)?;
+    let destination = Destination::of(args.picture()?, args.format)?;
     let given = args.drawing.cameras(args.scene.as_deref())?;
     for camera in given.iter().flatten().filter(|_| args.drawing.size.is_none()) {
         if camera.width.max(camera.height) > MAX_SIDE {
@@ -179,7 +178,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         );
         return Err(Usage(message).into());
     }
-    if args.output.as_deref().is_some_and(is_standard_output) {
+    if args.picture()?.is_some_and(is_standard_output) {
         options::refuse_terminal("the picture")?;
     }
     let files: Vec<(&str, &Path)> = args.files().collect();
@@ -192,7 +191,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         .unwrap_or(0);
     if names.len() > 1 && around + MIN_ROOM_BYTES > MAX_NAME_BYTES {
         let message = format!(
-            "a file of --inspect or --map has a name of {around} bytes, which leaves no room for the cameras' names"
+            "a file of --inspect or --output has a name of {around} bytes, which leaves no room for the cameras' names"
         );
         return Err(Usage(message).into());
     }
@@ -237,6 +236,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if !args.inspect.is_empty() {
         session.keep_contents();
     }
+    let names: Vec<String> = args.named().map(|(name, _)| name.to_owned()).collect();
+    session.set_outputs(&names);
     let stdout = args.stdout();
     let mut progress = Progress::new("drawing");
     let wanted = Wanted {
@@ -245,7 +246,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         read_output: destination.is_some(),
         inspect: &args.inspect,
     };
-    let mut batch = Batch::new(args.jobs(), destination, stdout);
+    let files: Vec<(String, PathBuf)> =
+        args.named().map(|(name, file)| (name.to_owned(), file.to_owned())).collect();
+    let mut batch = Batch::new(args.jobs(), destination, (files, cameras.len()), stdout);
     for (index, (camera, stem)) in cameras.iter().zip(&stems).enumerate() {
         progress.set(index as u64, cameras.len() as u64, &camera.img_name);
         if !session.is_prepared((camera.width, camera.height)) {
@@ -260,10 +263,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
             batch.submit(&mut session, args.background, (camera, stem), &progress)?;
             continue;
         }
-        let Drawn { stats, output, requests } = frames::draw(&wanted, &mut session, camera, loaded)?;
+        let Drawn { stats, output, outputs, requests } = frames::draw(&wanted, &mut session, camera, loaded)?;
         let inspected: Vec<_> = stats.inspected.iter().cloned().zip(requests).collect();
         let no_colours = frames::no_colours(&session);
-        batch.save(Shown { stats, output, no_colours, stem: stem.clone() }, &progress)?;
+        batch.save(Shown { stats, output, outputs, no_colours, stem: stem.clone() }, &progress)?;
         batch.finish(&progress)?;
         for (finding, inspect_request) in inspected {
             progress.suspend(|| stdout.line(&finding.text()))?;
@@ -310,8 +313,10 @@ fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Res
             None => one_line(&camera.img_name).into_owned(),
         };
         stdout.line(&format!("{name}: {} x {}, {}", camera.width, camera.height, truth.stats))?;
-        for (map, file) in &args.map {
-            truth.save(*map, &per_camera(file, stem, cameras.len()))?;
+        for (name, file) in args.named() {
+            let output =
+                truth.output(name).with_context(|| format!("the exact renderer has no output `{name}`"))?;
+            output.save(&per_camera(file, stem, cameras.len()))?;
         }
         all.push(truth.stats);
     }
@@ -330,14 +335,15 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
             ("--inspect", !args.inspect.is_empty()),
         ];
         refuse_for_reference(&more)?;
+        if let Some((name, _)) = args.named().find(|(name, _)| NAMES.iter().all(|(other, _)| other != name)) {
+            let names = NAMES.map(|(name, _)| name).join(", ");
+            return Err(Usage(format!("expected an output of the exact renderer, {names}, found `{name}`")));
+        }
         return refuse_graph_options(&args.drawing.pipeline, &args.drawing.set, &args.device);
     }
-    let given = [("--rule", !args.rule.is_empty()), ("--map", !args.map.is_empty())];
-    match given.iter().find(|(_, given)| *given) {
-        Some((option, _)) => {
-            Err(Usage(format!("{option} is for the exact renderer: add --backend reference")))
-        }
-        None => Ok(()),
+    match args.rule.is_empty() {
+        true => Ok(()),
+        false => Err(Usage("--rule is for the exact renderer: add --backend reference".into())),
     }
 }
 
@@ -368,7 +374,8 @@ fn refuse_for_reference(given: &[(&str, bool)]) -> Result<(), Usage> {
 impl Args {
     fn stdout(&self) -> Stdout {
         let others = self.files().map(|(_, file)| file);
-        Stdout::of(self.output.iter().chain(&self.json).map(PathBuf::as_path).chain(others))
+        let picture = self.picture().ok().flatten();
+        Stdout::of(picture.into_iter().chain(self.json.as_deref()).chain(others))
     }
 
     fn jobs(&self) -> usize {
@@ -378,8 +385,33 @@ impl Args {
     /// Returns the files beside the pictures, with their options; several cameras have one each.
     fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
-        let maps = self.map.iter().map(|(_, file)| ("--map", file.as_path()));
-        inspected.map(|file| ("--inspect", file)).chain(maps)
+        let outputs = self.named().map(|(_, file)| ("--output", file));
+        inspected.map(|file| ("--inspect", file)).chain(outputs)
+    }
+
+    /// The outputs besides the picture, with their files.
+    fn named(&self) -> impl Iterator<Item = (&str, &Path)> {
+        self.output.iter().filter_map(|output| match output {
+            Output::Named(name, file) => Some((name.as_str(), file.as_path())),
+            Output::Picture(_) => None,
+        })
+    }
+
+    /// Where the picture goes.
+    fn picture(&self) -> Result<Option<&Path>, Usage> {
+        let pictures: Vec<&Path> = self
+            .output
+            .iter()
+            .filter_map(|output| match output {
+                Output::Picture(path) => Some(path.as_path()),
+                Output::Named(..) => None,
+            })
+            .collect();
+        match pictures[..] {
+            [] => Ok(None),
+            [path] => Ok(Some(path)),
+            _ => Err(Usage(format!("expected one --output without a name, found {}", pictures.len()))),
+        }
     }
 }
 

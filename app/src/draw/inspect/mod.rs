@@ -281,6 +281,7 @@ mod tests {
             culled: vec![],
             warnings: vec![],
             output: ResourceId(2),
+            outputs: vec![],
             stats: vec![],
         }
     }

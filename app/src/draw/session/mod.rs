@@ -173,6 +173,17 @@ impl<D: Device> Session<D> {
         self.planner.share_memory = false;
     }
 
+    /// Asks for outputs of the graph besides its picture, such as `depth`; the next [`Session::prepare`] builds a plan that gives them.
+    ///
+    /// Without any, as at first, the plan has nothing for them. [`outputs::draw`](crate::draw::outputs::draw) reads them.
+    pub fn set_outputs(&mut self, names: &[String]) {
+        if self.planner.outputs != names {
+            self.planner.outputs = names.to_vec();
+            self.loaded = None;
+            self.flying.clear();
+        }
+    }
+
     /// Changes the graph and its parameters; the next [`Session::prepare`] builds its plan.
     ///
     /// Frames in flight are forgotten, and parameters that grew start from their defaults again: a measurement does not depend on those

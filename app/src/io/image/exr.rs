@@ -5,7 +5,7 @@
 //! `comments` for people.
 
 use super::pixels::{Image, ImageError, check_size, open};
-use crate::io::output::file::Cause;
+use crate::io::output::{self, file::Cause};
 use exr::prelude as x;
 use exr::prelude::{ReadChannels, ReadLayers, WritableImage};
 use std::cell::Cell;
@@ -36,6 +36,33 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     let mut bytes = Vec::new();
     x::Image::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes))?;
     Ok(out.write_all(&bytes)?)
+}
+
+/// Writes values that are no colours, pixel after pixel, to channels of these names, sorted as the format wants them.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn save_values(
+    path: &Path,
+    names: &[&str],
+    (width, height): (usize, usize),
+    values: &[f32],
+) -> Result<(), ImageError> {
+    let channel = |(at, name): (usize, &&str)| {
+        let samples = values.iter().skip(at).step_by(names.len()).copied().collect();
+        x::AnyChannel::new(*name, x::FlatSamples::F32(samples))
+    };
+    let channels = x::AnyChannels::sort(names.iter().enumerate().map(channel).collect());
+    let attributes = x::LayerAttributes {
+        software_name: Some(x::Text::from(concat!("splatgraph ", env!("CARGO_PKG_VERSION")))),
+        ..Default::default()
+    };
+    let layer = x::Layer::new((width, height), attributes, x::Encoding::SMALL_FAST_LOSSLESS, channels);
+    Ok(output::write(path, |out| {
+        let mut bytes = Vec::new();
+        x::Image::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes))?;
+        Ok(out.write_all(&bytes)?)
+    })?)
 }
 
 /// Checks the sizes of all layers; returns that of the first that has R, G and B.

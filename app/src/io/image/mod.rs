@@ -21,6 +21,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+pub use exr::save_values;
 pub use npy::{npz_names, save_words};
 pub use pixels::{Depth, Image, ImageError};
 

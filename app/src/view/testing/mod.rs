@@ -51,6 +51,7 @@ pub fn plan(passes: &[(&str, &str)]) -> Arc<Plan> {
         culled: vec![],
         warnings: vec![],
         output: ResourceId(0),
+        outputs: vec![],
         stats: vec![],
     })
 }

@@ -145,6 +145,7 @@ impl Build {
                 culled: Vec::new(),
                 warnings: Vec::new(),
                 output: ResourceId(0),
+                outputs: vec![],
                 stats: Vec::new(),
             },
         }

@@ -293,6 +293,7 @@ impl Maker {
                 .with_help("fill it in an earlier pass"),
                 origin: origin(98),
             }],
+            outputs: vec![Output { name: "picture".into(), image: output }],
             output,
             stats: vec![Stat { name: "visible".into(), buffer: args, offset: 12 }],
         };

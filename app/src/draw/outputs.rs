@@ -1,0 +1,200 @@
+//! Reads the images that a frame gives besides its picture: alpha, depths, normals and others, as arrays and files.
+//!
+//! A graph names them under `outputs`. [`Session::set_outputs`] asks for some, and the plan then computes these; without it, a plan has
+//! nothing for any of them. [`draw`] draws a frame and returns its colours with its outputs. docs/splatting.md defines them.
+//!
+//! ```no_run
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use splatgraph::draw::{backend::{Api, Backend}, outputs, session::Session};
+//! use splatgraph_assets::{Camera, synth};
+//!
+//! let scene = synth::generate("uniform", 500, 0)?;
+//! let camera = Camera::framing(&scene, 64, 48);
+//! let mut session = Session::new(Backend::open(Api::default(), &Default::default())?, scene, "auto", &[]);
+//! session.set_outputs(&["alpha".into(), "expected_depth".into()]);
+//! let frame = outputs::draw(&mut session, &camera, [0.0; 3])?;
+//! assert_eq!(frame.colour.rgb.len(), 64 * 48);
+//! assert_eq!((frame.outputs[1].name.as_str(), &frame.outputs[1].shape[..]), ("expected_depth", &[48, 64][..]));
+//! # Ok(())
+//! # }
+//! ```
+
+use crate::draw::capture::CaptureError;
+use crate::draw::inspect::{Finding, Words};
+use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
+use crate::io::image::{Format, Image, ImageError, save_values, save_words};
+use splatgraph_api::{Device, Inspect};
+use splatgraph_assets::Camera;
+use splatgraph_framework::ir::{PassId, Work};
+use splatgraph_framework::plan::Plan;
+use std::path::Path;
+
+/// The outputs of the built-in graphs, with a phrase for each.
+pub const NAMES: [(&str, &str); 7] = [
+    ("alpha", "the share of the pixel that splats cover, 0 to 1"),
+    ("depth", "the sum of the splats' view depths, each times its share of the pixel (gsplat's D)"),
+    ("expected_depth", "that sum divided by alpha (gsplat's ED)"),
+    (
+        "median_depth",
+        "the view depth of the last splat that more than half of the light reaches; 0 without splats",
+    ),
+    ("normal", "the sum of the splats' normals in the world, each times its share"),
+    ("contributors", "the number of splats that are blended (uint32)"),
+    ("index", "the index of the splat with the largest share; 4294967295 without splats (uint32)"),
+];
+
+/// An image of a frame besides its picture, row 0 at the top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Output {
+    /// The name in the graph.
+    pub name: String,
+    /// `[height, width]`, or `[height, width, channels]`.
+    pub shape: Vec<u64>,
+    /// The values, as the last dimension of the shape counts fastest.
+    pub words: Words,
+}
+
+/// A drawn frame with its outputs.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// The picture: display-encoded, over the background, not clamped.
+    pub colour: Image,
+    /// The outputs that [`Session::set_outputs`] asked for, in the order of the graph.
+    pub outputs: Vec<Output>,
+    /// The graph's counts, such as `visible` and `drawn`.
+    pub counts: Vec<(String, u32)>,
+}
+
+/// Draws a frame, in the camera's size, and reads its picture and its outputs back. Builds and loads the plan where it must.
+///
+/// The background is display-encoded.
+///
+/// # Errors
+/// The graph has errors or lacks an output, the device fails, or the picture has no colours.
+pub fn draw<D: Device>(
+    session: &mut Session<D>,
+    camera: &Camera,
+    background: [f32; 3],
+) -> Result<Frame, CaptureError> {
+    session.prepare((camera.width, camera.height), &mut |_| {})?;
+    let plan = session.plan().ok_or(SessionError::NotPrepared)?;
+    let inspect = inspections(plan);
+    let output = plan.resource(plan.output).name.clone();
+    let options = FrameOptions { background, read_output: true, inspect, ..FrameOptions::default() };
+    let frame = session.submit(camera, &options)?;
+    let result = session.wait(frame)?;
+    let colour = result.output.as_ref().and_then(image_of).ok_or(CaptureError::NoColours(output))?;
+    let plan = session.plan().ok_or(SessionError::NotPrepared)?;
+    Ok(Frame { colour, outputs: read(plan, &result.inspected), counts: result.stats })
+}
+
+/// Lists where a plan's outputs are read, in the order of the plan: after the frame's end, which they last to.
+pub fn inspections(plan: &Plan) -> Vec<Inspect> {
+    let mut ids = (0..plan.passes.len() as u32).map(PassId);
+    let after = ids.rfind(|id| plan.pass(*id).work == Work::Export);
+    let output = |after| plan.outputs.iter().map(move |output| Inspect { resource: output.image, after });
+    after.into_iter().flat_map(output).collect()
+}
+
+/// Makes the outputs of the bytes that [`inspections`] asked for.
+pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
+    let outputs = plan.outputs.iter().zip(inspections(plan)).zip(inspected);
+    let output = |((output, target), bytes): ((&splatgraph_framework::ir::Output, Inspect), &Vec<u8>)| {
+        let Finding { mut shape, mut words, .. } = Finding::new(plan, &target, bytes, &[]);
+        // Formats of images have one channel or four.
+        if let ([.., channels @ 4], Words::Float(values)) = (&mut shape[..], &mut words) {
+            *channels = 3;
+            *values = values.chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect();
+        }
+        Output { name: output.name.clone(), shape, words }
+    };
+    outputs.map(output).collect()
+}
+
+/// Checks that an output of this name can be written in a format.
+///
+/// # Errors
+/// The formats that can.
+pub fn check_format(name: &str, format: Format) -> Result<(), String> {
+    let expected = match (name, format) {
+        ("contributors" | "index", Format::Png | Format::Exr) => {
+            "expected the extension .npy: other formats hold no integers of 32 bits"
+        }
+        ("depth" | "expected_depth" | "median_depth", Format::Png) => {
+            "expected the extension .npy or .exr: the levels of a PNG end at 1, and depths do not"
+        }
+        _ => return Ok(()),
+    };
+    Err(format!("{expected} (output `{name}`)"))
+}
+
+impl Output {
+    /// Writes the values as an array, as an image of floats, or, normals and shares, as a picture.
+    ///
+    /// A normal becomes a colour by (n + 1) / 2, at unit length.
+    ///
+    /// # Errors
+    /// [`check_format`] refuses the format, or the file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), ImageError> {
+        let (format, values) = match (Format::of(path), &self.words) {
+            (Some(format @ (Format::Png | Format::Exr)), Words::Float(values)) => (format, values),
+            (_, Words::Float(values)) => return save_words(path, &self.shape, values),
+            (_, Words::Uint(words)) => return save_words(path, &self.shape, words),
+        };
+        let (width, channels) = (self.shape[1] as usize, self.shape.get(2).map_or(1, |n| *n as usize));
+        let size = (width, self.shape[0] as usize);
+        if format == Format::Exr {
+            let names: &[&str] = match (channels, self.name.as_str()) {
+                (1, "alpha") => &["A"],
+                (1, "depth" | "expected_depth" | "median_depth") => &["Z"],
+                (1, _) => &["Y"],
+                (_, "normal") => &["N.X", "N.Y", "N.Z"],
+                _ => &["R", "G", "B"],
+            };
+            return save_values(path, names, size, values);
+        }
+        let pixel = |x: usize, y: usize| {
+            let at = (y * width + x) * channels;
+            let found = std::array::from_fn(|c| values[at + c.min(channels - 1)]);
+            if self.name == "normal" { colour_of_normal(found) } else { found }
+        };
+        Image::from_fn(size.0, size.1, pixel).save(path)
+    }
+}
+
+fn colour_of_normal(normal: [f32; 3]) -> [f32; 3] {
+    let length = normal.iter().map(|v| v * v).sum::<f32>().sqrt();
+    normal.map(|v| if length > 0.0 { 0.5 * (v / length + 1.0) } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outputs_are_written_in_the_formats_that_hold_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let save = |name: &str, words: Words, shape: &[u64], file: &str| {
+            let path = folder.path().join(file);
+            let output = Output { name: name.into(), shape: shape.to_vec(), words };
+            output.save(&path).map(|()| path)
+        };
+        let alpha = Words::Float(vec![0.0, 0.25, 0.5, 1.0]);
+        let grey = Image::load(&save("alpha", alpha.clone(), &[2, 2], "a.png").unwrap()).unwrap();
+        assert_eq!((grey.at(1, 1), grey.at(0, 0)), ([1.0; 3], [0.0; 3]));
+        save("depth", alpha, &[2, 2], "d.exr").unwrap();
+        let normals = Words::Float(vec![0.0, 0.0, -0.5, 0.0, 0.0, 0.0]);
+        let colours = Image::load(&save("normal", normals, &[1, 2, 3], "n.png").unwrap()).unwrap();
+        assert_eq!((colours.at(0, 0)[2], colours.at(1, 0)), (0.0, [0.0; 3]));
+        assert!(save("index", Words::Uint(vec![7]), &[1, 1], "i.exr").is_err());
+        for (name, format, fits) in [
+            ("alpha", Format::Png, true),
+            ("depth", Format::Png, false),
+            ("depth", Format::Exr, true),
+            ("index", Format::Exr, false),
+            ("index", Format::Npy, true),
+        ] {
+            assert_eq!(check_format(name, format).is_ok(), fits, "{name} {format}");
+        }
+    }
+}
