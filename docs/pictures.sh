@@ -7,6 +7,9 @@ cd "$(dirname -- "${BASH_SOURCE[0]}")/.."
 scene=$(realpath -- "$1") cameras=$(realpath -- "$2")
 program=${SPLATGRAPH:-target/release/splatgraph}
 
+# The film of the README: the demo scene, which needs no display.
+"$program" video --eye 1.6,-1.3,-5.6 --target 0.14,-0.715,-0.477 --fov 57 --orbit 28 --size 200x112 --fps 8 -o docs/images/film.gif
+
 shoot() { # name, width x height, options
   local name=$1 size=$2
   shift 2

@@ -49,6 +49,7 @@ mod popping;
 mod random;
 mod reference;
 mod results;
+mod scenes;
 #[cfg(target_os = "linux")]
 mod serial_tiles;
 mod sort;
@@ -59,6 +60,7 @@ mod tiles;
 #[cfg(target_os = "linux")]
 mod trade;
 mod tutorial;
+mod video;
 mod view;
 mod walk;
 mod window_graph;

@@ -206,6 +206,28 @@ pub enum SceneError {
     )]
     Changed,
 
+    /// The text of several scenes is malformed.
+    #[error("line {line}, column {column}: {message}")]
+    Text {
+        /// The line's number.
+        line: usize,
+        /// The column, counted from 1.
+        column: usize,
+        /// The expectation and the finding.
+        message: String,
+    },
+
+    /// A number in the text of several scenes makes no place in the world.
+    #[error("{message}")]
+    Scenes {
+        /// The scene, the expectation and the finding.
+        message: String,
+    },
+
+    /// One of several scenes cannot be loaded.
+    #[error(transparent)]
+    Placed(Box<LoadError>),
+
     /// A row of an ASCII file is malformed.
     #[error("line {line}: {message}")]
     Row {

@@ -113,12 +113,13 @@ pub fn line(random: &mut Random) -> Vec<String> {
             "experiment",
             "evaluate",
             "convert",
+            "video",
         ]),
     };
     let mut words: Vec<String> = vec![command.into()];
     // The operands of each command, mostly.
     let operands = match command {
-        "render" | "view" | "info" | "bench" | "trade" | "sweep" | "advise" | "popping" => {
+        "render" | "video" | "view" | "info" | "bench" | "trade" | "sweep" | "advise" | "popping" => {
             random.below(8).min(1)
         }
         "compare" => [2, 2, 2, 2, 2, 2, 2, 2, 1, 3][random.below(10)],
@@ -144,6 +145,7 @@ pub fn line(random: &mut Random) -> Vec<String> {
     }
     let output = match command {
         "render" => Some("-oout.png"),
+        "video" => Some("-oout.gif"),
         "synth" => Some("-oout.ply"),
         _ => None,
     };
@@ -194,6 +196,21 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
             "--compare",
             "--compare-set",
         ],
+        "video" => &[
+            "-o",
+            "-o",
+            "--format",
+            "--cameras",
+            "--closed",
+            "--orbit",
+            "--seconds",
+            "--fps",
+            "--samples",
+            "--shutter",
+            "--size",
+            "--set",
+            "--device",
+        ],
         "dump" => &["-o", "--format", "--diff", "--times", "--scene", "--size", "--set", "--set-b"],
         "compare" => &["--diff", "--diff", "--gain", "--min-psnr", "--json", "--by-number"],
         "synth" => &["-o", "-o", "--cameras", "--count", "--seed", "--enlarge"],
@@ -243,6 +260,8 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
     let mut of = |good: &[&str], bad: &[&str]| random.of(if hostile { bad } else { good }).to_owned();
     let value = match name {
         "-o" if command == "synth" => of(&["out.ply", "new/out.ply", "./out.ply"], &OUTPUTS),
+        "-o" if command == "video" => of(&["out.gif", "new/out.apng", "out.y4m", "out", "pics"], &OUTPUTS),
+        "--fps" => of(&["24", "30000/1001"], &["0", "30/0", "1e9", "29.97", "4294967297"]),
         "-o" | "--diff" if command != "dump" => {
             of(&["out.png", "out.exr", "new/out.npy", "out", "pics"], &OUTPUTS)
         }

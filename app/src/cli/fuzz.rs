@@ -6,7 +6,7 @@ mod words;
 use super::outcome::Usage;
 use super::{
     Cli, Command, advise, bench, compare, convert, dump, evaluate, experiment, new, options, popping, render,
-    sweep, synth, trade, view,
+    sweep, synth, trade, video, view,
 };
 use anyhow::Result;
 use clap::Parser;
@@ -24,6 +24,7 @@ const LINES: (u64, u64) = (100_000, 3_000);
 fn check(command: &Command) -> Result<()> {
     match command {
         Command::Render(args) => render::prepare(args).map(drop),
+        Command::Video(args) => video::prepare(args).map(drop),
         Command::View(args) => Ok(view::check_files(args)?),
         Command::Dump(args) => Ok(dump::guard(args).map(drop)?),
         Command::Compare(args) => compare::prepare(args).map(drop),

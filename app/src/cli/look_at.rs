@@ -2,7 +2,8 @@
 
 use super::outcome::Usage;
 use crate::draw::facts;
-use glam::{DQuat, DVec3};
+use crate::draw::orbit::Orbit;
+use glam::DVec3;
 use splatgraph_assets::{Camera, Scene};
 
 /// Options of cameras without a file.
@@ -26,7 +27,7 @@ pub struct LookAtArgs {
 }
 
 /// Parses `X,Y,Z`.
-fn point(text: &str) -> Result<[f64; 3], String> {
+pub fn point(text: &str) -> Result<[f64; 3], String> {
     let values: Option<Vec<f64>> =
         text.split(',').map(|v| v.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     let values = values.and_then(|values| <[f64; 3]>::try_from(values).ok());
@@ -42,21 +43,39 @@ fn angle(text: &str) -> Result<f64, String> {
 impl LookAtArgs {
     /// Returns the cameras' names before the scene is loaded; `None` without these options.
     pub fn names(&self) -> Option<Vec<String>> {
-        let given = self.eye.is_some() || self.target.is_some() || self.up.is_some() || self.fov.is_some();
         match self.orbit {
             Some(count) => Some((0..count).map(|index| format!("orbit-{index:04}")).collect()),
-            None => given.then(|| vec!["eye".into()]),
+            None => self.has_camera().then(|| vec!["eye".into()]),
         }
     }
 
+    /// Returns true if an option other than `--orbit` is given.
+    pub fn has_camera(&self) -> bool {
+        self.eye.is_some() || self.target.is_some() || self.up.is_some() || self.fov.is_some()
+    }
+
+    /// Returns the number of `--orbit`.
+    pub fn count(&self) -> Option<u32> {
+        self.orbit
+    }
+
     /// Makes the cameras, in the scene's coordinates; `None` without these options.
+    ///
+    /// # Errors
+    /// Those of [`LookAtArgs::circle`].
+    pub fn cameras(&self, scene: &Scene, size: Option<(u32, u32)>) -> Result<Option<Vec<Camera>>, Usage> {
+        let Some(names) = self.names() else { return Ok(None) };
+        let cameras = on_circle(&self.circle(scene, size)?, names.len()).into_iter().zip(names);
+        Ok(Some(cameras.map(|(camera, img_name)| Camera { img_name, ..camera }).collect()))
+    }
+
+    /// Makes the circle about `--up` through the eye, in the scene's coordinates.
     ///
     /// Without `--eye`, the first camera is at the position of [`framing`](super::options::framing).
     ///
     /// # Errors
     /// Eye and target coincide, or are too far away to draw.
-    pub fn cameras(&self, scene: &Scene, size: Option<(u32, u32)>) -> Result<Option<Vec<Camera>>, Usage> {
-        let Some(names) = self.names() else { return Ok(None) };
+    pub fn circle(&self, scene: &Scene, size: Option<(u32, u32)>) -> Result<Orbit, Usage> {
         let size = size.unwrap_or(facts::DEFAULT_SIZE);
         let local = |place: [f64; 3]| DVec3::from(place) - DVec3::from(scene.offset());
         let target = self.target.map_or_else(|| DVec3::from(scene.robust_bounds().center()), local);
@@ -70,34 +89,17 @@ impl LookAtArgs {
             return Err(Usage("expected a direction for --up, found 0,0,0".into()));
         }
         let fov = self.fov.unwrap_or(60.0);
-        let mut cameras = circle(eye.into(), target.into(), up.into(), fov, size, names.len());
-        for (camera, name) in cameras.iter_mut().zip(names) {
-            if let Some(fault) = camera.fault() {
-                return Err(Usage(format!("--eye, --target and --fov make no camera: {fault}")));
-            }
-            camera.img_name = name;
+        let start = Camera::looking_at_upright(eye.into(), target.into(), up.into(), fov, size);
+        if let Some(fault) = start.fault() {
+            return Err(Usage(format!("--eye, --target and --fov make no camera: {fault}")));
         }
-        Ok(Some(cameras))
+        Ok(Orbit { start, around: target.into(), axis: up.into() })
     }
 }
 
-/// Makes cameras on a circle about `up` through the target, the first at the eye. `fov` is horizontal, in degrees.
-pub fn circle(
-    eye: [f64; 3],
-    target: [f64; 3],
-    up: [f64; 3],
-    fov: f64,
-    size: (u32, u32),
-    count: usize,
-) -> Vec<Camera> {
-    let (eye, around) = (DVec3::from(eye), DVec3::from(target));
-    let axis = DVec3::from(up).normalize_or(DVec3::NEG_Y);
-    let camera = |index: usize| {
-        let turn = DQuat::from_axis_angle(axis, std::f64::consts::TAU * index as f64 / count as f64);
-        let eye = around + turn * (eye - around);
-        Camera { id: index as i64, ..Camera::looking_at_upright(eye.into(), target, up, fov, size) }
-    };
-    (0..count).map(camera).collect()
+/// Makes so many cameras at equal steps of a circle, the first at its start.
+pub fn on_circle(circle: &Orbit, count: usize) -> Vec<Camera> {
+    (0..count).map(|index| Camera { id: index as i64, ..circle.at(index as f64 / count as f64) }).collect()
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ mod devices;
 mod dump;
 mod evaluate;
 mod experiment;
+mod further;
 #[cfg(all(test, feature = "window"))]
 mod fuzz;
 mod help;
@@ -34,6 +35,7 @@ mod sweep;
 mod synth;
 mod threads;
 mod trade;
+mod video;
 #[cfg(feature = "window")]
 mod view;
 
@@ -51,6 +53,7 @@ use std::sync::Arc;
 
 const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a picture of it
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --json stats.json
+  splatgraph video scene.ply --cameras keys.json -o film.gif   # a smooth path through cameras
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.exr
   splatgraph compare out.npy golden.npz#camera0
   splatgraph convert scene.ply scene.spz            # another format, and what it loses
@@ -94,6 +97,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Render(render::Args),
+    Video(video::Args),
     #[cfg(feature = "window")]
     View(view::Args),
     Dump(dump::Args),
@@ -131,6 +135,7 @@ pub fn main() -> ExitCode {
     planner::configure(planner::Settings { worker, store, include_roots: cli.include_root });
     let result = match &cli.command {
         Command::Render(args) => render::run(args),
+        Command::Video(args) => video::run(args),
         #[cfg(feature = "window")]
         Command::View(args) => view::run(args),
         Command::Dump(args) => dump::run(args),
@@ -183,6 +188,7 @@ fn command() -> clap::Command {
     let command = command.mut_subcommand("view", |c| with_presets(c, view::EXAMPLES));
     command
         .mut_subcommand("render", |c| with_presets(c, render::EXAMPLES))
+        .mut_subcommand("video", |c| with_presets(c, video::EXAMPLES))
         .mut_subcommand("dump", |c| with_presets(c, dump::EXAMPLES))
         .mut_subcommand("check", |c| {
             let devices = format!("{}\n\nDevices:\n{}", check::EXAMPLES, known_devices::list());

@@ -139,8 +139,19 @@ pub fn scene_and_cameras(
     size: Option<(u32, u32)>,
 ) -> Result<(Scene, Vec<Camera>)> {
     let (scene, _, own) = scene_or_demo(path)?;
-    let given = given.map(|cameras| in_scene(&cameras, &scene));
-    let mut cameras = given.or(own.map(|own| vec![own])).unwrap_or_else(|| vec![framing(&scene)]);
+    let cameras = cameras_of(&scene, given.or(own.map(|own| vec![own])), stems, size);
+    Ok((scene, cameras))
+}
+
+/// Moves cameras into a scene, in the requested size; without any, makes the one that frames it. For names, see [`scene_and_cameras`].
+pub fn cameras_of(
+    scene: &Scene,
+    given: Option<Vec<Camera>>,
+    stems: &[String],
+    size: Option<(u32, u32)>,
+) -> Vec<Camera> {
+    let given = given.map(|cameras| in_scene(&cameras, scene));
+    let mut cameras = given.unwrap_or_else(|| vec![framing(scene)]);
     let mut uses: HashMap<String, usize> = HashMap::new();
     for camera in &cameras {
         *uses.entry(camera.img_name.clone()).or_default() += 1;
@@ -153,7 +164,7 @@ pub fn scene_and_cameras(
             camera.img_name = stem.clone();
         }
     }
-    Ok((scene, cameras))
+    cameras
 }
 
 /// Scales the camera down to at most `width` pixels.

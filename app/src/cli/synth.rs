@@ -2,6 +2,7 @@
 
 use super::outcome::{Outcome, Usage};
 use super::{look_at, options};
+use crate::draw::orbit::Orbit;
 use crate::draw::truth::Truth;
 use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
@@ -105,9 +106,10 @@ fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
     let (width, height) = args.size.unwrap_or((480, 270));
     let paths = photographs(args, folder);
     let framing = Camera::framing(&scene, width, height);
-    let target = scene.robust_bounds().center();
-    let mut cameras =
-        look_at::circle(framing.position, target, [0.0, -1.0, 0.0], 60.0, (width, height), paths.len());
+    let around = scene.robust_bounds().center();
+    let start = Camera::looking_at(framing.position, around, 60.0, (width, height));
+    let circle = Orbit { start, around, axis: [0.0, -1.0, 0.0] };
+    let mut cameras = look_at::on_circle(&circle, paths.len());
     for (camera, path) in cameras.iter_mut().zip(&paths) {
         camera.img_name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Truth::draw(&scene, camera, [0.0; 3], &Rules::PUBLISHED).image().save(path)?;

@@ -17,6 +17,8 @@
 //! - [`outputs`]: the images of a frame besides its picture;
 //! - [`session`]: draws frames with a device, a scene and a plan;
 //! - [`stats`]: the times and counts of frames;
+//! - [`pictures`]: encodes pictures on threads while the device draws the next ones;
+//! - [`film`]: films of a moving camera;
 //! - [`interleaved`]: frames of several sessions interleaved, and their times;
 //! - [`capture`]: a picture with the order of its splats.
 
@@ -27,6 +29,7 @@ pub mod camera_path;
 pub mod capacity;
 pub mod capture;
 pub mod facts;
+pub mod film;
 pub mod fit;
 pub mod inspect;
 pub mod interleaved;
@@ -34,6 +37,7 @@ pub mod keys;
 pub mod orbit;
 pub mod outputs;
 pub mod pick;
+pub mod pictures;
 pub mod planner;
 pub mod render_command;
 pub mod session;

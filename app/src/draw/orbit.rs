@@ -1,19 +1,54 @@
 //! Moves cameras around a point, and turns them towards it.
 //!
-//! Everything is relative to the camera that is given: captured scenes have no up, but each of their cameras has.
+//! Turns without an axis are relative to the camera that is given: captured scenes have no up, but each of their cameras has. An
+//! [`Orbit`] has an axis of its own.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::Camera;
+use std::f64::consts::TAU;
 
 /// Moves a camera around a point by an angle, about its own vertical axis. The point stays where it is in the picture.
 ///
 /// A positive angle, in degrees, moves the camera to its left.
 pub fn turned(camera: &Camera, around: [f64; 3], degrees: f64) -> Camera {
-    let axes = camera.axes().map(DVec3::from);
-    let turn = DQuat::from_axis_angle(axes[1].normalize_or(DVec3::Y), degrees.to_radians());
+    let axis = DVec3::from(camera.axes()[1]).normalize_or(DVec3::Y);
+    moved_by(camera, around, DQuat::from_axis_angle(axis, degrees.to_radians()))
+}
+
+/// Moves a camera around a point by a rotation.
+fn moved_by(camera: &Camera, around: [f64; 3], turn: DQuat) -> Camera {
     let around = DVec3::from(around);
     let position = around + turn * (DVec3::from(camera.position) - around);
-    with_axes(camera, position, axes.map(|axis| turn * axis))
+    with_axes(camera, position, camera.axes().map(|axis| turn * DVec3::from(axis)))
+}
+
+/// A circle of a camera around an axis through a point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Orbit {
+    /// The camera at the start.
+    pub start: Camera,
+    /// The point, which keeps its place in the picture.
+    pub around: [f64; 3],
+    /// The axis, of any length; 0 counts as up, which is -y.
+    pub axis: [f64; 3],
+}
+
+impl Orbit {
+    /// Makes a level circle that begins with a camera, around the point of its axis that is nearest to `middle`.
+    ///
+    /// It is around `middle` itself if that is behind the camera.
+    pub fn before(start: Camera, middle: [f64; 3]) -> Orbit {
+        let (position, forward) = (DVec3::from(start.position), DVec3::from(start.axes()[2]));
+        let ahead = (DVec3::from(middle) - position).dot(forward);
+        let around = if ahead > 0.0 { (position + ahead * forward).into() } else { middle };
+        Orbit { start, around, axis: [0.0, -1.0, 0.0] }
+    }
+
+    /// Computes the camera after this share of the circle.
+    pub fn at(&self, turns: f64) -> Camera {
+        let axis = DVec3::from(self.axis).normalize_or(DVec3::NEG_Y);
+        moved_by(&self.start, self.around, DQuat::from_axis_angle(axis, TAU * turns))
+    }
 }
 
 /// Computes the angle by which a camera turns to another, about whichever axis, in degrees from 0 to 180.
@@ -58,6 +93,15 @@ mod tests {
         assert!(camera.to_view(moved.position)[0] < -1.0, "to the left: {moved:?}");
         let back = turned(&moved, point, -30.0);
         assert!(close(back.position, camera.position) && close(back.rotation[0], camera.rotation[0]));
+    }
+
+    #[test]
+    fn a_circle_before_a_camera_keeps_its_height_and_what_it_looks_at() {
+        let start = Camera::looking_at([0.0, -1.0, -4.0], [0.0, 0.0, 0.0], 60.0, (64, 48));
+        let orbit = Orbit::before(start.clone(), [2.0, 0.0, 0.0]);
+        assert!(close(orbit.around, [0.0; 3]), "{orbit:?}");
+        assert!(close(orbit.at(0.5).position, [0.0, -1.0, 4.0]), "{:?}", orbit.at(0.5));
+        assert_eq!(Orbit::before(start, [2.0, 0.0, -9.0]).around, [2.0, 0.0, -9.0]);
     }
 
     #[test]

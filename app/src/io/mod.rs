@@ -2,11 +2,13 @@
 //!
 //! - [`output`]: everything that leaves the program: files, terminal text, signals;
 //! - [`image`]: picture files;
+//! - [`film`]: film files;
 //! - [`report`]: plots, and pages in one file;
 //! - [`progress`]: progress on standard error;
 //! - [`demo`]: the demo scene.
 
 pub mod demo;
+pub mod film;
 pub(crate) mod folders;
 pub mod image;
 pub mod output;

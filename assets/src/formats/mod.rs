@@ -1,5 +1,7 @@
 //! Loads and writes scene files: recognises the format by the bytes, and calls its reader.
 
+use crate::composition::{self, Placed};
+use crate::edit::Similarity;
 use crate::error::{LoadError, SceneError};
 use crate::input::{Input, OpenFile, Progress, SceneHeader, Source};
 use crate::memory;
@@ -28,44 +30,136 @@ fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
     }
 }
 
+/// The content of a file that [`Scene::load`] takes.
+enum Content<T> {
+    /// One scene.
+    One(T),
+    /// The text of several, which was not changed while it was read.
+    Several(Vec<Placed>),
+}
+
+/// Opens a file and reads it by `one`, unless it names several scenes.
+fn open<T>(path: &Path, one: impl FnOnce(&Source) -> Result<T, SceneError>) -> Result<Content<T>, LoadError> {
+    let inner = || {
+        let file = OpenFile::open(path)?;
+        let source = Source::File(&file);
+        let several = composition::begins_as_scenes(&source.head(HEAD)?);
+        let content = if several {
+            placed(&source, path).map(Content::Several)
+        } else {
+            one(&source).map(Content::One)
+        };
+        // Whatever was found in a file that changed under the reader says nothing about the file.
+        file.check_unchanged().and(content)
+    };
+    inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
+}
+
+/// Reads the text of several scenes.
+fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
+    let length = source.length();
+    if length > composition::MAX_BYTES {
+        let message = format!("expected at most {} bytes of text, found {length}", composition::MAX_BYTES);
+        return Err(SceneError::Scenes { message });
+    }
+    let bytes = source.head(length as usize)?;
+    let text =
+        String::from_utf8(bytes).map_err(|_| SceneError::Scenes { message: "expected UTF-8".into() })?;
+    composition::parse(&text, path.parent().unwrap_or(Path::new("")))
+}
+
+/// Refuses several scenes within several scenes.
+fn nested(path: &Path) -> LoadError {
+    let message = "expected one scene, found several".into();
+    LoadError { path: path.to_owned(), problem: SceneError::Scenes { message } }
+}
+
 impl SceneHeader {
-    /// Reads the header of a scene file, and nothing else.
+    /// Reads the header of a scene file, and nothing else; of several scenes, the sum of their headers.
     ///
     /// # Errors
     /// Those of [`Scene::load`] that the header and the file's length show.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, LoadError> {
         let path = path.as_ref();
-        let inner = || {
-            let file = OpenFile::open(path)?;
-            let source = Source::File(&file);
-            match recognise(&source, Some(path))? {
-                SceneFormat::Ply | SceneFormat::CompressedPly => ply::read::scene_header(&source),
-                SceneFormat::Spz => spz::header(&source),
-                SceneFormat::Splat => splat::header(&source),
-                SceneFormat::Sog => sog::header(&source),
-                SceneFormat::Ksplat => ksplat::header(&source),
-            }
+        let parts = match open(path, |source| Self::of(source, path))? {
+            Content::One(header) => return Ok(header),
+            Content::Several(parts) => parts,
         };
-        inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
+        let all = parts.iter().map(|part| match open(&part.file, |source| Self::of(source, &part.file))? {
+            Content::One(header) => Ok(header),
+            Content::Several(_) => Err(nested(&part.file)),
+        });
+        let all: Vec<Self> = all.collect::<Result<_, _>>().map_err(|error| within(path, error))?;
+        let stored_degree = all.iter().map(|header| header.stored_degree).max().unwrap_or(0);
+        Ok(Self { count: all.iter().map(|header| header.count).sum(), stored_degree })
+    }
+
+    fn of(source: &Source, path: &Path) -> Result<Self, SceneError> {
+        match recognise(source, Some(path))? {
+            SceneFormat::Ply | SceneFormat::CompressedPly => ply::read::scene_header(source),
+            SceneFormat::Spz => spz::header(source),
+            SceneFormat::Splat => splat::header(source),
+            SceneFormat::Sog => sog::header(source),
+            SceneFormat::Ksplat => ksplat::header(source),
+        }
     }
 }
 
+/// Adds the file of several scenes to the error of one of them.
+fn within(path: &Path, error: LoadError) -> LoadError {
+    LoadError { path: path.to_owned(), problem: SceneError::Placed(Box::new(error)) }
+}
+
+/// Returns true if a file names several scenes; false if it cannot be read.
+pub fn names_scenes(path: &Path) -> bool {
+    let head = || OpenFile::open(path).and_then(|file| Source::File(&file).head(HEAD));
+    head().is_ok_and(|head| composition::begins_as_scenes(&head))
+}
+
 impl Scene {
-    /// Loads a scene file of any [`SceneFormat`], which its bytes tell.
+    /// Loads a scene file of any [`SceneFormat`], which its bytes tell, or several scenes that a `.ron` file places.
     ///
     /// # Errors
     /// The file cannot be read, is not a scene, is damaged, does not fit in memory, or was written to meanwhile. See
     /// [`SceneError`].
     pub fn load(path: impl AsRef<Path>, progress: Progress) -> Result<Self, LoadError> {
         let path = path.as_ref();
-        let inner = || {
-            let file = OpenFile::open(path)?;
-            let input = Input { source: &Source::File(&file), memory: memory::available(), progress };
-            let parsed = parse(&input, Some(path));
-            // Whatever was found in a file that changed under the reader says nothing about the file.
-            file.check_unchanged().and(parsed)
+        let parts = match Self::load_one(path, progress)? {
+            Content::One(scene) => return Ok(scene),
+            Content::Several(parts) => parts,
         };
-        inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
+        Self::load_placed(&parts, progress).map_err(|error| within(path, error))
+    }
+
+    fn load_one(path: &Path, progress: Progress) -> Result<Content<Self>, LoadError> {
+        open(path, |source| parse(&Input { source, memory: memory::available(), progress }, Some(path)))
+    }
+
+    /// Loads scenes, moves each to its place, and joins them.
+    fn load_placed(parts: &[Placed], progress: Progress) -> Result<Self, LoadError> {
+        let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
+        let total: u64 = parts.iter().map(bytes).sum();
+        let (mut scenes, mut before) = (Vec::with_capacity(parts.len()), 0);
+        for part in parts {
+            let length = bytes(part);
+            // Bytes of the file, whatever its reader counts.
+            let tell = |done: u64, of: u64| {
+                let share = done as f64 / of.max(1) as f64;
+                progress(before + (share * length as f64) as u64, total)
+            };
+            let no_room = |error| LoadError { path: part.file.clone(), problem: SceneError::Memory(error) };
+            let scene = match Self::load_one(&part.file, &tell)? {
+                Content::One(scene) => scene,
+                Content::Several(_) => return Err(nested(&part.file)),
+            };
+            scenes.push(match part.by == Similarity::IDENTITY {
+                true => scene,
+                false => scene.transformed(&part.by).map_err(no_room)?,
+            });
+            before += length;
+        }
+        let path = parts.last().map_or_else(Default::default, |part| part.file.clone());
+        Self::joined(&scenes).map_err(|error| LoadError { path, problem: SceneError::Memory(error) })
     }
 
     /// Parses a scene from the bytes of a file.

@@ -217,3 +217,33 @@ fn the_compressed_capture_has_the_values_that_were_decoded_from_it() {
         assert!(same, "splat {index}: {a:?} and {b:?}");
     }
 }
+
+#[test]
+fn placed_scenes_are_moved_and_joined_as_convert_does_bit_by_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let [a, b] = [3, 2].map(|degree| Scene::generate(300, degree, crate::testing::splat));
+    a.write_ply(at("a.ply")).unwrap();
+    b.write_ply(at("b.ply")).unwrap();
+    let [a, b] = ["a.ply", "b.ply"].map(|name| Scene::load(at(name), QUIET).unwrap());
+    let text = r#"Scenes([
+        Scene(file: "a.ply"),
+        Scene(file: "b.ply", scale: 0.5, rotate: (axis: (0, 1, 0.5), degrees: 30), translate: (1, -0.5, 2)),
+    ])"#;
+    std::fs::write(at("both.ron"), text).unwrap();
+    let both = Scene::load(at("both.ron"), QUIET).unwrap();
+    // One step after the other, like the options of `convert`.
+    let turn = glam::DQuat::from_axis_angle(glam::DVec3::new(0.0, 1.0, 0.5).normalize(), 30f64.to_radians());
+    let steps = [
+        Similarity { scale: 0.5, ..Similarity::IDENTITY },
+        Similarity { rotation: turn, ..Similarity::IDENTITY },
+        Similarity { translation: glam::DVec3::new(1.0, -0.5, 2.0), ..Similarity::IDENTITY },
+    ];
+    let by = steps.into_iter().fold(Similarity::IDENTITY, Similarity::then);
+    let joined = Scene::joined(&[a, b.transformed(&by).unwrap()]).unwrap();
+    assert_eq!((both.count(), both.stored_degree()), (600, 3));
+    assert_eq!(both.identity(), joined.identity());
+    let header = SceneHeader::load(at("both.ron")).unwrap();
+    assert_eq!((header.count, header.stored_degree), (600, 3));
+    assert!(names_scenes(&at("both.ron")) && !names_scenes(&at("a.ply")) && !names_scenes(&at("none")));
+}

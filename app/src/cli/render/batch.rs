@@ -5,10 +5,10 @@
 use super::destination::{Destination, per_camera};
 use super::frames;
 use super::kept::Kept;
-use super::pictures::Pictures;
 use super::stdout::Stdout;
 use crate::draw::backend::Backend;
 use crate::draw::outputs::{self, Output};
+use crate::draw::pictures::{self, Pictures};
 use crate::draw::session::{FrameOptions, Session, image_of};
 use crate::draw::stats::CameraStats;
 use crate::io::output::one_line;
@@ -18,9 +18,6 @@ use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
 use splatgraph_assets::Camera;
 use std::collections::VecDeque;
 use std::path::PathBuf;
-
-/// Bytes of memory per pixel that encoding takes beside the pixels: RGB in f32, 8 bits, and the encoded file.
-const ENCODING_BYTES: u64 = 12 + 3 + 3;
 
 /// The cameras between their submission and the line that tells of them.
 pub struct Batch {
@@ -149,11 +146,7 @@ impl Batch {
             bail!("the device returned {} of {} outputs", others.len(), files.len());
         }
         let other_bytes: usize = others.iter().map(|(_, output)| 4 * output.words.len()).sum();
-        let bytes = other_bytes as u64
-            + output.as_ref().map_or(0, |pixels| {
-                pixels.bytes.len() as u64
-                    + ENCODING_BYTES * u64::from(pixels.width) * u64::from(pixels.height)
-            });
+        let bytes = other_bytes as u64 + output.as_ref().map_or(0, pictures::encoding_bytes);
         let destination = self.destination.clone();
         let work = move || {
             others.iter().try_for_each(|(path, output)| output.save(path))?;
@@ -181,7 +174,7 @@ impl Batch {
     /// # Errors
     /// A picture cannot be written.
     pub fn finish(&mut self, progress: &Progress) -> Result<&[CameraStats]> {
-        while let Some(told) = self.pictures.next()? {
+        while let Some(told) = self.pictures.wait()? {
             self.tell(told, progress)?;
         }
         Ok(&self.done)

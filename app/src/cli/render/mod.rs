@@ -1,6 +1,7 @@
 //! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
 
 use super::cameras;
+use super::further::FurtherArgs;
 use super::look_at::LookAtArgs;
 use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
 use super::outcome::{Outcome, Usage, claim_graph_files};
@@ -25,7 +26,6 @@ mod destination;
 mod exact;
 mod frames;
 mod kept;
-mod pictures;
 mod stdout;
 
 use batch::{Batch, Shown};
@@ -33,12 +33,15 @@ use destination::{Destination, Output, per_camera, stem};
 use frames::{Drawn, InspectRequest, Wanted, inspect_request};
 use stdout::Stdout;
 
+pub(super) use frames::prepare_plan;
+
 pub const EXAMPLES: &str = "Examples:
   splatgraph render -o demo.png                                          # the demo scene
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --format npy
   splatgraph render scene.ply --cameras cameras.json#2 --size 1920x1080 -o out.exr
   splatgraph render scene.ply --cameras garden/ -o pictures/             # the views of a COLMAP dataset
   splatgraph render scene.ply --eye 0,-1,-4 --orbit 60 -o turn/
+  splatgraph render garden.ply statue.spz --at 1,0,-2 -o both.png        # two scenes, one sort
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.png
   splatgraph render scene.ply --repeat 100 --json -                      # times, as medians
   splatgraph render scene.ply --inspect keys@scatter=keys.npy -o out.png
@@ -54,8 +57,10 @@ pub const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, or .ron, which places several
     scene: Option<PathBuf>,
+    #[command(flatten)]
+    further: FurtherArgs,
     #[command(flatten)]
     drawing: Drawing,
     #[command(flatten, next_help_heading = "A camera without a file")]
@@ -202,6 +207,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         if let Some(path) = &args.scene {
             guard.input("the scene", path)?;
         }
+        args.further.claim(&mut guard)?;
         cameras::claim(&mut guard, args.drawing.cameras.as_deref(), args.scene.as_deref())?;
         guard.input("the graph", Path::new(&args.drawing.pipeline))?;
         if let Some(path) = &args.json {
@@ -284,14 +290,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &session.into_device().close()))
 }
 
-/// Loads the scene and its cameras, in the requested size.
+/// Loads the scenes and their cameras, in the requested size.
 fn scene_and_cameras(
     args: &Args,
     given: Option<Vec<Camera>>,
     stems: &[String],
 ) -> Result<(Scene, Vec<Camera>)> {
-    let (scene, cameras) =
-        options::scene_and_cameras(args.scene.as_deref(), given, stems, args.drawing.size)?;
+    let (first, _, own) = options::scene_or_demo(args.scene.as_deref())?;
+    let scene = args.further.join(first)?;
+    let cameras = options::cameras_of(&scene, given.or(own.map(|own| vec![own])), stems, args.drawing.size);
     let looking = args.look.cameras(&scene, args.drawing.size)?;
     Ok((scene, looking.unwrap_or(cameras)))
 }

@@ -156,15 +156,12 @@ impl CameraPath {
         Some(view.map_or_else(|| first.clone(), |view| view.camera(first.width, first.height)))
     }
 
-    /// Computes the cameras of so many frames at equal steps of time; an open path's first and last are its ends.
-    pub fn frames(&self, count: u32) -> Vec<Camera> {
+    /// Computes the camera of a frame of `count` at equal steps of time, of which an open path's first and last are its ends.
+    ///
+    /// `frame` counts from 0, and may lie between two frames. `None` without keys.
+    pub fn at_frame(&self, frame: f64, count: u32) -> Option<Camera> {
         let steps = if self.closed { count } else { count.saturating_sub(1) };
-        let frame = |index: u32| {
-            let seconds = self.seconds * f64::from(index) / f64::from(steps.max(1));
-            let camera = self.at(seconds)?;
-            Some(Camera { id: index.into(), img_name: format!("frame {index}"), ..camera })
-        };
-        (0..count).map_while(frame).collect()
+        self.at(self.seconds * frame / f64::from(steps.max(1)))
     }
 
     fn update(&mut self) {

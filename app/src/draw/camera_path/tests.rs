@@ -185,7 +185,7 @@ fn a_closed_path_through_two_keys_goes_there_and_back() {
 fn no_key_has_no_camera_and_one_key_or_equal_keys_are_that_camera_bit_by_bit() {
     assert_eq!(path(vec![], false).at(1.0), None);
     assert_eq!(path(vec![], true).key_seconds(), Vec::<f64>::new());
-    assert!(path(vec![], false).frames(10).is_empty());
+    assert_eq!(path(vec![], false).at_frame(0.0, 10), None);
     let one = keys()[2].clone();
     for count in 1..4 {
         for closed in [false, true] {
@@ -266,16 +266,15 @@ fn a_short_turn_before_a_long_way_does_not_make_it_spin() {
 #[test]
 fn frames_are_equal_steps_with_both_ends_of_an_open_path_and_one_of_a_closed_one() {
     let open = path(keys(), false);
-    let frames = open.frames(11);
-    assert_eq!(frames.len(), 11);
-    assert!(distance(&frames[0], &keys()[0]) < 1e-7 && distance(&frames[10], &keys()[4]) < 1e-7);
-    assert!(distance(&frames[3], &open.at(3.0).unwrap()) < 1e-12);
-    assert_eq!((frames[3].id, frames[3].img_name.as_str()), (3, "frame 3"));
+    let frame = |index: f64| open.at_frame(index, 11).unwrap();
+    assert!(distance(&frame(0.0), &keys()[0]) < 1e-7 && distance(&frame(10.0), &keys()[4]) < 1e-7);
+    assert!(distance(&frame(3.0), &open.at(3.0).unwrap()) < 1e-12);
+    assert!(distance(&frame(3.5), &open.at(3.5).unwrap()) < 1e-12);
+    assert_eq!(open.at_frame(0.0, 1), open.at(0.0));
     let closed = path(keys(), true);
-    let frames = closed.frames(10);
-    assert!(distance(&frames[9], &closed.at(9.0).unwrap()) < 1e-12);
-    assert!(distance(&frames[9], &frames[0]) > 0.1, "the first is not drawn twice");
-    assert_eq!((open.frames(1).len(), open.frames(0).len()), (1, 0));
+    let last = closed.at_frame(9.0, 10).unwrap();
+    assert!(distance(&last, &closed.at(9.0).unwrap()) < 1e-12);
+    assert!(distance(&last, &closed.at(0.0).unwrap()) > 0.1, "the first is not drawn twice");
 }
 
 #[test]

@@ -76,6 +76,11 @@ impl Image {
         Image { width: self.width, height: self.height, rgb }
     }
 
+    /// Returns 8 bits of every channel, as a screen shows it.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.rgb.as_flattened().iter().map(|&value| level(value)).collect()
+    }
+
     /// Averages squares of pixels, as few as make the picture at most `width` wide.
     pub fn reduced(&self, width: usize) -> Image {
         let by = self.width.div_ceil(width.max(1)).max(1);
@@ -157,4 +162,10 @@ pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize,
         return Err(ImageError::new(path, text));
     }
     Ok((width as usize, height as usize))
+}
+
+/// Converts a value to a byte: clamped to 0..1, scaled to 0..255, halves rounded up. NaN becomes 0.
+fn level(value: f32) -> u8 {
+    // A float cast to an integer truncates, saturates, and turns NaN into 0.
+    (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }

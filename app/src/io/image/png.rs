@@ -6,12 +6,6 @@ use std::fs::File;
 use std::io::{BufReader, Write};
 use std::path::Path;
 
-/// Converts a value to a byte: clamped to 0..1, scaled to 0..255, halves rounded up. NaN becomes 0.
-fn level(value: f32) -> u8 {
-    // A float cast to an integer truncates, saturates, and turns NaN into 0.
-    (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
-}
-
 pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     let mut encoder = png::Encoder::new(out, image.width as u32, image.height as u32);
     encoder.set_color(png::ColorType::Rgb);
@@ -19,9 +13,8 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
     // `Balanced` takes 12 to 35 times as long for files that are 5 to 6 % smaller (two captured scenes, 1920 x 1080).
     encoder.set_compression(png::Compression::Fast);
-    let bytes: Vec<u8> = image.rgb.as_flattened().iter().map(|&v| level(v)).collect();
     let mut writer = encoder.write_header()?;
-    writer.write_image_data(&bytes)?;
+    writer.write_image_data(&image.bytes())?;
     Ok(writer.finish()?)
 }
 

@@ -229,6 +229,11 @@ impl Script {
         self.draw(FrameRequest { read, ..FrameRequest::default() })
     }
 
+    /// Returns true if an event was reported, up to the last frame.
+    pub fn has_event(&self, is_it: impl Fn(&Event) -> bool) -> bool {
+        self.events.iter().any(is_it)
+    }
+
     /// Lets seconds pass without a frame.
     pub fn sleep(&mut self, seconds: u64) {
         self.calls += 60 * seconds;

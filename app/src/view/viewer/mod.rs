@@ -17,7 +17,7 @@ use crate::draw::camera_path::{self, CameraPath, Playback};
 use crate::draw::pick::Picked;
 use indexmap::IndexMap;
 use splatgraph_api::{BackendError, Device, Running};
-use splatgraph_assets::{Camera, Scene, SceneFormat};
+use splatgraph_assets::{Camera, Scene, SceneFormat, names_scenes};
 use splatgraph_framework::reload::WatchError;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -26,10 +26,12 @@ mod camera;
 mod comparison;
 mod copy;
 mod parts;
+mod placed;
 mod scenes;
 
 pub use parts::Comparison;
 use parts::{Comparing, CopyLimit, Subject, at_start};
+use placed::PlacedFiles;
 
 /// An error of opening the viewer.
 #[derive(Debug, thiserror::Error)]
@@ -96,6 +98,7 @@ pub struct Viewer<D: Device> {
     /// Size of the picture that the last frame requested, in pixels.
     asked: (u32, u32),
     opening: Opening,
+    placed: PlacedFiles,
     /// Number of the request of the cameras, if they were opened by themselves.
     cameras_number: u64,
     comparing: Comparing,
@@ -116,6 +119,8 @@ impl<D: Device> Viewer<D> {
         let navigation = at_start(&scene);
         let path_of_camera = CameraPath::new(camera_path::length_of_radian(&scene));
         let renderer = Renderer::new(device, graph, set, wake.clone())?;
+        let mut placed = PlacedFiles::default();
+        placed.follow(RendererId::A, &path, &wake)?;
         Ok(Viewer {
             subject: Subject::new(scene, path),
             other: None,
@@ -143,6 +148,7 @@ impl<D: Device> Viewer<D> {
             rests: false,
             asked: (0, 0),
             opening: Opening::new(wake.clone()),
+            placed,
             cameras_number: 0,
             comparing: Comparing::default(),
             copy: CopyLimit::Unknown,
@@ -267,6 +273,7 @@ impl<D: Device> Viewer<D> {
     pub fn open_in(&mut self, id: RendererId, path: &Path) {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         match ending.as_str() {
+            "ron" if names_scenes(path) => self.open_scene_in(id, path),
             "ron" => {
                 if let Some(viewport) = self.viewport(id) {
                     viewport.renderer.choose(&path.to_string_lossy(), IndexMap::new());
@@ -353,6 +360,7 @@ impl<D: Device> Viewer<D> {
     /// Errors are the renderers': see [`Renderer::problem`] and [`Viewer::lost`].
     pub fn frame(&mut self, size: (u32, u32)) {
         zone!("pictures");
+        self.reload_scenes();
         while let Some(opened) = self.opening.take() {
             self.take(opened);
         }

@@ -10,7 +10,7 @@ use crate::view::navigation::Navigation;
 use crate::view::opening::{CameraRole, Content, Opened};
 use glam::DVec3;
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Scene, names_scenes};
 use std::path::{Path, PathBuf};
 
 impl<D: Device> Viewer<D> {
@@ -58,8 +58,28 @@ impl<D: Device> Viewer<D> {
         if id == RendererId::B && path == self.scene_path() {
             return self.share_scene();
         }
+        self.follow_scenes(id, path);
         if let Err(error) = self.opening.open_scene(id, path) {
             self.events.push(Event::SceneFailed { path: path.to_owned(), error });
+        }
+    }
+
+    /// Follows the file of a viewport's scene, if it places several.
+    pub(super) fn follow_scenes(&mut self, id: RendererId, path: &Path) {
+        if let Err(error) = self.placed.follow(id, path, &self.wake) {
+            self.events.push(Event::Problem { text: format!("changes are not noticed: {error}") });
+        }
+    }
+
+    /// Loads changed files again.
+    pub(super) fn reload_scenes(&mut self) {
+        for path in self.placed.take() {
+            for id in [RendererId::A, RendererId::B] {
+                let is_its_own = id == RendererId::A || self.has_two_scenes();
+                if is_its_own && self.scene_path_of(id) == path {
+                    self.open_scene_in(id, &path);
+                }
+            }
         }
     }
 
@@ -75,22 +95,28 @@ impl<D: Device> Viewer<D> {
     pub fn exchange(&mut self) {
         let Some(b) = &mut self.b else { return };
         std::mem::swap(&mut self.a, b);
-        if let Some(mut other) = self.other.take() {
-            let camera = self.world_camera();
-            let former = self.scene().offset();
-            std::mem::swap(&mut self.subject, &mut other);
-            self.other = Some(other);
+        if let Some(other) = self.other.take() {
+            let former = self.replace_subject(other);
+            self.other = Some(former);
+            self.placed.exchange();
             if let Err(error) = self.opening.exchange_scenes() {
                 self.events.push(Event::Problem { text: error });
             }
-            let scene = self.subject.scene.clone();
-            let up = self.navigation.up();
-            self.navigation =
-                Navigation::new(&scene.robust_bounds(), &camera.relative_to(scene.offset()), up);
-            self.move_cameras(former);
-            self.path.set_radian(camera_path::length_of_radian(&scene));
             self.forget_picked();
         }
+    }
+
+    /// Makes a scene A's, and returns the former. The camera and the selectable cameras stay where they are in the world.
+    fn replace_subject(&mut self, subject: Subject) -> Subject {
+        let camera = self.world_camera();
+        let offset = self.scene().offset();
+        let former = std::mem::replace(&mut self.subject, subject);
+        let scene = self.subject.scene.clone();
+        let up = self.navigation.up();
+        self.navigation = Navigation::new(&scene.robust_bounds(), &camera.relative_to(scene.offset()), up);
+        self.move_cameras(offset);
+        self.path.set_radian(camera_path::length_of_radian(&scene));
+        former
     }
 
     /// Brings the selectable cameras from the coordinates of a scene at `former` into those of A's scene.
@@ -136,6 +162,11 @@ impl<D: Device> Viewer<D> {
 
     /// Makes a scene A's, and chooses the cameras that can be selected.
     fn show_scene(&mut self, subject: Subject, cameras: SceneCameras) {
+        // A changed file: whoever edits it watches the picture.
+        if subject.path == self.subject.path && names_scenes(&subject.path) {
+            self.replace_subject(subject);
+            return;
+        }
         let former = self.scene().offset();
         self.navigation = at_start(&subject.scene);
         self.path.set_radian(camera_path::length_of_radian(&subject.scene));

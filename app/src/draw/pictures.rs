@@ -4,12 +4,21 @@
 //! outcomes back in the order of the cameras, so that messages, and the first error, are those of one picture after the other.
 
 use anyhow::{Result, anyhow};
+use splatgraph_api::Pixels;
 use splatgraph_assets::memory;
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, channel};
 
 /// Share of the available memory that unfinished pictures may take.
 const MEMORY_SHARE: u64 = 4;
+
+/// Bytes of memory per pixel that encoding takes beside the pixels: RGB in f32, 8 bits, and the encoded file.
+const ENCODING_BYTES: u64 = 12 + 3 + 3;
+
+/// Estimates the memory that encoding a picture takes, in bytes.
+pub fn encoding_bytes(pixels: &Pixels) -> u64 {
+    pixels.bytes.len() as u64 + ENCODING_BYTES * u64::from(pixels.width) * u64::from(pixels.height)
+}
 
 /// The pictures that are drawn and not yet written, oldest first.
 pub struct Pictures<T> {
@@ -32,7 +41,7 @@ impl<T: Send + 'static> Pictures<T> {
         let most = self.jobs.min(usize::try_from(room).unwrap_or(usize::MAX)).max(1);
         let mut finished = Vec::new();
         while self.unfinished.len() >= most {
-            finished.extend(self.next()?);
+            finished.extend(self.wait()?);
         }
         let (sender, receiver) = channel();
         // Nobody waits for a picture after an error.
@@ -51,7 +60,7 @@ impl<T: Send + 'static> Pictures<T> {
     ///
     /// # Errors
     /// That of its work.
-    pub fn next(&mut self) -> Result<Option<T>> {
+    pub fn wait(&mut self) -> Result<Option<T>> {
         let Some(oldest) = self.unfinished.pop_front() else { return Ok(None) };
         oldest
             .recv()
@@ -90,7 +99,7 @@ mod tests {
             };
             order.extend(pictures.start(1, work).unwrap());
         }
-        while let Some(index) = pictures.next().unwrap() {
+        while let Some(index) = pictures.wait().unwrap() {
             order.push(index);
         }
         assert_eq!(order, (0..20).collect::<Vec<_>>());
@@ -104,7 +113,7 @@ mod tests {
         pictures.start(1, move || Ok(other.wait().is_leader())).unwrap();
         // Would wait for ever if `start` did the work.
         met.wait();
-        assert!(pictures.next().unwrap().is_some());
+        assert!(pictures.wait().unwrap().is_some());
     }
 
     #[test]
@@ -129,8 +138,8 @@ mod tests {
             };
             assert!(pictures.start(1, work).unwrap().is_empty());
         }
-        assert_eq!(pictures.next().unwrap(), Some(0));
-        assert_eq!(pictures.next().unwrap_err().to_string(), "the disk is full at 1");
+        assert_eq!(pictures.wait().unwrap(), Some(0));
+        assert_eq!(pictures.wait().unwrap_err().to_string(), "the disk is full at 1");
         drop(pictures);
         assert_eq!(written.load(Ordering::SeqCst), 3);
     }

@@ -1,0 +1,377 @@
+//! Runs `splatgraph video`: draws films.
+
+mod sequence;
+
+use super::cameras;
+use super::further::FurtherArgs;
+use super::look_at::LookAtArgs;
+use super::options::{self, BackendArgs, Drawing, MAX_SIDE};
+use super::outcome::{self, Outcome, Usage, claim_graph_files};
+use super::render::prepare_plan;
+use crate::draw::backend::Backend;
+use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
+use crate::draw::film::{self, DrawOptions, Film, Motion};
+use crate::draw::fit;
+use crate::draw::orbit::Orbit;
+use crate::draw::session::Session;
+use crate::io::film::{Format, Rate};
+use crate::io::image;
+use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
+use crate::io::progress::Progress;
+use crate::studies::measurement::plans;
+use anyhow::{Context, Result, anyhow, bail};
+use sequence::Sequence;
+use serde_json::json;
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Scene, grouped};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+pub const EXAMPLES: &str = "Examples:
+  splatgraph video -o turn.gif --size 480x270 --fps 15             # once around the demo scene
+  splatgraph video scene.ply --orbit 240 -o frames/                # a PNG per frame; the same command again goes on
+  splatgraph video scene.ply -c path-1.cameras.json --seconds 8 -o film.apng   # keys that K recorded in the viewer
+  splatgraph video scene.ply -c keys.json --closed --samples 16 -o frames/     # a loop, with motion blur
+  splatgraph video scene.ply -c keys.json -o - | ffmpeg -i - -crf 18 -pix_fmt yuv420p film.mp4";
+
+/// Draw a film: a camera that moves through a scene
+///
+/// With --cameras, the camera moves smoothly through them, at constant speed, in which turns count as ways; otherwise it goes once
+/// around the scene. The viewer plays the same path: K records a key, and the tool Cameras writes the keys to a file.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, or .ron, which places several
+    scene: Option<PathBuf>,
+    #[command(flatten)]
+    further: FurtherArgs,
+    #[command(flatten)]
+    drawing: Drawing,
+    /// Lead the path from its last camera back to its first, so that the film repeats without a jump
+    #[arg(long, requires = "cameras")]
+    closed: bool,
+    #[command(flatten, next_help_heading = "A circle without a file of cameras")]
+    look: LookAtArgs,
+    /// Duration [default: 10]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, conflicts_with = "orbit")]
+    seconds: Option<f64>,
+    /// Frames per second: a whole number, or a fraction such as 30000/1001
+    #[arg(long, value_name = "RATE", default_value = "30")]
+    fps: Rate,
+    /// Blur what moves: each frame is the mean of N pictures while the shutter is open, in linear light
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    samples: u32,
+    /// Time that the shutter is open, as a share of the time between two frames [default: 0.5]
+    #[arg(long, value_name = "0..1", value_parser = shutter, requires = "samples")]
+    shutter: Option<f64>,
+    /// Background colour, display-encoded, 0 to 1
+    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
+    background: [f32; 3],
+    /// Output: .gif, .apng or .png (animated), .y4m, or a folder; .mp4 (AV1) if the program was built with the feature av1
+    ///
+    /// A name without extension is a folder: it gets 00000.png, 00001.png, ..., and film.json, which says what they show. The same
+    /// command again draws the frames that are not there. A .y4m is uncompressed, for encoders: 4:2:0, BT.709. `-` writes one to
+    /// standard output. A file, and each picture of a folder, is whole, or not there.
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Format of the pictures in a folder [default: png]
+    #[arg(long, value_name = "png|exr|npy")]
+    format: Option<image::Format>,
+    /// Number of pictures that may be drawn and not yet encoded [default: two per processor]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: Option<u16>,
+    #[command(flatten)]
+    device: BackendArgs,
+}
+
+/// Frames of a film, at most.
+const MAX_FRAMES: u32 = 100_000;
+
+/// Share of the time between frames without `--shutter`: a disc of 180 degrees.
+const SHUTTER: f64 = 0.5;
+
+/// Parses a duration.
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| SECONDS.contains(seconds));
+    seconds.ok_or_else(|| format!("expected {} to {} seconds", SECONDS.start(), SECONDS.end()))
+}
+
+/// Parses the opening of the shutter.
+fn shutter(text: &str) -> Result<f64, String> {
+    let share = text.parse().ok().filter(|share: &f64| (0.0..=1.0).contains(share));
+    share.ok_or_else(|| "expected 0 to 1, for instance 0.5 for a shutter of 180 degrees".into())
+}
+
+/// The destination of a film.
+#[derive(Debug)]
+enum Destination {
+    File(PathBuf, Format),
+    Folder(Sequence),
+}
+
+/// What is known of a film before the device is opened.
+#[derive(Debug)]
+pub(super) struct Work {
+    /// The keys of `--cameras`.
+    keys: Option<Vec<Camera>>,
+    frames: u32,
+    destination: Destination,
+    guard: OutputGuard,
+}
+
+/// Reads the keys and finds the kind of the output; an error if it would destroy an input.
+pub(super) fn prepare(args: &Args) -> Result<Work> {
+    let destination = destination(args)?;
+    let frames = frames(args)?;
+    let keys = args.drawing.cameras.as_deref().map(cameras::parse).transpose()?;
+    if let Some(keys) = &keys {
+        check_keys(args, keys)?;
+    }
+    let mut guard = OutputGuard::default();
+    let mut claim = || -> Result<(), Usage> {
+        if let Some(path) = &args.scene {
+            guard.input("the scene", path)?;
+        }
+        args.further.claim(&mut guard)?;
+        if args.drawing.cameras.is_some() {
+            cameras::claim(&mut guard, args.drawing.cameras.as_deref(), None)?;
+        }
+        guard.input("the graph", Path::new(&args.drawing.pipeline))?;
+        match &destination {
+            Destination::File(path, _) => guard.output("--output", path)?,
+            Destination::Folder(sequence) => {
+                guard.output("--output", &sequence.record())?;
+                for frame in 0..frames {
+                    guard.output("--output", &sequence.picture(frame))?;
+                }
+            }
+        }
+        Ok(())
+    };
+    claim()?;
+    Ok(Work { keys, frames, destination, guard })
+}
+
+fn destination(args: &Args) -> Result<Destination, Usage> {
+    let path = &args.output;
+    let file = if is_standard_output(path) {
+        options::refuse_terminal("the film")?;
+        Some(Format::Y4m)
+    } else {
+        Format::of(path).filter(|_| !path.is_dir())
+    };
+    match (file, args.format, path.extension()) {
+        (Some(_), Some(_), _) => Err(Usage("--format is for the pictures of a folder".into())),
+        (Some(format), None, _) => Ok(Destination::File(path.clone(), format)),
+        (None, None, Some(extension)) if !path.is_dir() => Err(Usage(format!(
+            "expected a folder, or a name that ends in .gif, .apng, .png or .y4m, found .{}; other formats need an encoder: `-o - | ffmpeg -i - {}`",
+            extension.display(),
+            path.display()
+        ))),
+        (None, format, _) => {
+            Ok(Destination::Folder(Sequence::new(path, format.unwrap_or(image::Format::Png))))
+        }
+    }
+}
+
+/// Counts the frames.
+fn frames(args: &Args) -> Result<u32, Usage> {
+    let timed = || (args.seconds.unwrap_or(DEFAULT_SECONDS) * args.fps.per_second()).round().max(1.0);
+    match args.look.count().map_or_else(timed, f64::from) {
+        frames if frames <= f64::from(MAX_FRAMES) => Ok(frames as u32),
+        frames => Err(Usage(format!("expected a film of at most {MAX_FRAMES} frames, found {frames}"))),
+    }
+}
+
+fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
+    if keys.len() < 2 {
+        bail!(Usage(format!("expected two cameras or more for a path, found {}", keys.len())));
+    }
+    let (width, height) = (keys[0].width, keys[0].height);
+    if args.drawing.size.is_none() && width.max(height) > MAX_SIDE {
+        bail!(
+            "the first camera has pictures of {width} x {height} pixels; no device has images larger than {MAX_SIDE} x {MAX_SIDE}"
+        );
+    }
+    Ok(())
+}
+
+/// Makes the way of the camera, in the scene's coordinates. `own` is the demo scene's camera.
+fn motion(args: &Args, keys: Option<&[Camera]>, scene: &Scene, own: Option<Camera>) -> Result<Motion> {
+    let sized = |camera: &Camera| match args.drawing.size {
+        Some((width, height)) => camera.resized(width, height),
+        None => camera.clone(),
+    };
+    let Some(keys) = keys else {
+        return Ok(Motion::Orbit(match own.filter(|_| !args.look.has_camera()) {
+            Some(own) => Orbit::before(sized(&own), scene.robust_bounds().center()),
+            None => args.look.circle(scene, args.drawing.size)?,
+        }));
+    };
+    let keys = options::in_scene(keys, scene).iter().map(sized).collect();
+    let mut path = CameraPath::new(camera_path::length_of_radian(scene));
+    path.set_keys(keys)?;
+    path.set_closed(args.closed);
+    Ok(Motion::Path(path))
+}
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    let Work { keys, frames, destination, mut guard } = prepare(args)?;
+    let device = args.device.open()?;
+    if let Some(path) = &args.scene {
+        fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
+    }
+    let (first, _, own) = options::scene_or_demo(args.scene.as_deref())?;
+    let scene = args.further.join(first)?;
+    let motion = motion(args, keys.as_deref(), &scene, own)?;
+    let film = Film { motion, frames, samples: args.samples, shutter: args.shutter.unwrap_or(SHUTTER) };
+    let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
+    let cameras: Vec<Camera> =
+        (0..frames).filter_map(|frame| film.cameras(frame).into_iter().next()).collect();
+    let first = cameras.first().context("a film without a camera")?;
+    let size = (first.width, first.height);
+    prepare_plan(&mut session, first)?;
+    session.tell_settings_without_effect();
+    claim_graph_files(&mut guard, &session.files())?;
+
+    let job = Job { args, film: &film, size };
+    let began = Instant::now();
+    let told = match &destination {
+        Destination::File(path, format) => job.write(&mut session, path, *format)?,
+        Destination::Folder(sequence) => {
+            let record = job.record(&session, &cameras)?;
+            let missing = sequence.missing(&record, frames, size)?;
+            let ms = job.fill(&mut session, sequence, &missing)?;
+            Some((missing.len(), ms))
+        }
+    };
+    if let Some((drawn, ms)) = told {
+        let line = job.summary(drawn, began.elapsed().as_secs_f64(), ms);
+        if is_standard_output(&args.output) { say(line) } else { note(line) }
+    }
+    Ok(outcome::validated(args.device.validate, &session.into_device().close()))
+}
+
+/// A film and how it is drawn.
+struct Job<'a> {
+    args: &'a Args,
+    film: &'a Film,
+    size: (u32, u32),
+}
+
+impl Job<'_> {
+    fn options(&self) -> DrawOptions {
+        let jobs = self.args.jobs.map_or_else(|| 2 * rayon::current_num_threads(), usize::from);
+        DrawOptions { background: self.args.background, jobs }
+    }
+
+    /// Writes the film into one file; returns the frames and their GPU milliseconds, or `None` if the reader of a pipe has had enough.
+    fn write(
+        &self,
+        session: &mut Session<Backend>,
+        path: &Path,
+        format: Format,
+    ) -> Result<Option<(usize, Option<f64>)>> {
+        let frames: Vec<u32> = (0..self.film.frames).collect();
+        let mut progress = Progress::new("drawing");
+        let mut told = None;
+        let mut failure = None;
+        let written = output::write(path, |out| {
+            let mut writer = format.begin(out, self.size, self.args.fps, self.film.frames)?;
+            let mut unwritten = None;
+            let mut done = 0;
+            let encode = move |_, image: image::Image| format.encode(&image).map_err(|error| anyhow!(error));
+            let drawn = film::draw(session, self.film, &frames, &self.options(), encode, |frame| {
+                done += 1;
+                progress.set(done, frames.len() as u64, "");
+                writer.add(frame).map_err(|cause| {
+                    unwritten = Some(cause);
+                    anyhow!("the film cannot be written")
+                })
+            });
+            match (drawn, unwritten) {
+                (_, Some(cause)) => Err(cause),
+                (Ok(ms), None) => {
+                    writer.finish()?;
+                    told = Some((frames.len(), ms));
+                    Ok(())
+                }
+                (Err(error), None) => {
+                    let text = error.to_string();
+                    failure = Some(error);
+                    Err(text.into())
+                }
+            }
+        });
+        match failure {
+            // An error of drawing, not of the file.
+            Some(error) => Err(error),
+            None => {
+                written?;
+                Ok(told)
+            }
+        }
+    }
+
+    /// Draws the frames that a folder lacks.
+    fn fill(
+        &self,
+        session: &mut Session<Backend>,
+        sequence: &Sequence,
+        missing: &[u32],
+    ) -> Result<Option<f64>> {
+        let mut progress = Progress::new("drawing");
+        let mut done = 0;
+        let encode = {
+            let sequence = sequence.clone();
+            move |frame, image: image::Image| Ok(sequence.save(frame, &image)?)
+        };
+        film::draw(session, self.film, missing, &self.options(), encode, |()| {
+            done += 1;
+            progress.set(done, missing.len() as u64, "");
+            Ok(())
+        })
+    }
+
+    /// Describes everything that the frames' pixels follow from.
+    fn record(&self, session: &Session<Backend>, cameras: &[Camera]) -> Result<serde_json::Value> {
+        let plan = session.plan().context("no plan after `prepare`")?;
+        let (width, height) = self.size;
+        let mut record = json!({
+            "frames": self.film.frames,
+            "size": [width, height],
+            "scene": format!("{:016x}", session.scene().identity()),
+            "graph": self.args.drawing.pipeline,
+            "plan": format!("{:016x}", plans::fingerprint(plan)),
+            "background": self.args.background,
+            "samples": self.film.samples,
+            "cameras": format!("{:08x}", crc32fast::hash(&serde_json::to_vec(cameras)?)),
+        });
+        if self.film.samples > 1 {
+            record["shutter"] = json!(self.film.shutter);
+        }
+        Ok(record)
+    }
+
+    /// Says what was drawn, and how fast.
+    fn summary(&self, drawn: usize, seconds: f64, ms: Option<f64>) -> String {
+        let ((width, height), frames) = (self.size, self.film.frames);
+        let path = &self.args.output;
+        let name =
+            if is_standard_output(path) { "standard output".into() } else { path.display().to_string() };
+        let duration = f64::from(frames) / self.args.fps.per_second();
+        let bytes = std::fs::metadata(path).ok().filter(|found| found.is_file());
+        let bytes = bytes.map_or_else(String::new, |found| format!(", {} bytes", grouped(found.len())));
+        let there = match frames as usize - drawn {
+            0 => String::new(),
+            there => format!(" ({there} were there)"),
+        };
+        let gpu =
+            ms.filter(|_| drawn > 0).map(|ms| format!(", {:.2} ms of the device each", ms / drawn as f64));
+        format!(
+            "{name}: {frames} frames of {width} x {height}{there}, {duration:.1} s at {} fps{bytes}; {drawn} drawn in {seconds:.1} s{}",
+            self.args.fps,
+            gpu.unwrap_or_default()
+        )
+    }
+}

@@ -1,0 +1,84 @@
+//! Numbers the pictures of a film in a folder, and finds those that are still missing.
+//!
+//! `film.json` records everything that the pictures' pixels follow from. Pictures are whole or not there, so those beside an equal
+//! record need not be drawn again.
+
+use crate::io::image::{Format, Image, ImageError};
+use crate::io::output;
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// A folder of numbered pictures.
+#[derive(Clone, Debug)]
+pub struct Sequence {
+    folder: PathBuf,
+    format: Format,
+}
+
+impl Sequence {
+    pub fn new(folder: &Path, format: Format) -> Sequence {
+        Sequence { folder: folder.to_owned(), format }
+    }
+
+    /// Returns the path of the record.
+    pub fn record(&self) -> PathBuf {
+        self.folder.join("film.json")
+    }
+
+    /// Returns the path of a frame's picture.
+    pub fn picture(&self, frame: u32) -> PathBuf {
+        self.folder.join(format!("{frame:05}.{}", self.format))
+    }
+
+    /// Writes a frame's picture.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn save(&self, frame: u32, image: &Image) -> Result<(), ImageError> {
+        image.save_as(self.format, &self.picture(frame))
+    }
+
+    /// Lists the frames whose pictures are not there, and writes the record if there is none.
+    ///
+    /// # Errors
+    /// The folder holds frames of another film, or the record cannot be read or written.
+    pub fn missing(&self, record: &Value, frames: u32, size: (u32, u32)) -> Result<Vec<u32>> {
+        let file = self.record();
+        match std::fs::read_to_string(&file) {
+            Ok(text) => {
+                let found: Value = serde_json::from_str(&text).with_context(|| file.display().to_string())?;
+                if let Some(difference) = difference(&found, record) {
+                    bail!(
+                        "{} is of another film ({difference}): name another folder, or remove this one",
+                        file.display()
+                    );
+                }
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                let stray = (0..frames).map(|frame| self.picture(frame)).find(|path| path.exists());
+                if let Some(path) = stray {
+                    bail!(
+                        "expected film.json beside {}, which says what it shows: name another folder, or remove this one",
+                        path.display()
+                    );
+                }
+                output::write_bytes(&file, format!("{record:#}\n").as_bytes())?;
+            }
+            Err(error) => return Err(error).with_context(|| file.display().to_string()),
+        }
+        let size = (size.0 as usize, size.1 as usize);
+        let is_whole = |frame: &u32| Image::size_of(&self.picture(*frame)).is_ok_and(|found| found == size);
+        Ok((0..frames).filter(|frame| !is_whole(frame)).collect())
+    }
+}
+
+/// Describes the first difference between two records.
+fn difference(found: &Value, wanted: &Value) -> Option<String> {
+    let keys = |record: &Value| record.as_object().map(|all| all.keys().cloned().collect::<Vec<_>>());
+    let all = [keys(wanted), keys(found)].into_iter().flatten().flatten();
+    let differs = |key: &String| found[key.as_str()] != wanted[key.as_str()];
+    all.into_iter()
+        .find(differs)
+        .map(|key| format!("{key} is {} there and {} here", found[key.as_str()], wanted[key.as_str()]))
+}

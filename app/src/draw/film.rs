@@ -1,0 +1,255 @@
+//! Draws films: pictures of a moving camera at equal steps of time, with the blur of an open shutter.
+//!
+//! A [`Film`] says where the camera is at any time. A picture is the mean of its samples: pictures at times that are spread evenly
+//! over the opening of the shutter. The mean is one of linear light, which is what a sensor sums up: a bright point leaves a bright
+//! streak. One sample is the picture as it is drawn. [`draw`] keeps frames in flight, and hands finished pictures to threads that
+//! encode them.
+
+use crate::draw::camera_path::CameraPath;
+use crate::draw::orbit::Orbit;
+use crate::draw::pictures::{self, Pictures};
+use crate::draw::session::{FrameOptions, Session, image_of};
+use crate::io::image::Image;
+use anyhow::{Context, Result};
+use rayon::prelude::*;
+use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
+use splatgraph_assets::Camera;
+use std::collections::VecDeque;
+
+/// The way of a film's camera.
+#[derive(Clone, Debug)]
+pub enum Motion {
+    /// Through keys, at constant speed.
+    Path(CameraPath),
+    /// Around an axis, once, at constant speed.
+    Orbit(Orbit),
+}
+
+/// A film, without its scene.
+#[derive(Clone, Debug)]
+pub struct Film {
+    /// The way of the camera.
+    pub motion: Motion,
+    /// Number of frames.
+    pub frames: u32,
+    /// Pictures that a frame is the mean of.
+    pub samples: u32,
+    /// Time that the shutter is open, as a share of the time between two frames.
+    pub shutter: f64,
+}
+
+impl Film {
+    /// Computes the cameras of a frame's samples. They lie around the time of the frame.
+    pub fn cameras(&self, frame: u32) -> Vec<Camera> {
+        let at = |sample: u32| {
+            let share = (f64::from(sample) + 0.5) / f64::from(self.samples) - 0.5;
+            f64::from(frame) + self.shutter * share
+        };
+        (0..self.samples).filter_map(|sample| self.camera(at(sample))).collect()
+    }
+
+    /// Computes the camera at a time, which is counted in frames; `None` for a path without keys.
+    fn camera(&self, at: f64) -> Option<Camera> {
+        match &self.motion {
+            Motion::Path(path) => path.at_frame(at, self.frames),
+            Motion::Orbit(orbit) => Some(orbit.at(at / f64::from(self.frames))),
+        }
+    }
+}
+
+/// Settings of [`draw`].
+#[derive(Clone, Copy, Debug)]
+pub struct DrawOptions {
+    /// Background colour, display-encoded.
+    pub background: [f32; 3],
+    /// Pictures that may be drawn and not yet encoded.
+    pub jobs: usize,
+}
+
+/// Draws frames of a film, and returns the GPU milliseconds of all samples; `None` where the device has no timestamps.
+///
+/// `encode` runs on other threads; `done` gets its outcomes in the order of the frames. The session must be prepared for the
+/// pictures' size.
+///
+/// # Errors
+/// The device fails, the graph's output has no colours, or `encode` or `done` fails.
+pub fn draw<D: Device, T: Send + 'static>(
+    session: &mut Session<D>,
+    film: &Film,
+    frames: &[u32],
+    options: &DrawOptions,
+    encode: impl Fn(u32, Image) -> Result<T> + Clone + Send + 'static,
+    done: impl FnMut(T) -> Result<()>,
+) -> Result<Option<f64>> {
+    let pictures = Pictures::new(options.jobs);
+    let mut developing = Developing {
+        flying: VecDeque::new(),
+        exposure: Exposure::default(),
+        pictures,
+        encode,
+        done,
+        ms: Some(0.0),
+    };
+    let request =
+        FrameOptions { background: options.background, read_output: true, ..FrameOptions::default() };
+    for &frame in frames {
+        let cameras = film.cameras(frame);
+        for (at, camera) in cameras.iter().enumerate() {
+            if developing.flying.len() == FRAMES_IN_FLIGHT {
+                developing.land(session)?;
+            }
+            let id = session.submit(camera, &request)?;
+            let place = if at + 1 == cameras.len() { Some(cameras.len()) } else { None };
+            developing.flying.push_back((id, frame, place));
+        }
+    }
+    while !developing.flying.is_empty() {
+        developing.land(session)?;
+    }
+    developing.finish()
+}
+
+/// The pictures between their submission and the end of their encoding.
+struct Developing<T, E, F> {
+    /// Frames in flight, with the film's frame; the last sample has the number of samples.
+    flying: VecDeque<(FrameId, u32, Option<usize>)>,
+    exposure: Exposure,
+    pictures: Pictures<T>,
+    encode: E,
+    done: F,
+    ms: Option<f64>,
+}
+
+impl<T, E, F> Developing<T, E, F>
+where
+    T: Send + 'static,
+    E: Fn(u32, Image) -> Result<T> + Clone + Send + 'static,
+    F: FnMut(T) -> Result<()>,
+{
+    /// Waits for the oldest frame in flight; starts to encode the picture that it completes.
+    fn land<D: Device>(&mut self, session: &mut Session<D>) -> Result<()> {
+        let Some((id, frame, last)) = self.flying.pop_front() else { return Ok(()) };
+        let result = session.wait(id)?;
+        self.ms = self.ms.zip(result.total_ms).map(|(sum, ms)| sum + ms);
+        let pixels = result.output.context("the device returned no picture")?;
+        let (encode, bytes) = (self.encode.clone(), pictures::encoding_bytes(&pixels));
+        let finished = match last {
+            Some(1) => self.pictures.start(bytes, move || encode(frame, colours(&pixels)?))?,
+            _ => {
+                self.exposure.add(&colours(&pixels)?);
+                if last.is_none() {
+                    return Ok(());
+                }
+                let exposure = std::mem::take(&mut self.exposure);
+                self.pictures.start(bytes, move || encode(frame, exposure.developed()))?
+            }
+        };
+        finished.into_iter().try_for_each(&mut self.done)
+    }
+
+    /// Waits for all pictures.
+    fn finish(mut self) -> Result<Option<f64>> {
+        while let Some(outcome) = self.pictures.wait()? {
+            (self.done)(outcome)?;
+        }
+        Ok(self.ms)
+    }
+}
+
+fn colours(pixels: &Pixels) -> Result<Image> {
+    image_of(pixels).context("the graph's output has no colours")
+}
+
+/// The sum of pictures in linear light.
+#[derive(Default)]
+struct Exposure {
+    size: (usize, usize),
+    count: f32,
+    sum: Vec<f32>,
+}
+
+impl Exposure {
+    /// Adds a picture, of the same size as those before.
+    fn add(&mut self, image: &Image) {
+        self.size = (image.width, image.height);
+        self.count += 1.0;
+        let values = image.rgb.as_flattened();
+        self.sum.resize(values.len(), 0.0);
+        self.sum.par_iter_mut().zip(values).for_each(|(sum, value)| *sum += linear(*value));
+    }
+
+    /// Computes the mean, display-encoded.
+    fn developed(self) -> Image {
+        let (width, height) = self.size;
+        let pixel = |sum: &[f32; 3]| sum.map(|sum| encoded(sum / self.count));
+        Image { width, height, rgb: self.sum.as_chunks().0.iter().map(pixel).collect() }
+    }
+}
+
+/// Decodes sRGB to linear light; values below 0 as those above.
+fn linear(value: f32) -> f32 {
+    let size = value.abs();
+    let light = if size <= 0.040_45 { size / 12.92 } else { ((size + 0.055) / 1.055).powf(2.4) };
+    light.copysign(value)
+}
+
+/// Encodes linear light as sRGB, the inverse of [`linear`].
+fn encoded(light: f32) -> f32 {
+    let size = light.abs();
+    let value = if size <= 0.003_130_8 { 12.92 * size } else { 1.055 * size.powf(1.0 / 2.4) - 0.055 };
+    value.copysign(light)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn path(closed: bool) -> CameraPath {
+        let key = |x: f64| Camera::looking_at([x, 0.0, -4.0], [x, 0.0, 0.0], 60.0, (32, 18));
+        let mut path = CameraPath::new(1.0);
+        path.set_keys(vec![key(0.0), key(8.0)]).expect("sound keys");
+        path.set_closed(closed);
+        path
+    }
+
+    fn places(film: &Film, frame: u32) -> Vec<f64> {
+        film.cameras(frame).iter().map(|camera| (camera.position[0] * 1e6).round() / 1e6).collect()
+    }
+
+    #[test]
+    fn samples_lie_evenly_in_the_opening_around_the_time_of_the_frame() {
+        let film = Film { motion: Motion::Path(path(false)), frames: 9, samples: 4, shutter: 0.5 };
+        assert_eq!(places(&film, 3), [2.8125, 2.9375, 3.0625, 3.1875]);
+        // Before its start and after its end, an open path stands.
+        assert_eq!(places(&film, 0), [0.0, 0.0, 0.0625, 0.1875]);
+        assert_eq!(places(&film, 8), [7.8125, 7.9375, 8.0, 8.0]);
+        let still = Film { samples: 1, ..film };
+        assert_eq!((places(&still, 0), places(&still, 8)), (vec![0.0], vec![8.0]));
+    }
+
+    #[test]
+    fn the_frame_after_the_last_of_an_orbit_and_of_a_closed_path_is_the_first() {
+        let start = Camera::looking_at([3.0, -1.0, 0.0], [0.0, 1.0, 0.0], 60.0, (32, 18));
+        let orbit = Orbit { start, around: [0.0, 1.0, 0.0], axis: [0.0, -1.0, 0.0] };
+        for motion in [Motion::Orbit(orbit), Motion::Path(path(true))] {
+            let film = Film { motion, frames: 12, samples: 1, shutter: 0.0 };
+            let [first, after] = [0, 12].map(|frame| film.cameras(frame)[0].position);
+            assert!((0..3).all(|axis| (first[axis] - after[axis]).abs() < 1e-9), "{first:?} {after:?}");
+            let last = film.cameras(11)[0].position;
+            assert!((0..3).any(|axis| (first[axis] - last[axis]).abs() > 0.1));
+        }
+    }
+
+    #[test]
+    fn a_blurred_picture_is_the_mean_of_light_and_equal_samples_stay_as_they_are() {
+        let mut exposure = Exposure::default();
+        exposure.add(&Image { width: 2, height: 1, rgb: vec![[0.0, 0.25, 1.5], [1.0, -0.1, 0.02]] });
+        exposure.add(&Image { width: 2, height: 1, rgb: vec![[1.0, 0.25, 1.5], [1.0, -0.1, 0.02]] });
+        let image = exposure.developed();
+        // Half of the light of white is the sRGB value 0.735357.
+        for (found, expected) in image.rgb.as_flattened().iter().zip([0.735_357, 0.25, 1.5, 1.0, -0.1, 0.02])
+        {
+            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        }
+    }
+}

@@ -1,0 +1,45 @@
+//! Writes animated PNGs.
+
+use super::frame::{Frame, Rate, Writer, mixed};
+use crate::io::output::file::Cause;
+use std::io::Write;
+
+pub(super) struct Film<'a> {
+    writer: png::Writer<&'a mut dyn Write>,
+}
+
+impl<'a> Film<'a> {
+    pub(super) fn begin(
+        out: &'a mut dyn Write,
+        (width, height): (u32, u32),
+        rate: Rate,
+        frames: u32,
+    ) -> Result<Self, Cause> {
+        let mut encoder = png::Encoder::new(out, width, height);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+        encoder.set_compression(png::Compression::Fast);
+        encoder.set_animated(frames, 0)?;
+        let (delay, of) = delay(rate);
+        encoder.set_frame_delay(delay, of)?;
+        Ok(Film { writer: encoder.write_header()? })
+    }
+}
+
+/// Finds the fraction of a second between two frames, in numbers of 16 bits.
+fn delay(rate: Rate) -> (u16, u16) {
+    let exact = u16::try_from(rate.seconds).ok().zip(u16::try_from(rate.frames).ok());
+    exact.unwrap_or_else(|| ((10_000.0 / rate.per_second()).round().min(65_535.0) as u16, 10_000))
+}
+
+impl Writer for Film<'_> {
+    fn add(&mut self, frame: Frame) -> Result<(), Cause> {
+        let Frame::Bytes(bytes) = frame else { return Err(mixed()) };
+        Ok(self.writer.write_image_data(&bytes)?)
+    }
+
+    fn finish(self: Box<Self>) -> Result<(), Cause> {
+        Ok(self.writer.finish()?)
+    }
+}

@@ -1,0 +1,68 @@
+//! Defines what the formats of films share: encoded frames, their writer and their rate.
+
+use crate::io::output::file::Cause;
+use std::fmt;
+use std::str::FromStr;
+
+/// A frame that `Format::encode` made for a [`Writer`] of the same format.
+pub enum Frame {
+    /// Bytes that are written, or compressed, as they are.
+    Bytes(Vec<u8>),
+    /// An image of a GIF.
+    Gif(Box<gif::Frame<'static>>),
+}
+
+/// A film that is being written.
+pub trait Writer {
+    /// Writes the next frame.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    fn add(&mut self, frame: Frame) -> Result<(), Cause>;
+
+    /// Ends the film.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    fn finish(self: Box<Self>) -> Result<(), Cause>;
+}
+
+/// The error of a frame that another format made.
+pub(super) fn mixed() -> Cause {
+    "a frame of another format".into()
+}
+
+/// Frames per second, as a fraction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rate {
+    pub(super) frames: u32,
+    pub(super) seconds: u32,
+}
+
+impl Rate {
+    /// Returns the frames per second.
+    pub fn per_second(self) -> f64 {
+        f64::from(self.frames) / f64::from(self.seconds)
+    }
+}
+
+impl fmt::Display for Rate {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self.seconds {
+            1 => self.frames.fmt(f),
+            seconds => write!(f, "{}/{seconds}", self.frames),
+        }
+    }
+}
+
+impl FromStr for Rate {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Rate, String> {
+        let (frames, seconds) = text.split_once('/').unwrap_or((text, "1"));
+        let parsed = frames.trim().parse().ok().zip(seconds.trim().parse().ok());
+        let rate = parsed.map(|(frames, seconds)| Rate { frames, seconds });
+        rate.filter(|rate| (0.1..=1000.0).contains(&rate.per_second()) && rate.frames <= 1_000_000)
+            .ok_or_else(|| "expected 0.1 to 1000 frames per second, for instance 30 or 30000/1001".into())
+    }
+}

@@ -1,0 +1,216 @@
+//! Writes films: pictures at a constant rate in one file.
+//!
+//! Writing a frame has two steps. [`Format::encode`] does what needs no other frame, on any thread; a [`Writer`] takes the results in
+//! order. Values are clamped to 0..1, like those of 8-bit pictures.
+//!
+//! - `.gif` shows anywhere: 256 colours in each frame, chosen by NeuQuant, without dithering, which would not compress;
+//! - `.apng` and `.png` are animated PNGs, and keep every pixel's 8 bits;
+//! - `.y4m` is uncompressed video, for a pipe into an encoder;
+//! - `.mp4` is AV1, in programs that were built with the feature `av1`.
+
+mod apng;
+#[cfg(feature = "av1")]
+mod av1;
+mod frame;
+mod gif;
+mod y4m;
+
+use crate::io::image::Image;
+use crate::io::output::file::Cause;
+use std::io::Write;
+use std::path::Path;
+
+pub use frame::{Frame, Rate, Writer};
+
+/// The formats of films in one file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// GIF, played again and again.
+    Gif,
+    /// Animated PNG, played again and again.
+    Apng,
+    /// YUV4MPEG2: 4:2:0, BT.709, limited range.
+    Y4m,
+    /// AV1 in MP4.
+    #[cfg(feature = "av1")]
+    Mp4,
+}
+
+impl Format {
+    /// Returns the format of a path's extension, in upper or lower case.
+    pub fn of(path: &Path) -> Option<Format> {
+        let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+        match extension.as_str() {
+            "gif" => Some(Format::Gif),
+            "apng" | "png" => Some(Format::Apng),
+            "y4m" => Some(Format::Y4m),
+            #[cfg(feature = "av1")]
+            "mp4" => Some(Format::Mp4),
+            _ => None,
+        }
+    }
+
+    /// Encodes a frame as far as that needs no other frame.
+    ///
+    /// # Errors
+    /// The picture is too large for the format.
+    pub fn encode(self, image: &Image) -> Result<Frame, Cause> {
+        Ok(match self {
+            Format::Gif => Frame::Gif(Box::new(gif::encode(image)?)),
+            Format::Apng => Frame::Bytes(image.bytes()),
+            Format::Y4m => Frame::Bytes(y4m::encode(image)),
+            #[cfg(feature = "av1")]
+            Format::Mp4 => Frame::Bytes(y4m::planes(image)),
+        })
+    }
+
+    /// Begins a film of `frames` frames.
+    ///
+    /// # Errors
+    /// `out` fails, or the format has no such films.
+    pub fn begin<'a>(
+        self,
+        out: &'a mut dyn Write,
+        size: (u32, u32),
+        rate: Rate,
+        frames: u32,
+    ) -> Result<Box<dyn Writer + 'a>, Cause> {
+        Ok(match self {
+            Format::Gif => Box::new(gif::Film::begin(out, size, rate)?),
+            Format::Apng => Box::new(apng::Film::begin(out, size, rate, frames)?),
+            Format::Y4m => Box::new(y4m::Film::begin(out, size, rate)?),
+            #[cfg(feature = "av1")]
+            Format::Mp4 => Box::new(av1::Film::begin(out, size, rate, frames)?),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: (u32, u32) = (9, 5);
+
+    /// A picture of few colours that differs from frame to frame.
+    fn picture(frame: usize) -> Image {
+        Image::from_fn(SIZE.0 as usize, SIZE.1 as usize, |x, y| {
+            [((x + frame) % 4) as f32 / 3.0, y as f32 / 4.0, 0.2 * frame as f32]
+        })
+    }
+
+    fn film(format: Format, rate: &str) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let rate = rate.parse().expect("a rate");
+        let mut writer = format.begin(&mut bytes, SIZE, rate, 4).expect("a film");
+        for frame in 0..4 {
+            writer.add(format.encode(&picture(frame)).expect("a frame")).expect("written");
+        }
+        writer.finish().expect("an end");
+        bytes
+    }
+
+    #[test]
+    fn a_gif_has_every_frame_with_its_colours_and_keeps_the_time_in_hundredths() {
+        let mut options = ::gif::DecodeOptions::new();
+        options.set_color_output(::gif::ColorOutput::RGBA);
+        let bytes = film(Format::Gif, "30");
+        let mut decoder = options.read_info(bytes.as_slice()).expect("a GIF");
+        assert_eq!((decoder.width(), decoder.height()), (9, 5));
+        let mut delays = Vec::new();
+        while let Some(frame) = decoder.read_next_frame().expect("a frame") {
+            let expected = picture(delays.len()).bytes();
+            let found: Vec<u8> = frame.buffer.chunks(4).flat_map(|p| p[..3].to_vec()).collect();
+            assert_eq!(found, expected, "frame {}", delays.len());
+            delays.push(frame.delay);
+        }
+        // 13.3 hundredths in all.
+        assert_eq!(delays, [3, 4, 3, 3]);
+        assert_eq!(decoder.repeat(), ::gif::Repeat::Infinite);
+    }
+
+    #[test]
+    fn an_animated_png_has_every_frame_bit_by_bit() {
+        let bytes = film(Format::Apng, "30000/1001");
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().expect("a PNG");
+        let animation = *reader.info().animation_control().expect("an animation");
+        assert_eq!((animation.num_frames, animation.num_plays), (4, 0));
+        for frame in 0..4 {
+            let mut found = vec![0; reader.output_buffer_size().expect("a size")];
+            reader.next_frame(&mut found).expect("a frame");
+            let control = *reader.info().frame_control().expect("a frame's control");
+            assert_eq!((control.delay_num, control.delay_den), (1001, 30000));
+            assert_eq!(found, picture(frame).bytes(), "frame {frame}");
+        }
+    }
+
+    #[test]
+    fn y4m_has_a_header_and_planes_of_the_right_sizes_and_values() {
+        let bytes = film(Format::Y4m, "25");
+        let header = b"YUV4MPEG2 W9 H5 F25:1 Ip A1:1 C420jpeg XYSCSS=420JPEG XCOLORRANGE=LIMITED\n";
+        assert_eq!(&bytes[..header.len()], header);
+        let frames = &bytes[header.len()..];
+        let frame = 6 + 9 * 5 + 2 * 5 * 3;
+        assert_eq!(frames.len(), 4 * frame);
+        for (at, frame) in frames.chunks(frame).enumerate() {
+            assert_eq!(&frame[..6], b"FRAME\n", "frame {at}");
+        }
+        // Black, white, red and blue in BT.709, limited to 16..235 and 16..240 (ITU-R BT.709-6, table 3.5).
+        for (rgb, expected) in [
+            ([0.0, 0.0, 0.0], [16, 128, 128]),
+            ([1.0, 1.0, 1.0], [235, 128, 128]),
+            ([1.0, 0.0, 0.0], [63, 102, 240]),
+            ([0.0, 0.0, 1.0], [32, 240, 118]),
+        ] {
+            let planes = y4m::encode(&Image::from_fn(2, 2, |_, _| rgb));
+            assert_eq!(planes[6..], [&[expected[0]; 4][..], &expected[1..]].concat(), "{rgb:?}");
+        }
+    }
+
+    #[cfg(feature = "av1")]
+    #[test]
+    fn an_mp4_has_every_frame_as_a_sample_of_av1_and_begins_with_a_key() {
+        use shiguredo_mp4::demux::{Input, Mp4FileDemuxer};
+        let size = (32, 18);
+        let mut bytes = Vec::new();
+        let rate = "30000/1001".parse().expect("a rate");
+        let mut writer = Format::Mp4.begin(&mut bytes, size, rate, 4).expect("a film");
+        for frame in 0..4 {
+            let picture =
+                Image::from_fn(32, 18, |x, y| [x as f32 / 32.0, y as f32 / 18.0, 0.2 * frame as f32]);
+            writer.add(Format::Mp4.encode(&picture).expect("a frame")).expect("written");
+        }
+        writer.finish().expect("an end");
+        let mut demuxer = Mp4FileDemuxer::new();
+        demuxer.handle_input(Input { position: 0, data: &bytes });
+        let mut keys = Vec::new();
+        while let Some(sample) = demuxer.next_sample().expect("a sample") {
+            assert_eq!(sample.duration, 1001);
+            // A sequence header comes first (AV1 specification, 5.3.2), and no temporal delimiter.
+            let first = bytes[sample.data_offset as usize];
+            assert_eq!(sample.keyframe, first >> 3 == 1, "sample {}", keys.len());
+            keys.push(sample.keyframe);
+        }
+        assert_eq!(keys, [true, false, false, false]);
+        assert!(Format::Mp4.begin(&mut Vec::new(), (15, 16), rate, 4).is_err());
+    }
+
+    #[test]
+    fn rates_are_whole_numbers_and_fractions() {
+        for (text, rate) in [("24", 24.0), ("30000/1001", 29.97), ("1/2", 0.5)] {
+            let parsed: Rate = text.parse().expect("a rate");
+            assert!((parsed.per_second() - rate).abs() < 1e-3);
+            assert_eq!(parsed.to_string(), text);
+        }
+        for text in ["", "0", "30/0", "-1", "29.97", "1001", "x", "1/100"] {
+            assert!(text.parse::<Rate>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_name_tells_the_format() {
+        let of = |name: &str| Format::of(Path::new(name));
+        assert_eq!(of("a/film.GIF"), Some(Format::Gif));
+        assert_eq!((of("film.apng"), of("film.png")), (Some(Format::Apng), Some(Format::Apng)));
+        assert_eq!((of("film.y4m"), of("film"), of("film.webm")), (Some(Format::Y4m), None, None));
+    }
+}

@@ -1,0 +1,50 @@
+//! Follows the files that place several scenes: one that changes is loaded again, and the camera stays.
+
+use crate::view::events::RendererId;
+use crate::view::renderer::Wake;
+use splatgraph_framework::reload::{Content, Wanted, WatchError, Watcher};
+use std::path::{Path, PathBuf};
+
+/// The files that are followed.
+#[derive(Default)]
+pub(super) struct PlacedFiles {
+    /// None before the first file.
+    watcher: Option<Watcher>,
+    /// Of A's and B's scene, with the contents that were read last.
+    wanted: [Option<Wanted>; 2],
+}
+
+impl PlacedFiles {
+    /// Follows the file of a viewport's scene if it places several scenes, as of now; forgets the one before.
+    ///
+    /// # Errors
+    /// The system starts no thread.
+    pub fn follow(&mut self, id: RendererId, path: &Path, wake: &Wake) -> Result<(), WatchError> {
+        let places = splatgraph_assets::names_scenes(path);
+        let wanted = places.then(|| Wanted { path: path.to_owned(), content: Content::at(path) });
+        if wanted.is_none() && self.watcher.is_none() {
+            return Ok(());
+        }
+        self.wanted[usize::from(id == RendererId::B)] = wanted;
+        let watcher = match &mut self.watcher {
+            Some(watcher) => watcher,
+            none => {
+                let wake = wake.clone();
+                none.insert(Watcher::new(move || wake())?)
+            }
+        };
+        let all: Vec<Wanted> = self.wanted.iter().flatten().cloned().collect();
+        watcher.watch(&all);
+        Ok(())
+    }
+
+    /// Exchanges the files of A and B.
+    pub fn exchange(&mut self) {
+        self.wanted.swap(0, 1);
+    }
+
+    /// Takes the files that changed.
+    pub fn take(&mut self) -> Vec<PathBuf> {
+        self.watcher.as_mut().and_then(Watcher::take).map_or_else(Vec::new, |change| change.files)
+    }
+}

@@ -1,0 +1,160 @@
+//! Reads files that place several scenes in one world (`.ron`).
+//!
+//! ```ron
+//! Scenes([
+//!   Scene(file: "garden.ply"),
+//!   Scene(file: "statue.spz", scale: 0.5, rotate: (axis: (0, 1, 0), degrees: 90), translate: (1, 0, -2)),
+//! ])
+//! ```
+//!
+//! A scene is scaled first, then rotated about an axis through its origin, and then moved. Its harmonics turn with it. Files are beside
+//! the file that names them. The splats of all are joined into one scene, so that one sort orders them.
+
+use crate::edit::Similarity;
+use crate::error::SceneError;
+use glam::{DQuat, DVec3};
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+
+/// Longest text that is read, in bytes.
+pub(crate) const MAX_BYTES: u64 = 1 << 20;
+
+/// The content of the file, as written.
+#[derive(Deserialize)]
+struct Scenes(Vec<Part>);
+
+#[derive(Deserialize)]
+#[serde(rename = "Scene", deny_unknown_fields)]
+struct Part {
+    file: PathBuf,
+    #[serde(default = "one")]
+    scale: f64,
+    #[serde(default)]
+    rotate: Rotation,
+    #[serde(default)]
+    translate: [f64; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Rotation {
+    axis: [f64; 3],
+    degrees: f64,
+}
+
+impl Default for Rotation {
+    fn default() -> Self {
+        Self { axis: [0.0, 1.0, 0.0], degrees: 0.0 }
+    }
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// A scene file and its place in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Placed {
+    /// The file.
+    pub file: PathBuf,
+    /// Its way into the world.
+    pub by: Similarity,
+}
+
+/// Returns true if a text is that of several scenes: its first word is `Scenes`.
+pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
+    let mut rest = head;
+    loop {
+        rest = rest.trim_ascii_start();
+        let end = if rest.starts_with(b"//") {
+            rest.iter().position(|byte| *byte == b'\n').map(|at| at + 1)
+        } else if rest.starts_with(b"/*") {
+            rest.windows(2).position(|pair| pair == b"*/").map(|at| at + 2)
+        } else {
+            return rest.starts_with(b"Scenes");
+        };
+        let Some(end) = end else { return false };
+        rest = &rest[end..];
+    }
+}
+
+/// Parses the text of a file in `folder`.
+///
+/// # Errors
+/// The text is not that of scenes, or a number makes no place.
+pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError> {
+    let scenes: Scenes = ron::from_str(text).map_err(|error| {
+        let at = error.span.start;
+        SceneError::Text { line: at.line, column: at.col, message: error.code.to_string() }
+    })?;
+    if scenes.0.is_empty() {
+        return Err(SceneError::Scenes { message: "expected at least one scene, found none".into() });
+    }
+    scenes.0.into_iter().enumerate().map(|(index, part)| placed(index, part, folder)).collect()
+}
+
+fn placed(index: usize, part: Part, folder: &Path) -> Result<Placed, SceneError> {
+    let wrong = |message: String| {
+        Err(SceneError::Scenes { message: format!("scene {index}, {}: {message}", part.file.display()) })
+    };
+    if !(1e-9..=1e9).contains(&part.scale) {
+        return wrong(format!("expected a scale of 1e-9 to 1e9, found {}", part.scale));
+    }
+    let Rotation { axis, degrees } = part.rotate;
+    let Some(unit) = DVec3::from(axis).try_normalize().filter(|_| degrees.is_finite()) else {
+        return wrong(format!("expected an axis and degrees, found {axis:?} and {degrees}"));
+    };
+    let rotation = DQuat::from_axis_angle(unit, degrees.to_radians());
+    let translation = DVec3::from(part.translate);
+    // As far away as a camera can be.
+    if !part.translate.iter().all(|v| v.abs() <= 1e18) {
+        return wrong(format!("expected a translation within 1e18, found {:?}", part.translate));
+    }
+    Ok(Placed { file: folder.join(part.file), by: Similarity { rotation, scale: part.scale, translation } })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(text: &str) -> String {
+        parse(text, Path::new("/world")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn files_are_beside_their_file_and_numbers_make_a_similarity() {
+        let text = r#"// A comment.
+            Scenes([
+              Scene(file: "a.ply"),
+              Scene(file: "/b.spz", scale: 0.5, rotate: (axis: (0, 2, 0), degrees: 90), translate: (1, 0, -2.5)),
+            ])"#;
+        assert!(begins_as_scenes(text.as_bytes()));
+        let all = parse(text, Path::new("/world")).expect("scenes");
+        assert_eq!(all[0], Placed { file: "/world/a.ply".into(), by: Similarity::IDENTITY });
+        assert_eq!((all[1].file.as_path(), all[1].by.scale), (Path::new("/b.spz"), 0.5));
+        let turned = all[1].by.rotation * DVec3::Z;
+        assert!(turned.distance(DVec3::X) < 1e-12 && all[1].by.translation == DVec3::new(1.0, 0.0, -2.5));
+    }
+
+    #[test]
+    fn other_texts_are_not_scenes() {
+        assert!(begins_as_scenes(b"\n /* a * / */ // b\nScenes("));
+        for text in ["", "Graph(", "// Scenes", "/* Scenes", "ply\n"] {
+            assert!(!begins_as_scenes(text.as_bytes()), "{text}");
+        }
+    }
+
+    #[test]
+    fn mistakes_are_told_with_their_place() {
+        assert!(said("Scenes([\n  Scene(fil: \"a.ply\"),\n])").starts_with("line 2, column "));
+        assert!(
+            said("Scenes([Scene(file: \"a.ply\", scale: 0)])").contains("scene 0, a.ply: expected a scale")
+        );
+        assert!(
+            said("Scenes([Scene(file: \"a\", rotate: (axis: (0, 0, 0), degrees: 9))])")
+                .contains("expected an axis")
+        );
+        assert!(said("Scenes([Scene(file: \"a\", translate: (1, 1e30, 0))])").contains("within 1e18"));
+        assert!(said("Scenes([])").contains("expected at least one scene"));
+    }
+}
