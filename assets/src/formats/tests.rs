@@ -225,13 +225,13 @@ fn placed_scenes_are_moved_and_joined_as_convert_does_bit_by_bit() {
     let [a, b] = [3, 2].map(|degree| Scene::generate(300, degree, crate::testing::splat));
     a.write_ply(at("a.ply")).unwrap();
     b.write_ply(at("b.ply")).unwrap();
-    let [a, b] = ["a.ply", "b.ply"].map(|name| Scene::load(at(name), QUIET).unwrap());
+    let [a, b] = ["a.ply", "b.ply"].map(|name| Scene::load(at(name), crate::QUIET).unwrap());
     let text = r#"Scenes([
         Scene(file: "a.ply"),
         Scene(file: "b.ply", scale: 0.5, rotate: (axis: (0, 1, 0.5), degrees: 30), translate: (1, -0.5, 2)),
     ])"#;
     std::fs::write(at("both.ron"), text).unwrap();
-    let both = Scene::load(at("both.ron"), QUIET).unwrap();
+    let both = Scene::load(at("both.ron"), crate::QUIET).unwrap();
     // One step after the other, like the options of `convert`.
     let turn = glam::DQuat::from_axis_angle(glam::DVec3::new(0.0, 1.0, 0.5).normalize(), 30f64.to_radians());
     let steps = [

@@ -231,7 +231,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let first = cameras.first().context("a film without a camera")?;
     let size = (first.width, first.height);
     prepare_plan(&mut session, first)?;
-    session.tell_settings_without_effect();
+    session.settings_without_effect().iter().for_each(say);
     claim_graph_files(&mut guard, &session.files())?;
 
     let job = Job { args, film: &film, size };
