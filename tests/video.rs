@@ -173,7 +173,7 @@ fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
         (&["film.gif", "--format=png"], 2, "--format is for the pictures of a folder"),
         (&["film.gif", "--shutter=0.5"], 2, "--samples"),
         (&["film.gif", "--orbit=4"], 2, "cannot be used with"),
-        (&["cameras.json/x.gif"], 2, "is no folder"),
+        (&["cameras.json/x.gif"], 2, "which cannot be written: Not a directory"),
         (&["scene.ply"], 2, "expected a folder, or a name that ends in"),
     ] {
         let said = refused(folder, more, code);
