@@ -106,7 +106,7 @@ fn assert_same(a: &Plan, b: &Plan, what: &str) {
     assert_eq!(a.passes, b.passes, "{what}");
     assert_eq!(a.resources, b.resources, "{what}");
     assert_eq!((&a.blocks, a.output, &a.stats), (&b.blocks, b.output, &b.stats), "{what}");
-    let steps = |plan: &Plan| (plan.prologue.clone(), plan.handover.clone(), plan.frame.clone());
+    let steps = |plan: &Plan| (plan.prologue.clone(), plan.frame.clone(), plan.dependencies.clone());
     assert_eq!(steps(a), steps(b), "{what}");
     let shaders = |plan: &Plan| -> Vec<_> {
         plan.shaders.iter().map(|s| (s.name.clone(), s.spirv.clone(), s.reflection.clone())).collect()

@@ -7,6 +7,7 @@
 //! git diff tests/plans
 //! ```
 
+use splatgraph::draw::backend;
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::Planner;
 use splatgraph::view::paint;
@@ -32,7 +33,7 @@ fn every_built_in_graph_has_the_plan_of_its_snapshot_at_every_width_of_subgroups
             let device = facts::portable_device(lanes);
             let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
             let plan = planner.plan(graph, &[], &facts, &catalog);
-            let mut dump = dump::dump(&plan.unwrap_or_else(|error| panic!("{graph}: {error}")));
+            let mut dump = backend::dump(&plan.unwrap_or_else(|error| panic!("{graph}: {error}")));
             // Reasons name the width, and would make plans differ that are the same.
             dump.parameters.iter_mut().for_each(|parameter| parameter.reason = None);
             let text = dump::text(&dump);

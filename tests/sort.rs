@@ -120,13 +120,8 @@ impl Sorter<'_> {
 
     /// Sorts the run's pairs on the GPU and here, and compares.
     fn check(&mut self, run: Run) {
-        let finish = self
-            .plan
-            .frame
-            .iter()
-            .find(|s| self.plan.pass(s.pass).name == "finish")
-            .expect("the last pass")
-            .pass;
+        let mut passes = self.plan.frame.iter().copied();
+        let finish = passes.find(|pass| self.plan.pass(*pass).name == "finish").expect("the last pass");
         let fronts = ["Keys", "Values"].map(|block| {
             let bindings = &self.plan.pass(finish).bindings;
             bindings.iter().find(|b| b.name == block).expect("bound").resource

@@ -5,12 +5,11 @@
 
 use crate::encoders::plans;
 use splatgraph_framework::ir::PassId;
-use splatgraph_framework::plan::Step;
 use splatgraph_metal::sync::{Division, EncodedPass, Encoders, Encoding};
 use splatgraph_metal::walk::{Move, Walk, Walked};
 
 /// Walks a frame and submits it. Returns its encoders, and the number of encoders before the prologue was handed over.
-fn walked_frame(walked: &mut Walked, steps: &[&Step], timed: bool) -> (Vec<Encoding>, Option<usize>) {
+fn walked_frame(walked: &mut Walked, passes: &[PassId], timed: bool) -> (Vec<Encoding>, Option<usize>) {
     let (mut walk, mut found, mut handover) = (Walk::default(), Vec::new(), None);
     let mut open: Option<Encoding> = None;
     walk.begin();
@@ -35,13 +34,13 @@ fn walked_frame(walked: &mut Walked, steps: &[&Step], timed: bool) -> (Vec<Encod
         }
     };
     let mut moves = Vec::new();
-    for step in steps {
-        walk.pass(walked, step.pass, timed, &mut moves);
-        // The host's step moves nothing, and is in no encoder.
+    for id in passes {
+        walk.pass(walked, *id, timed, &mut moves);
+        // The host's pass moves nothing, and is in no encoder.
         let encoders = walked.encoders(if timed { Division::Passes } else { Division::Merged });
         let all = encoders.prologue.iter().chain(&encoders.frame).flat_map(|encoding| &encoding.passes);
-        let encoded = all.map(|pass| pass.pass).any(|pass| pass == step.pass);
-        follow(&mut moves, encoded.then_some(step.pass));
+        let encoded = all.map(|pass| pass.pass).any(|pass| pass == *id);
+        follow(&mut moves, encoded.then_some(*id));
     }
     walk.end(walked, &mut moves);
     follow(&mut moves, None);
@@ -66,21 +65,20 @@ fn the_walk_over_every_built_in_graph_makes_the_encoders_that_were_proven() {
             let mut walked = Walked::new(&plan);
             let Encoders { prologue, frame, handover, fences } = walked.encoders(division).clone();
             let mut updated = vec![false; fences as usize];
-            let (first, frames): (Vec<&Step>, Vec<&Step>) =
-                (plan.prologue.iter().chain(&plan.frame).collect(), plan.frame.iter().collect());
+            let (first, frames): (Vec<PassId>, _) = (plan.order().collect(), &plan.frame);
             let (found, handed_over) = walked_frame(&mut walked, &first, timed);
             let wanted = expected(&[&prologue[..], &frame[..]].concat(), &mut updated);
             assert_eq!(found, wanted, "{}, {division:?}: the first frame", plan.name);
             let hands_over = handover && !prologue.is_empty();
             assert_eq!(handed_over, hands_over.then_some(prologue.len()), "{}, {division:?}", plan.name);
             for number in 2..4 {
-                let (found, handed_over) = walked_frame(&mut walked, &frames, timed);
+                let (found, handed_over) = walked_frame(&mut walked, frames, timed);
                 let wanted = expected(&frame, &mut updated);
                 assert_eq!(found, wanted, "{}, {division:?}: frame {number}", plan.name);
                 assert_eq!(handed_over, None);
             }
             // By now every fence of the frame was updated: no wait is left out.
-            assert_eq!(walked_frame(&mut walked, &frames, timed).0, frame, "{}, {division:?}", plan.name);
+            assert_eq!(walked_frame(&mut walked, frames, timed).0, frame, "{}, {division:?}", plan.name);
         }
     }
 }

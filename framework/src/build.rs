@@ -6,7 +6,7 @@ use crate::shader::{CANCELLED, ShaderCompiler};
 use crate::source::{Diagnostic, SourceMap};
 use crate::{link, lower, solve};
 
-/// Reads a graph, lowers it, compiles and links its shaders, and solves for order and barriers.
+/// Reads a graph, lowers it, compiles and links its shaders, and solves for order, memory and dependencies.
 ///
 /// Errors point into the files; an `Err` holds at least one.
 ///
@@ -48,7 +48,7 @@ use crate::{link, lower, solve};
 /// let plan = build(&request, &mut files, &mut Glslang::default())
 ///     .map_err(|errors| render(&files, &errors, false))?;
 ///
-/// let passes: Vec<&str> = plan.frame.iter().map(|step| plan.pass(step.pass).name.as_str()).collect();
+/// let passes: Vec<&str> = plan.frame.iter().map(|pass| plan.pass(*pass).name.as_str()).collect();
 /// assert_eq!(passes, ["paint", "export"]);
 /// # Ok(())
 /// # }

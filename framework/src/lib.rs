@@ -14,14 +14,13 @@
 //! 4. [`lower`] resolves presets, includes, conditions, repeats and swaps to a flat list of passes;
 //! 5. [`shader`] compiles GLSL to SPIR-V and reads back what each shader binds and touches;
 //! 6. `link` compiles the shaders and holds the flat list against them;
-//! 7. [`solve`] orders the passes, places memory and lists the dependencies, of which `barriers` makes Vulkan's barriers;
+//! 7. [`solve`] orders the passes, places memory and lists the dependencies;
 //! 8. [`plan`] is the result, [`dump`] writes it for people and programs, and `msl` translates its shaders for Metal.
 //!
 //! When a file changes, [`reload`] has the plan built again, while the last good plan is still drawn.
 
 #![deny(missing_docs)]
 
-mod barriers;
 mod build;
 pub mod dump;
 pub mod expr;
@@ -37,6 +36,9 @@ pub mod schema;
 pub mod shader;
 pub mod solve;
 pub mod source;
+// The tests of the Vulkan backend share `testing`.
+#[cfg(test)]
+extern crate self as splatgraph_framework;
 #[cfg(test)]
 mod testing;
 

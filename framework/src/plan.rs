@@ -1,14 +1,11 @@
 //! The plan: the input of a backend, as plain data.
 //!
-//! A [`Plan`] names every resource with its size and its memory, every pass with its bindings, and two sequences of steps:
+//! A [`Plan`] names every resource with its size and its memory, every pass with its bindings, and two sequences of passes:
 //! the prologue, which runs once after the plan or the scene changed, and the frame, which runs every time.
 //!
 //! The order of passes is a list of [`Dependency`]s; changes of image layouts are a list of [`LayoutChange`]s. `solve`
-//! makes both from the accesses of the passes, and nothing else looks for conflicts. Each API makes its commands of these lists:
-//!
-//! - Vulkan's barriers are made by `barriers`. A [`Step`] holds those that are recorded just before its pass, in one call; the
-//!   [handover](Plan::handover) is one more call, between the prologue and the first frame. Every frame records the same barriers.
-//! - Metal's encoders, fences and barriers are made by its backend, which ignores Vulkan's.
+//! makes both from the accesses of the passes, and nothing else looks for conflicts. Each backend lowers these lists to commands of
+//! its API, as plain data: `sync` in `backends/vulkan` to barriers, `sync` in `backends/metal` to encoders, fences and barriers.
 //!
 //! Stages and accesses have the names of Vulkan's synchronization2, the finer of the models. Metal maps them to the two stages of a
 //! draw.
@@ -53,13 +50,11 @@ pub struct Plan {
     pub dependencies: Vec<Dependency>,
     /// Layout changes of images: in the prologue, the handover, and the frame.
     pub layout_changes: Vec<LayoutChange>,
-    /// Runs once after the plan or the scene changed.
-    pub prologue: Vec<Step>,
-    /// Recorded once, as one call, between the prologue and the first frame: makes the prologue's writes visible, and
-    /// transitions images to their layouts between frames.
-    pub handover: Vec<Barrier>,
-    /// Runs every frame, after the handover or the previous frame.
-    pub frame: Vec<Step>,
+    /// Passes that run once after the plan or the scene changed, in order.
+    pub prologue: Vec<PassId>,
+    /// Passes that run every frame, in order. The first frame follows the prologue. Between the two is the *handover*: images come to
+    /// the layouts that they have between frames.
+    pub frame: Vec<PassId>,
     /// Passes of the file that are not in the plan: nothing reads their results, or their `when` is false.
     pub culled: Vec<Culled>,
     /// Constructs of the graph that are allowed but probably unintended.
@@ -70,7 +65,7 @@ pub struct Plan {
     /// Images that were asked for besides the output; the same pass leaves them in the same layout.
     pub outputs: Vec<Output>,
     /// Numbers computed on the GPU for the host: 32-bit words of buffers. The export copies them in order to the resource
-    /// with [`Source::Readback`], where the host reads them in the last step of the frame, [`Work::Host`](crate::ir::Work::Host).
+    /// with [`Source::Readback`], where the host reads them in the last pass of the frame, [`Work::Host`](crate::ir::Work::Host).
     /// Without statistics a plan has neither.
     pub stats: Vec<Stat>,
 }
@@ -204,8 +199,8 @@ impl Plan {
     ///
     /// They are planes of the scene, and buffers of the graph that have no history and share no memory.
     pub fn used_once(&self) -> BTreeSet<ResourceId> {
-        let used = |steps: &[Step]| -> BTreeSet<ResourceId> {
-            steps.iter().flat_map(|step| self.pass(step.pass).resources()).collect()
+        let used = |passes: &[PassId]| -> BTreeSet<ResourceId> {
+            passes.iter().flat_map(|pass| self.pass(*pass).resources()).collect()
         };
         let later = used(&self.frame);
         let ends = |id: &ResourceId| {
@@ -224,6 +219,20 @@ impl Plan {
                 && !self.stats.iter().any(|stat| stat.buffer == *id)
         };
         used(&self.prologue).into_iter().filter(ends).collect()
+    }
+
+    /// Iterates over all passes in the order of the first frame: the prologue, then the frame.
+    pub fn order(&self) -> impl DoubleEndedIterator<Item = PassId> + Clone + '_ {
+        self.prologue.iter().chain(&self.frame).copied()
+    }
+
+    /// Iterates over the layout changes just before a pass; those of the handover for `None`.
+    pub fn layout_changes_at(&self, at: Option<PassId>) -> impl Iterator<Item = &LayoutChange> + Clone + '_ {
+        let is_here = move |change: &&LayoutChange| match at {
+            Some(pass) => !change.handover && change.before == pass,
+            None => change.handover,
+        };
+        self.layout_changes.iter().filter(is_here)
     }
 
     /// Lists the dependencies whose later pass this is.
@@ -282,41 +291,6 @@ impl Resource {
     pub fn bytes(&self) -> u64 {
         self.shape.bytes()
     }
-}
-
-/// Holds a pass, and Vulkan's barriers before it, which are recorded as one call.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Step {
-    /// At most one barrier on all memory, which comes first, and one for each image that changes its layout. Barriers of one
-    /// call do not form chains with each other.
-    pub barriers: Vec<Barrier>,
-    /// The pass.
-    pub pass: PassId,
-}
-
-/// Orders earlier commands, at the source, before later ones, at the target, and their memory accesses with them.
-///
-/// The meaning is Vulkan's. All earlier work of the source stages and of stages before them happens before all later work
-/// of the target stages and of stages after them, for all resources. Barriers with overlapping scopes form chains.
-/// Writes by the source accesses in the source stages themselves are made available. Available writes (from here, or
-/// from earlier in the chain) become visible to the target accesses in the target stages themselves. Without an image,
-/// availability and visibility apply to all memory, otherwise only to accesses through that image.
-/// (Vulkan 1.3, chapter 7, "Synchronization and Cache Control".)
-#[derive(Clone, Debug, PartialEq)]
-pub struct Barrier {
-    /// The image whose layout changes. The change is a write that happens between source and target, and is visible to the
-    /// target.
-    pub image: Option<Transition>,
-    /// Stages to wait for.
-    pub source_stages: Stages,
-    /// Writes to make available.
-    pub source_accesses: Accesses,
-    /// Stages that wait.
-    pub target_stages: Stages,
-    /// Accesses that the writes become visible to.
-    pub target_accesses: Accesses,
-    /// The conflicts that it resolves, one entry per resource: never empty.
-    pub causes: Vec<Cause>,
 }
 
 /// Orders an access of a later pass after an access of an earlier pass, and makes its writes visible.
@@ -384,41 +358,4 @@ pub struct LayoutChange {
     /// True in the handover: it transitions the image to its layout between frames; `before` is the
     /// first pass of the frame that accesses the image.
     pub handover: bool,
-}
-
-/// Changes an image's layout. `old` is [`Layout::Undefined`] if the contents are not needed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Transition {
-    /// The image.
-    pub image: ResourceId,
-    /// The layout before.
-    pub old: Layout,
-    /// The layout after.
-    pub new: Layout,
-}
-
-/// Gives one reason for a barrier: the accesses of `after` conflict with those of `before`.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Cause {
-    /// The kind of conflict.
-    pub hazard: Hazard,
-    /// The pass that requires it: the pass of the step, or a later one, which saves a call. (It may be at
-    /// the start of the next frame.)
-    pub before: PassId,
-    /// The resource that it accesses.
-    pub resource: ResourceId,
-    /// The passes to wait for, the latest of each kind. Empty if an image was never accessed.
-    pub after: Vec<PassId>,
-    /// True if they ran in the previous frame.
-    pub previous_frame: bool,
-    /// The resource that they accessed, if it is another one in the same memory.
-    pub alias: Option<ResourceId>,
-    /// Source stages required by this reason.
-    pub source_stages: Stages,
-    /// Source accesses required by this reason.
-    pub source_accesses: Accesses,
-    /// Target stages required by this reason.
-    pub target_stages: Stages,
-    /// Target accesses required by this reason.
-    pub target_accesses: Accesses,
 }

@@ -9,14 +9,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use crate::build;
-use crate::ir::{
+use splatgraph_framework::build;
+use splatgraph_framework::ir::{
     Attribute, Catalog, DeviceFacts, Facts, Features, Format, HostBuffer, LIVE_BINDING, LIVE_BLOCK, Member,
     MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Request, Value, Varying,
 };
-use crate::plan::Plan;
-use crate::shader::{Compiled, ShaderCompiler, ShaderRequest};
-use crate::source::{Diagnostic, Library, SourceMap, render};
+use splatgraph_framework::plan::Plan;
+use splatgraph_framework::shader::{Compiled, ShaderCompiler, ShaderRequest};
+use splatgraph_framework::source::{Diagnostic, Library, SourceMap, render};
 
 pub struct ListCompiler;
 

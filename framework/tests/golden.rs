@@ -261,10 +261,6 @@ const NOT_SHOWN: &[&str] = &[
     "ir/features.rs",
     // SPIR-V that glslang does not make: shader/reflect/tests.rs.
     "shader/reflect/",
-    // Mistakes of the solver, of which none is known.
-    "solve/mod.rs: no list of barriers was found",
-    "solve/mod.rs: for this output",
-    "solve/mod.rs: this is a mistake of the solver",
 ];
 
 /// Collects the sentences in the string literals of a file: those with a space, outside of attributes, assertions and tests.

@@ -53,7 +53,7 @@ impl Least {
     pub fn of(plan: &Plan) -> Least {
         let conflicts = Conflicts::of(plan);
         let mut runs: Vec<Vec<PassId>> = Vec::new();
-        for pass in plan.frame.iter().map(|step| step.pass).filter(|id| plan.pass(*id).work != Work::Host) {
+        for pass in plan.frame.iter().copied().filter(|id| plan.pass(*id).work != Work::Host) {
             match runs.last_mut().filter(|run| continues(plan, run, pass, &conflicts)) {
                 Some(run) => run.push(pass),
                 None => runs.push(vec![pass]),

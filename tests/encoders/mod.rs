@@ -3,6 +3,7 @@
 //! Nothing here needs a Mac. [`bound`] says how few encoders, waits and barriers there can be; the model of Metal's rules must accept
 //! each list of encoders and to object to each that lacks a wait, an update, a barrier or a part of one.
 
+use splatgraph::draw::backend;
 use splatgraph::draw::builtin;
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::Planner;
@@ -142,14 +143,14 @@ fn the_page_on_metal_shows_what_the_command_prints() {
     for name in shown {
         // The first plan of a name is that of its defaults.
         let plan = plans.iter().find(|plan| plan.name == name).expect("it is one of them");
-        let dump = add_encoders(dump::dump(plan), plan);
+        let dump = add_encoders(backend::dump(plan), plan);
         let text = dump::encoders_text(&dump).expect("they were added");
         let totals = dump.encoders.expect("they were added").frame_totals;
         let EncoderTotals { encoders, fences, waits, barriers, .. } = totals;
         let (passes, calls) = (plan.frame.len(), dump.totals.frame.calls);
         expect(format!("| `{name}` | {passes} | {encoders} | {fences} | {waits} | {barriers} | {calls} |"));
         if ["auto", "digit4"].contains(&name) {
-            let frame = plan.frame.iter().map(|step| plan.pass(step.pass).bindings.len());
+            let frame = plan.frame.iter().map(|pass| plan.pass(*pass).bindings.len());
             let (updates, bindings) = (totals.updates, frame.sum::<usize>());
             expect(format!("| {fences} ({waits}, {updates}) | {barriers} | {bindings} |"));
             let (table, rest) = text.split_once("\nreasons\n").expect("both parts");

@@ -49,9 +49,8 @@ pub fn compare(
     inputs: &FrameInputs,
     loose: &[Loose],
 ) -> Compared {
-    let steps = plan.prologue.iter().chain(&plan.frame).map(|step| step.pass);
     let passes: Vec<PassId> =
-        steps.filter(|pass| !matches!(plan.pass(*pass).work, Work::Export | Work::Host)).collect();
+        plan.order().filter(|pass| !matches!(plan.pass(*pass).work, Work::Export | Work::Host)).collect();
     // What each pass wrote; and before the first that writes to a buffer, what was there.
     let mut inspect: Vec<Inspect> = Vec::new();
     let mut seen = BTreeSet::new();

@@ -62,9 +62,9 @@ impl Stage {
     /// Executes a plan on the CPU alone. Returns the bytes of its output; where it draws, of what it draws.
     fn run(&self, plan: &Plan, library: &Library, reversed: bool) -> Vec<u8> {
         let mut cpu = Cpu::new(plan, library, &Planes(&self.scene), &self.inputs(plan));
-        for step in plan.prologue.iter().chain(&plan.frame) {
-            let pass = plan.pass(step.pass);
-            let ran = cpu.run(step.pass, reversed).unwrap_or_else(|error| panic!("{}: {error}", pass.name));
+        for id in plan.order() {
+            let pass = plan.pass(id);
+            let ran = cpu.run(id, reversed).unwrap_or_else(|error| panic!("{}: {error}", pass.name));
             if !ran {
                 // Its arguments count the blocks of the sort, too, which depend on the device.
                 let drawn = pass.bindings.iter().filter(|bound| bound.name != "Args");

@@ -85,9 +85,9 @@ fn sort(plan: &Plan, library: &Library, reversed: bool) -> Result<(), String> {
     let inputs = inputs(reversed);
     let mut cpu = Cpu::new(plan, library, &NoScene, &inputs);
     let mut expected = Vec::new();
-    for step in &plan.frame {
-        let name = &plan.pass(step.pass).name;
-        cpu.run(step.pass, reversed).map_err(|error| format!("{name}: {error}"))?;
+    for pass in &plan.frame {
+        let name = &plan.pass(*pass).name;
+        cpu.run(*pass, reversed).map_err(|error| format!("{name}: {error}"))?;
         if name == "load" {
             expected = pairs(plan, &cpu, "load");
         }

@@ -10,10 +10,11 @@
 
 use splatgraph_framework::ir::Use;
 use splatgraph_framework::plan::Plan;
+use splatgraph_vulkan::sync::Barriers;
 
 /// The calls of barriers that a frame of this plan records.
-pub fn calls(plan: &Plan) -> usize {
-    plan.frame.iter().filter(|step| !step.barriers.is_empty()).count()
+pub fn calls(plan: &Plan, barriers: &Barriers) -> usize {
+    plan.frame.iter().filter(|pass| !barriers.at(Some(**pass)).is_empty()).count()
 }
 
 /// The passes of the longest chain of one frame, by name, each of which depends on the one before it. `depends` is given two
@@ -29,7 +30,7 @@ pub fn longest(plan: &Plan, depends: impl Fn(&Plan, usize, usize) -> bool) -> Ve
     let mut chain = Vec::new();
     let mut next = (0..best.len()).max_by_key(|step| best[*step].0);
     while let Some(step) = next {
-        chain.push(plan.pass(plan.frame[step].pass).name.as_str());
+        chain.push(plan.pass(plan.frame[step]).name.as_str());
         next = best[step].1;
     }
     chain.reverse();
@@ -37,7 +38,7 @@ pub fn longest(plan: &Plan, depends: impl Fn(&Plan, usize, usize) -> bool) -> Ve
 }
 
 fn uses(plan: &Plan, step: usize) -> &[Use] {
-    &plan.pass(plan.frame[step].pass).uses
+    &plan.pass(plan.frame[step]).uses
 }
 
 /// The later step reads what the earlier was the last to write.

@@ -9,8 +9,9 @@ use splatgraph_api::FRAMES_IN_FLIGHT;
 use splatgraph_framework::ir::{
     Accesses, Binding, DescriptorKind, DrawCall, Groups, PassId, ResourceId, ShaderId, Shape, Stages, Work,
 };
-use splatgraph_framework::oracle::{Actor, Missing, Replay, Violation, ViolationKind, When, replay};
 use splatgraph_framework::plan::Plan;
+use splatgraph_vulkan::sync::Barriers;
+use splatgraph_vulkan::sync::model::{Actor, Missing, Replay, Violation, ViolationKind, When, replay};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
@@ -97,17 +98,17 @@ impl Layer<'_> {
         Layer { plan, stores: plan.shaders.iter().map(|shader| stores(&shader.spirv)).collect() }
     }
 
-    /// Predicts whether the layer reports a mutant of the plan within `frames`; if not, says why.
-    pub fn ought_to_see(&self, mutant: &Plan, frames: u32) -> Result<(), Blind> {
-        let mutant = with_fills_as_copies(mutant);
-        let violations = replay(&mutant, &Replay { frames, ..Replay::default() });
+    /// Predicts whether the layer reports a mutant of the plan's barriers within `frames`; if not, says why.
+    pub fn ought_to_see(&self, mutant: &Barriers, frames: u32) -> Result<(), Blind> {
+        let (plan, mutant) = with_fills_as_copies(self.plan, mutant);
+        let violations = replay(&plan, &mutant, &Replay { frames, ..Replay::default() });
         let blind: Option<BTreeSet<Blind>> =
             violations.iter().map(|violation| self.sees(&mutant, violation).err()).collect();
         // The oracle objects to every mutant: where it no longer does, that is because of the copies.
         blind.map_or(Ok(()), |blind| Err(blind.first().copied().unwrap_or(Blind::FillsAreCopies)))
     }
 
-    fn sees(&self, mutant: &Plan, violation: &Violation) -> Result<(), Blind> {
+    fn sees(&self, mutant: &Barriers, violation: &Violation) -> Result<(), Blind> {
         let Violation { kind, first, second, resource, through, missing, .. } = *violation;
         match (kind, first, second) {
             (ViolationKind::Unwritten, ..) => return Err(Blind::Contents),
@@ -156,7 +157,7 @@ impl Layer<'_> {
     /// Returns true if another pass reads the resource between these two of one frame, and the second waits for it.
     fn seen_between(
         &self,
-        mutant: &Plan,
+        mutant: &Barriers,
         first: Actor,
         second: Actor,
         resource: ResourceId,
@@ -164,21 +165,23 @@ impl Layer<'_> {
     ) -> bool {
         let step = |actor| match actor {
             Actor::Pass { when: When::Frame(frame), pass } => {
-                Some((frame, mutant.frame.iter().position(|step| step.pass == pass)?))
+                Some((frame, self.plan.frame.iter().position(|id| *id == pass)?))
             }
             _ => None,
         };
         let (Some((frame, first)), Some((same, second))) = (step(first), step(second)) else { return false };
         let waits = |reader: usize, at: Stages| {
-            let barriers = mutant.frame[reader + 1..=second].iter().flat_map(|step| &step.barriers);
+            let passes = self.plan.frame[reader + 1..=second].iter();
             // A later stage of the reader's own command stands for it.
             let with_later = if at == Stages::INDIRECT { at | Stages::COMPUTE | Stages::VERTEX } else { at };
             let target = |stages: Stages| after.iter().all(|view| stages.contains(view.stage));
-            barriers.into_iter().any(|b| b.source_stages.intersects(with_later) && target(b.target_stages))
+            passes
+                .flat_map(|pass| mutant.at(Some(*pass)))
+                .any(|b| b.source_stages.intersects(with_later) && target(b.target_stages))
         };
         frame == same
             && (first + 1..second).any(|reader| {
-                let pass = mutant.frame[reader].pass;
+                let pass = self.plan.frame[reader];
                 let views = self.views(Actor::Pass { when: When::Frame(frame), pass }, resource);
                 views.iter().any(|view| !view.writes && waits(reader, view.stage))
             })
@@ -261,8 +264,8 @@ fn is_bound(binding: &Binding, number: u32, resource: ResourceId) -> bool {
 }
 
 /// The plan as the backend and the layer have it: fills run at the stage of copies, and `CLEAR` names that stage.
-fn with_fills_as_copies(plan: &Plan) -> Plan {
-    let mut plan = plan.clone();
+fn with_fills_as_copies(plan: &Plan, barriers: &Barriers) -> (Plan, Barriers) {
+    let (mut plan, mut barriers) = (plan.clone(), barriers.clone());
     let rename = |stages: &mut Stages| {
         if stages.contains(Stages::CLEAR) {
             stages.remove(Stages::CLEAR);
@@ -270,12 +273,11 @@ fn with_fills_as_copies(plan: &Plan) -> Plan {
         }
     };
     plan.passes.iter_mut().flat_map(|pass| &mut pass.uses).for_each(|touch| rename(&mut touch.stages));
-    let steps = plan.prologue.iter_mut().chain(&mut plan.frame).flat_map(|step| &mut step.barriers);
-    for barrier in steps.chain(&mut plan.handover) {
+    for barrier in barriers.before.iter_mut().flatten().chain(&mut barriers.handover) {
         rename(&mut barrier.source_stages);
         rename(&mut barrier.target_stages);
     }
-    plan
+    (plan, barriers)
 }
 
 /// The bindings that a module stores to. The operations are those of the SPIR-V specification, section 3; what is written by

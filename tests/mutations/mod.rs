@@ -1,7 +1,7 @@
 //! The built-in graphs with one mistake each: every barrier of their plans taken away, and every bit of every mask; and the same of
 //! every dependency, to which the check of dependencies must object.
 //!
-//! Three judges look at them. The longest [`chain`] of a frame says how few calls there can be. The oracle of the framework has
+//! Three judges look at them. The longest [`chain`] of a frame says how few calls there can be. The oracle of the Vulkan backend has
 //! to accept each plan and to object to each mutant of it, so that nothing is missing and nothing is needless. And the
 //! validation layer, which knows nothing of either, must be silent about the plan and to catch each mutant, unless it is
 //! known not to see what is wrong with it ([`layer`]).
@@ -11,12 +11,14 @@ use splatgraph::draw::builtin;
 use splatgraph::draw::camera;
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::Planner;
-use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameInputs, SceneData};
+use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameInputs, Loader, SceneData};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::{DeviceFacts, Hazard, PassId, Stages, Work};
-use splatgraph_framework::oracle::mutate::{Mutation, apply, mutations, needless, needless_by};
-use splatgraph_framework::oracle::{Replay, Rules, dependencies, replay};
-use splatgraph_framework::plan::{Barrier, Dependency, Plan, Scope};
+use splatgraph_framework::oracle::dependencies;
+use splatgraph_framework::plan::{Dependency, Plan, Scope};
+use splatgraph_vulkan::sync::model::mutate::{Mutation, apply, mutations, needless, needless_by};
+use splatgraph_vulkan::sync::model::{Replay, Rules, replay};
+use splatgraph_vulkan::sync::{Barrier, Barriers};
 use splatgraph_vulkan::{Validation, Vulkan};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io::Write;
@@ -59,9 +61,10 @@ fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
     );
     let mut wrong = Vec::new();
     for plan in plans(&scene(), &facts::portable_device(facts::USUAL_SUBGROUP_SIZE)) {
-        let barriers: Vec<&Barrier> = builds::calls(&plan).flatten().collect();
-        let images = barriers.iter().filter(|barrier| barrier.image.is_some()).count();
-        let calls = chain::calls(&plan);
+        let barriers = builds::barriers(&plan);
+        let all: Vec<&Barrier> = barriers.calls(&plan).flat_map(|(_, call)| call).collect();
+        let images = all.iter().filter(|barrier| barrier.image.is_some()).count();
+        let calls = chain::calls(&plan, &barriers);
         let flow = chain::longest(&plan, chain::reads_what_was_written).len() - 1;
         let chain = chain::longest(&plan, chain::conflicts);
         let bound = chain.len() - 1;
@@ -69,21 +72,21 @@ fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
             "plans: {:22} {:3} {:3} + {:2} {:4} {:4} {:4} {:5}",
             plan.name,
             plan.passes.len(),
-            barriers.len() - images,
+            all.len() - images,
             images,
             calls,
             bound,
             flow,
-            mutations(&plan).len()
+            mutations(&plan, &barriers).len()
         ));
         for objection in dependencies(&plan) {
             wrong.push(format!("{}: {}", plan.name, objection.describe(&plan)));
         }
-        for violation in replay(&plan, &Replay::default()) {
+        for violation in replay(&plan, &barriers, &Replay::default()) {
             wrong.push(format!("{}: {}", plan.name, violation.describe(&plan)));
         }
-        for mutation in needless(&plan) {
-            wrong.push(format!("{}: needless: {}", plan.name, mutation.describe(&plan)));
+        for mutation in needless(&plan, &barriers) {
+            wrong.push(format!("{}: needless: {}", plan.name, mutation.describe(&plan, &barriers)));
         }
         // Where drawing does not wait for the sort, `compose`, `export` and `host` could share the sort's calls; recorded after it,
         // as they are, each has its own.
@@ -160,7 +163,8 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
         let plan = planner.plan("splat", &set, &facts, &catalog).unwrap_or_else(|e| panic!("{e}"));
         let draws = |id: &PassId| matches!(plan.pass(*id).work, Work::Draw { .. });
         let args = plan.find_resource("order.args").expect("the draw has arguments");
-        for barrier in builds::calls(&plan).flatten() {
+        let barriers = builds::barriers(&plan);
+        for barrier in barriers.calls(&plan).flat_map(|(_, call)| call) {
             let after_draw = barrier.causes.iter().any(|cause| {
                 cause.resource == args
                     && cause.hazard == Hazard::WriteAfterRead
@@ -175,8 +179,8 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
                 );
             }
         }
-        assert_eq!(replay(&plan, &Replay::default()), [], "{name}={value}");
-        assert_eq!(needless(&plan), [], "{name}={value}");
+        assert_eq!(replay(&plan, &barriers, &Replay::default()), [], "{name}={value}");
+        assert_eq!(needless(&plan, &barriers), [], "{name}={value}");
     }
     assert!(waits > 0, "no barrier is for the arguments of a draw");
 }
@@ -184,8 +188,9 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
 /// Counts the writes among the targets of a plan's barriers, and those of them that could go if a write after a write needed
 /// availability alone.
 pub fn target_writes(plan: &Plan) -> (usize, usize) {
-    let all = mutations(plan).into_iter().filter(Mutation::clears_a_written_target).count();
-    let spare = needless_by(plan, Rules::AVAILABILITY);
+    let barriers = builds::barriers(plan);
+    let all = mutations(plan, &barriers).into_iter().filter(Mutation::clears_a_written_target).count();
+    let spare = needless_by(plan, &barriers, Rules::AVAILABILITY);
     (all, spare.iter().filter(|mutation| mutation.clears_a_written_target()).count())
 }
 
@@ -232,11 +237,13 @@ impl Bench {
         Bench { device, scene, camera, loads: 0 }
     }
 
-    /// Draws a few frames of a plan and returns the layer's messages.
-    fn messages(&mut self, plan: &Plan) -> Vec<String> {
+    /// Draws a few frames of a plan with these barriers and returns the layer's messages.
+    fn messages(&mut self, plan: &Plan, barriers: Barriers) -> Vec<String> {
         self.loads += 1;
         let upload = Upload(&self.scene, self.loads);
-        self.device.load(plan.clone(), &upload, &mut |_| {}).expect("the plan is loaded");
+        let loader = self.device.loader().synchronized_by(barriers);
+        let ready = loader.prepare(plan.clone(), &upload, &mut |_| {}).expect("the plan is made ready");
+        self.device.swap(ready).expect("the plan is loaded");
         let mut in_flight = VecDeque::new();
         for frame in 0..FRAMES {
             if in_flight.len() == FRAMES_IN_FLIGHT {
@@ -292,12 +299,12 @@ impl Tally {
 }
 
 /// A mutation with the barrier that it is about.
-fn text(plan: &Plan, mutation: &Mutation) -> String {
+fn text(plan: &Plan, barriers: &Barriers, mutation: &Mutation) -> String {
     let (Mutation::Remove { at, barrier } | Mutation::Clear { at, barrier, .. }) = *mutation;
-    let masks = &at.barriers(plan)[barrier];
+    let masks = &barriers.at(at)[barrier];
     format!(
         "{}: {:?} {:?} {:?} {:?}",
-        mutation.describe(plan),
+        mutation.describe(plan, barriers),
         masks.source_stages,
         masks.source_accesses,
         masks.target_stages,
@@ -327,18 +334,19 @@ fn the_validation_layer_catches_every_mutant_that_it_can_see() {
     let (mut total, mut wrong) = (Tally::default(), Vec::new());
     let mut met = BTreeSet::new();
     for plan in &plans {
-        let sound = bench.messages(plan);
+        let barriers = builds::barriers(plan);
+        let sound = bench.messages(plan, barriers.clone());
         assert_eq!(sound, Vec::<String>::new(), "{}: the plan as it is", plan.name);
         let layer = Layer::new(plan);
         let mut tally = Tally::default();
-        for mutation in mutations(plan) {
+        for mutation in mutations(plan, &barriers) {
             // The presets have most of their passes in common.
-            let fresh = met.insert(text(plan, &mutation));
+            let fresh = met.insert(text(plan, &barriers, &mutation));
             if !fresh && !common::long() && !["splat", "digit4"].contains(&plan.name.as_str()) {
                 continue;
             }
-            let mutant = apply(plan, &mutation);
-            let messages = bench.messages(&mutant);
+            let mutant = apply(&barriers, &mutation);
+            let messages = bench.messages(plan, mutant.clone());
             tally.mutants += 1;
             if messages.iter().any(|message| is_hazard_or_layout(message)) {
                 tally.caught += 1;
@@ -348,13 +356,13 @@ fn the_validation_layer_catches_every_mutant_that_it_can_see() {
                 Err(_) if !messages.is_empty() => tally.masks += 1,
                 Err(blind) => *tally.blind.entry(blind).or_default() += 1,
                 Ok(()) => {
-                    let violations = replay(&mutant, &Replay { frames: FRAMES, ..Replay::default() });
-                    let why: BTreeSet<String> = violations.iter().map(|o| o.describe(&mutant)).collect();
+                    let violations = replay(plan, &mutant, &Replay { frames: FRAMES, ..Replay::default() });
+                    let why: BTreeSet<String> = violations.iter().map(|o| o.describe(plan)).collect();
                     let why: Vec<String> = why.into_iter().collect();
                     wrong.push(format!(
                         "{}: {}\n    {}\n    said: {}",
                         plan.name,
-                        mutation.describe(plan),
+                        mutation.describe(plan, &barriers),
                         why.join("\n    "),
                         messages.join("\n    ")
                     ));

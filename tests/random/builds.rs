@@ -4,10 +4,12 @@ use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestError, Test
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Facts, Features, PassId, Request, Value};
 use splatgraph_framework::oracle;
-use splatgraph_framework::oracle::mutate::{mutations, needless};
-use splatgraph_framework::plan::{Barrier, Plan, Step};
+use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::ShaderCompiler;
 use splatgraph_framework::source::{Library, SourceMap, render as explain};
+use splatgraph_vulkan::sync::model::mutate::{mutations, needless};
+use splatgraph_vulkan::sync::model::{Replay, replay};
+use splatgraph_vulkan::sync::{Barrier, Barriers};
 use std::io::Write;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed};
@@ -73,10 +75,9 @@ pub fn accepted(built: Result<Plan, String>) -> Result<Option<Plan>, String> {
     }
 }
 
-/// Every call of barriers in a plan.
-pub fn calls(plan: &Plan) -> impl Iterator<Item = &Vec<Barrier>> {
-    let prologue = plan.prologue.iter().map(|step| &step.barriers);
-    prologue.chain([&plan.handover]).chain(plan.frame.iter().map(|step| &step.barriers))
+/// The barriers that a plan is lowered to.
+pub fn barriers(plan: &Plan) -> Barriers {
+    splatgraph_vulkan::sync::barriers(plan).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// A graph that the builder takes.
@@ -105,13 +106,16 @@ impl Case<'_> {
         if let Some(objection) = oracle::dependencies(plan).first() {
             return Err(format!("{what}: {}\n{}", objection.describe(plan), shown(plan)));
         }
-        let violations = oracle::replay(plan, &oracle::Replay::default());
+        let barriers = splatgraph_vulkan::sync::barriers(plan).map_err(|error| error.to_string())?;
+        let violations = replay(plan, &barriers, &Replay::default());
         if let Some(violation) = violations.first() {
             return Err(format!("{what}: {}\n{}", violation.describe(plan), shown(plan)));
         }
-        self.counts.mutants.fetch_add(mutations(plan).len() as u64, Relaxed);
-        match needless(plan).first() {
-            Some(mutation) => Err(format!("{what}: needless: {}\n{}", mutation.describe(plan), shown(plan))),
+        self.counts.mutants.fetch_add(mutations(plan, &barriers).len() as u64, Relaxed);
+        match needless(plan, &barriers).first() {
+            Some(mutation) => {
+                Err(format!("{what}: needless: {}\n{}", mutation.describe(plan, &barriers), shown(plan)))
+            }
             None => Ok(()),
         }
     }
@@ -121,7 +125,7 @@ fn names<T>(flags: impl Iterator<Item = (&'static str, T)>) -> String {
     flags.map(|(name, _)| name).collect::<Vec<_>>().join("|")
 }
 
-/// A plan's steps and barriers, as people can read them.
+/// A plan's passes and barriers, as people can read them.
 pub fn shown(plan: &Plan) -> String {
     let name = |id: PassId| plan.pass(id).name.as_str();
     let shown = |barriers: &[Barrier]| -> String {
@@ -152,8 +156,9 @@ pub fn shown(plan: &Plan) -> String {
             })
             .collect()
     };
-    let steps = |steps: &[Step]| -> String {
-        steps.iter().map(|s| format!("{}    {}\n", shown(&s.barriers), name(s.pass))).collect()
+    let barriers = barriers(plan);
+    let passes = |passes: &[PassId]| -> String {
+        passes.iter().map(|id| format!("{}    {}\n", shown(barriers.at(Some(*id))), name(*id))).collect()
     };
     let blocks: Vec<String> = (plan.blocks.iter())
         .filter(|block| block.aliases.len() > 1)
@@ -163,9 +168,9 @@ pub fn shown(plan: &Plan) -> String {
         .collect();
     format!(
         "prologue\n{}handover\n{}frame\n{}shared memory: {}\n",
-        steps(&plan.prologue),
-        shown(&plan.handover),
-        steps(&plan.frame),
+        passes(&plan.prologue),
+        shown(&barriers.handover),
+        passes(&plan.frame),
         blocks.join("; ")
     )
 }
@@ -186,7 +191,7 @@ impl Counts {
         let add = |counter: &AtomicU64, number: usize| counter.fetch_add(number as u64, Relaxed);
         add(&self.plans, 1);
         add(&self.passes, plan.prologue.len() + plan.frame.len());
-        add(&self.barriers, calls(plan).map(Vec::len).sum());
+        add(&self.barriers, barriers(plan).calls(plan).map(|(_, call)| call.len()).sum());
     }
 }
 

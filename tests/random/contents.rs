@@ -3,19 +3,20 @@
 use splatgraph_framework::ir::{
     Accesses, Layout, Load, Pass, PassId, ResourceId, Run, Stages, Use, Work as PlanWork,
 };
-use splatgraph_framework::oracle;
-use splatgraph_framework::plan::{Barrier, Plan, Step};
+use splatgraph_framework::plan::Plan;
+use splatgraph_vulkan::sync::model::{Replay, has_violation, replay};
+use splatgraph_vulkan::sync::{Barrier, Barriers};
 use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-use super::builds::{for_all, shown};
+use super::builds::{barriers, for_all, shown};
 use super::recipe::{LARGE, Role};
 use super::sketch::{Half, Target};
 
 /// Returns true if the first pass of the frame that uses a resource writes the whole of it and reads nothing.
 fn starts_anew(plan: &Plan, id: ResourceId) -> bool {
     let uses = |pass: &&Pass| pass.uses.iter().any(|touch| touch.resource == id);
-    let Some(first) = plan.frame.iter().map(|step| plan.pass(step.pass)).find(uses) else { return false };
+    let Some(first) = plan.frame.iter().map(|pass| plan.pass(*pass)).find(uses) else { return false };
     match &first.work {
         PlanWork::Fill { buffer, .. } => *buffer == id,
         PlanWork::Draw { targets, .. } => {
@@ -46,7 +47,7 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
                 .iter()
                 .any(|pass| pass.uses().any(|(what, _)| what.of == of && what.half == Half::Last));
             let once = |id: &ResourceId| {
-                let passes = plan.prologue.iter().map(|step| plan.pass(step.pass));
+                let passes = plan.prologue.iter().map(|pass| plan.pass(*pass));
                 let passes = passes.filter(|pass| !matches!(pass.work, PlanWork::ClearHistory { .. }));
                 passes.flat_map(|pass| &pass.uses).any(|touch| touch.resource == *id)
             };
@@ -74,7 +75,7 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
                         return Err(format!("`{}` is kept and shares memory in\n{}", names[0], shown(plan)));
                     }
                     let starts = |pass: &Pass| pass.work == PlanWork::ClearHistory { resource: id };
-                    if !plan.prologue.iter().any(|step| starts(plan.pass(step.pass))) {
+                    if !plan.prologue.iter().any(|pass| starts(plan.pass(*pass))) {
                         return Err(format!("`{}` does not start from zeros in\n{}", names[0], shown(plan)));
                     }
                     kept.fetch_add(1, Relaxed);
@@ -94,7 +95,7 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
 
 /// The plan with a blit of its output behind each frame, as the runtime submits it: a read at the stage of copies, and then a call
 /// that lets `waiting` wait for it.
-fn presented(plan: &Plan, waiting: Stages) -> Plan {
+fn presented(plan: &Plan, mut barriers: Barriers, waiting: Stages) -> (Plan, Barriers) {
     let mut plan = plan.clone();
     let pass = |name: &str, uses| Pass {
         name: name.into(),
@@ -122,26 +123,28 @@ fn presented(plan: &Plan, waiting: Stages) -> Plan {
         target_accesses: Accesses::empty(),
         causes: Vec::new(),
     };
-    for (pass, barriers) in [(blit, Vec::new()), (after, vec![waits])] {
-        plan.frame.push(Step { barriers, pass: PassId(plan.passes.len() as u32) });
+    for (pass, call) in [(blit, Vec::new()), (after, vec![waits])] {
+        plan.frame.push(PassId(plan.passes.len() as u32));
         plan.passes.push(pass);
+        barriers.before.push(call);
     }
-    plan
+    (plan, barriers)
 }
 
 #[test]
 fn a_plan_with_statistics_can_be_presented() {
     let (held, needed) = (AtomicUsize::new(0), AtomicUsize::new(0));
     for_all("presented", LARGE, 500, |case| {
-        let waiting = splatgraph_runtime::waiting_for_copies(&case.plan);
-        let plan = presented(&case.plan, waiting);
-        if let Some(violation) = oracle::replay(&plan, &oracle::Replay::default()).first() {
+        let own = barriers(&case.plan);
+        let waiting = own.waiting_for_copies(&case.plan);
+        let (plan, barriers) = presented(&case.plan, own.clone(), waiting);
+        if let Some(violation) = replay(&plan, &barriers, &Replay::default()).first() {
             return Err(format!("{}\n{}", violation.describe(&plan), shown(&plan)));
         }
         held.fetch_add(1, Relaxed);
         // The plan's own wait for copies may stand before the blit.
-        let bare = presented(&case.plan, Stages::COPY);
-        needed.fetch_add(usize::from(oracle::has_violation(&bare)), Relaxed);
+        let (plan, barriers) = presented(&case.plan, own, Stages::COPY);
+        needed.fetch_add(usize::from(has_violation(&plan, &barriers)), Relaxed);
         Ok(())
     });
     let [held, needed] = [held, needed].map(AtomicUsize::into_inner);

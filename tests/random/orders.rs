@@ -6,7 +6,7 @@ use splatgraph_framework::plan::Plan;
 /// Orders of the frame in which of two passes that touch the same resource, one of them writing, the first stays the first, and
 /// whose end is the plan's: all of them, or the first `most` by the order of the plan.
 pub fn orders(plan: &Plan, most: usize) -> Vec<Vec<PassId>> {
-    let frame: Vec<PassId> = plan.frame.iter().map(|step| step.pass).collect();
+    let frame = &plan.frame;
     let conflict = |a: PassId, b: PassId| {
         if matches!(plan.pass(b).work, Work::Export | Work::Host) {
             return true;
@@ -22,7 +22,7 @@ pub fn orders(plan: &Plan, most: usize) -> Vec<Vec<PassId>> {
         .map(|at| (0..at).filter(|other| conflict(frame[*other], frame[at])).collect())
         .collect();
     let mut found = Vec::new();
-    extend(&frame, &before, &mut Vec::new(), most, &mut found);
+    extend(frame, &before, &mut Vec::new(), most, &mut found);
     found
 }
 

@@ -1,11 +1,11 @@
 //! Races inside of a pass: graphs with one are refused, and the oracle finds one that is put into a plan.
 
 use splatgraph_framework::ir::{Accesses, Stages, Use, Work as PlanWork};
-use splatgraph_framework::oracle;
+use splatgraph_vulkan::sync::model::{Replay, replay};
 use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-use super::builds::{for_all, plan, shown};
+use super::builds::{barriers, for_all, plan, shown};
 use super::recipe::{LARGE, Role};
 use super::render::{Style, render};
 use super::sketch::{Target, Work};
@@ -58,7 +58,7 @@ fn the_oracle_finds_a_race_between_the_stages_of_a_draw() {
             let mut racy = case.plan.clone();
             racy.passes[at].uses.push(write);
             let name = format!("`{}` (", pass.name);
-            let found = oracle::replay(&racy, &oracle::Replay::default());
+            let found = replay(&racy, &barriers(&case.plan), &Replay::default());
             let own = |text: &String| text.matches(&name).count() == 2 && text.contains("without waiting");
             if !found.iter().map(|violation| violation.describe(&racy)).any(|text| own(&text)) {
                 return Err(format!("no race is found in `{}` of\n{}", pass.name, shown(&racy)));

@@ -13,8 +13,10 @@ use splatgraph_api::Heap;
 use splatgraph_framework::dump;
 use splatgraph_framework::ir::{Catalog, DeviceFacts, Fallback, ReflectedKind, Shader};
 use splatgraph_framework::lower::Standing;
-use splatgraph_framework::oracle::{self, Replay, mutate};
+use splatgraph_framework::oracle;
 use splatgraph_framework::plan::Plan;
+use splatgraph_vulkan::sync::model::{Replay, mutate, replay};
+use splatgraph_vulkan::sync::{self, Barriers};
 use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
@@ -275,7 +277,10 @@ fn check(
         let same = |other: &Verified| is_same(&other.plan, &plan);
         let line = match found.iter().find(|other| same(other)) {
             Some(other) => other.line.clone(),
-            None => match verify(&plan) {
+            None => match sync::barriers(&plan)
+                .map_err(|e| e.to_string())
+                .and_then(|barriers| verify(&plan, &barriers))
+            {
                 Ok(line) => line,
                 Err(violations) => {
                     let whose = if on.is_named {
@@ -322,11 +327,11 @@ fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join("; "))
 }
 
-/// Returns true if two plans have the same passes, memory and barriers.
+/// Returns true if two plans have the same passes and memory, and so the same dependencies.
 fn is_same(a: &Plan, b: &Plan) -> bool {
     let uses = |plan: &Plan| -> Vec<_> { plan.passes.iter().map(|p| (p.run, p.uses.clone())).collect() };
-    (&a.prologue, &a.handover, &a.frame, &a.resources, &a.blocks, &a.stats, &a.culled)
-        == (&b.prologue, &b.handover, &b.frame, &b.resources, &b.blocks, &b.stats, &b.culled)
+    (&a.prologue, &a.frame, &a.resources, &a.blocks, &a.stats, &a.culled)
+        == (&b.prologue, &b.frame, &b.resources, &b.blocks, &b.stats, &b.culled)
         && a.shaders.len() == b.shaders.len()
         && a.shaders.iter().zip(&b.shaders).all(|(a, b)| a.reflection.bindings == b.reflection.bindings)
         && uses(a) == uses(b)
@@ -356,22 +361,22 @@ fn too_large(
     (!fit.fits).then_some(fit)
 }
 
-/// Checks the dependencies, replays the plan with the oracle, and tries every mutation.
+/// Checks the dependencies, replays the plan with its barriers, and tries every mutation of these.
 ///
 /// Returns the counts, or what is missing and what is needless.
-fn verify(plan: &Plan) -> Result<String, String> {
+fn verify(plan: &Plan, barriers: &Barriers) -> Result<String, String> {
     let objections = oracle::dependencies(plan);
     let mut problems: Vec<String> = objections.iter().map(|objection| objection.describe(plan)).collect();
-    let violations = oracle::replay(plan, &Replay::default());
+    let violations = replay(plan, barriers, &Replay::default());
     problems.extend(violations.iter().map(|violation| violation.describe(plan)));
     if problems.is_empty() {
-        let needless = mutate::needless(plan);
-        problems = needless.iter().map(|mutation| format!("needless: {}", mutation.describe(plan))).collect();
+        let needless = mutate::needless(plan, barriers);
+        problems = needless.iter().map(|m| format!("needless: {}", m.describe(plan, barriers))).collect();
     }
     if !problems.is_empty() {
         return Err(problems.join("\n"));
     }
-    let dump = dump::dump(plan);
+    let dump = sync::dump::add_barriers(dump::dump(plan), plan, barriers);
     let frame = &dump.totals.frame;
     let mut line = format!(
         "{} passes once and {} every frame, {} shaders; {} barriers in {} calls: they leave no hazard, and taking away any \
@@ -381,7 +386,7 @@ fn verify(plan: &Plan) -> Result<String, String> {
         plan.shaders.len(),
         frame.barriers,
         frame.calls,
-        mutate::mutations(plan).len(),
+        mutate::mutations(plan, barriers).len(),
     );
     if !dump.left_out.is_empty() {
         line += &format!("; {}", dump::left_out_counts(&dump));
@@ -451,7 +456,7 @@ mod tests {
             let plan = plan(lanes);
             let sorter = plan.params.iter().find(|param| param.name == "sorter").expect("a parameter");
             assert_eq!(sorter.value.to_string(), sort, "{lanes} lanes");
-            assert!(verify(&plan).is_ok(), "{lanes} lanes");
+            assert!(verify(&plan, &sync::barriers(&plan).expect("some")).is_ok(), "{lanes} lanes");
         }
     }
 
@@ -528,15 +533,17 @@ mod tests {
     #[test]
     fn a_barrier_too_few_and_a_barrier_too_many_fail() {
         let plan = plan(8);
-        let step = plan.frame.iter().position(|step| !step.barriers.is_empty()).expect("a barrier");
-        let mut fewer = plan.clone();
-        fewer.frame[step].barriers.clear();
-        let text = verify(&fewer).expect_err("a hazard");
+        let barriers = sync::barriers(&plan).expect("some");
+        let at = plan.frame.iter().position(|pass| !barriers.at(Some(*pass)).is_empty());
+        let at = Some(plan.frame[at.expect("a barrier")]);
+        let mut fewer = barriers.clone();
+        fewer.at_mut(at).clear();
+        let text = verify(&plan, &fewer).expect_err("a hazard");
         assert!(!text.contains("needless"), "{text}");
-        let mut more = plan.clone();
-        let twice = more.frame[step].barriers[0].clone();
-        more.frame[step].barriers.push(twice);
-        let text = verify(&more).expect_err("a needless barrier");
+        let mut more = barriers.clone();
+        let twice = more.at(at)[0].clone();
+        more.at_mut(at).push(twice);
+        let text = verify(&plan, &more).expect_err("a needless barrier");
         assert!(text.lines().all(|line| line.starts_with("needless: ")), "{text}");
     }
 }

@@ -7,6 +7,7 @@ use splatgraph_api::{
     BackendError, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap, Picture,
     Progress, Running, SceneData, Windowed,
 };
+use splatgraph_framework::dump::{self, Dump};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Cancel;
 #[cfg(target_vendor = "apple")]
@@ -20,6 +21,17 @@ use std::time::Duration;
 pub use splatgraph_api::{Options, Validation};
 pub use splatgraph_metal::dump::add_encoders as add_metal_encoders;
 pub use splatgraph_runtime::{Window, compilers_given_up};
+pub use splatgraph_vulkan::sync;
+
+/// Returns the dump of a plan with Vulkan's barriers, the finer of the APIs' commands. Without any, if none hold: loading the plan fails
+/// then, and `check` says so.
+pub fn dump(plan: &Plan) -> Dump {
+    let dump = dump::dump(plan);
+    match sync::barriers(plan) {
+        Ok(barriers) => sync::dump::add_barriers(dump, plan, &barriers),
+        Err(_) => dump,
+    }
+}
 
 /// Names a graphics API.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

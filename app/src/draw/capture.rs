@@ -60,7 +60,7 @@ pub fn take<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Capt
 /// Finds the order of the splats, as the last pass that binds it reads it; `None` if another pass changes it until the frame's end,
 /// when contents are read.
 fn order_of(plan: &Plan) -> Option<Inspect> {
-    let steps = || plan.frame.iter().rev().map(|step| step.pass);
+    let steps = || plan.frame.iter().rev().copied();
     let order = |pass: PassId| plan.pass(pass).bindings.iter().find(|binding| binding.name == "Order");
     let (after, resource) = steps().find_map(|pass| Some((pass, order(pass)?.resource)))?;
     let binds = |pass: &PassId| plan.pass(*pass).bindings.iter().any(|binding| binding.resource == resource);

@@ -71,7 +71,7 @@ impl Timed {
 /// Lists the passes of a plan's frame that a frame has times of, in order of execution. Passes that run once are left out.
 pub fn timed_passes(plan: &Plan, frame: &Timed) -> Vec<PassId> {
     let ran = |id: &PassId| frame.result.pass_ms.iter().any(|(pass, _)| pass == id);
-    plan.frame.iter().map(|step| step.pass).filter(ran).collect()
+    plan.frame.iter().copied().filter(ran).collect()
 }
 
 /// Lists the phases of passes, each once, in the order of the passes.

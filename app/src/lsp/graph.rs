@@ -4,6 +4,7 @@ use super::cursor::{self, Meaning};
 use super::files::{self, LANES, is_graph, nominal};
 use super::index::{Index, Place};
 use super::{hints, rename, text};
+use crate::draw::backend;
 use crate::draw::builtin;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::{PlainDiagnostic, Planner, Severity};
@@ -12,7 +13,7 @@ use lsp_types::{
     HoverContents, InlayHint, Location, MarkupContent, MarkupKind, Range, TextEdit, Uri,
 };
 use splatgraph_assets::grouped;
-use splatgraph_framework::dump::{Dump, dump};
+use splatgraph_framework::dump::Dump;
 use splatgraph_framework::ir::{Format, ParamBinding, Shape};
 use splatgraph_framework::lower::{Control, ExpressionNames};
 use splatgraph_framework::plan::Plan;
@@ -87,7 +88,7 @@ impl Workspace {
                 Ok(Some(plan)) => {
                     let known = self.known.entry(path.to_owned()).or_default();
                     known.resources = resources(&plan);
-                    known.dump.get_or_insert_with(|| dump(&plan));
+                    known.dump.get_or_insert_with(|| backend::dump(&plan));
                     warnings.extend(self.planner.plain_warnings(&plan));
                 }
                 // The smallest device cannot draw it; that is no mistake.

@@ -90,11 +90,11 @@ fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<String, Strin
                 let first = errors.found.first();
                 first.map_or_else(String::new, |e| format!("{}:{}: {}", e.file, e.line, e.message))
             })?;
-            let barriers: usize = plan.frame.iter().map(|step| step.barriers.len()).sum();
+            let dependencies = plan.dependencies.len();
             let bytes: u64 = plan.resources.iter().map(|resource| resource.bytes()).sum();
             let values: Vec<String> = plan.params.iter().map(|param| param.value.to_string()).collect();
             summaries.push(format!(
-                "{} passes, {barriers} barriers, {bytes} bytes, parameters {}",
+                "{} passes, {dependencies} dependencies, {bytes} bytes, parameters {}",
                 plan.passes.len(),
                 values.join(" ")
             ));

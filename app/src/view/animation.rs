@@ -11,7 +11,7 @@ pub fn is_animated(plan: &Plan) -> bool {
 
 /// Returns true if a shader of a frame reads the number of the frame.
 fn reads_frame_number(plan: &Plan) -> bool {
-    plan.frame.iter().map(|step| plan.pass(step.pass)).any(|pass| {
+    plan.frame.iter().map(|pass| plan.pass(*pass)).any(|pass| {
         let reads = |id| reads(plan, pass, plan.shader(id));
         match pass.work {
             Work::Dispatch { shader, .. } => reads(shader),

@@ -13,7 +13,7 @@ use crate::queue::{self, Timestamps};
 use crate::swapchain::Swapchain;
 use metal::{Buffer, Texture};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Validation};
-use splatgraph_framework::ir::{Binding, Format, PassId, Stages};
+use splatgraph_framework::ir::{Binding, Format, PassId};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
     Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, Messages,
@@ -30,6 +30,8 @@ impl Gpu for MetalGpu {
     type UnboundImage = UnboundImage;
     type Buffer = Buffer;
     type Image = Texture;
+    // Encoders with fences of the device come with the pipelines.
+    type Synchronization = ();
     type Pipelines = Pipelines;
     type Bindings = ArgumentTables;
     type Timestamps = Timestamps;
@@ -114,6 +116,10 @@ impl Gpu for MetalGpu {
         objc::pool(|| memory::bind_image(&image, memory))
     }
 
+    fn synchronization(_: &Plan) -> Result<(), BackendError> {
+        Ok(())
+    }
+
     fn create_pipelines(
         self: &Arc<Self>,
         plan: &Plan,
@@ -192,7 +198,8 @@ impl Gpu for MetalGpu {
         &self,
         show: Show<Self>,
         output: &splatgraph_runtime::Image<Self>,
-        _: Stages,
+        _: &Plan,
+        _: &(),
     ) -> Result<(), BackendError> {
         show.swapchain.set_output(output);
         Ok(())

@@ -40,7 +40,7 @@ impl ArgumentTables {
     pub(crate) fn new(plan: &Plan, pipelines: &Pipelines) -> ArgumentTables {
         let mut tables = vec![Vec::new(); plan.passes.len()];
         let mut places = vec![Vec::new(); plan.passes.len()];
-        for id in plan.prologue.iter().chain(&plan.frame).map(|step| step.pass) {
+        for id in plan.order() {
             let pass = plan.pass(id);
             if pass.bindings.is_empty() {
                 continue;

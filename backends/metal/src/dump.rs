@@ -1,8 +1,10 @@
 //! The encoders of a plan in its dump, with names in place of numbers.
 
 use crate::sync::{self, Cause, *};
-use splatgraph_framework::dump::{self, Dump, DumpEncoder, DumpEncoders, DumpReason, EncoderTotals};
-use splatgraph_framework::{ir::*, plan::*};
+use splatgraph_framework::dump::{
+    self, Declared, Dump, DumpEncoder, DumpEncoders, DumpReason, EncoderTotals,
+};
+use splatgraph_framework::plan::*;
 
 /// Adds the encoders of a plan to its dump.
 pub fn add_encoders(dump: Dump, plan: &Plan) -> Dump {
@@ -54,21 +56,13 @@ fn encoder_of(plan: &Plan, encoding: &Encoding, reasons: impl Fn(Point) -> Vec<D
 }
 
 fn reason_of(plan: &Plan, reason: &Cause) -> DumpReason {
-    let pass = |id: &PassId| dump::Declared {
-        name: plan.pass(*id).name.clone(),
-        declared: plan.pass(*id).origin.clone(),
-    };
-    let resource = |id: ResourceId| dump::Declared {
-        name: plan.resource(id).name.clone(),
-        declared: plan.resource(id).origin.clone(),
-    };
     DumpReason {
         hazard: reason.hazard,
-        before: pass(&reason.before),
-        resource: resource(reason.resource),
-        after: reason.after.iter().map(pass).collect(),
+        before: Declared::pass(plan, reason.before),
+        resource: Declared::resource(plan, reason.resource),
+        after: reason.after.iter().map(|id| Declared::pass(plan, *id)).collect(),
         previous_frame: reason.previous_frame,
-        alias: reason.alias.map(resource),
+        alias: reason.alias.map(|id| Declared::resource(plan, id)),
     }
 }
 

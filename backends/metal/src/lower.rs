@@ -131,8 +131,8 @@ pub fn lower(plan: &Plan) -> Result<Lowered, BackendError> {
     let passes = plan.passes.len();
     let mut lowered =
         Lowered { of_pass: vec![None; passes], arguments: vec![Vec::new(); passes], ..Lowered::default() };
-    for step in plan.prologue.iter().chain(&plan.frame) {
-        let pass = plan.pass(step.pass);
+    for id in plan.order() {
+        let pass = plan.pass(id);
         let Some(state) = pipeline(plan, pass) else { continue };
         let stages: &[(Stage, ShaderId)] = match state {
             PipelineState::Compute { shader, .. } => &[(Stage::Compute, shader)],
@@ -141,9 +141,9 @@ pub fn lower(plan: &Plan) -> Result<Lowered, BackendError> {
             }
         };
         let stages = stages.iter().map(|&(stage, shader)| arguments(plan.shader(shader), stage));
-        lowered.arguments[step.pass.index()] = stages.collect::<Result<_, _>>()?;
+        lowered.arguments[id.index()] = stages.collect::<Result<_, _>>()?;
         let known = lowered.pipelines.iter().position(|other| *other == state);
-        lowered.of_pass[step.pass.index()] = Some(known.unwrap_or_else(|| {
+        lowered.of_pass[id.index()] = Some(known.unwrap_or_else(|| {
             lowered.pipelines.push(state);
             lowered.pipelines.len() - 1
         }));

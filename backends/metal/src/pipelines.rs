@@ -89,8 +89,7 @@ impl Pipelines {
         let walked = Walked::new(plan);
         let fences = [Division::Merged, Division::Passes]
             .map(|division| (0..walked.encoders(division).fences).map(|_| gpu.device.new_fence()).collect());
-        let export =
-            plan.frame.iter().map(|step| step.pass).find(|pass| plan.pass(*pass).work == Work::Export);
+        let export = plan.frame.iter().copied().find(|pass| plan.pass(*pass).work == Work::Export);
         Ok(Pipelines {
             pipelines,
             lowered,

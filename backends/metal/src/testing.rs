@@ -46,7 +46,6 @@ impl Sketch {
             prologue: vec![],
             dependencies: vec![],
             layout_changes: vec![],
-            handover: vec![],
             frame: vec![],
             culled: vec![],
             warnings: vec![],
@@ -96,7 +95,7 @@ impl Sketch {
         let (name, phase, uses) = (name.into(), "test".into(), uses.to_vec());
         self.plan.passes.push(Pass { name, phase, run, work, bindings, push, uses, origin });
         let steps = if run == Run::Once { &mut self.plan.prologue } else { &mut self.plan.frame };
-        steps.push(Step { barriers: vec![], pass });
+        steps.push(pass);
         add_dependencies(&mut self.plan);
     }
 

@@ -2,10 +2,10 @@
 
 use crate::encoder::Encoder;
 use crate::fault::Point;
-use crate::gpu::{Bindings, Config, Memory, NullGpu, Swapchain, Timestamps};
+use crate::gpu::{Bindings, Config, Memory, NullGpu, Swapchain, Synchronization, Timestamps};
 use crate::journal::{Call, Hung, Object, Owned, Used};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options};
-use splatgraph_framework::ir::{Binding, Format, PassId, ShaderId, Stages, Work};
+use splatgraph_framework::ir::{Binding, Format, PassId, ShaderId, Work};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
     Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, MemoryKind,
@@ -23,6 +23,7 @@ impl Gpu for NullGpu {
     type UnboundImage = Owned;
     type Buffer = Owned;
     type Image = Owned;
+    type Synchronization = Synchronization;
     type Pipelines = Owned;
     type Bindings = Bindings;
     type Timestamps = Timestamps;
@@ -123,15 +124,19 @@ impl Gpu for NullGpu {
         Ok(image)
     }
 
+    fn synchronization(plan: &Plan) -> Result<Synchronization, BackendError> {
+        Ok(Synchronization::new(plan))
+    }
+
     fn create_pipelines(
         self: &Arc<Self>,
         plan: &Plan,
         next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Owned, BackendError> {
         // One for each shader, a draw's two being one.
-        let steps = plan.prologue.iter().chain(&plan.frame).map(|step| step.pass);
+        let passes = plan.order();
         let mut pipelines: Vec<(ShaderId, PassId)> = Vec::new();
-        for pass in steps {
+        for pass in passes {
             let (Work::Dispatch { shader, .. } | Work::Draw { vertex: shader, .. }) = plan.pass(pass).work
             else {
                 continue;
@@ -148,11 +153,10 @@ impl Gpu for NullGpu {
     }
 
     fn create_bindings(self: &Arc<Self>, plan: &Plan, _: &Owned) -> Result<Bindings, BackendError> {
-        let steps = plan.prologue.iter().chain(&plan.frame);
         let copies = |id| vec![HashMap::new(); binding_copies(plan, plan.pass(id))];
         Ok(Bindings {
             owned: self.create(Object::Bindings, &plan.name)?,
-            passes: steps.map(|step| (step.pass, copies(step.pass))).collect(),
+            passes: plan.order().map(|id| (id, copies(id))).collect(),
             names: plan.passes.iter().map(|pass| pass.name.clone()).collect(),
         })
     }
@@ -283,9 +287,10 @@ impl Gpu for NullGpu {
         &self,
         show: Show<Self>,
         output: &splatgraph_runtime::Image<Self>,
-        waiting: Stages,
+        _: &Plan,
+        _: &Synchronization,
     ) -> Result<(), BackendError> {
-        self.journal.call(Call::RecordBlit { output: output.raw.name.clone(), image: show.image, waiting });
+        self.journal.call(Call::RecordBlit { output: output.raw.name.clone(), image: show.image });
         Ok(())
     }
 

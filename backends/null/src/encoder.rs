@@ -1,10 +1,10 @@
 //! The recording of commands into the journal.
 
-use crate::gpu::{Bindings, NullGpu, Ticks, Timestamps};
+use crate::gpu::{Bindings, NullGpu, Synchronization, Ticks, Timestamps};
 use crate::journal::{Call, Owned, Used};
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::*;
-use splatgraph_runtime::{Buffer, Draw, Image, LayoutChange, PlanBarrier};
+use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout};
 use std::collections::HashSet;
 use std::fmt::Arguments;
 use std::ops::Range;
@@ -61,18 +61,22 @@ impl splatgraph_runtime::Encoder<NullGpu> for Encoder {
         self.call(Call::PopLabel);
     }
 
-    fn barriers<'a>(&mut self, barriers: impl Iterator<Item = PlanBarrier<'a, NullGpu>>) {
-        let (mut memory, mut images) = (0, Vec::new());
-        for PlanBarrier { barrier, image } in barriers {
-            match (barrier.image, image) {
-                (Some(change), Some(image)) => images.push((self.image(image), change.old, change.new)),
-                _ => memory += 1,
-            }
+    fn synchronize<'a>(
+        &mut self,
+        synchronization: &Synchronization,
+        at: Option<PassId>,
+        image: impl Fn(ResourceId) -> Option<&'a Image<NullGpu>>,
+    ) {
+        let (dependencies, changes) = synchronization.at(at);
+        let changed =
+            changes.iter().filter_map(|change| Some((image(change.image)?, change.old, change.new)));
+        let images: Vec<_> = changed.map(|(image, old, new)| (self.image(image), old, new)).collect();
+        if *dependencies > 0 || !changes.is_empty() {
+            self.call(Call::Synchronize { dependencies: *dependencies, images });
         }
-        self.call(Call::Barriers { memory, images });
     }
 
-    fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = LayoutChange<'a, NullGpu>>) {
+    fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = ImageLayout<'a, NullGpu>>) {
         let images = changes.map(|change| (self.image(change.image), change.old, change.new)).collect();
         self.call(Call::FullBarrier { images });
     }

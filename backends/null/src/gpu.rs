@@ -4,6 +4,7 @@ use crate::fault::{Fault, Point};
 use crate::journal::{Journal, Object, Owned};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
 use splatgraph_framework::ir::{Features, PassId};
+use splatgraph_framework::plan::{LayoutChange, Plan, Since};
 use splatgraph_runtime::{Limits, SubgroupLimits};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -171,6 +172,27 @@ impl Drop for Memory {
 
 /// The number of the object that each binding and element points to.
 pub(crate) type Targets = HashMap<(u32, u32), u64>;
+
+/// What each pass of a plan waits for, as the plan says it.
+pub struct Synchronization {
+    /// By pass, and after these of the handover: the number of dependencies, and the layout changes.
+    waits: Vec<(usize, Vec<LayoutChange>)>,
+}
+
+impl Synchronization {
+    pub(crate) fn new(plan: &Plan) -> Synchronization {
+        let handover = plan.dependencies.iter().filter(|dependency| dependency.since == Since::Prologue);
+        let ids = (0..plan.passes.len() as u32).map(PassId);
+        let passes = ids.map(|id| (plan.dependencies_of(id).len(), Some(id)));
+        let waits = passes.chain([(handover.count(), None)]);
+        let waits = waits.map(|(count, at)| (count, plan.layout_changes_at(at).copied().collect()));
+        Synchronization { waits: waits.collect() }
+    }
+
+    pub(crate) fn at(&self, at: Option<PassId>) -> &(usize, Vec<LayoutChange>) {
+        &self.waits[at.map_or(self.waits.len() - 1, PassId::index)]
+    }
+}
 
 /// The bindings of one plan.
 pub struct Bindings {

@@ -1,7 +1,7 @@
 //! The journal: every call, the objects that are alive, and the submissions that have not completed.
 
 use crate::fault::{Fault, Point};
-use splatgraph_framework::ir::{DescriptorKind, Layout, Stages};
+use splatgraph_framework::ir::{DescriptorKind, Layout};
 use splatgraph_runtime::{Location, Messages};
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
@@ -67,9 +67,9 @@ pub enum Call {
     End,
     PushLabel(String),
     PopLabel,
-    /// Barriers of the plan: how many are on all memory (or order alone), and the changes of layouts.
-    Barriers {
-        memory: usize,
+    /// What a pass or the handover waits for: the number of dependencies, and the layout changes.
+    Synchronize {
+        dependencies: usize,
         images: Vec<(String, Layout, Layout)>,
     },
     FullBarrier {
@@ -144,7 +144,6 @@ pub enum Call {
     RecordBlit {
         output: String,
         image: u32,
-        waiting: Stages,
     },
     Present {
         image: u32,

@@ -27,9 +27,8 @@ impl<G: Gpu> Bindings<G> {
         left_out: &[PassId],
     ) -> Result<Self, BackendError> {
         let mut raw = gpu.create_bindings(plan, pipelines)?;
-        let steps = plan.prologue.iter().chain(&plan.frame);
         let runs = |pass: &Pass| matches!(pass.work, Work::Dispatch { .. } | Work::Draw { .. });
-        let bound = steps.map(|step| step.pass).filter(|&id| {
+        let bound = plan.order().filter(|&id| {
             runs(plan.pass(id)) && !plan.pass(id).bindings.is_empty() && !left_out.contains(&id)
         });
         let passes: Vec<_> = bound.map(|id| (id, binding_copies(plan, plan.pass(id)))).collect();

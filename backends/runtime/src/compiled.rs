@@ -24,6 +24,7 @@ use std::sync::Arc;
 /// Dropped in the order of its fields, when no frame of it is in flight.
 pub(crate) struct CompiledPlan<G: Gpu> {
     pub bindings: Bindings<G>,
+    pub synchronization: G::Synchronization,
     pub pipelines: G::Pipelines,
     pub slots: [PlanSlot<G>; FRAMES_IN_FLIGHT],
     pub resources: Resources<G>,
@@ -49,8 +50,6 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     readbacks: Vec<Arc<Buffer<G>>>,
     /// The next frame is the first: it runs the prologue.
     pub prologue_due: bool,
-    /// The host's step of the frame makes all copies before it visible to the host, not those of the statistics alone.
-    pub host_sees_copies: bool,
 }
 
 /// The objects that a plan has once per frame in flight.
@@ -65,12 +64,13 @@ impl<G: Gpu> CompiledPlan<G> {
         shared: &Shared<G>,
         plan: Plan,
         scene: &dyn SceneData,
-        (cancel, share_results): (&Cancel, bool),
+        (cancel, share_results, synchronization): (&Cancel, bool, Option<G::Synchronization>),
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Self, BackendError> {
         let gpu = &shared.gpu;
         check::check(&plan, gpu.limits())?;
         let identity = scene.identity();
+        let synchronization = synchronization.map_or_else(|| G::synchronization(&plan), Ok)?;
         let plan = Arc::new(plan);
         let pipelines = shared.compilers.create(gpu, &plan, cancel, progress)?;
         let recipes = results::recipes(&plan, identity);
@@ -96,6 +96,7 @@ impl<G: Gpu> CompiledPlan<G> {
         drop(turn);
         Ok(CompiledPlan {
             bindings,
+            synchronization,
             pipelines,
             slots,
             resources,
@@ -108,7 +109,6 @@ impl<G: Gpu> CompiledPlan<G> {
             used_once: once.freed,
             readbacks: Vec::new(),
             prologue_due: true,
-            host_sees_copies: host_sees_copies(&plan),
             name: plan.name.as_str().into(),
             pass_names: plan.passes.iter().map(|pass| pass.name.clone()).collect(),
             plan,
@@ -158,18 +158,18 @@ impl<G: Gpu> CompiledPlan<G> {
         full.filter_map(history).collect()
     }
 
-    /// Returns the steps of the prologue, if the next frame runs it.
-    pub fn prologue(&self) -> &[Step] {
+    /// Returns the passes of the prologue, if the next frame runs it.
+    pub fn prologue(&self) -> &[PassId] {
         if self.prologue_due { &self.plan.prologue } else { &[] }
     }
 
-    /// Returns true if the step is left out.
+    /// Returns true if a pass is left out.
     ///
-    /// Its pass does not run where it would zero a history that goes on, or compute again what was taken over.
-    pub fn is_left_out(&self, step: &Step) -> bool {
+    /// It does not run where it would zero a history that goes on, or compute again what was taken over.
+    pub fn is_left_out(&self, pass: PassId) -> bool {
         let goes_on = |resource: &ResourceId| self.carried.contains(resource);
-        matches!(&self.plan.pass(step.pass).work, Work::ClearHistory { resource } if goes_on(resource))
-            || self.left_out.contains(&step.pass)
+        matches!(&self.plan.pass(pass).work, Work::ClearHistory { resource } if goes_on(resource))
+            || self.left_out.contains(&pass)
     }
 
     /// Returns true if the first frame reads what frames of other plans have left.
@@ -185,9 +185,10 @@ impl<G: Gpu> CompiledPlan<G> {
         })
     }
 
-    /// Iterates over the steps whose passes the next frame runs.
-    pub fn steps(&self) -> impl Iterator<Item = &Step> {
-        self.prologue().iter().filter(|step| !self.is_left_out(step)).chain(&self.plan.frame)
+    /// Iterates over the passes that the next frame runs.
+    pub fn passes(&self) -> impl Iterator<Item = PassId> {
+        let prologue = self.prologue().iter().filter(|pass| !self.is_left_out(**pass));
+        prologue.chain(&self.plan.frame).copied()
     }
 
     /// Returns the buffer that the statistics of the frame in this slot are copied to; none where the plan has none.
@@ -227,45 +228,5 @@ impl<G: Gpu> PlanSlot<G> {
     fn new(gpu: &Arc<G>, plan: &Plan) -> Result<Self, BackendError> {
         let timestamps = gpu.create_timestamps(queries(plan.prologue.len() + plan.frame.len()))?;
         Ok(PlanSlot { timestamps: timestamps.map(Arc::new) })
-    }
-}
-
-/// Returns true if the host's step of the frame waits for all copies: then the host can read whatever was copied before it.
-fn host_sees_copies(plan: &Plan) -> bool {
-    let host = plan.frame.iter().find(|step| plan.pass(step.pass).work == Work::Host);
-    host.is_some_and(|step| {
-        step.barriers.iter().any(|b| {
-            b.image.is_none()
-                && b.source_stages.contains(Stages::COPY)
-                && b.source_accesses.contains(Accesses::TRANSFER_WRITE)
-                && b.target_stages.contains(Stages::HOST)
-                && b.target_accesses.contains(Accesses::HOST_READ)
-        })
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::testing::{on_memory, plan};
-
-    #[test]
-    fn the_host_sees_all_copies_where_its_step_says_so() {
-        let copies = (Stages::COPY, Accesses::TRANSFER_WRITE);
-        let host = (Stages::HOST, Accesses::HOST_READ);
-        let sees = |step: usize, source, target| {
-            let mut plan = plan();
-            plan.frame[step].barriers = vec![on_memory(source, target)];
-            host_sees_copies(&plan)
-        };
-        assert!(!host_sees_copies(&plan()));
-        assert!(sees(4, copies, host));
-        assert!(sees(4, (Stages::COPY | Stages::COMPUTE, Accesses::WRITES), host));
-        // Before another step it would come too early.
-        assert!(!sees(3, copies, host));
-        assert!(!sees(4, (Stages::COMPUTE, Accesses::STORAGE_WRITE), host));
-        assert!(!sees(4, (Stages::COPY, Accesses::TRANSFER_READ), host));
-        assert!(!sees(4, copies, (Stages::HOST, Accesses::empty())));
-        assert!(!sees(4, copies, (Stages::COMPUTE, Accesses::STORAGE_READ)));
     }
 }

@@ -242,6 +242,7 @@ impl<G: Gpu> Device for Executor<G> {
             executor: self.id,
             cancel: Cancel::default(),
             share_results: false,
+            synchronization: None,
         }
     }
 

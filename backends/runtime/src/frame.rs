@@ -10,7 +10,7 @@ use crate::record::Recorder;
 use crate::shared::Shared;
 use crate::timing::Times;
 use crate::watch::{self, Submission, Ticket};
-use crate::window::{Swapchain, waiting_for_copies};
+use crate::window::Swapchain;
 use crate::{inputs, inspect};
 use splatgraph_api::{BackendError, FrameId, FrameInputs, FrameResult, PixelBytes, Pixels};
 use splatgraph_framework::ir::{PassId, Shape};
@@ -88,7 +88,7 @@ impl<G: Gpu> Slot<G> {
         let waiting = Instant::now();
         let image = match (&mut swapchain, compiled.resources.image(compiled.plan.output)) {
             (Some(swapchain), Some(output)) => {
-                swapchain.prepare(output, waiting_for_copies(&compiled.plan), slot)?
+                swapchain.prepare(output, (&compiled.plan, &compiled.synchronization), slot)?
             }
             _ => None,
         };

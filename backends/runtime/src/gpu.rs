@@ -7,9 +7,9 @@
 //! Ownership runs one way: an executor holds the device, and every object holds the device that it was made from, by an
 //! [`Arc`]. The executor drops an object only when no frame in flight uses it.
 //!
-//! An implementation orders passes by the commands that were made of the plan's dependencies. Vulkan's are the barriers of the
-//! plan's steps, which [`Encoder::barriers`] receives. Metal's are encoders, fences and barriers, which its backend makes when a plan
-//! is loaded: it ignores that call, and learns from [`Encoder::pass`] where it stands. Bindings are written one by one, to descriptor sets or to
+//! An implementation orders passes by commands that it makes of the plan's dependencies, once per plan. Vulkan's are
+//! [`Gpu::Synchronization`], which [`Encoder::synchronize`] records pass by pass. Metal's belong to encoders with fences of the device,
+//! which come with its pipelines: it learns from [`Encoder::pass`] where it stands. Bindings are written one by one, to descriptor sets or to
 //! argument tables. An encoder carries the means to wait for its own completion, a fence or a shared event.
 
 use crate::limits::Limits;
@@ -47,6 +47,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     type Buffer: Send + Sync;
     /// An image with a view of it, without the memory that [`Image`] holds for it.
     type Image: Send + Sync;
+    /// What orders the passes of one plan: the commands that its dependencies are lowered to.
+    type Synchronization: Send + Sync;
     /// The pipelines of one plan.
     type Pipelines: Send + Sync;
     /// The bindings of one plan's passes: descriptor sets or argument tables.
@@ -127,6 +129,9 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         memory: &Self::Memory,
     ) -> Result<Self::Image, BackendError>;
 
+    /// Lowers the dependencies of a checked plan.
+    fn synchronization(plan: &Plan) -> Result<Self::Synchronization, BackendError>;
+
     /// Creates the pipelines of all dispatches and draws of a checked plan, announcing each before it is made.
     ///
     /// An error of `next` ends it there.
@@ -199,13 +204,14 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// at most.
     fn acquire(&self, swapchain: &mut Self::Swapchain, slot: usize) -> Result<Acquired, BackendError>;
 
-    /// Records the blit of a frame's output into an acquired image, scaled to its size. `waiting` lists the stages whose later
-    /// work waits for it: those that the plan lets wait for the export's copies.
+    /// Records the blit of a frame's output into an acquired image, scaled to its size. Whatever waits for the copies of the plan's
+    /// export waits for the blit as well.
     fn record_blit(
         &self,
         show: Show<Self>,
         output: &Image<Self>,
-        waiting: Stages,
+        plan: &Plan,
+        synchronization: &Self::Synchronization,
     ) -> Result<(), BackendError>;
 
     /// Presents an image whose blit was submitted.
@@ -453,19 +459,8 @@ pub fn binding_copies(plan: &Plan, pass: &Pass) -> usize {
     if per_frame { splatgraph_api::FRAMES_IN_FLIGHT } else { 1 }
 }
 
-/// A barrier of the plan's steps, with the image whose layout it changes.
-///
-/// Without an image it is one on all memory; or it is one whose change of layout does not apply in this frame, and of which
-/// only the order remains.
-pub struct PlanBarrier<'a, G: Gpu> {
-    /// The barrier as the plan states it.
-    pub barrier: &'a Barrier,
-    /// The image of [`Barrier::image`].
-    pub image: Option<&'a Image<G>>,
-}
-
-/// A change of an image's layout outside of the plan's barriers.
-pub struct LayoutChange<'a, G: Gpu> {
+/// A change of an image's layout outside of the plan's own.
+pub struct ImageLayout<'a, G: Gpu> {
     /// The image, whose contents are kept unless `old` is [`Layout::Undefined`].
     pub image: &'a Image<G>,
     /// The layout that it is in.
@@ -499,7 +494,7 @@ pub trait Encoder<G: Gpu>: Send {
     /// Ends the recording.
     fn end(&mut self) -> Result<(), BackendError>;
 
-    /// Announces the pass whose barriers and commands follow, if it runs any. With `timed`, timestamps stand before and after them.
+    /// Announces the pass whose commands follow, if it runs any. With `timed`, timestamps stand before and after them.
     ///
     /// An API whose commands belong to encoders of their own learns here where the pass stands.
     fn pass(&mut self, _pipelines: &G::Pipelines, _id: PassId, _timed: bool) {}
@@ -510,11 +505,19 @@ pub trait Encoder<G: Gpu>: Send {
     /// Closes the label opened last.
     fn pop_label(&mut self);
 
-    /// Records Vulkan's barriers before a pass or of the handover, as one call. An API with commands of its own ignores it.
-    fn barriers<'a>(&mut self, barriers: impl Iterator<Item = PlanBarrier<'a, G>>);
+    /// Records what a pass waits for, or (`None`) the handover between the prologue and the first frame.
+    ///
+    /// `image` finds the image of a layout change of the plan. It finds none where the change does not apply in this frame: only its
+    /// order remains.
+    fn synchronize<'a>(
+        &mut self,
+        synchronization: &G::Synchronization,
+        at: Option<PassId>,
+        image: impl Fn(ResourceId) -> Option<&'a Image<G>>,
+    );
 
     /// Records a barrier from everything before to everything after, on all memory, with changes of layouts.
-    fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = LayoutChange<'a, G>>);
+    fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = ImageLayout<'a, G>>);
 
     /// Orders copies into a buffer after everything submitted before.
     fn before_copy(&mut self, target: &Buffer<G>);

@@ -42,7 +42,7 @@ pub(crate) fn find<'a, G: Gpu>(
     let name = name(plan, id)?;
     let resource = plan.resource(id);
     // Without a pass to leave out, the plan does not count on it; and what another pass writes once starts anew.
-    let prologue = || plan.prologue.iter().map(|step| plan.pass(step.pass));
+    let prologue = || plan.prologue.iter().map(|pass| plan.pass(*pass));
     let start = Work::ClearHistory { resource: id };
     let writes = |pass: &Pass| pass.uses.iter().any(|t| t.resource == id && t.accesses.writes());
     let starts = prologue().any(|pass| pass.work == start)

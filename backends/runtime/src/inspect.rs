@@ -21,7 +21,7 @@ pub(crate) fn buffers<G: Gpu>(
         else {
             return invalid(format!("{inspect:?} names a resource or a pass that is not in the plan"));
         };
-        let Some(last) = compiled.steps().position(|step| step.pass == inspect.after) else {
+        let Some(last) = compiled.passes().position(|pass| pass == inspect.after) else {
             return invalid(format!(
                 "`{}` cannot be inspected after pass `{}`, which does not run in this frame",
                 resource.name, pass.name
@@ -40,7 +40,7 @@ pub(crate) fn buffers<G: Gpu>(
     inspect.iter().map(buffer).collect()
 }
 
-/// Refuses a resource that has no contents of its own right after step `last` of the next frame: an image that no pass has written,
+/// Refuses a resource that has no contents of its own right after pass number `last` of the next frame: an image that no pass has written,
 /// or a resource whose memory belongs to another at that time (changing the layout of such an image would overwrite it).
 fn check_contents<G: Gpu>(
     compiled: &CompiledPlan<G>,
@@ -55,7 +55,7 @@ fn check_contents<G: Gpu>(
             resource.name, pass.name
         ));
     }
-    let uses = || compiled.steps().take(last + 1).flat_map(|step| &plan.pass(step.pass).uses);
+    let uses = || compiled.passes().take(last + 1).flat_map(|pass| &plan.pass(pass).uses);
     if plan.aliases(id).next().is_some() {
         let holds = |touch: &&Use| plan.resource(touch.resource).block == resource.block;
         let holder = uses().filter(holds).last().map(|touch| touch.resource);

@@ -13,8 +13,9 @@
 //!    `outputs` shares it with other executors;
 //! 5. `watch` knows which pass the device runs, so that every wait for it has an end.
 //!
-//! The crate decides nothing about order. Vulkan's barriers, which the plan's steps hold, pass through it, and it adds barriers only
-//! for its own work (uploads, readback, inspection, shared outputs, the change from one plan to the next).
+//! The crate decides nothing about order. A backend lowers a plan's dependencies to commands of its API when the plan is loaded; `record`
+//! passes these back to it pass by pass, and adds barriers only for the crate's own work (uploads, readback, inspection, shared outputs,
+//! the change from one plan to the next).
 //!
 //! Ownership runs one way: an executor holds the state that executors of one device share, that holds the device, and objects hold
 //! the device that they were made from.
@@ -56,11 +57,10 @@ pub use devices::choose;
 pub use executor::Executor;
 pub use gpu::{
     Acquired, BindingTarget, Buffer, BufferDesc, COMPILE_PATIENCE, Draw, Encoder, FormatSupport, Gpu, Image,
-    ImageDesc, LayoutChange, Location, Memory, MemoryKind, NextPipeline, PlanBarrier, Presented,
-    Requirements, Show, Window, binding_copies,
+    ImageDesc, ImageLayout, Location, Memory, MemoryKind, NextPipeline, Presented, Requirements, Show,
+    Window, binding_copies,
 };
 pub use limits::{Limits, SubgroupLimits};
 pub use loader::{Loader, Ready};
 pub use messages::Messages;
 pub use pipelines::compilers_given_up;
-pub use window::waiting_for_copies;

@@ -20,6 +20,16 @@ pub struct Loader<G: Gpu> {
     pub(crate) executor: u64,
     pub(crate) cancel: Cancel,
     pub(crate) share_results: bool,
+    pub(crate) synchronization: Option<G::Synchronization>,
+}
+
+impl<G: Gpu> Loader<G> {
+    /// Orders the passes by these commands instead of those that the plan's dependencies are lowered to: for tests of what is missed
+    /// without some of them.
+    #[must_use]
+    pub fn synchronized_by(self, synchronization: G::Synchronization) -> Self {
+        Loader { synchronization: Some(synchronization), ..self }
+    }
 }
 
 /// A plan that [`splatgraph_api::Device::swap`] makes the current one, of the [`Executor`](crate::Executor) that the loader was
@@ -48,9 +58,10 @@ impl<G: Gpu> splatgraph_api::Loader for Loader<G> {
     ) -> Result<Ready<G>, BackendError> {
         self.shared.check_lost()?;
         self.shared.drop_abandoned();
-        let Loader { shared, cancel, share_results, .. } = &self;
-        let compiled = CompiledPlan::new(shared, plan, scene, (cancel, *share_results), progress)
-            .map_err(|error| self.shared.losing(error, || None))?;
-        Ok(Ready { compiled, executor: self.executor })
+        let Loader { shared, executor, cancel, share_results, synchronization } = self;
+        let options = (&cancel, share_results, synchronization);
+        let compiled = CompiledPlan::new(&shared, plan, scene, options, progress)
+            .map_err(|error| shared.losing(error, || None))?;
+        Ok(Ready { compiled, executor })
     }
 }

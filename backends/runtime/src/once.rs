@@ -26,7 +26,7 @@ pub(crate) struct UsedOnce {
 impl UsedOnce {
     /// Finds them in a plan that runs without the passes `left_out`.
     pub fn new(plan: &Plan, left_out: &[PassId]) -> UsedOnce {
-        let runs = plan.prologue.iter().map(|step| step.pass).filter(|pass| !left_out.contains(pass));
+        let runs = plan.prologue.iter().copied().filter(|pass| !left_out.contains(pass));
         let used: BTreeSet<ResourceId> = runs.flat_map(|pass| plan.pass(pass).resources()).collect();
         let (freed, unused) = plan.used_once().into_iter().partition(|id| used.contains(id));
         UsedOnce { freed, unused, location: Location::Device }

@@ -1,15 +1,15 @@
-//! The recording of a frame: the plan's steps, one after another, into an encoder.
+//! The recording of a frame: the plan's passes, one after another, into an encoder.
 //!
-//! Between the passes stand the barriers of the plan and no others. The runtime adds its own only for the work that it adds: at the
-//! start of a plan that continues from another's histories, around the copies of inspected resources and of a shared output, and
-//! before the host reads copies that no step of the plan makes visible to it.
+//! Between the passes stand the commands that the plan's dependencies were lowered to, and no others. The runtime adds barriers only for
+//! the work that it adds: at the start of a plan that goes on from another's histories, around the copies of inspected resources and of a
+//! shared output, and before the host reads copies.
 
 use crate::compiled::CompiledPlan;
-use crate::gpu::{Buffer, Draw, Encoder, Gpu, LayoutChange, PlanBarrier};
+use crate::gpu::{Buffer, Draw, Encoder, Gpu, ImageLayout};
 use crate::outputs::SharedOutput;
 use crate::timing::queries;
 use splatgraph_api::{BackendError, FrameId, FrameInputs, Inspect};
-use splatgraph_framework::{ir::*, plan::*};
+use splatgraph_framework::ir::*;
 
 /// The outcome of a recording.
 pub(crate) struct Recorded {
@@ -42,21 +42,22 @@ impl<G: Gpu> Recorder<'_, G> {
         self.encoder.begin()?;
         self.encoder.push_label(format_args!("frame {}", self.frame.0));
         if let Some(timestamps) = &compiled.slots[self.slot].timestamps {
-            self.encoder.reset_timestamps(timestamps, queries(compiled.steps().count()));
+            self.encoder.reset_timestamps(timestamps, queries(compiled.passes().count()));
         }
         self.timestamp(0);
         self.take_over(&mut recorded.layouts);
-        for step in compiled.prologue() {
-            self.step(step, &compiled.carried, &mut recorded);
+        for pass in compiled.prologue() {
+            self.pass(*pass, &mut recorded);
         }
         if compiled.prologue_due {
-            self.barriers(&compiled.plan.handover, &[], &mut recorded.layouts);
+            self.synchronize(None, &mut recorded.layouts);
         }
-        for step in &compiled.plan.frame {
-            self.step(step, &[], &mut recorded);
+        for pass in &compiled.plan.frame {
+            self.pass(*pass, &mut recorded);
         }
         self.share_output();
-        if self.host_reads_unseen_copies() {
+        // Waiting for the submission alone does not show the host what was copied.
+        if self.readback.is_some() || !self.inputs.inspect.is_empty() {
             self.encoder.copies_to_host();
         }
         self.timestamp(1);
@@ -76,34 +77,34 @@ impl<G: Gpu> Recorder<'_, G> {
         let resources = &self.compiled.resources;
         let new = Layout::TransferTarget;
         self.encoder.full_barrier(carried.iter().filter_map(|&id| {
-            Some(LayoutChange { image: resources.image(id)?, old: layouts[id.index()], new })
+            Some(ImageLayout { image: resources.image(id)?, old: layouts[id.index()], new })
         }));
         for id in carried {
             layouts[id.index()] = new;
         }
     }
 
-    /// Records barriers, the pass of a step, and copies of the resources to inspect after it.
-    fn step(&mut self, step: &Step, carried: &[ResourceId], recorded: &mut Recorded) {
-        let pass = self.compiled.plan.pass(step.pass);
+    /// Records what a pass waits for, the pass, and copies of the resources to inspect after it.
+    fn pass(&mut self, id: PassId, recorded: &mut Recorded) {
+        let pass = self.compiled.plan.pass(id);
         let is_timed = !self.inputs.untimed_passes && self.compiled.slots[self.slot].timestamps.is_some();
-        self.encoder.pass(&self.compiled.pipelines, step.pass, is_timed);
+        self.encoder.pass(&self.compiled.pipelines, id, is_timed);
         self.encoder.push_label(format_args!("{}", pass.name));
-        self.barriers(&step.barriers, carried, &mut recorded.layouts);
-        if pass.work != Work::Host && !self.compiled.is_left_out(step) {
+        self.synchronize(Some(id), &mut recorded.layouts);
+        if pass.work != Work::Host && !self.compiled.is_left_out(id) {
             let query = queries(recorded.passes.len());
             if is_timed {
                 self.timestamp(query);
             }
-            self.work(step.pass, pass);
+            self.work(id, pass);
             if is_timed {
                 self.timestamp(query + 1);
             }
-            recorded.passes.push(step.pass);
+            recorded.passes.push(id);
         }
         self.encoder.pop_label();
         for (inspect, buffer) in self.inputs.inspect.iter().zip(self.inspected) {
-            if inspect.after == step.pass {
+            if inspect.after == id {
                 self.encoder.push_label(format_args!("inspect after {}", pass.name));
                 self.inspect(*inspect, buffer, &recorded.layouts);
                 self.encoder.pop_label();
@@ -111,24 +112,21 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Records the barriers of one call. Histories of `carried` go on and are not zeroed: of the barrier that would lose their
-    /// contents only the order remains, which other passes may count on.
-    fn barriers(&mut self, barriers: &[Barrier], carried: &[ResourceId], layouts: &mut [Layout]) {
-        if barriers.is_empty() {
-            return;
-        }
-        let resources = &self.compiled.resources;
-        let change = |barrier: &Barrier| {
-            barrier.image.filter(|change| {
-                !carried.contains(&change.image)
-                    || (change.old, change.new) != (Layout::Undefined, Layout::TransferTarget)
-            })
-        };
-        self.encoder.barriers(barriers.iter().map(|barrier| PlanBarrier {
-            barrier,
-            image: change(barrier).and_then(|change| resources.image(change.image)),
-        }));
-        for change in barriers.iter().filter_map(change) {
+    /// Records what a pass or (`None`) the handover waits for, with its layout changes.
+    ///
+    /// A history that goes on is not zeroed. Of the change that would lose its contents only the order remains, which other passes may
+    /// count on.
+    fn synchronize(&mut self, at: Option<PassId>, layouts: &mut [Layout]) {
+        let compiled = self.compiled;
+        let is_start = at.is_some_and(|pass| {
+            let work = &compiled.plan.pass(pass).work;
+            matches!(work, Work::ClearHistory { resource } if compiled.carried.contains(resource))
+        });
+        let changes = || compiled.plan.layout_changes_at(at).filter(|_| !is_start);
+        self.encoder.synchronize(&compiled.synchronization, at, |image| {
+            changes().find(|change| change.image == image).and_then(|_| compiled.resources.image(image))
+        });
+        for change in changes() {
             layouts[change.image.index()] = change.new;
         }
     }
@@ -200,21 +198,12 @@ impl<G: Gpu> Recorder<'_, G> {
         self.encoder.pop_label();
     }
 
-    /// Returns true if the host reads copies of this frame that no step of the plan makes visible to it. (Waiting for the submission
-    /// alone does not.)
-    fn host_reads_unseen_copies(&self) -> bool {
-        let inspect = &self.inputs.inspect;
-        let copies = self.readback.is_some() || !inspect.is_empty();
-        let late = inspect.iter().any(|i| self.compiled.plan.pass(i.after).work == Work::Host);
-        copies && (late || !self.compiled.host_sees_copies)
-    }
-
     /// Copies a resource as it is now. The full barriers on both sides keep the copy out of the plan's hazards.
     fn inspect(&mut self, inspect: Inspect, target: &Buffer<G>, layouts: &[Layout]) {
         let resources = &self.compiled.resources;
         let (layout, copied) = (layouts[inspect.resource.index()], Layout::TransferSource);
         let image = resources.image(inspect.resource);
-        let change = |old, new| image.into_iter().map(move |image| LayoutChange { image, old, new });
+        let change = |old, new| image.into_iter().map(move |image| ImageLayout { image, old, new });
         self.encoder.full_barrier(change(layout, copied));
         match image {
             Some(image) => self.encoder.copy_image(image, target),

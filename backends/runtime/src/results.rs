@@ -63,7 +63,7 @@ pub(crate) fn recipes(plan: &Plan, identity: u64) -> Recipes {
 pub(crate) fn left_out<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Vec<PassId> {
     let prologue = Prologue::new(plan);
     let once = plan.used_once();
-    let all: Vec<PassId> = plan.prologue.iter().map(|step| step.pass).collect();
+    let all = &plan.prologue;
     let mut out: Vec<PassId> =
         all.iter().copied().filter(|pass| prologue.written(*pass).next().is_some()).collect();
     // The largest set that no pass outside of it depends on.
@@ -109,15 +109,15 @@ fn touched(pass: &Pass) -> impl Iterator<Item = (ResourceId, bool)> + '_ {
 impl<'a> Prologue<'a> {
     fn new(plan: &'a Plan) -> Prologue<'a> {
         let mut writers: BTreeMap<ResourceId, Vec<PassId>> = BTreeMap::new();
-        for step in &plan.prologue {
-            for (id, _) in touched(plan.pass(step.pass)).filter(|(_, writes)| *writes) {
+        for pass in &plan.prologue {
+            for (id, _) in touched(plan.pass(*pass)).filter(|(_, writes)| *writes) {
                 let passes = writers.entry(id).or_default();
-                if passes.last() != Some(&step.pass) {
-                    passes.push(step.pass);
+                if passes.last() != Some(pass) {
+                    passes.push(*pass);
                 }
             }
         }
-        let later = plan.frame.iter().flat_map(|step| touched(plan.pass(step.pass)));
+        let later = plan.frame.iter().flat_map(|pass| touched(plan.pass(*pass)));
         let written_later = later.filter(|(_, writes)| *writes).map(|(id, _)| id).collect();
         Prologue { plan, writers, written_later }
     }
@@ -159,7 +159,7 @@ impl<'a> Prologue<'a> {
             })
         };
         let mut steps = Vec::new();
-        for pass in plan.prologue.iter().map(|step| step.pass).filter(|pass| passes.contains(pass)) {
+        for pass in plan.prologue.iter().copied().filter(|pass| passes.contains(pass)) {
             let pass = plan.pass(pass);
             let command = match pass.work {
                 Work::Dispatch { shader, groups } => {

@@ -90,41 +90,16 @@ pub(crate) fn plan() -> Plan {
             pass("host", Run::Frame, Work::Host, Vec::new()),
         ],
         blocks: [WORDS, ARGS, COLOR].map(|id| Block { aliases: vec![id] }).into(),
-        prologue: vec![step(0)],
+        prologue: vec![PassId(0)],
         dependencies: vec![],
         layout_changes: vec![],
-        handover: Vec::new(),
-        frame: vec![step(1), step(2), step(3), step(4), step(5)],
+        frame: (1..6).map(PassId).collect(),
         culled: Vec::new(),
         warnings: Vec::new(),
         output: COLOR,
         outputs: vec![],
         stats: vec![Stat { name: "visible".to_string(), buffer: ARGS, offset: 20 }],
     }
-}
-
-fn step(pass: u32) -> Step {
-    Step { barriers: Vec::new(), pass: PassId(pass) }
-}
-
-/// Returns a barrier on all memory.
-pub(crate) fn on_memory(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
-    Barrier {
-        image: None,
-        source_stages: source.0,
-        source_accesses: source.1,
-        target_stages: target.0,
-        target_accesses: target.1,
-        causes: Vec::new(),
-    }
-}
-
-pub(crate) fn on_image(
-    change: Transition,
-    source: (Stages, Accesses),
-    target: (Stages, Accesses),
-) -> Barrier {
-    Barrier { image: Some(change), ..on_memory(source, target) }
 }
 
 fn binding(binding: u32, element: u32, resource: ResourceId, kind: DescriptorKind) -> Binding {

@@ -10,7 +10,7 @@
 use crate::check::invalid;
 use crate::gpu::{Acquired, Gpu, Image, Presented, Show};
 use splatgraph_api::BackendError;
-use splatgraph_framework::ir::{Format, Stages, Work};
+use splatgraph_framework::ir::Format;
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::Duration;
@@ -72,20 +72,20 @@ impl<G: Gpu> Swapchain<G> {
 
     /// Acquires an image of the window and records the blit of `output` into it, to be submitted behind the frame in `slot` and then
     /// [`present`](Swapchain::present)ed. Returns the image's index; none if nothing can be shown now. The frame that last used this
-    /// slot must be done. `waiting` is what [`waiting_for_copies`] finds in the plan.
+    /// slot must be done.
     ///
     /// Blocks while all images are with the window system: with vsync, until the display's next refresh.
     pub fn prepare(
         &mut self,
         output: &Image<G>,
-        waiting: Stages,
+        (plan, synchronization): (&Plan, &G::Synchronization),
         slot: usize,
     ) -> Result<Option<u32>, BackendError> {
         check_output(output.format, self.gpu.format_support(output.format).blit)?;
         let Some(image) = self.acquire(slot)? else { return Ok(None) };
         let gpu = self.gpu.clone();
         if let Some(show) = self.show(image, slot) {
-            gpu.record_blit(show, output, waiting)?;
+            gpu.record_blit(show, output, plan, synchronization)?;
         }
         Ok(Some(image))
     }
@@ -186,22 +186,6 @@ impl<G: Gpu> Swapchain<G> {
         self.acquired = false;
         Ok(())
     }
-}
-
-/// Lists the stages whose work, in this frame or the next, a plan lets wait for the copies of its export.
-///
-/// A blit that is recorded behind the frame takes its place among these copies: what waits for them must wait for it as well. Later
-/// barriers name `COPY`, or chain with those that the plan has between its export and its end, which came before the blit; so the
-/// targets of these are listed, too.
-pub fn waiting_for_copies(plan: &Plan) -> Stages {
-    let export = |pass| plan.pass(pass).work == Work::Export;
-    let after = plan.frame.iter().skip_while(|step| !export(step.pass)).skip(1);
-    let mut waiting = Stages::COPY;
-    for step in after {
-        let chained = step.barriers.iter().filter(|barrier| barrier.source_stages.intersects(waiting));
-        waiting |= chained.map(|barrier| barrier.target_stages).collect::<Stages>();
-    }
-    waiting - Stages::HOST
 }
 
 /// Refuses an output that is no picture, or that the device cannot blit.

@@ -8,10 +8,11 @@ use crate::instance::Instance;
 use crate::memory::{self, Dedicated, Image, Memory, UnboundImage};
 use crate::pipelines::Pipelines;
 use crate::swapchain::{self, Swapchain};
+use crate::sync::{self, Barriers};
 use crate::{device, lower, queue};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, DeviceInfo, DeviceMemory, Options, Robustness, Validation};
-use splatgraph_framework::ir::{Binding, Format, PassId, Stages};
+use splatgraph_framework::ir::{Binding, Format, PassId};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{
     Acquired, BindingTarget, BufferDesc, FormatSupport, Gpu, ImageDesc, Limits, Location, Messages,
@@ -28,6 +29,7 @@ impl Gpu for VulkanGpu {
     type UnboundImage = UnboundImage;
     type Buffer = Owned<vk::Buffer>;
     type Image = Image;
+    type Synchronization = Barriers;
     type Pipelines = Pipelines;
     type Bindings = DescriptorSets;
     type Timestamps = Owned<vk::QueryPool>;
@@ -146,6 +148,10 @@ impl Gpu for VulkanGpu {
         memory::bind_image(self, image, memory)
     }
 
+    fn synchronization(plan: &Plan) -> Result<Barriers, BackendError> {
+        sync::barriers(plan)
+    }
+
     fn create_pipelines(
         self: &Arc<Self>,
         plan: &Plan,
@@ -247,8 +253,10 @@ impl Gpu for VulkanGpu {
         &self,
         show: Show<Self>,
         output: &splatgraph_runtime::Image<Self>,
-        waiting: Stages,
+        plan: &Plan,
+        barriers: &Barriers,
     ) -> Result<(), BackendError> {
+        let waiting = barriers.waiting_for_copies(plan);
         show.swapchain.record_blit(self, show.slot, show.image, output, waiting)
     }
 

@@ -27,8 +27,7 @@ impl DescriptorSets {
         pipelines: &Pipelines,
     ) -> Result<DescriptorSets, BackendError> {
         let mut sets = vec![[vk::DescriptorSet::null(); FRAMES_IN_FLIGHT]; plan.passes.len()];
-        let steps = plan.prologue.iter().chain(&plan.frame);
-        let bound = steps.map(|step| step.pass).filter(|&id| !plan.pass(id).bindings.is_empty());
+        let bound = plan.order().filter(|&id| !plan.pass(id).bindings.is_empty());
         let bound: Vec<PassId> = bound.collect();
         let Some(pool) = pool(gpu, plan, pipelines, &bound)? else {
             return Ok(DescriptorSets { sets, _pool: None });

@@ -1,17 +1,18 @@
 //! The recording of commands into a command buffer.
 
-use crate::barriers::{
-    ANYTHING, BEFORE_COPIES, COPIES, Dependency, HOST, ImageBarrier, MemoryBarrier, READERS, Scope, layout,
-};
 use crate::descriptors::DescriptorSets;
 use crate::gpu::{Owned, VulkanGpu};
 use crate::memory::{LAYER, WHOLE};
 use crate::pipelines::Pipelines;
 use crate::queue;
+use crate::sync::commands::{
+    ANYTHING, BEFORE_COPIES, COPIES, Dependency, HOST, ImageBarrier, MemoryBarrier, READERS, Scope, layout,
+};
+use crate::sync::{Barriers, Transition};
 use ash::vk;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::*;
-use splatgraph_runtime::{Buffer, Draw, Image, LayoutChange, PlanBarrier};
+use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout};
 use std::fmt::Arguments;
 use std::ops::Range;
 use std::sync::Arc;
@@ -109,12 +110,18 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
         self.gpu.end_label(self.commands);
     }
 
-    fn barriers<'a>(&mut self, barriers: impl Iterator<Item = PlanBarrier<'a, VulkanGpu>>) {
-        self.dependency.lower(barriers.map(|b| (b.barrier, b.image.map(|image| *image.raw.raw))));
+    fn synchronize<'a>(
+        &mut self,
+        barriers: &Barriers,
+        at: Option<PassId>,
+        image: impl Fn(ResourceId) -> Option<&'a Image<VulkanGpu>>,
+    ) {
+        let raw = |change: Transition| image(change.image).map(|image| *image.raw.raw);
+        self.dependency.lower(barriers.at(at).iter().map(|barrier| (barrier, barrier.image.and_then(raw))));
         self.flush();
     }
 
-    fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = LayoutChange<'a, VulkanGpu>>) {
+    fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = ImageLayout<'a, VulkanGpu>>) {
         self.dependency.clear();
         self.dependency.memory.push(MemoryBarrier { source: ANYTHING, target: ANYTHING });
         self.dependency.images.extend(changes.map(|change| ImageBarrier {

@@ -6,14 +6,14 @@
 //! - `instance`, `surface` and `device`: Vulkan's own loader and the validation layer, the window, and which device to open with
 //!   what limits;
 //! - `gpu`: the opened device and ownership of the objects made from it;
-//! - `lower` and `barriers`: the plan in Vulkan's terms, as plain data, without calling Vulkan;
+//! - `lower` and [`sync`]: the plan in Vulkan's terms, as plain data, without calling Vulkan. `sync` lowers the plan's dependencies to
+//!   barriers, and has the model of Vulkan's rules that checks them;
 //! - `memory`, `pipelines`, `descriptors`, `queue`, `encoder` and `swapchain`: the objects and the commands;
 //! - `backend`: all of these as the runtime's [`Gpu`](splatgraph_runtime::Gpu).
 
 #![deny(missing_docs)]
 
 mod backend;
-mod barriers;
 mod descriptors;
 mod device;
 mod encoder;
@@ -28,6 +28,7 @@ mod queue;
 mod robustness;
 mod surface;
 mod swapchain;
+pub mod sync;
 #[cfg(test)]
 #[path = "../../runtime/src/testing.rs"]
 mod testing;

@@ -66,12 +66,12 @@ pub(crate) struct Lowered {
 /// Lowers a checked plan.
 pub(crate) fn lower(plan: &Plan, subgroups: &SubgroupLimits) -> Lowered {
     let mut lowered = Lowered { of_pass: vec![None; plan.passes.len()], ..Lowered::default() };
-    for step in plan.prologue.iter().chain(&plan.frame) {
-        let pass = plan.pass(step.pass);
+    for id in plan.order() {
+        let pass = plan.pass(id);
         let Some(state) = pipeline(plan, pass, subgroups) else { continue };
         let interface = position_or_push(&mut lowered.interfaces, interface(pass));
         let pipeline = position_or_push(&mut lowered.pipelines, (state, interface));
-        lowered.of_pass[step.pass.index()] = Some(pipeline);
+        lowered.of_pass[id.index()] = Some(pipeline);
     }
     lowered
 }

@@ -8,13 +8,13 @@
 //! when its frame, blit included, is done. The one that says a blit is done belongs to the *image*: the window system waits for it,
 //! and is known to be through with it only when it gives the image back.
 
-use crate::barriers::{self, ImageBarrier, Scope};
 use crate::encoder::{image_barrier, pipeline_barrier};
 use crate::gpu::{Owned, VulkanGpu};
 use crate::lower;
 use crate::memory::LAYER;
 use crate::queue::{self, Blit};
 use crate::surface::{self, Surface};
+use crate::sync::commands::{self, ImageBarrier, Scope};
 use ash::{khr, vk};
 use splatgraph_api::{BackendError, FRAMES_IN_FLIGHT};
 use splatgraph_framework::ir::Stages;
@@ -239,7 +239,7 @@ const BEFORE: Around = Around {
 /// Returns the next frame waits for the blit as it does for the export's copies. The window's image is
 /// handed over by a semaphore, which needs no barrier's second half.
 fn after(waiting: Stages) -> Around {
-    Around { output: [AFTER.output[0], (barriers::stages(waiting), vk::AccessFlags2::NONE)], ..AFTER }
+    Around { output: [AFTER.output[0], (commands::stages(waiting), vk::AccessFlags2::NONE)], ..AFTER }
 }
 
 const AFTER: Around = Around {

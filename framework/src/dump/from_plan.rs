@@ -1,36 +1,23 @@
 //! From the plan to its dump: names for numbers, sums, lifetimes.
 
 use super::{
-    BarrierTotals, DUMP_VERSION, Declared, Define, Dump, DumpBarrier, DumpBinding, DumpBlock, DumpCause,
-    DumpDependency, DumpLeftOut, DumpParameter, DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader,
-    DumpStat, DumpTarget, DumpTouch, DumpTransition, DumpWarning, Lifetime, Masks, Totals, repeats,
+    DUMP_VERSION, Declared, Define, Dump, DumpBinding, DumpBlock, DumpDependency, DumpLeftOut, DumpParameter,
+    DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader, DumpStat, DumpTarget, DumpTouch, DumpWarning,
+    Lifetime, Masks, Totals, repeats,
 };
 use crate::ir::{
     Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId, Shape,
-    Source, Stages, Value, Work,
+    Source, Value, Work,
 };
-use crate::plan::{Barrier, Cause, Dependency, Plan, Step, Warning};
+use crate::plan::{Dependency, Plan, Scope, Warning};
 use std::collections::HashMap;
 
 /// Returns the plan with names in place of numbers.
+///
+/// It has no barriers: these are an API's, and its backend adds them with [`Dump::with_barriers`].
 pub fn dump(plan: &Plan) -> Dump {
-    let mut next_id = 1;
-    let mut barriers = |of: &[Barrier], before: Option<PassId>| -> Vec<DumpBarrier> {
-        let number = |barrier| {
-            next_id += 1;
-            barrier_of(plan, barrier, before, next_id - 1)
-        };
-        of.iter().map(number).collect()
-    };
-    // Barriers are numbered in the order in which they are recorded.
-    let mut passes: Vec<DumpPass> = Vec::new();
-    for step in &plan.prologue {
-        passes.push(pass_of(plan, step.pass, barriers(&step.barriers, Some(step.pass))));
-    }
-    let handover = barriers(&plan.handover, None);
-    for step in &plan.frame {
-        passes.push(pass_of(plan, step.pass, barriers(&step.barriers, Some(step.pass))));
-    }
+    // Passes in the order in which they run.
+    let mut passes: Vec<DumpPass> = plan.order().map(|id| pass_of(plan, id)).collect();
     let repeats = repeats::find(&mut passes);
     let lifetimes = lifetimes(plan);
     let used_once = plan.used_once();
@@ -51,7 +38,7 @@ pub fn dump(plan: &Plan) -> Dump {
         phases: phases(&passes),
         repeats,
         passes,
-        handover,
+        handover: Vec::new(),
         left_out: plan
             .culled
             .iter()
@@ -109,44 +96,18 @@ fn totals(plan: &Plan) -> Totals {
     let bytes = |wanted: fn(&Source) -> bool| {
         plan.resources.iter().filter(|r| wanted(&r.source)).map(|r| r.bytes()).sum()
     };
-    let calls =
-        |steps: &[Step]| steps.iter().map(|s| call_totals(&s.barriers)).fold(BarrierTotals::default(), add);
     let (transient_bytes, unshared_bytes) = (plan.transient_bytes(), plan.unshared_bytes());
     Totals {
         passes: plan.prologue.len() + plan.frame.len(),
         prologue_passes: plan.prologue.len(),
         frame_passes: plan.frame.len(),
-        prologue: calls(&plan.prologue),
-        handover: call_totals(&plan.handover),
-        frame: calls(&plan.frame),
         transient_bytes,
         unshared_bytes,
         saved_bytes: unshared_bytes.saturating_sub(transient_bytes),
         scene_bytes: bytes(|s| matches!(s, Source::Scene { .. })),
         freed_bytes: plan.used_once().iter().map(|id| plan.resource(*id).bytes()).sum(),
         host_bytes: bytes(Source::is_per_frame),
-    }
-}
-
-/// Counts one call.
-fn call_totals(barriers: &[Barrier]) -> BarrierTotals {
-    let images = barriers.iter().filter(|b| b.image.is_some()).count();
-    BarrierTotals {
-        calls: usize::from(!barriers.is_empty()),
-        barriers: barriers.len(),
-        memory_barriers: barriers.len() - images,
-        image_barriers: images,
-        dependencies: barriers.iter().map(|b| b.causes.len()).sum(),
-    }
-}
-
-fn add(a: BarrierTotals, b: BarrierTotals) -> BarrierTotals {
-    BarrierTotals {
-        calls: a.calls + b.calls,
-        barriers: a.barriers + b.barriers,
-        memory_barriers: a.memory_barriers + b.memory_barriers,
-        image_barriers: a.image_barriers + b.image_barriers,
-        dependencies: a.dependencies + b.dependencies,
+        ..Totals::default()
     }
 }
 
@@ -207,12 +168,12 @@ fn lifetimes(plan: &Plan) -> Vec<Option<Lifetime>> {
     let mut found: Vec<Option<Lifetime>> = vec![None; plan.resources.len()];
     let mut longer: Vec<bool> =
         plan.resources.iter().map(|r| r.source != Source::Transient || r.history.is_some()).collect();
-    let prologue = plan.prologue.iter().flat_map(|step| &plan.pass(step.pass).uses);
+    let prologue = plan.prologue.iter().flat_map(|pass| &plan.pass(*pass).uses);
     prologue.for_each(|touch| longer[touch.resource.index()] = true);
-    for (at, step) in plan.frame.iter().enumerate() {
+    for (at, pass) in plan.frame.iter().enumerate() {
         // In the dump the prologue's passes are in front.
         let at = plan.prologue.len() + at;
-        let uses = &plan.pass(step.pass).uses;
+        let uses = &plan.pass(*pass).uses;
         for touch in uses {
             let resource = touch.resource;
             match &mut found[resource.index()] {
@@ -228,7 +189,7 @@ fn lifetimes(plan: &Plan) -> Vec<Option<Lifetime>> {
     found.into_iter().zip(longer).map(|(lifetime, longer)| lifetime.filter(|_| !longer)).collect()
 }
 
-fn pass_of(plan: &Plan, id: PassId, barriers: Vec<DumpBarrier>) -> DumpPass {
+fn pass_of(plan: &Plan, id: PassId) -> DumpPass {
     let pass = plan.pass(id);
     let (kind, size) = kind_and_size(plan, &pass.work);
     let (shaders, topology, targets) = match &pass.work {
@@ -266,7 +227,7 @@ fn pass_of(plan: &Plan, id: PassId, barriers: Vec<DumpBarrier>) -> DumpPass {
         push: push(plan, pass, &shaders),
         shaders: shaders.iter().map(|id| shader_of(plan, *id)).collect(),
         dependencies: plan.dependencies_of(id).iter().map(|d| dependency_of(plan, d)).collect(),
-        barriers,
+        barriers: Vec::new(),
         gpu_ms: None,
         declared: pass.origin.clone(),
     }
@@ -344,67 +305,42 @@ fn push(plan: &Plan, pass: &Pass, shaders: &[ShaderId]) -> Vec<DumpPush> {
     pass.push.chunks_exact(4).enumerate().map(word).collect()
 }
 
-fn barrier_of(plan: &Plan, barrier: &Barrier, before: Option<PassId>, id: u32) -> DumpBarrier {
-    DumpBarrier {
-        id,
-        before: before.map(|id| pass_place(plan, id)),
-        image: barrier.image.map(|t| DumpTransition {
-            image: plan.resource(t.image).name.clone(),
-            old: t.old,
-            new: t.new,
-        }),
-        masks: masks(
-            (barrier.source_stages, barrier.source_accesses),
-            (barrier.target_stages, barrier.target_accesses),
-        ),
-        dependencies: barrier.causes.iter().map(|d| cause_of(plan, d)).collect(),
-    }
-}
-
-fn cause_of(plan: &Plan, dependency: &Cause) -> DumpCause {
-    DumpCause {
-        hazard: dependency.hazard,
-        before: pass_place(plan, dependency.before),
-        resource: resource_place(plan, dependency.resource),
-        after: dependency.after.iter().map(|id| pass_place(plan, *id)).collect(),
-        previous_frame: dependency.previous_frame,
-        alias: dependency.alias.map(|id| resource_place(plan, id)),
-        masks: masks(
-            (dependency.source_stages, dependency.source_accesses),
-            (dependency.target_stages, dependency.target_accesses),
-        ),
-    }
-}
-
 fn dependency_of(plan: &Plan, dependency: &Dependency) -> DumpDependency {
     let Dependency { hazard, since, bytes, source, target, changes_layout, .. } = dependency;
     DumpDependency {
         hazard: *hazard,
-        pass: pass_place(plan, dependency.first),
+        pass: Declared::pass(plan, dependency.first),
         since: *since,
-        resource: resource_place(plan, dependency.resource),
-        alias: dependency.alias.map(|id| resource_place(plan, id)),
+        resource: Declared::resource(plan, dependency.resource),
+        alias: dependency.alias.map(|id| Declared::resource(plan, id)),
         start: bytes.start,
         end: bytes.end,
         changes_layout: *changes_layout,
-        masks: masks((source.stages, source.accesses), (target.stages, target.accesses)),
+        masks: Masks::new(*source, *target),
     }
 }
 
-fn pass_place(plan: &Plan, id: PassId) -> Declared {
-    Declared { name: plan.pass(id).name.clone(), declared: plan.pass(id).origin.clone() }
+impl Declared {
+    /// Names a pass of a plan.
+    pub fn pass(plan: &Plan, id: PassId) -> Declared {
+        Declared { name: plan.pass(id).name.clone(), declared: plan.pass(id).origin.clone() }
+    }
+
+    /// Names a resource of a plan.
+    pub fn resource(plan: &Plan, id: ResourceId) -> Declared {
+        Declared { name: plan.resource(id).name.clone(), declared: plan.resource(id).origin.clone() }
+    }
 }
 
-fn resource_place(plan: &Plan, id: ResourceId) -> Declared {
-    Declared { name: plan.resource(id).name.clone(), declared: plan.resource(id).origin.clone() }
-}
-
-fn masks(source: (Stages, Accesses), target: (Stages, Accesses)) -> Masks {
-    Masks {
-        source_stages: flags(source.0.iter_names()),
-        source_accesses: flags(source.1.iter_names()),
-        target_stages: flags(target.0.iter_names()),
-        target_accesses: flags(target.1.iter_names()),
+impl Masks {
+    /// Names the stages and accesses of two sides.
+    pub fn new(source: Scope, target: Scope) -> Masks {
+        Masks {
+            source_stages: flags(source.stages.iter_names()),
+            source_accesses: flags(source.accesses.iter_names()),
+            target_stages: flags(target.stages.iter_names()),
+            target_accesses: flags(target.accesses.iter_names()),
+        }
     }
 }
 

@@ -3,8 +3,8 @@
 //! [`Dump`] is the plan with names in place of numbers. Its JSON ([`json`]) is the canonical form, and every other form is
 //! made from it alone: [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to
 //! compare two dumps. It lists the passes in their order with the resources that each accesses; the memory and the lifetime
-//! of each resource; what each pass comes after; and for every barrier the hazards, the passes and the lines of the graph behind it. A backend
-//! whose API has encoders can add them ([`DumpEncoders`]; [`encoders_text`] shows these).
+//! of each resource; and what each pass comes after. A backend adds the commands of its API: for every barrier the hazards, the passes and
+//! the lines of the graph behind it ([`Dump::with_barriers`]), or encoders ([`DumpEncoders`]; [`encoders_text`] shows these).
 //!
 //! The fields are documented here, in `docs/dump.md`, and for programs in `docs/dump.schema.json`; a test keeps the three
 //! consistent.
@@ -406,7 +406,7 @@ pub struct DumpDependency {
     pub masks: Masks,
 }
 
-/// Order and memory between what came before and what comes after; see [`crate::plan::Barrier`].
+/// Order and memory between what came before and what comes after, with Vulkan's meaning.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpBarrier {
     /// Counts from 1 in the order of recording: prologue, handover, frame.
@@ -519,6 +519,31 @@ impl Dump {
         self.gpu_ms = sum(self.passes.iter().filter(|p| p.run == Run::Frame));
         let found = self.passes.iter().filter(|p| p.gpu_ms.is_some()).count();
         (self, found)
+    }
+
+    /// Adds the barriers of an API that has them: a call before each pass in their order, with the handover between the prologue's
+    /// passes and the frame's. Their ids are counted here.
+    pub fn with_barriers(mut self, calls: impl IntoIterator<Item = Vec<DumpBarrier>>) -> Dump {
+        let Dump { passes, totals, handover, .. } = &mut self;
+        let (mut calls, mut next) = (calls.into_iter(), 1);
+        let mut take = |totals: &mut BarrierTotals| {
+            let mut call = calls.next().unwrap_or_default();
+            for barrier in &mut call {
+                barrier.id = next;
+                next += 1;
+                totals.image_barriers += usize::from(barrier.image.is_some());
+                totals.dependencies += barrier.dependencies.len();
+            }
+            totals.calls += usize::from(!call.is_empty());
+            totals.barriers += call.len();
+            totals.memory_barriers = totals.barriers - totals.image_barriers;
+            call
+        };
+        let (prologue, frame) = passes.split_at_mut(totals.prologue_passes);
+        prologue.iter_mut().for_each(|pass| pass.barriers = take(&mut totals.prologue));
+        *handover = take(&mut totals.handover);
+        frame.iter_mut().for_each(|pass| pass.barriers = take(&mut totals.frame));
+        self
     }
 
     /// Iterates over all barriers, in the order of their ids.

@@ -10,8 +10,7 @@ bitflags! {
     /// Lists pipeline stages, after `VkPipelineStageFlagBits2`.
     ///
     /// Stages of one pipeline are ordered: `INDIRECT`, `VERTEX`, `FRAGMENT`, `COLOR_OUTPUT` for draws, and `INDIRECT`, `COMPUTE` for
-    /// dispatches. (`INDIRECT` of a draw is not before `COMPUTE`.) `COPY`, `CLEAR` and `HOST` have no order among them. See
-    /// [`Barrier`](crate::plan::Barrier).
+    /// dispatches. (`INDIRECT` of a draw is not before `COMPUTE`.) `COPY`, `CLEAR` and `HOST` have no order among them.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Stages: u32 {
         /// Reads the arguments of indirect commands.

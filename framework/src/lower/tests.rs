@@ -524,7 +524,7 @@ fn an_output_is_a_result_where_it_is_asked_for_and_elsewhere_leaves_nothing_in_t
             .map_err(|errors| crate::source::render(&files, &errors, false))
     };
     let names = |plan: &crate::plan::Plan| -> Vec<String> {
-        plan.frame.iter().map(|step| plan.pass(step.pass).name.clone()).collect()
+        plan.frame.iter().map(|id| plan.pass(*id).name.clone()).collect()
     };
     let picture = plan(&[]).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((names(&picture).join(" "), picture.outputs.len()), ("paint export".into(), 0));

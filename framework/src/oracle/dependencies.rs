@@ -5,10 +5,14 @@
 //! a dependency, and every stage and access of a dependency must be in such a pair.
 
 use super::trace::{Access, Trace};
-use super::violation::flag_names;
 use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Stages};
 use crate::plan::{Dependency, LayoutChange, Plan, Since};
 use std::collections::HashSet;
+
+/// `A | B` of a set's named members.
+pub fn flag_names<T>(names: impl Iterator<Item = (&'static str, T)>) -> String {
+    names.map(|(name, _)| name).collect::<Vec<_>>().join(" | ")
+}
 
 /// Frames that are listed: enough for one to follow a frame that followed one.
 const FRAMES: u32 = 3;
@@ -146,8 +150,8 @@ pub fn dependencies(plan: &Plan) -> Vec<Objection> {
         found: Vec::new(),
         seen: HashSet::new(),
     };
-    for step in &plan.prologue {
-        check.pass(Occurrence { frame: None, pass: step.pass });
+    for pass in &plan.prologue {
+        check.pass(Occurrence { frame: None, pass: *pass });
     }
     for frame in 0..FRAMES {
         for (place, cells) in trace.resources.iter().map(|place| (place, place.cells(0))) {
@@ -155,8 +159,8 @@ pub fn dependencies(plan: &Plan) -> Vec<Objection> {
                 check.cells[cells].iter_mut().for_each(Vec::clear);
             }
         }
-        for step in &plan.frame {
-            check.pass(Occurrence { frame: Some(frame), pass: step.pass });
+        for pass in &plan.frame {
+            check.pass(Occurrence { frame: Some(frame), pass: *pass });
         }
     }
     check.needless();

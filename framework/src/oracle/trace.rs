@@ -14,10 +14,13 @@ use crate::plan::Plan;
 /// Describes one kind of access at one stage.
 #[derive(Clone)]
 pub struct Access {
+    /// The resource that is accessed.
     pub resource: ResourceId,
+    /// The pipeline stage.
     pub stage: Stages,
     /// Stages that stand for it in a source mask.
     pub named_by: Stages,
+    /// The kind of access, one bit.
     pub access: Accesses,
     /// It reads data written before the pass.
     pub needs_contents: bool,
@@ -30,11 +33,13 @@ pub struct Access {
 }
 
 impl Access {
+    /// Returns the cells in a copy of the resource.
     pub fn cells(&self, copy: u32) -> Range<usize> {
         let offset = self.stride * copy as usize;
         self.cells.start + offset..self.cells.end + offset
     }
 
+    /// Returns true if the access writes.
     pub fn writes(&self) -> bool {
         self.access.writes()
     }
@@ -44,14 +49,20 @@ impl Access {
 /// stages.
 #[derive(Clone)]
 pub struct Clash {
+    /// One of the two.
     pub first: Access,
+    /// The other.
     pub second: Access,
 }
 
+/// Lists what a pass does to memory.
 #[derive(Default)]
 pub struct Actions {
+    /// Every access at every stage.
     pub accesses: Vec<Access>,
+    /// The layouts in which it expects images.
     pub layouts: Vec<(ResourceId, Layout)>,
+    /// Its own conflicts.
     pub clashes: Vec<Clash>,
 }
 
@@ -65,24 +76,30 @@ pub struct ResourceCells {
     pub alias_images: Vec<ResourceId>,
     /// Reads must find data of the same frame: nothing keeps it from one frame to the next.
     pub fresh: bool,
+    /// A uniform block, which the host writes for every frame.
     pub host_writes: bool,
     /// An attribute of the scene: filled before the replay.
     pub uploaded: bool,
 }
 
 impl ResourceCells {
+    /// Returns the resource's own cells in a copy.
     pub fn cells(&self, copy: u32) -> Range<usize> {
         let offset = self.stride * copy as usize;
         self.own.start + offset..self.own.end + offset
     }
 
+    /// Returns true if there is a copy for each frame in flight.
     pub fn per_frame(&self) -> bool {
         self.stride != 0
     }
 }
 
+/// Holds the accesses of all passes, and the cells that memory is cut into.
 pub struct Trace {
+    /// By pass.
     pub passes: Vec<Actions>,
+    /// By resource.
     pub resources: Vec<ResourceCells>,
     /// Bytes that a cell covers, from the start of its memory.
     pub cells: Vec<Range<u64>>,
@@ -136,10 +153,12 @@ impl Trace {
         Trace { passes, resources: places, cells }
     }
 
+    /// Returns what a pass does.
     pub fn actions(&self, pass: PassId) -> &Actions {
         &self.passes[pass.index()]
     }
 
+    /// Returns where a resource stands.
     pub fn resource(&self, id: ResourceId) -> &ResourceCells {
         &self.resources[id.index()]
     }

@@ -155,7 +155,6 @@ pub(super) fn compact(
         dependencies: Vec::new(),
         layout_changes: Vec::new(),
         prologue: Vec::new(),
-        handover: Vec::new(),
         frame: Vec::new(),
         culled: lowered.culled,
         warnings: Vec::new(),

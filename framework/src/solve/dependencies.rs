@@ -14,12 +14,9 @@ use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Run, Source, Use};
 use crate::plan::{Dependency, LayoutChange, Plan, Scope, Since};
 use std::ops::Range;
 
-/// Lists the layout changes and the dependencies of passes in this order. The plan has its resources, passes and blocks.
-pub(super) fn dependencies(
-    plan: &Plan,
-    prologue: &[PassId],
-    frame: &[PassId],
-) -> (Vec<LayoutChange>, Vec<Dependency>) {
+/// Lists the layout changes and the dependencies of a plan that has its resources, its passes in order, and its blocks.
+pub(super) fn dependencies(plan: &Plan) -> (Vec<LayoutChange>, Vec<Dependency>) {
+    let (prologue, frame) = (&plan.prologue, &plan.frame);
     let extents = Extents::of(plan);
     let changes = layout_changes(plan, &extents, prologue, frame);
     let mut walk = Walk {

@@ -1,12 +1,12 @@
-//! The solver: turns linked passes into a plan with an order, memory, dependencies and barriers.
+//! The solver: turns linked passes into a plan with an order, memory and dependencies.
 //!
 //! Each step has a file. `order` builds the dependency graph (petgraph; read-after-write, write-after-read and
 //! write-after-write), culls passes whose results are unused, and sorts the rest; ties follow the order of the file, so that
 //! the same file always gives the same plan. `compact` drops the resources that no remaining pass uses and numbers the others
 //! with the plan's ids; `usage` records the uses of each. `effects` says which
 //! passes depend on each parameter. `memory` lets resources share blocks. `dependencies` walks the sorted
-//! passes with the state of every piece of memory (cut by `extents`) and lists which accesses must be ordered; [`crate::barriers`]
-//! derives Vulkan's barriers from the list. `warnings` reports constructs that are probably unintended.
+//! passes with the state of every piece of memory (cut by `extents`) and lists which accesses must be ordered. `warnings` reports
+//! constructs that are probably unintended.
 
 mod compact;
 mod dependencies;
@@ -17,20 +17,18 @@ mod order;
 mod usage;
 mod warnings;
 
-use crate::barriers;
 use crate::ir::{
     Accesses, EXPORT, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages, Use, Work,
 };
 use crate::link::{Linked, LinkedPass, PassParams};
 use crate::lower::{Lowered, LoweredResource, ResourceHandle};
-use crate::plan::{Plan, Resource, Step};
+use crate::plan::{Plan, Resource};
 use crate::source::{Diagnostic, SourceMap};
 
-/// Orders and culls the passes, places memory (shared where `share_memory`), and lists dependencies and barriers.
+/// Orders and culls the passes, places memory (shared where `share_memory`), and lists the dependencies.
 pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
     let Linked { mut lowered, shaders, mut passes } = linked;
     passes.extend(end(&mut lowered, files));
-    let output_span = lowered.output_span;
 
     forget_overwritten(&passes.iter().collect::<Vec<_>>(), &mut lowered);
     let order = order::order(&passes, &lowered, files)?;
@@ -48,55 +46,39 @@ pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Pl
     plan.passes.splice(..0, starts);
     usage::note(&mut plan);
 
-    let ids: Vec<PassId> = (0..plan.passes.len() as u32).map(PassId).collect();
-    let (prologue, frame) = ids.split_at(split);
-    if !place(&mut plan, prologue, frame, share_memory) {
-        let message = "no list of barriers was found that suits every frame";
-        return Err(vec![Diagnostic::new(message, output_span, "for this output").with_help(
-            "this is a mistake of the solver, not of the graph: please report it with the graph",
-        )]);
-    }
+    let mut prologue: Vec<PassId> = (0..plan.passes.len() as u32).map(PassId).collect();
+    plan.frame = prologue.split_off(split);
+    plan.prologue = prologue;
+    place(&mut plan, share_memory);
     Ok(plan)
 }
 
-/// Returns the plan with the frame's passes in another order, and with the memory and the barriers for this order. Conflicting
-/// passes must keep their order: two passes that use the same resource, one of them writing it. `None` if no sufficient
-/// barriers are found.
+/// Returns the plan with the passes of its frame in another order, and with the memory and the dependencies of this order.
+///
+/// Conflicting passes must keep their order: two passes that use the same resource, one of them writing it.
 ///
 /// # Panics
 /// Panics if `frame` is not a permutation of the passes of the plan's frame.
-pub fn reorder(plan: &Plan, frame: &[PassId], share_memory: bool) -> Option<Plan> {
-    let ids = |steps: &[Step]| steps.iter().map(|step| step.pass).collect::<Vec<_>>();
+pub fn reorder(plan: &Plan, frame: &[PassId], share_memory: bool) -> Plan {
     let sorted = |mut ids: Vec<PassId>| {
         ids.sort();
         ids
     };
-    assert_eq!(sorted(ids(&plan.frame)), sorted(frame.to_vec()), "the passes of another frame");
-    let mut plan = plan.clone();
-    let prologue = ids(&plan.prologue);
-    place(&mut plan, &prologue, frame, share_memory).then_some(plan)
+    assert_eq!(sorted(plan.frame.clone()), sorted(frame.to_vec()), "the passes of another frame");
+    let mut plan = Plan { frame: frame.to_vec(), ..plan.clone() };
+    place(&mut plan, share_memory);
+    plan
 }
 
-/// Lists the dependencies and the layout changes of a hand-made plan, from the accesses of its passes.
+/// Assigns memory to the plan's resources, and dependencies to its passes.
+fn place(plan: &mut Plan, share_memory: bool) {
+    plan.blocks = memory::place(&plan.passes, &plan.frame, &mut plan.resources, share_memory);
+    add_dependencies(plan);
+}
+
+/// Lists the dependencies and the layout changes of a plan, also of a hand-made one, from the accesses of its passes.
 pub fn add_dependencies(plan: &mut Plan) {
-    let ids = |steps: &[Step]| steps.iter().map(|step| step.pass).collect::<Vec<_>>();
-    let (prologue, frame) = (ids(&plan.prologue), ids(&plan.frame));
-    (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan, &prologue, &frame);
-}
-
-/// Assigns memory to the plan's resources, and barriers to its passes in this order.
-fn place(plan: &mut Plan, prologue: &[PassId], frame: &[PassId], share_memory: bool) -> bool {
-    plan.blocks = memory::place(&plan.passes, frame, &mut plan.resources, share_memory);
-    synchronise(plan, prologue, frame)
-}
-
-/// Adds dependencies and barriers to a plan whose resources have memory.
-pub(crate) fn synchronise(plan: &mut Plan, prologue: &[PassId], frame: &[PassId]) -> bool {
-    (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan, prologue, frame);
-    let solved = barriers::place(plan, prologue, frame);
-    let Some(solved) = solved else { return false };
-    (plan.prologue, plan.handover, plan.frame) = (solved.prologue, solved.handover, solved.frame);
-    true
+    (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan);
 }
 
 /// Makes the last passes of a frame: the outputs and the statistics become readable by copies, and the host reads the statistics.

@@ -262,8 +262,8 @@ impl Soak {
     fn inspect(&mut self, who: RendererId) {
         let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return };
         let Some(plan) = viewport.renderer.plan().cloned() else { return };
-        let steps: Vec<_> = plan.prologue.iter().chain(&plan.frame).collect();
-        let pass = plan.pass(self.dice.of(&steps).pass);
+        let passes: Vec<_> = plan.order().collect();
+        let pass = plan.pass(*self.dice.of(&passes));
         if pass.uses.is_empty() {
             return;
         }

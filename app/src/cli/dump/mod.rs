@@ -140,7 +140,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut planner = Planner::default();
     let mut dump_of = |graph: &str, set: &[(String, String)]| -> Result<Dump> {
         let plan = planner.plan(graph, set, &facts, &catalog)?;
-        let dump = dump::dump(&plan);
+        let dump = backend::dump(&plan);
         Ok(if args.backend == Api::Metal { backend::add_metal_encoders(dump, &plan) } else { dump })
     };
     let mut a = dump_of(&args.graph, &args.set)?;

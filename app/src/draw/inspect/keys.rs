@@ -20,8 +20,8 @@ pub fn holds_keys(name: &str) -> bool {
 
 /// Finds the sorted keys: the last pass of a frame that writes a resource with keys, and that resource.
 pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
-    plan.frame.iter().rev().find_map(|step| {
-        let pass = plan.pass(step.pass);
+    plan.frame.iter().rev().find_map(|id| {
+        let pass = plan.pass(*id);
         if matches!(pass.work, Work::Export | Work::Host) {
             return None;
         }

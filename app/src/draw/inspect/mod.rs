@@ -57,7 +57,7 @@ fn last_part(name: &str) -> &str {
 
 /// Lists the passes that a name means, the last first; at least one.
 fn find_passes(plan: &Plan, name: &str) -> Result<Vec<PassId>, InspectError> {
-    let passes = plan.prologue.iter().chain(&plan.frame).map(|step| step.pass);
+    let passes = plan.order();
     let part = |full: fn(&str) -> &str| -> Vec<PassId> {
         passes.clone().rev().filter(|id| full(&plan.pass(*id).name) == name).collect()
     };
@@ -218,7 +218,6 @@ fn words(resource: &Resource, bytes: &[u8]) -> (Vec<u64>, Words) {
 mod tests {
     use super::*;
     use splatgraph_framework::ir::{Accesses, Origin, Source, Stages, Usage, Use, Work};
-    use splatgraph_framework::plan::Step;
 
     fn origin() -> Origin {
         Origin { file: "test.ron".into(), line: 1, column: 1 }
@@ -274,9 +273,8 @@ mod tests {
             blocks: vec![],
             dependencies: vec![],
             layout_changes: vec![],
-            handover: vec![],
             prologue: vec![],
-            frame: (0..3).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),
+            frame: (0..3).map(PassId).collect(),
             passes,
             culled: vec![],
             warnings: vec![],

@@ -28,8 +28,8 @@ pub fn fingerprint(plan: &Plan) -> u64 {
         resource.origin = nowhere();
         format!("{resource:?}").hash(&mut hash);
     }
-    let steps = (&plan.blocks, &plan.prologue, &plan.handover, &plan.frame, plan.output, &plan.stats);
-    format!("{steps:?}").hash(&mut hash);
+    let order = (&plan.blocks, &plan.prologue, &plan.frame, plan.output, &plan.stats);
+    format!("{order:?}").hash(&mut hash);
     plan.live_bytes_of(plan.params.iter().filter(|param| plan.no_effect(&param.name).is_none()))
         .hash(&mut hash);
     hash.finish()

@@ -6,8 +6,8 @@ use egui::epaint::{ColorImage, ImageDelta, TextureId};
 use egui::{Color32, Pos2, Rect, pos2, vec2};
 use splatgraph_api::FrameInputs;
 use splatgraph_framework::ir::{DrawCall, Format, Shape, Source, Work};
-use splatgraph_framework::oracle::mutate::needless;
-use splatgraph_framework::oracle::{Replay, replay};
+use splatgraph_vulkan::sync;
+use splatgraph_vulkan::sync::model::{Replay, mutate::needless, replay};
 
 const FONT: TextureId = TextureId::Managed(0);
 
@@ -244,13 +244,14 @@ fn the_windows_graph_builds_and_each_of_its_barriers_is_needed() {
     let given = plan.resources.iter().filter(|r| matches!(r.source, Source::HostBuffer { .. })).count();
     assert_eq!(given, catalog.buffers.len(), "it imports all that is offered");
     assert_eq!(catalog.uniforms[WINDOW], 96);
-    let phases: Vec<&str> = plan.frame.iter().map(|step| plan.pass(step.pass).phase.as_str()).collect();
+    let phases: Vec<&str> = plan.frame.iter().map(|pass| plan.pass(*pass).phase.as_str()).collect();
     assert_eq!(phases[..6], ["compose", "compose", "compose", "compose", "compose", "ui"]);
-    let ui = &plan.pass(plan.frame[5].pass).work;
+    let ui = &plan.pass(plan.frame[5]).work;
     assert!(matches!(ui, Work::Draw { call: DrawCall::Indirect { offset: 0, .. }, .. }));
-    let violations = replay(&plan, &Replay::default());
+    let barriers = sync::barriers(&plan).expect("there are some");
+    let violations = replay(&plan, &barriers, &Replay::default());
     assert!(violations.is_empty(), "{:?}", violations.iter().map(|o| o.describe(&plan)).collect::<Vec<_>>());
-    assert_eq!(needless(&plan).len(), 0);
+    assert_eq!(needless(&plan, &barriers).len(), 0);
 }
 
 #[test]

@@ -9,6 +9,7 @@ use crate::view::viewport::{Inspection, Viewport};
 use egui::{Button, Color32, ColorImage, ComboBox, RichText, TextureHandle, TextureOptions, Ui};
 use egui_plot::{Bar, BarChart, Plot};
 use splatgraph_api::Device;
+use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
 
 /// What a frame of the inspector may change.
@@ -238,8 +239,8 @@ fn choose(ui: &mut Ui, plan: &Plan, inspection: &mut Inspection) {
         });
         ui.label("after");
         ComboBox::from_id_salt("pass").selected_text(inspection.pass.as_str()).show_ui(ui, |ui| {
-            for step in plan.prologue.iter().chain(&plan.frame) {
-                let name = &plan.pass(step.pass).name;
+            for pass in plan.order() {
+                let name = &plan.pass(pass).name;
                 changed |= ui.selectable_value(&mut inspection.pass, name.clone(), name).changed();
             }
         });
@@ -253,10 +254,10 @@ fn choose(ui: &mut Ui, plan: &Plan, inspection: &mut Inspection) {
 
 /// Finds the last pass of a frame, or else of the prologue, that writes a resource.
 fn last_writer(plan: &Plan, resource: &str) -> Option<String> {
-    let writes = |step: &&splatgraph_framework::plan::Step| {
-        let uses = &plan.pass(step.pass).uses;
+    let writes = |pass: &PassId| {
+        let uses = &plan.pass(*pass).uses;
         uses.iter().any(|touch| touch.accesses.writes() && plan.resource(touch.resource).name == resource)
     };
-    let step = plan.prologue.iter().chain(&plan.frame).rfind(writes)?;
-    Some(plan.pass(step.pass).name.clone())
+    let pass = plan.order().rfind(writes)?;
+    Some(plan.pass(pass).name.clone())
 }

@@ -427,16 +427,14 @@ impl Panels {
 /// Describes how a plan differs from the one before: `63 -> 75 passes: sort 12 -> 24`.
 fn difference(former: &Plan, plan: &Plan) -> String {
     let count = |plan: &Plan, phase: Option<&str>| {
-        let of_phase = |step: &&splatgraph_framework::plan::Step| {
-            phase.is_none_or(|phase| plan.pass(step.pass).phase == phase)
-        };
-        plan.frame.iter().filter(of_phase).count()
+        let phases = plan.frame.iter().map(|pass| &plan.pass(*pass).phase);
+        phases.filter(|of| phase.is_none_or(|phase| *of == phase)).count()
     };
     let mut phases: Vec<&str> = Vec::new();
-    for (plan, step) in
-        [former, plan].into_iter().flat_map(|plan| plan.frame.iter().map(move |step| (plan, step)))
+    for (plan, pass) in
+        [former, plan].into_iter().flat_map(|plan| plan.frame.iter().map(move |pass| (plan, pass)))
     {
-        let phase = plan.pass(step.pass).phase.as_str();
+        let phase = plan.pass(*pass).phase.as_str();
         if !phases.contains(&phase) {
             phases.push(phase);
         }

@@ -1,5 +1,6 @@
 //! Holds the one selection that all tools share, and the dump of the plan that it refers to.
 
+use crate::draw::backend;
 use splatgraph_framework::dump::{self, Dump, DumpBarrier, DumpPass, DumpResource};
 use splatgraph_framework::plan::Plan;
 use std::str::FromStr;
@@ -45,7 +46,7 @@ impl Dumped {
         if !self.plan.as_ref().is_some_and(|(of, _)| Arc::ptr_eq(of, plan)) {
             self.plan = None;
         }
-        &self.plan.get_or_insert_with(|| (plan.clone(), dump::dump(plan))).1
+        &self.plan.get_or_insert_with(|| (plan.clone(), backend::dump(plan))).1
     }
 }
 

@@ -9,7 +9,7 @@ mod room;
 mod script;
 
 use splatgraph_framework::ir::{Format, Origin, Pass, PassId, ResourceId, Run, Shape, Source, Usage, Work};
-use splatgraph_framework::plan::{Plan, Resource, Step};
+use splatgraph_framework::plan::{Plan, Resource};
 use std::sync::Arc;
 
 /// Makes a plan of passes, each with name and phase.
@@ -45,9 +45,8 @@ pub fn plan(passes: &[(&str, &str)]) -> Arc<Plan> {
         blocks: vec![],
         dependencies: vec![],
         layout_changes: vec![],
-        handover: vec![],
         prologue: vec![],
-        frame: (0..passes.len() as u32).map(|i| Step { barriers: vec![], pass: PassId(i) }).collect(),
+        frame: (0..passes.len() as u32).map(PassId).collect(),
         passes: passes.iter().map(pass).collect(),
         culled: vec![],
         warnings: vec![],

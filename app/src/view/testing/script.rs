@@ -552,7 +552,7 @@ fn command(call: &Call) -> Option<String> {
         | Call::Draw { .. }
         | Call::DrawIndirect { .. }
         | Call::CopyImage { .. }
-        | Call::Barriers { .. } => Some(format!("{call:?}")),
+        | Call::Synchronize { .. } => Some(format!("{call:?}")),
         Call::Present { .. } => Some("present".to_owned()),
         _ => None,
     }

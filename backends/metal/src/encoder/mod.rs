@@ -18,8 +18,8 @@ use crate::sync::{EncoderKind, FenceUse};
 use crate::walk::{Move, Walk};
 use metal::*;
 use splatgraph_api::BackendError;
-use splatgraph_framework::ir::{Format, Pass, PassId, Target};
-use splatgraph_runtime::{Buffer, Draw, Image, LayoutChange, PlanBarrier};
+use splatgraph_framework::ir::{Format, Pass, PassId, ResourceId, Target};
+use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout};
 use std::ffi::c_void;
 use std::fmt::Arguments;
 use std::ops::Range;
@@ -329,9 +329,15 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
     }
 
     /// The walk has its own: Metal's encoders are ordered by fences, and images have no layouts.
-    fn barriers<'a>(&mut self, _: impl Iterator<Item = PlanBarrier<'a, MetalGpu>>) {}
+    fn synchronize<'a>(
+        &mut self,
+        _: &(),
+        _: Option<PassId>,
+        _: impl Fn(ResourceId) -> Option<&'a Image<MetalGpu>>,
+    ) {
+    }
 
-    fn full_barrier<'a>(&mut self, _: impl Iterator<Item = LayoutChange<'a, MetalGpu>>) {
+    fn full_barrier<'a>(&mut self, _: impl Iterator<Item = ImageLayout<'a, MetalGpu>>) {
         objc::pool(|| {
             self.order_everything();
         })

@@ -9,19 +9,19 @@ pub(super) struct Group {
     pub passes: Vec<PassId>,
 }
 
-/// Divides steps into the encoders that hold them.
-pub(super) fn divide(plan: &Plan, steps: &[Step], division: Division) -> Vec<Group> {
+/// Divides passes into the encoders that hold them.
+pub(super) fn divide(plan: &Plan, passes: &[PassId], division: Division) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
-    for step in steps {
-        let Some(kind) = kind(&plan.pass(step.pass).work) else { continue };
+    for id in passes {
+        let Some(kind) = kind(&plan.pass(*id).work) else { continue };
         let joins = |group: &&mut Group| {
             division == Division::Merged
                 && group.kind == kind
-                && (kind != EncoderKind::Render || draws_with(plan, group, step.pass))
+                && (kind != EncoderKind::Render || draws_with(plan, group, *id))
         };
         match groups.last_mut().filter(joins) {
-            Some(group) => group.passes.push(step.pass),
-            None => groups.push(Group { kind, passes: vec![step.pass] }),
+            Some(group) => group.passes.push(*id),
+            None => groups.push(Group { kind, passes: vec![*id] }),
         }
     }
     groups

@@ -60,17 +60,20 @@ pub fn histories() -> Plan {
         ..plan.passes[0].clone()
     };
     plan.passes.push(start);
-    let change = |old, new| crate::testing::on_image(Transition { image: COLOR, old, new }, NOTHING, NOTHING);
-    let pass = PassId(plan.passes.len() as u32 - 1);
-    plan.prologue.push(Step { barriers: vec![change(Layout::Undefined, Layout::TransferTarget)], pass });
-    plan.handover = vec![change(Layout::TransferTarget, Layout::TransferSource)];
+    let start = PassId(plan.passes.len() as u32 - 1);
+    plan.prologue.push(start);
     // The draw keeps what is there, and the export leaves it as a source.
-    plan.frame[2].barriers = vec![change(Layout::TransferSource, Layout::ColorTarget)];
-    plan.frame[3].barriers = vec![change(Layout::ColorTarget, Layout::TransferSource)];
+    let (draw, export) = (plan.frame[2], plan.frame[3]);
+    plan.layout_changes = [
+        (start, Layout::Undefined, Layout::TransferTarget, false),
+        (draw, Layout::TransferTarget, Layout::TransferSource, true),
+        (draw, Layout::TransferSource, Layout::ColorTarget, false),
+        (export, Layout::ColorTarget, Layout::TransferSource, false),
+    ]
+    .map(|(before, old, new, handover)| LayoutChange { image: COLOR, old, new, before, handover })
+    .into();
     plan
 }
-
-const NOTHING: (Stages, Accesses) = (Stages::empty(), Accesses::empty());
 
 /// The same plan with a host buffer in place of the scene's attribute.
 pub fn with_host_buffer() -> Plan {

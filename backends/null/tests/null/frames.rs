@@ -8,7 +8,7 @@ use splatgraph_null::{Call, Object};
 use std::sync::Arc;
 
 #[test]
-fn a_frame_is_the_plans_steps_with_the_plans_barriers_and_no_others() {
+fn a_frame_is_the_plans_passes_and_nothing_else() {
     let (mut null, journal) = device();
     load(&mut null, plan());
     frame(&mut null, &inputs());

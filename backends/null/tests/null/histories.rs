@@ -3,7 +3,7 @@
 use crate::common::*;
 use crate::testing::{WORDS, plan};
 use splatgraph_api::{Device, Loader as _};
-use splatgraph_framework::{ir::*, plan::Step};
+use splatgraph_framework::ir::*;
 use splatgraph_null::{Call, Null, Object};
 
 /// The buffers and images that a frame's passes start from zeros.
@@ -48,8 +48,8 @@ fn histories_go_on_where_nothing_but_the_plan_changed() {
     // The previous frames come before, and the image goes from where they left it to where its start would have.
     let images = vec![("color".to_string(), Layout::TransferSource, Layout::TransferTarget)];
     assert!(last_frame(&calls).contains(&Call::FullBarrier { images }));
-    // Of the start's barrier, the order remains.
-    assert!(last_frame(&calls).contains(&Call::Barriers { memory: 1, images: Vec::new() }));
+    // Of the start's layout change, the order remains.
+    assert!(last_frame(&calls).contains(&Call::Synchronize { dependencies: 0, images: Vec::new() }));
     // Its own buffer and image went unused.
     assert_eq!(destroyed(&calls, Object::Image), ["color"]);
     finish(null, &journal);
@@ -111,7 +111,7 @@ fn a_history_that_a_pass_writes_once_starts_anew_with_each_plan() {
             ..plan.passes[0].clone()
         });
         let pass = PassId(plan.passes.len() as u32 - 1);
-        plan.prologue.push(Step { barriers: Vec::new(), pass });
+        plan.prologue.push(pass);
         plan
     };
     let (mut null, journal) = device();

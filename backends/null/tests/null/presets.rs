@@ -70,7 +70,7 @@ fn works(calls: &[Call]) -> [usize; 3] {
     [
         count(|call| matches!(call, Call::Dispatch(_) | Call::DispatchIndirect { .. })),
         count(|call| matches!(call, Call::Draw { .. } | Call::DrawIndirect { .. })),
-        count(|call| matches!(call, Call::Barriers { .. })),
+        count(|call| matches!(call, Call::Synchronize { .. })),
     ]
 }
 
@@ -90,11 +90,11 @@ fn every_preset_runs_through_the_runtime_call_by_call_as_its_plan_says() {
             assert_eq!(result.stats.len(), plan.stats.len());
         }
         // Of a frame that runs no prologue.
-        let work = |is: fn(&Work) -> bool| plan.frame.iter().filter(|s| is(&plan.pass(s.pass).work)).count();
+        let work = |is: fn(&Work) -> bool| plan.frame.iter().filter(|s| is(&plan.pass(**s).work)).count();
         let expected = [
             work(|work| matches!(work, Work::Dispatch { .. })),
             work(|work| matches!(work, Work::Draw { .. })),
-            plan.frame.iter().filter(|step| !step.barriers.is_empty()).count(),
+            plan.frame.iter().filter(|pass| !plan.dependencies_of(**pass).is_empty()).count(),
         ];
         assert_eq!(works(&journal.take()), expected, "{}", plan.name);
         let took = started.elapsed();
@@ -113,7 +113,7 @@ fn every_preset_runs_through_the_runtime_call_by_call_as_its_plan_says() {
 fn every_resource_of_every_preset_can_be_inspected_after_the_last_pass() {
     let (mut device, journal) = device();
     for plan in plans(false) {
-        let after = plan.frame.last().expect("a frame has steps").pass;
+        let after = *plan.frame.last().expect("a frame has passes");
         let ids = (0..plan.resources.len() as u32).map(ResourceId);
         let inspect: Vec<Inspect> = ids.map(|resource| Inspect { resource, after }).collect();
         device.load(plan.clone(), &Zeros::default(), &mut |_| {}).expect("the plan loads");

@@ -43,7 +43,7 @@ pub fn folding(width: u32) -> Plan {
         pass.work = Work::Dispatch { shader: ShaderId(shader), groups: Groups::Direct([64, 1, 1]) };
         pass.bindings = vec![bound("From", 0, from), bound("To", 1, to)];
         pass.uses = vec![used(from, Accesses::STORAGE_READ), used(to, Accesses::STORAGE_WRITE)];
-        plan.prologue.push(Step { barriers: Vec::new(), pass: PassId(plan.passes.len() as u32) });
+        plan.prologue.push(PassId(plan.passes.len() as u32));
         plan.passes.push(pass);
     }
     // The frame writes what the prologue only clears.

@@ -3,7 +3,6 @@
 use crate::common::*;
 use crate::testing::plan;
 use splatgraph_api::{BackendError, Device, FrameInputs, Windowed};
-use splatgraph_framework::ir::Stages;
 use splatgraph_null::{Call, Config, Fault, Journal, Null, Point, open};
 
 fn window(faults: &[Fault]) -> (Null, Journal) {
@@ -41,7 +40,7 @@ fn a_frame_is_blitted_behind_its_commands_and_presented() {
     let expected = [
         Call::End,
         Call::Acquire { slot: 0 },
-        Call::RecordBlit { output: "color".to_string(), image: 1, waiting: Stages::COPY },
+        Call::RecordBlit { output: "color".to_string(), image: 1 },
         Call::Submit { encoder: "frame".to_string(), show: Some(1) },
         Call::Present { image: 1 },
     ];

@@ -36,15 +36,14 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
     checker.blocks()?;
     checker.memory()?;
     let mut seen = HashSet::new();
-    for step in plan.prologue.iter().chain(&plan.frame) {
-        let pass = checker.passes(step.pass)?;
-        if !seen.insert(step.pass) {
-            return invalid(format!("pass `{}` is in two steps", pass.name));
+    for id in plan.order() {
+        let pass = checker.passes(id)?;
+        if !seen.insert(id) {
+            return invalid(format!("pass `{}` runs twice", pass.name));
         }
-        checker.barriers(&step.barriers, &format!("before pass `{}`", pass.name))?;
         checker.pass(pass)?;
     }
-    checker.barriers(&plan.handover, "of the handover")?;
+    checker.layout_changes()?;
     checker.order()?;
     checker.output()
 }
@@ -199,20 +198,13 @@ impl<'a> Checker<'a> {
         within_bytes(what, total, self.limits.heap_bytes)
     }
 
-    fn barriers(&self, barriers: &[Barrier], place: &str) -> Result<(), BackendError> {
-        for (index, barrier) in barriers.iter().enumerate() {
-            let Some(Transition { image, new, .. }) = barrier.image else {
-                if index > 0 {
-                    return invalid(format!(
-                        "of the barriers {place}, one on all memory does not come first"
-                    ));
-                }
-                continue;
-            };
-            let resource = self.resources(image, &format!("a barrier {place}"))?;
-            if !is_image(resource) || new == Layout::Undefined {
+    fn layout_changes(&self) -> Result<(), BackendError> {
+        for LayoutChange { image, new, before, .. } in &self.plan.layout_changes {
+            let before = &self.passes(*before)?.name;
+            let resource = self.resources(*image, before)?;
+            if !is_image(resource) || *new == Layout::Undefined {
                 return invalid(format!(
-                    "a barrier {place} brings `{}` into the layout {new:?}, which it cannot have",
+                    "a change before `{before}` brings `{}` into the layout {new:?}, which it cannot have",
                     resource.name
                 ));
             }
@@ -435,10 +427,10 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// Starts are in the prologue; the frame ends with its export, or with that and the host's step.
+    /// Starts are in the prologue; the frame ends with its export, or with that and the host's pass.
     fn order(&self) -> Result<(), BackendError> {
-        let work = |step: &Step| &self.plan.pass(step.pass).work;
-        if self.plan.frame.iter().any(|step| matches!(work(step), Work::ClearHistory { .. })) {
+        let work = |pass: &PassId| &self.plan.pass(*pass).work;
+        if self.plan.frame.iter().any(|pass| matches!(work(pass), Work::ClearHistory { .. })) {
             return invalid("a frame zeroes a resource's history".to_string());
         }
         let (host, statistics) = (&Work::Host, !self.plan.stats.is_empty());
@@ -448,7 +440,7 @@ impl<'a> Checker<'a> {
         let once = self.plan.prologue.iter().map(work).chain(rest.unwrap_or_default().iter().copied());
         if rest.is_none() || once.into_iter().any(|work| matches!(work, Work::Export | Work::Host)) {
             return invalid(
-                "a plan's frame ends with the export of its output, and then the host's step if it has statistics, and \
+                "a plan's frame ends with the export of its output, and then the host's pass if it has statistics, and \
                  has both once"
                     .to_string(),
             );

@@ -1,14 +1,16 @@
 //! Small plans, built by hand.
 //!
-//! [`Build`] is a stand-in for the framework's solver, as plain as can be: before every pass that touches anything that is
-//! ever written, a barrier on all memory waits for whatever any pass does, and so does the change of an image's layout.
-//! That is more than is needed and never less.
+//! [`Build`] makes them; their dependencies are the solver's. [`barriers_everywhere`] is a stand-in for the lowering, as plain as can be:
+//! before every pass that touches anything that is ever written, a barrier on all memory waits for whatever any pass does, and so does
+//! the change of an image's layout. That is more than is needed and never less.
 
-use splatgraph_api::{BackendError, Device, FrameInputs, FrameResult, SceneData};
+use splatgraph_api::{BackendError, Device, FrameInputs, FrameResult, Loader, SceneData};
 use splatgraph_framework::ir::ShaderStage;
 use splatgraph_framework::shader::{Glslang, ShaderCompiler, ShaderRequest};
+use splatgraph_framework::solve::add_dependencies;
 use splatgraph_framework::source::{Library, SourceMap, render};
 use splatgraph_framework::{ir::*, plan::*};
+use splatgraph_vulkan::sync::{Barrier, Barriers, Transition};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -26,6 +28,13 @@ pub fn finish(vulkan: Vulkan) {
 /// Another on the same device.
 pub fn new_context(vulkan: &Vulkan) -> Vulkan {
     vulkan.new_context().expect("there can be another")
+}
+
+/// Loads a plan with barriers other than those that it is lowered to.
+pub fn load_with(vulkan: &mut Vulkan, plan: Plan, barriers: Barriers) {
+    let loader = vulkan.loader().synchronized_by(barriers);
+    let ready = loader.prepare(plan, &Scene::default(), &mut |_| {}).expect("the plan loads");
+    vulkan.swap(ready).expect("it is of this device");
 }
 
 /// Loads a plan that reads nothing of a scene.
@@ -140,7 +149,6 @@ impl Build {
                 prologue: Vec::new(),
                 dependencies: vec![],
                 layout_changes: vec![],
-                handover: Vec::new(),
                 frame: Vec::new(),
                 culled: Vec::new(),
                 warnings: Vec::new(),
@@ -336,7 +344,7 @@ impl Build {
         self.plan.stats.push(Stat { name: name.to_string(), buffer, offset });
     }
 
-    /// Ends the plan with its export of `output`, and puts the barriers in.
+    /// Ends the plan with its export of `output`, and lists its dependencies.
     pub fn export(mut self, output: ResourceId) -> Plan {
         self.plan.output = output;
         let mut uses =
@@ -355,76 +363,47 @@ impl Build {
             self.pass(Run::Frame, "host", Work::Host, &[], uses);
         }
 
-        let order = |run: Run| {
-            let passes = self.plan.passes.iter().enumerate().filter(move |(_, pass)| pass.run == run);
-            passes.map(|(index, _)| PassId(index as u32)).collect::<Vec<_>>()
-        };
-        let (once, always) = (order(Run::Once), order(Run::Frame));
-        // The layouts that images are in: after the prologue, and after a frame.
-        let mut started = Layouts::new();
-        let prologue = self.steps(&once, &mut started);
-        let mut steady = started.clone();
-        self.steps(&always, &mut steady);
-        let mut layouts = steady.clone();
-        let frame = self.steps(&always, &mut layouts);
-        let first = |image: ResourceId| {
-            let uses = always.iter().flat_map(|&pass| &self.plan.pass(pass).uses);
-            uses.clone().find(|touch| touch.resource == image)
-        };
-        let kept = steady.iter().filter(|(image, _)| first(**image).is_some_and(|touch| !touch.discards));
-        let handover = kept.filter_map(|(&image, &new)| {
-            let old = started.get(&image).copied().unwrap_or(Layout::Undefined);
-            (old != new).then(|| Barrier {
-                image: Some(Transition { image, old, new }),
-                ..self.barrier(self.anything())
-            })
-        });
-        let handover = handover.collect();
-        Plan { prologue, handover, frame, ..self.plan }
-    }
-
-    /// The work of a pass other than the host's.
-    fn anything(&self) -> (Stages, Accesses) {
-        let uses = self.plan.passes.iter().flat_map(|p| &p.uses).filter(|t| t.stages != Stages::HOST);
-        uses.fold((Stages::empty(), Accesses::empty()), |(s, a), t| (s | t.stages, a | t.accesses))
-    }
-
-    /// A barrier from anything to `target`.
-    fn barrier(&self, target: (Stages, Accesses)) -> Barrier {
-        barrier(self.anything(), target)
-    }
-
-    fn steps(&self, passes: &[PassId], layouts: &mut Layouts) -> Vec<Step> {
-        let written = |id: ResourceId| {
-            let mut uses = self.plan.passes.iter().flat_map(|p| &p.uses);
-            let same = |other| other == id || self.plan.aliases(id).any(|alias| alias == other);
-            uses.any(|t| same(t.resource) && t.accesses.writes())
-        };
-        let step = |&pass: &PassId| {
-            let uses = &self.plan.pass(pass).uses;
-            let fresh = uses.iter().filter(|touch| written(touch.resource));
-            let target =
-                fresh.fold((Stages::empty(), Accesses::empty()), |(s, a), t| (s | t.stages, a | t.accesses));
-            let mut barriers = Vec::new();
-            if !target.0.is_empty() {
-                barriers.push(self.barrier(target));
-            }
-            for touch in uses {
-                let (image, Some(new)) = (touch.resource, touch.layout) else { continue };
-                let was = layouts.insert(image, new).unwrap_or(Layout::Undefined);
-                let old = if touch.discards { Layout::Undefined } else { was };
-                if old != new {
-                    let change = Some(Transition { image, old, new });
-                    barriers.push(Barrier { image: change, ..self.barrier((touch.stages, touch.accesses)) });
-                }
-            }
-            Step { barriers, pass }
-        };
-        passes.iter().map(step).collect()
+        let mut plan = self.plan;
+        for (index, pass) in plan.passes.iter().enumerate() {
+            let part = if pass.run == Run::Once { &mut plan.prologue } else { &mut plan.frame };
+            part.push(PassId(index as u32));
+        }
+        add_dependencies(&mut plan);
+        plan
     }
 }
 
-type Layouts = BTreeMap<ResourceId, Layout>;
+/// Returns barriers with a call of its own before each pass, from all that any pass does to what this one does.
+pub fn barriers_everywhere(plan: &Plan) -> Barriers {
+    type Side = (Stages, Accesses);
+    let all = |uses: &mut dyn Iterator<Item = &Use>| -> Side {
+        uses.fold((Stages::empty(), Accesses::empty()), |(s, a), t| (s | t.stages, a | t.accesses))
+    };
+    let of_device = |touch: &&Use| touch.stages != Stages::HOST;
+    let anything = all(&mut plan.passes.iter().flat_map(|pass| &pass.uses).filter(of_device));
+    let written = |id: ResourceId| {
+        let mut uses = plan.passes.iter().flat_map(|pass| &pass.uses);
+        let same = |other| other == id || plan.aliases(id).any(|alias| alias == other);
+        uses.any(|touch| same(touch.resource) && touch.accesses.writes())
+    };
+    let changes = |at: Option<PassId>, target: &dyn Fn(ResourceId) -> Side| -> Vec<Barrier> {
+        let change = |change: &LayoutChange| {
+            let LayoutChange { image, old, new, .. } = *change;
+            Barrier { image: Some(Transition { image, old, new }), ..barrier(anything, target(image)) }
+        };
+        plan.layout_changes_at(at).map(change).collect()
+    };
+    let before = |(index, pass): (usize, &Pass)| {
+        let target = all(&mut pass.uses.iter().filter(|touch| written(touch.resource)));
+        let memory = (!target.0.is_empty()).then(|| barrier(anything, target));
+        let uses = |image| all(&mut pass.uses.iter().filter(|touch| touch.resource == image));
+        memory.into_iter().chain(changes(Some(PassId(index as u32)), &uses)).collect()
+    };
+    Barriers {
+        before: plan.passes.iter().enumerate().map(before).collect(),
+        handover: changes(None, &|_| anything),
+    }
+}
 
 /// A barrier on all memory.
 pub fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {

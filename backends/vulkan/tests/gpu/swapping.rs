@@ -99,14 +99,15 @@ fn a_plan_sees_its_history_however_the_one_before_wrote_it() {
         build.dispatch(Run::Frame, "add", shader, 1, &[(count, 0, BOTH)]);
     });
     // ... and the second, which copies them, waits for nothing but its own start.
-    let mut shows = plan(|build, count| build.stat("count", count, 0));
+    let shows = plan(|build, count| build.stat("count", count, 0));
+    let mut barriers = barriers_everywhere(&shows);
     let fill = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
-    shows.handover.insert(0, barrier(fill, (Stages::COPY, Accesses::TRANSFER_READ)));
-    shows.frame[0].barriers.clear();
+    barriers.handover.insert(0, barrier(fill, (Stages::COPY, Accesses::TRANSFER_READ)));
+    barriers.at_mut(Some(shows.frame[0])).retain(|barrier| barrier.image.is_some());
     let mut vulkan = open();
     load(&mut vulkan, adds);
     vulkan.submit(&FrameInputs::default()).unwrap();
-    load(&mut vulkan, shows);
+    load_with(&mut vulkan, shows, barriers);
     assert_eq!(frame(&mut vulkan, &FrameInputs::default()).stats, [("count".to_string(), 7)]);
     finish(vulkan);
     again_comparing_submissions("swapping::a_plan_sees_its_history_however_the_one_before_wrote_it");
@@ -145,7 +146,7 @@ layout(set = 0, binding = 0) readonly buffer Source { uint source; };
 layout(set = 0, binding = 1) writeonly buffer Target { uint target; };
 void main() { target = source; }";
     let mut constants = [ResourceId(0); 2];
-    let mut plan = growing_with("count", 1, 2, |build, _, _| {
+    let plan = growing_with("count", 1, 2, |build, _, _| {
         constants = [build.words("source", 1), build.words("target", 1)];
         build.fill(Run::Once, "fill", constants[0], 3);
         let last = build.words("last", 1);
@@ -156,14 +157,15 @@ void main() { target = source; }";
         build.stat("target", constants[1], 0);
     });
     // The copy's barrier moves to the start before it.
-    let [.., start, copy] = &mut plan.prologue[..] else { panic!("a start and a copy") };
+    let [.., start, copy] = plan.prologue[..] else { panic!("a start and a copy") };
+    let mut barriers = barriers_everywhere(&plan);
     let fill = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
-    start.barriers = vec![barrier(fill, (Stages::COMPUTE, Accesses::STORAGE_READ))];
-    copy.barriers.clear();
-    let inspect = vec![Inspect { resource: constants[1], after: copy.pass }];
+    *barriers.at_mut(Some(start)) = vec![barrier(fill, (Stages::COMPUTE, Accesses::STORAGE_READ))];
+    barriers.at_mut(Some(copy)).clear();
+    let inspect = vec![Inspect { resource: constants[1], after: copy }];
     let mut vulkan = open();
     for _ in 0..2 {
-        load(&mut vulkan, plan.clone());
+        load_with(&mut vulkan, plan.clone(), barriers.clone());
         let result = frame(&mut vulkan, &FrameInputs { inspect: inspect.clone(), ..Default::default() });
         assert_eq!(words(&result.inspected[0]), [3]);
     }

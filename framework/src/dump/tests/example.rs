@@ -1,9 +1,10 @@
-//! A hand-made plan for tests: what a graph that sorts splats becomes, with everything that a plan can have. Its
-//! barriers are placed by a walk that keeps every hazard apart and is content with that.
+//! A plan to test with, made by hand: what a graph that sorts splats becomes, with everything that a plan can have; and its dump, with
+//! barriers as an API may place them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use crate::dump::{Declared, Dump, DumpBarrier, DumpCause, DumpTransition, Masks};
 use crate::ir::{Member, MemberKind, PushBlock, Reflection, ShaderStage};
 use crate::source::Diagnostic;
 use crate::{ir::*, plan::*};
@@ -118,6 +119,57 @@ pub fn splat(digits: u32, count: u64) -> Plan {
     let host = (Stages::HOST, Accesses::HOST_READ);
     m.add("host", "export", Run::Frame, Work::Host, &[(readback, host)]);
     m.finish(last, args, digits)
+}
+
+/// The dump of a plan with barriers: before each pass one for all that it depends on, and one for each layout change.
+pub fn dump(plan: &Plan) -> Dump {
+    let ids = |ids: &[PassId]| ids.iter().copied().map(Some).collect::<Vec<_>>();
+    let calls = [ids(&plan.prologue), vec![None], ids(&plan.frame)].concat();
+    crate::dump::dump(plan).with_barriers(calls.into_iter().map(|at| call(plan, at)))
+}
+
+/// The barriers before a pass, or of the handover.
+fn call(plan: &Plan, at: Option<PassId>) -> Vec<DumpBarrier> {
+    let here = |d: &&Dependency| match at {
+        Some(pass) => d.second == pass && d.since != Since::Prologue,
+        None => d.since == Since::Prologue,
+    };
+    let barrier = |image: Option<&LayoutChange>, of: Vec<&Dependency>| DumpBarrier {
+        id: 0,
+        before: at.map(|pass| Declared::pass(plan, pass)),
+        image: image.map(|change| DumpTransition {
+            image: plan.resource(change.image).name.clone(),
+            old: change.old,
+            new: change.new,
+        }),
+        masks: Masks::new(of[0].source, of[0].target),
+        dependencies: of.iter().map(|dependency| cause(plan, dependency)).collect(),
+    };
+    let all: Vec<&Dependency> = plan.dependencies.iter().filter(here).collect();
+    let memory: Vec<&Dependency> =
+        all.iter().copied().filter(|d| d.hazard != Hazard::LayoutChange && !d.changes_layout).collect();
+    let mut call = Vec::new();
+    if !memory.is_empty() {
+        call.push(barrier(None, memory));
+    }
+    for change in plan.layout_changes_at(at) {
+        let of: Vec<_> =
+            all.iter().copied().filter(|d| d.changes_layout && d.resource == change.image).collect();
+        call.extend((!of.is_empty()).then(|| barrier(Some(change), of)));
+    }
+    call
+}
+
+fn cause(plan: &Plan, dependency: &Dependency) -> DumpCause {
+    DumpCause {
+        hazard: dependency.hazard,
+        before: Declared::pass(plan, dependency.second),
+        resource: Declared::resource(plan, dependency.resource),
+        after: vec![Declared::pass(plan, dependency.first)],
+        previous_frame: dependency.since == Since::PreviousFrame,
+        alias: dependency.alias.map(|id| Declared::resource(plan, id)),
+        masks: Masks::new(dependency.source, dependency.target),
+    }
 }
 
 impl Maker {
@@ -277,7 +329,6 @@ impl Maker {
             prologue: vec![],
             dependencies: vec![],
             layout_changes: vec![],
-            handover: vec![],
             frame: vec![],
             culled: vec![Culled {
                 pass: "front_to_back".into(),
@@ -299,7 +350,8 @@ impl Maker {
         };
         let ids = (0..plan.passes.len() as u32).map(PassId);
         let (once, frame): (Vec<_>, Vec<_>) = ids.partition(|id| plan.pass(*id).run == Run::Once);
-        assert!(crate::solve::synchronise(&mut plan, &once, &frame), "no barriers were found");
+        (plan.prologue, plan.frame) = (once, frame);
+        crate::solve::add_dependencies(&mut plan);
         plan
     }
 }

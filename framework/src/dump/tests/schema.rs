@@ -4,8 +4,9 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 
 use super::encoders::encoded;
-use super::{example, timed};
-use crate::dump::{dump, json};
+use super::example::{self, dump};
+use super::timed;
+use crate::dump::json;
 
 const SCHEMA: &str = include_str!("../../../../docs/dump.schema.json");
 const PAGE: &str = include_str!("../../../../docs/dump.md");

@@ -1,8 +1,9 @@
 //! Lists of dependencies with one thing wrong, and what the check says of them.
 
-use super::*;
-use crate::plan::Since;
+use super::sketch::*;
+use crate::oracle::dependencies;
 use crate::solve::add_dependencies;
+use crate::{ir::*, plan::*};
 
 /// Lists the dependencies of the sketch, changes the plan, and returns the objections.
 fn found(mut sketch: Sketch, change: impl FnOnce(&mut Plan)) -> Vec<String> {
@@ -16,10 +17,10 @@ fn shared() -> Sketch {
     let mut s = Sketch::new();
     let (x, y) = (s.buffer("x"), s.buffer("y"));
     s.share(x, y);
-    s.frame("write", &[], &[writes(x)]);
-    s.frame("one", &[], &[reads(x)]);
-    s.frame("two", &[], &[reads(x)]);
-    s.frame("over", &[], &[writes(y)]);
+    s.frame("write", &[writes(x)]);
+    s.frame("one", &[reads(x)]);
+    s.frame("two", &[reads(x)]);
+    s.frame("over", &[writes(y)]);
     s
 }
 
@@ -27,9 +28,9 @@ fn shared() -> Sketch {
 fn drawn() -> Sketch {
     let mut s = Sketch::new();
     let image = s.image("image");
-    s.frame("draw", &[], &[Use { layout: Some(Layout::General), ..writes(image) }]);
+    s.frame("draw", &[Use { layout: Some(Layout::General), ..writes(image) }]);
     let copy = touch(image, COPY, Accesses::TRANSFER_READ);
-    s.frame_work("export", &[], Work::Export, &[Use { layout: Some(Layout::TransferSource), ..copy }]);
+    s.frame_work("export", Work::Export, &[Use { layout: Some(Layout::TransferSource), ..copy }]);
     s.plan.output = image;
     s
 }

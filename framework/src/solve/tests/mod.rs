@@ -1,13 +1,12 @@
 //! Tests of the solver's guarantees, one sentence each. A failing assertion prints the dump.
 
-mod barriers;
 mod effects;
 mod histories;
 mod memory;
 mod order;
 
-use crate::ir::{Accesses, Hazard, Layout, PassId, Run, Stages, Work};
-use crate::plan::{Barrier, Plan, Step};
+use crate::ir::{Layout, PassId, Work};
+use crate::plan::{Dependency, Plan, Since};
 use crate::solve::reorder;
 use crate::testing::{apart, dispatch, graph, plan};
 
@@ -22,60 +21,35 @@ fn packed(passes: &[String]) -> Plan {
 }
 
 fn shown(plan: &Plan) -> String {
-    let step = |step: &Step| {
-        let barriers: Vec<String> =
-            step.barriers.iter().map(|b| format!("  | {}", line(plan, b, Some(step.pass)))).collect();
-        format!("{}\n{}\n", barriers.join("\n"), plan.pass(step.pass).name)
+    let pass = |id: PassId| {
+        let dependencies: Vec<String> = plan.dependencies_of(id).iter().map(|d| line(plan, d)).collect();
+        format!("{}\n  {}\n", plan.pass(id).name, dependencies.join("\n  "))
     };
-    let steps = |steps: &[Step]| steps.iter().map(step).collect::<String>();
-    format!("\n{}handover {:#?}\n{}", steps(&plan.prologue), handover(plan), steps(&plan.frame))
+    format!("\n{}{:#?}", plan.order().map(pass).collect::<String>(), plan.layout_changes)
 }
 
 /// The names of the frame's passes, as they run.
 fn frame(plan: &Plan) -> Vec<&str> {
-    plan.frame.iter().map(|s| plan.pass(s.pass).name.as_str()).collect()
+    plan.frame.iter().map(|id| plan.pass(*id).name.as_str()).collect()
 }
 
-/// The barriers before a pass, as text.
-fn before(plan: &Plan, pass: &str) -> Vec<String> {
-    let step = plan.prologue.iter().chain(&plan.frame).find(|s| plan.pass(s.pass).name == pass);
-    let step = step.unwrap_or_else(|| panic!("{}", shown(plan)));
-    step.barriers.iter().map(|b| line(plan, b, Some(step.pass))).collect()
+/// The dependencies of a pass, as text.
+fn dependencies(plan: &Plan, pass: &str) -> Vec<String> {
+    let id = plan.order().find(|id| plan.pass(*id).name == pass);
+    let id = id.unwrap_or_else(|| panic!("{}", shown(plan)));
+    plan.dependencies_of(id).iter().map(|dependency| line(plan, dependency)).collect()
 }
 
-fn handover(plan: &Plan) -> Vec<String> {
-    plan.handover.iter().map(|b| line(plan, b, None)).collect()
-}
-
-/// `COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after make`.
-/// A later pass that needs it is named at the end.
-fn line(plan: &Plan, barrier: &Barrier, step: Option<PassId>) -> String {
-    fn flags<T>(names: impl Iterator<Item = (&'static str, T)>) -> String {
-        names.map(|(name, _)| name).collect::<Vec<_>>().join("|")
-    }
-    let side = |stages: Stages, accesses: Accesses| {
-        [flags(stages.iter_names()), flags(accesses.iter_names())].join(" ").trim().to_string()
+/// `WriteAfterRead on a (b) after make of the frame before`.
+fn line(plan: &Plan, dependency: &Dependency) -> String {
+    let Dependency { hazard, first, since, resource, alias, .. } = *dependency;
+    let alias = alias.map_or(String::new(), |id| format!(" ({})", plan.resource(id).name));
+    let since = match since {
+        Since::Same => "",
+        Since::Prologue => " of the prologue",
+        Since::PreviousFrame => " of the frame before",
     };
-    let layouts = barrier
-        .image
-        .map_or(String::new(), |t| format!(" [{} {:?} -> {:?}]", plan.resource(t.image).name, t.old, t.new));
-    let reasons = barrier.causes.iter().map(|d| {
-        let after: Vec<&str> = d.after.iter().map(|id| plan.pass(*id).name.as_str()).collect();
-        let alias = d.alias.map_or(String::new(), |id| format!(" ({})", plan.resource(id).name));
-        let frame = if d.previous_frame { " of the frame before" } else { "" };
-        let before = match step.is_none_or(|step| step == d.before) {
-            true => String::new(),
-            false => format!(", for {}", plan.pass(d.before).name),
-        };
-        let resource = &plan.resource(d.resource).name;
-        format!("{:?} on {resource}{alias} after {}{frame}{before}", d.hazard, after.join("+"))
-    });
-    format!(
-        "{} -> {}{layouts}: {}",
-        side(barrier.source_stages, barrier.source_accesses),
-        side(barrier.target_stages, barrier.target_accesses),
-        reasons.collect::<Vec<_>>().join(", ")
-    )
+    format!("{hazard:?} on {}{alias} after {}{since}", plan.resource(resource).name, plan.pass(first).name)
 }
 
 fn draw(name: &str, load: &str) -> String {

@@ -22,7 +22,7 @@
 //! # Where the model stops
 //!
 //! It knows of no caches: in Metal what orders two accesses shows the later one what the earlier wrote. It does not know whether a plan
-//! reads what was ever written, which the framework's oracle knows, nor what an executor does besides the plan (inspection, window).
+//! reads what was ever written, which the model of the Vulkan backend knows, nor what an executor does besides the plan (inspection, window).
 
 use crate::sync::*;
 use splatgraph_framework::{ir::*, plan::*};
@@ -222,12 +222,12 @@ impl<'a> Model<'a> {
         let plan = self.plan;
         let mut found = Vec::new();
         let mut say = |text: String| found.push(Objection::Malformed(text));
-        for (what, encodings, steps) in [
+        for (what, encodings, passes) in [
             ("the prologue", &encoders.prologue, &plan.prologue),
             ("the frame", &encoders.frame, &plan.frame),
         ] {
             let encoded = encodings.iter().flat_map(|encoding| &encoding.passes).map(|pass| pass.pass);
-            let wanted = steps.iter().map(|step| step.pass).filter(|id| plan.pass(*id).work != Work::Host);
+            let wanted = passes.iter().copied().filter(|id| plan.pass(*id).work != Work::Host);
             if !encoded.eq(wanted) {
                 say(format!("{what} has other passes than the plan, or in another order"));
             }

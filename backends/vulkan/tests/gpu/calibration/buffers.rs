@@ -91,10 +91,9 @@ fn every_bit_missing_from_a_barrier_for_read_after_write_is_caught() {
 
 #[test]
 fn a_barrier_for_another_kind_of_read_is_caught() {
-    let another = |plan: &mut Plan| step(plan, "second").barriers[0].target_accesses = READ;
+    let another = |case: &mut Case| case.before("second")[0].target_accesses = READ;
     uniform().caught(another, RAW);
-    let elsewhere =
-        |plan: &mut Plan| step(plan, "second").barriers[0] = barrier(COMPUTE_WRITES, COMPUTE_READS);
+    let elsewhere = |case: &mut Case| case.before("second")[0] = barrier(COMPUTE_WRITES, COMPUTE_READS);
     indirect().caught(elsewhere, RAW);
 }
 

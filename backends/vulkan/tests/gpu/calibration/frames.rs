@@ -11,7 +11,7 @@ use super::*;
 fn caught_between_submissions(
     test: &str,
     case: impl Fn() -> Case,
-    mistake: impl FnOnce(&mut Plan),
+    mistake: impl FnOnce(&mut Case),
     expected: &str,
 ) {
     let case = Case { frames: 2, ..case() };
@@ -104,7 +104,7 @@ fn an_image_in_the_wrong_layout_across_frames_is_caught() {
     let image = build.image("kept", Format::R32Uint, 1, 1, Usage::STORAGE);
     let grow = build.shader("grow.comp", &image_shader("imageLoad(image, ivec2(0)) + 1"));
     build.dispatch(Run::Frame, "grow", grow, 1, &[(image, 0, BOTH)]);
-    let case = Case { plan: build.export(image), frames: 2, read_output: false };
-    case.caught(|plan| plan.handover.clear(), "InvalidImageLayout");
+    let case = Case { frames: 2, ..Case::of(build.export(image)) };
+    case.caught(|case| case.barriers.handover.clear(), "InvalidImageLayout");
     case.caught(removed("grow"), "VUID-vkCmdDispatch");
 }

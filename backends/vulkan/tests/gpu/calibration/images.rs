@@ -62,7 +62,7 @@ fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, Res
     first(&mut build, "first", image);
     second(&mut build, "second", image);
     let mut case = case(build);
-    step(&mut case.plan, "second").barriers.truncate(1);
+    case.before("second").truncate(1);
     case
 }
 
@@ -89,13 +89,13 @@ fn exported(first: impl FnOnce(&mut Build, ResourceId), source: Side) -> Case {
     let mut build = Build::new();
     let image = build.picture();
     first(&mut build, image);
-    let case = Case { plan: build.export(image), frames: 1, read_output: true };
+    let case = Case { read_output: true, ..Case::of(build.export(image)) };
     case.at_change("export", source, COPIED)
 }
 
 /// The transition before a pass, which has only that.
-fn transition<'a>(plan: &'a mut Plan, pass: &str) -> &'a mut Transition {
-    let [change] = &mut step(plan, pass).barriers[..] else { panic!("one change of a layout") };
+fn transition<'a>(case: &'a mut Case, pass: &str) -> &'a mut Transition {
+    let [change] = &mut case.before(pass)[..] else { panic!("one change of a layout") };
     change.image.as_mut().expect("a change of a layout")
 }
 
@@ -122,10 +122,10 @@ fn write_after_write_between_dispatches_through_an_image_is_not_seen() {
 fn a_wrong_layout_of_a_storage_image_is_caught() {
     let case = drawn_then_read();
     case.caught(removed("second"), "imageLayout");
-    case.caught(|plan| transition(plan, "second").new = Layout::TransferSource, "imageLayout");
-    case.caught(|plan| transition(plan, "second").old = Layout::TransferSource, "oldLayout");
+    case.caught(|case| transition(case, "second").new = Layout::TransferSource, "imageLayout");
+    case.caught(|case| transition(case, "second").old = Layout::TransferSource, "oldLayout");
     // Which loses what was drawn, and breaks no rule.
-    case.not_seen(|plan| transition(plan, "second").old = Layout::Undefined);
+    case.not_seen(|case| transition(case, "second").old = Layout::Undefined);
 }
 
 #[test]
@@ -137,7 +137,7 @@ fn a_wrong_layout_of_a_copied_image_is_caught() {
 #[test]
 fn the_layout_of_a_color_attachment_is_not_looked_at() {
     stored_then_drawn().not_seen(removed("second"));
-    stored_then_drawn().not_seen(|plan| transition(plan, "second").new = Layout::TransferSource);
+    stored_then_drawn().not_seen(|case| transition(case, "second").new = Layout::TransferSource);
 }
 
 #[test]
@@ -228,11 +228,11 @@ fn vertices_that_read_what_a_dispatch_wrote_are_caught() {
     build.draws("second", image, CLEARED, Blend::Replace, corners);
     let mut exact = case(build).at_change("second", NOTHING, BLENDS);
     let wrote = barrier(COMPUTE_WRITES, (Stages::VERTEX, READ));
-    step(&mut exact.plan, "second").barriers.insert(0, wrote);
-    exact.caught(|plan| drop(step(plan, "second").barriers.remove(0)), RAW);
+    exact.before("second").insert(0, wrote);
+    exact.caught(|case| drop(case.before("second").remove(0)), RAW);
     exact.caught(cleared("second", access(WRITE), NOTHING), RAW);
     exact.caught(cleared("second", NOTHING, access(READ)), RAW);
-    exact.caught(|plan| step(plan, "second").barriers[0].target_stages = Stages::FRAGMENT, RAW);
+    exact.caught(|case| case.before("second")[0].target_stages = Stages::FRAGMENT, RAW);
 }
 
 #[test]
@@ -257,8 +257,8 @@ fn a_draw_whose_arguments_a_dispatch_wrote_is_caught() {
     build.draw("second", shaders, call, &[target], &[(corners, 0, READ)]);
     let mut exact = case(build).at_change("second", NOTHING, BLENDS);
     let wrote = barrier(COMPUTE_WRITES, (Stages::INDIRECT, Accesses::INDIRECT_READ));
-    step(&mut exact.plan, "second").barriers.insert(0, wrote);
-    exact.caught(|plan| drop(step(plan, "second").barriers.remove(0)), RAW);
+    exact.before("second").insert(0, wrote);
+    exact.caught(|case| drop(case.before("second").remove(0)), RAW);
     exact.caught(cleared("second", access(WRITE), NOTHING), RAW);
     exact.caught(cleared("second", NOTHING, access(Accesses::INDIRECT_READ)), RAW);
 }
@@ -270,12 +270,12 @@ fn every_bit_missing_from_the_handover_of_an_image_that_starts_with_zeros_is_cau
     build.history(image);
     build.reads_image("second", image);
     let mut case = case(build);
-    step(&mut case.plan, "second").barriers.clear();
-    let handover = case.plan.handover.iter_mut().find(|b| b.image.is_some_and(|i| i.image == image));
+    case.before("second").clear();
+    let handover = case.barriers.handover.iter_mut().find(|b| b.image.is_some_and(|i| i.image == image));
     let handover = handover.expect("the image changes its layout");
     *handover = Barrier { image: handover.image, ..barrier(FILLS, COMPUTE_READS) };
-    let index = case.plan.handover.iter().position(|b| b.source_stages == FILLS.0).expect("that barrier");
-    case.caught(|plan| drop(plan.handover.remove(index)), RAW);
-    case.caught(|plan| plan.handover[index].source_accesses = Accesses::empty(), WAW);
-    case.caught(|plan| plan.handover[index].target_accesses = Accesses::empty(), RAW);
+    let index = case.barriers.handover.iter().position(|b| b.source_stages == FILLS.0).expect("that barrier");
+    case.caught(|case| drop(case.barriers.handover.remove(index)), RAW);
+    case.caught(|case| case.barriers.handover[index].source_accesses = Accesses::empty(), WAW);
+    case.caught(|case| case.barriers.handover[index].target_accesses = Accesses::empty(), RAW);
 }

@@ -20,6 +20,7 @@ mod images;
 use crate::build::*;
 use splatgraph_api::{Device, FrameInputs};
 use splatgraph_framework::{ir::*, plan::*};
+use splatgraph_vulkan::sync::{Barrier, Barriers, Transition};
 
 /// Stages and accesses, one side of a barrier.
 type Side = (Stages, Accesses);
@@ -35,8 +36,10 @@ const WAR: &str = "SYNC-HAZARD-WRITE-AFTER-READ";
 const WAW: &str = "SYNC-HAZARD-WRITE-AFTER-WRITE";
 
 /// A sound plan, and how it is run.
+#[derive(Clone)]
 struct Case {
     plan: Plan,
+    barriers: Barriers,
     /// Frames that are submitted before the first is waited for.
     frames: usize,
     read_output: bool,
@@ -45,54 +48,67 @@ struct Case {
 /// Ends a plan with an output that has nothing to do with the rest.
 fn case(mut build: Build) -> Case {
     let output = build.image("output", Format::R32Uint, 1, 1, Usage::STORAGE);
-    Case { plan: build.export(output), frames: 1, read_output: false }
+    Case::of(build.export(output))
 }
 
 impl Case {
+    fn of(plan: Plan) -> Case {
+        Case { barriers: barriers_everywhere(&plan), plan, frames: 1, read_output: false }
+    }
+
+    /// Finds the barriers before the pass of this name.
+    fn at(&self, pass: &str) -> Option<PassId> {
+        let index = self.plan.passes.iter().position(|p| p.name == pass).expect("a pass");
+        Some(PassId(index as u32))
+    }
+
+    fn before(&mut self, pass: &str) -> &mut Vec<Barrier> {
+        self.barriers.at_mut(self.at(pass))
+    }
+
     /// Replaces the barrier on all memory before a pass by this one.
     fn between(mut self, pass: &str, source: Side, target: Side) -> Case {
-        let step = step(&mut self.plan, pass);
-        step.barriers.retain(|b| b.image.is_some());
-        step.barriers.insert(0, barrier(source, target));
+        let call = self.before(pass);
+        call.retain(|b| b.image.is_some());
+        call.insert(0, barrier(source, target));
         self
     }
 
     /// Leaves before a pass only the changes of layouts, with these sides.
     fn at_change(mut self, pass: &str, source: Side, target: Side) -> Case {
-        let step = step(&mut self.plan, pass);
-        step.barriers.retain(|b| b.image.is_some());
-        for change in &mut step.barriers {
+        let call = self.before(pass);
+        call.retain(|b| b.image.is_some());
+        for change in call {
             *change = Barrier { image: change.image, ..barrier(source, target) };
         }
         self
     }
 
     /// The mistake is a message that contains this.
-    fn caught(&self, mistake: impl FnOnce(&mut Plan), expected: &str) {
+    fn caught(&self, mistake: impl FnOnce(&mut Case), expected: &str) {
         let said = self.said(mistake);
         assert!(said.iter().any(|text| text.contains(expected)), "expected {expected} in {said:#?}");
     }
 
     /// The layer says nothing about the mistake.
-    fn not_seen(&self, mistake: impl FnOnce(&mut Plan)) {
+    fn not_seen(&self, mistake: impl FnOnce(&mut Case)) {
         assert_eq!(self.said(mistake), Vec::<String>::new(), "the layer sees what it did not see before");
     }
 
     /// Returns the layer's messages about the plan with a mistake. Without the mistake there must be none.
-    fn said(&self, mistake: impl FnOnce(&mut Plan)) -> Vec<String> {
-        let sound = self.messages(&self.plan);
-        assert_eq!(sound, Vec::<String>::new(), "the plan without the mistake");
-        let mut plan = self.plan.clone();
-        mistake(&mut plan);
-        assert_ne!(plan, self.plan, "there is no mistake");
-        self.messages(&plan)
+    fn said(&self, mistake: impl FnOnce(&mut Case)) -> Vec<String> {
+        assert_eq!(self.messages(), Vec::<String>::new(), "the plan without the mistake");
+        let mut wrong = self.clone();
+        mistake(&mut wrong);
+        assert_ne!(wrong.barriers, self.barriers, "there is no mistake");
+        wrong.messages()
     }
 
-    /// Returns the layer's messages while frames of a plan are submitted, one after another, and completed.
-    fn messages(&self, plan: &Plan) -> Vec<String> {
+    /// Returns the layer's messages while frames of the plan are submitted, one after another, and completed.
+    fn messages(&self) -> Vec<String> {
         let inputs = FrameInputs { read_output: self.read_output, ..Default::default() };
         let mut vulkan = open();
-        load(&mut vulkan, plan.clone());
+        load_with(&mut vulkan, self.plan.clone(), self.barriers.clone());
         let frames: Vec<_> = (0..self.frames).map(|_| vulkan.submit(&inputs).unwrap()).collect();
         for frame in frames {
             vulkan.wait(frame).unwrap();
@@ -101,22 +117,15 @@ impl Case {
     }
 }
 
-/// The frame's step that runs the pass of this name.
-fn step<'a>(plan: &'a mut Plan, pass: &str) -> &'a mut Step {
-    let index = plan.passes.iter().position(|p| p.name == pass).expect("a pass");
-    let step = plan.frame.iter_mut().find(|step| step.pass == PassId(index as u32));
-    step.expect("a step of the frame")
-}
-
 /// Takes out all barriers before a pass.
-fn removed(pass: &'static str) -> impl FnOnce(&mut Plan) {
-    move |plan| step(plan, pass).barriers.clear()
+fn removed(pass: &'static str) -> impl FnOnce(&mut Case) {
+    move |case| case.before(pass).clear()
 }
 
 /// Clears bits of the barriers before a pass: of the source's stages and accesses, and of the target's.
-fn cleared(pass: &'static str, source: Side, target: Side) -> impl FnOnce(&mut Plan) {
-    move |plan| {
-        for barrier in &mut step(plan, pass).barriers {
+fn cleared(pass: &'static str, source: Side, target: Side) -> impl FnOnce(&mut Case) {
+    move |case| {
+        for barrier in case.before(pass) {
             barrier.source_stages -= source.0;
             barrier.source_accesses -= source.1;
             barrier.target_stages -= target.0;

@@ -7,8 +7,8 @@
 use std::collections::HashMap;
 
 use super::cell::{Cell, Scope};
-use crate::ir::{Accesses, Stages};
-use crate::plan::{Barrier, Transition};
+use crate::sync::barrier::{Barrier, Transition};
+use splatgraph_framework::ir::{Accesses, Stages};
 
 /// The masks of a call's barriers.
 type Key = Vec<(Option<Transition>, Stages, Accesses, Stages, Accesses)>;

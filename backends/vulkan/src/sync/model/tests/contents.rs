@@ -31,7 +31,7 @@ fn a_shader_may_read_what_it_writes() {
 
 #[test]
 fn a_cleared_attachment_is_blended_with_the_clear_colour() {
-    use crate::ir::Layout::{ColorTarget, Undefined};
+    use Layout::{ColorTarget, Undefined};
     let drawn = |discards| {
         let mut sketch = Sketch::new();
         let image = sketch.image("color");
@@ -54,7 +54,7 @@ fn what_another_resource_left_in_the_memory_must_not_be_read() {
     sketch.frame("two", &[barrier((COMPUTE, WRITE), (COMPUTE, BOTH))], &[writes(b)]);
     sketch.frame("read", &[compute_to_compute()], &[reads(a)]);
     assert_eq!(sketch.found(), ["Unwritten: two (as b), read: a: Contents"]);
-    let found = replay(&sketch.plan, &Replay { frames: 1, ..Replay::default() });
+    let found = sketch.replay(&Replay { frames: 1, ..Replay::default() });
     assert_eq!(found[0].range, 0..16);
     let expected = "`read` (frame 0) reads `a`, bytes 0..16, which hold only what `two` (frame 0) left there \
                     through `b` in the same memory";
@@ -72,7 +72,7 @@ fn resources_in_one_memory_wait_for_each_other() {
     let expected =
         ["WriteAfterRead: read (as a), two: b: Order", "WriteAfterWrite: one (as a), two: b: Order"];
     assert_eq!(sketch.found(), expected);
-    sketch.plan.frame[2].barriers = vec![order(COMPUTE, FRAGMENT)];
+    *sketch.before(2) = vec![order(COMPUTE, FRAGMENT)];
     assert_eq!(sketch.found(), NOTHING);
 }
 

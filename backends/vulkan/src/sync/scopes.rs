@@ -1,11 +1,11 @@
 //! Execution order, availability and visibility established by barriers.
 //!
-//! [`Scopes`] follows Vulkan's model (see [`crate::plan::Barrier`]) for all resources at once: it tracks only stages and
+//! [`Scopes`] follows Vulkan's model (see [`Barrier`]) for all resources at once: it tracks only stages and
 //! times. This suffices because a barrier applies to everything before it: whether a write is visible depends only on the stage
 //! and the time of the write. So the cost of a barrier does not depend on the size of the graph.
 
-use crate::ir::{Accesses, Stages};
-use crate::plan::Barrier;
+use super::barrier::Barrier;
+use splatgraph_framework::ir::{Accesses, Stages};
 
 /// Number of stages that [`Stages`] names.
 pub(super) const STAGES: usize = Stages::all().bits().count_ones() as usize;

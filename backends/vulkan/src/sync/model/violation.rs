@@ -3,8 +3,9 @@
 use std::fmt;
 use std::ops::Range;
 
-use crate::ir::{Accesses, Layout, PassId, ResourceId, Stages};
-use crate::plan::Plan;
+use splatgraph_framework::ir::{Accesses, Layout, PassId, ResourceId, Stages};
+use splatgraph_framework::oracle::flag_names;
+use splatgraph_framework::plan::Plan;
 
 /// One access that Vulkan leaves undefined.
 #[derive(Clone, Debug, PartialEq)]
@@ -206,11 +207,6 @@ impl Violation {
             }
         }
     }
-}
-
-/// `A | B` of a set's named members.
-pub(super) fn flag_names<T>(names: impl Iterator<Item = (&'static str, T)>) -> String {
-    names.map(|(name, _)| name).collect::<Vec<_>>().join(" | ")
 }
 
 /// Collects violations during a replay.

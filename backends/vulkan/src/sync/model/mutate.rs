@@ -1,44 +1,12 @@
 //! Tests whether barriers are necessary: removes each of them, and each bit of their masks, and replays the plan.
 
 use super::memory_state::{At, MemoryState};
-use super::trace::Trace;
-use super::violation::flag_names;
-use super::{Replay, Rules};
-use crate::ir::{Accesses, Stages};
-use crate::plan::{Barrier, Plan};
-
-/// Locates a call of barriers in a plan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CallSite {
-    /// Before the pass of this step of [`Plan::prologue`].
-    Prologue(usize),
-    /// The call between the prologue and the first frame.
-    Handover,
-    /// Before the pass of this step of [`Plan::frame`].
-    Frame(usize),
-}
-
-impl CallSite {
-    /// Returns the barriers of the call.
-    ///
-    /// # Panics
-    /// Panics if the plan has no such step.
-    pub fn barriers(self, plan: &Plan) -> &Vec<Barrier> {
-        match self {
-            CallSite::Prologue(step) => &plan.prologue[step].barriers,
-            CallSite::Handover => &plan.handover,
-            CallSite::Frame(step) => &plan.frame[step].barriers,
-        }
-    }
-
-    fn barriers_mut(self, plan: &mut Plan) -> &mut Vec<Barrier> {
-        match self {
-            CallSite::Prologue(step) => &mut plan.prologue[step].barriers,
-            CallSite::Handover => &mut plan.handover,
-            CallSite::Frame(step) => &mut plan.frame[step].barriers,
-        }
-    }
-}
+use super::rules::{Replay, Rules};
+use crate::sync::barrier::{Barrier, Barriers};
+use splatgraph_framework::ir::{Accesses, PassId, Stages};
+use splatgraph_framework::oracle::flag_names;
+use splatgraph_framework::oracle::trace::Trace;
+use splatgraph_framework::plan::Plan;
 
 /// Selects one bit of one of a barrier's masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,20 +21,20 @@ pub enum Bit {
     TargetAccess(Accesses),
 }
 
-/// Removes a little synchronization from a plan.
+/// Removes a little synchronization.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mutation {
     /// The whole barrier, with the layout change of its image.
     Remove {
-        /// Call of barriers that holds it.
-        at: CallSite,
+        /// The pass after its call; `None` in the handover.
+        at: Option<PassId>,
         /// Index in the call, from 0.
         barrier: usize,
     },
     /// One bit; a mask that loses its last is empty, which is Vulkan's `NONE`.
     Clear {
-        /// Call of barriers that holds it.
-        at: CallSite,
+        /// The pass after its call; `None` in the handover.
+        at: Option<PassId>,
         /// Index in the call, from 0.
         barrier: usize,
         /// Bit to clear.
@@ -75,7 +43,7 @@ pub enum Mutation {
 }
 
 impl Mutation {
-    fn at(&self) -> (CallSite, usize) {
+    fn at(&self) -> (Option<PassId>, usize) {
         match *self {
             Mutation::Remove { at, barrier } | Mutation::Clear { at, barrier, .. } => (at, barrier),
         }
@@ -83,18 +51,16 @@ impl Mutation {
 
     /// Describes the place and the change, for instance "target stage COMPUTE of barrier 0 (all memory) before `sort`
     /// in the frame".
-    pub fn describe(&self, plan: &Plan) -> String {
+    pub fn describe(&self, plan: &Plan, barriers: &Barriers) -> String {
         let (at, number) = self.at();
         let place = match at {
-            CallSite::Prologue(step) => {
-                format!("before `{}` in the prologue", plan.pass(plan.prologue[step].pass).name)
-            }
-            CallSite::Handover => "in the handover".to_string(),
-            CallSite::Frame(step) => {
-                format!("before `{}` in the frame", plan.pass(plan.frame[step].pass).name)
+            None => "in the handover".to_string(),
+            Some(pass) => {
+                let part = if plan.prologue.contains(&pass) { "prologue" } else { "frame" };
+                format!("before `{}` in the {part}", plan.pass(pass).name)
             }
         };
-        let barrier = &at.barriers(plan)[number];
+        let barrier = &barriers.at(at)[number];
         let subject = match barrier.image {
             Some(image) => {
                 let name = &plan.resource(image.image).name;
@@ -117,13 +83,11 @@ impl Mutation {
     }
 }
 
-/// Lists every removal from the plan's barriers, one at a time.
-pub fn mutations(plan: &Plan) -> Vec<Mutation> {
-    let prologue = (0..plan.prologue.len()).map(CallSite::Prologue);
-    let frame = (0..plan.frame.len()).map(CallSite::Frame);
+/// Lists every removal from the barriers, one at a time.
+pub fn mutations(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
     let mut all = Vec::new();
-    for at in prologue.chain([CallSite::Handover]).chain(frame) {
-        for (barrier, masks) in at.barriers(plan).iter().enumerate() {
+    for (at, call) in barriers.calls(plan) {
+        for (barrier, masks) in call.iter().enumerate() {
             all.push(Mutation::Remove { at, barrier });
             let bits = (masks.source_stages.iter().map(Bit::SourceStage))
                 .chain(masks.source_accesses.iter().map(Bit::SourceAccess))
@@ -135,24 +99,24 @@ pub fn mutations(plan: &Plan) -> Vec<Mutation> {
     all
 }
 
-/// Returns the plan with the mutation applied.
+/// Returns the barriers with the mutation applied.
 ///
 /// # Panics
-/// Panics if the mutation is not one of this plan's [`mutations`].
-pub fn apply(plan: &Plan, mutation: &Mutation) -> Plan {
-    let mut mutant = plan.clone();
+/// Panics if the mutation is not one of these [`mutations`].
+pub fn apply(barriers: &Barriers, mutation: &Mutation) -> Barriers {
+    let mut mutant = barriers.clone();
     take_away(&mut mutant, mutation);
     mutant
 }
 
 /// Applies a mutation, and returns the barrier as it was.
-fn take_away(plan: &mut Plan, mutation: &Mutation) -> Barrier {
+fn take_away(barriers: &mut Barriers, mutation: &Mutation) -> Barrier {
     let (at, number) = mutation.at();
-    let barriers = at.barriers_mut(plan);
+    let call = barriers.at_mut(at);
     match *mutation {
-        Mutation::Remove { .. } => barriers.remove(number),
+        Mutation::Remove { .. } => call.remove(number),
         Mutation::Clear { what, .. } => {
-            let barrier = &mut barriers[number];
+            let barrier = &mut call[number];
             let before = barrier.clone();
             match what {
                 Bit::SourceStage(bit) => barrier.source_stages.remove(bit),
@@ -165,47 +129,47 @@ fn take_away(plan: &mut Plan, mutation: &Mutation) -> Barrier {
     }
 }
 
-fn put_back(plan: &mut Plan, mutation: &Mutation, before: Barrier) {
+fn put_back(barriers: &mut Barriers, mutation: &Mutation, before: Barrier) {
     let (at, number) = mutation.at();
-    let barriers = at.barriers_mut(plan);
+    let call = barriers.at_mut(at);
     match mutation {
-        Mutation::Remove { .. } => barriers.insert(number, before),
-        Mutation::Clear { .. } => barriers[number] = before,
+        Mutation::Remove { .. } => call.insert(number, before),
+        Mutation::Clear { .. } => call[number] = before,
     }
 }
 
-/// Returns the mutations that cause no violation within four frames, by the rules of [`Rules::NECESSARY`]. The plan itself must have
-/// none.
-pub fn needless(plan: &Plan) -> Vec<Mutation> {
-    needless_by(plan, Rules::NECESSARY)
+/// Returns the mutations that cause no violation within four frames, by the rules of [`Rules::NECESSARY`]. The barriers themselves
+/// must cause none.
+pub fn needless(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
+    needless_by(plan, barriers, Rules::NECESSARY)
 }
 
-/// Returns the mutations that cause no violation within four frames, by these rules. The plan itself must have none.
-pub fn needless_by(plan: &Plan, rules: Rules) -> Vec<Mutation> {
+/// Returns the mutations that cause no violation within four frames, by these rules. The barriers themselves must cause none.
+pub fn needless_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> Vec<Mutation> {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);
     let mut memory = MemoryState::new(&trace, rules, true);
     // One copy serves all mutants. Each shares the walk of the plan up to the mutation.
-    let mut mutant = plan.clone();
+    let mut mutant = barriers.clone();
     let mut needless = Vec::new();
-    let all = mutations(plan);
+    let all = mutations(plan, barriers);
     let mut left = all.iter().peekable();
     let mut next = Some(memory.start(plan, &trace, &replay));
     while let Some(at) = next.filter(|_| left.peek().is_some()) {
         let place = match at {
-            At::Prologue(step) => Some(CallSite::Prologue(step)),
-            At::Handover => Some(CallSite::Handover),
+            At::Prologue(step) => Some(Some(plan.prologue[step])),
+            At::Handover => Some(None),
             At::Begin(_) => None,
-            At::Frame(_, step) => Some(CallSite::Frame(step)),
+            At::Frame(_, step) => Some(Some(plan.frame[step])),
         };
         while let Some(mutation) = left.next_if(|mutation| Some(mutation.at().0) == place) {
             let before = take_away(&mut mutant, mutation);
-            if !memory.trial(&mutant, &trace, &replay, at) {
+            if !memory.trial((plan, &mutant), &trace, &replay, at) {
                 needless.push(*mutation);
             }
             put_back(&mut mutant, mutation, before);
         }
-        memory.advance(plan, &trace, &replay, at);
+        memory.advance((plan, barriers), &trace, &replay, at);
         next = At::after(at, plan, &replay);
     }
     needless

@@ -1,9 +1,9 @@
 //! Plans with no more barriers than they need, and with one bit more.
 
 use super::memory_state::At;
-use super::mutate::{Bit, CallSite, Mutation, apply, mutations, needless};
+use super::mutate::{Bit, Mutation, apply, mutations, needless};
 use super::*;
-use crate::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
+use splatgraph_framework::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
 
 /// Compute writes a buffer and an image, a draw reads the buffer, the image is exported.
 fn minimal() -> Sketch {
@@ -18,7 +18,7 @@ fn minimal() -> Sketch {
         &[barrier((CLEAR, Accesses::TRANSFER_WRITE), (COMPUTE, BOTH))],
         &[touch(table, COMPUTE, BOTH)],
     );
-    sketch.plan.handover = vec![compute_to_compute()];
+    sketch.barriers.handover = vec![compute_to_compute()];
     // The draw of the frame before reads the keys, the export the image.
     let again = change(image, (Undefined, General), (COPY, NO_ACCESS), (COMPUTE, WRITE));
     sketch.frame(
@@ -43,10 +43,12 @@ fn minimal() -> Sketch {
 fn a_minimal_plan_is_sufficient_and_nothing_in_it_is_needless() {
     let sketch = minimal();
     assert_eq!(sketch.found_in(4), NOTHING);
-    let needless: Vec<_> = needless(&sketch.plan).iter().map(|m| m.describe(&sketch.plan)).collect();
+    let Sketch { barriers, .. } = &sketch;
+    let describe = |mutation: &Mutation| mutation.describe(&sketch.plan, barriers);
+    let needless: Vec<_> = needless(&sketch.plan, barriers).iter().map(describe).collect();
     assert_eq!(needless, NOTHING);
-    for mutation in mutations(&sketch.plan) {
-        assert!(has_violation(&apply(&sketch.plan, &mutation)), "{}", mutation.describe(&sketch.plan));
+    for mutation in mutations(&sketch.plan, barriers) {
+        assert!(has_violation(&sketch.plan, &apply(barriers, &mutation)), "{}", describe(&mutation));
     }
 }
 
@@ -55,18 +57,18 @@ fn a_trial_leaves_the_replay_as_it_was() {
     let sketch = minimal();
     // Without what fills the table and without any change of layout, there is much to find.
     let mut worse = minimal();
-    worse.plan.frame.iter_mut().for_each(|step| step.barriers.retain(|barrier| barrier.image.is_none()));
+    worse.barriers.before[2..].iter_mut().for_each(|call| call.retain(|barrier| barrier.image.is_none()));
     let (trace, replay) = (Trace::new(&sketch.plan, 2), Replay::default());
     let mut memory = MemoryState::new(&trace, Rules::HAZARDS, true);
     let mut next = Some(memory.start(&sketch.plan, &trace, &replay));
     let mut trials = 0;
     while let Some(at) = next {
         // In the last frame, what comes after may well be harmless.
-        let found = memory.trial(&worse.plan, &trace, &replay, at);
+        let found = memory.trial((&worse.plan, &worse.barriers), &trace, &replay, at);
         assert!(found || at == At::Frame(3, 0) || trials > 3, "{at:?}");
         assert_eq!(memory.findings.violations, []);
         trials += 1;
-        memory.advance(&sketch.plan, &trace, &replay, at);
+        memory.advance((&sketch.plan, &sketch.barriers), &trace, &replay, at);
         next = At::after(at, &sketch.plan, &replay);
     }
     assert_eq!(memory.findings.violations, [], "the plan has none, whatever was tried in between");
@@ -76,29 +78,25 @@ fn a_trial_leaves_the_replay_as_it_was() {
 #[test]
 fn every_barrier_and_every_bit_is_tried() {
     let sketch = minimal();
-    let all = mutations(&sketch.plan);
+    let all = mutations(&sketch.plan, &sketch.barriers);
     // Seven barriers: their number and the bits of their masks.
-    let barriers: Vec<&Barrier> = (sketch.plan.prologue.iter().chain(&sketch.plan.frame))
-        .flat_map(|step| &step.barriers)
-        .chain(&sketch.plan.handover)
-        .collect();
-    assert_eq!(barriers.len(), 7);
+    assert_eq!(sketch.barriers.calls(&sketch.plan).flat_map(|(_, call)| call).count(), 7);
     assert_eq!(all.iter().filter(|m| matches!(m, Mutation::Remove { .. })).count(), 7);
     // Of stages and accesses: 5 in the prologue, 4 in the handover, 2 + 3, 4 + 4 and 4 in the frame.
     assert_eq!(all.len(), 7 + 5 + 4 + 5 + 8 + 4);
     for mutation in &all {
-        assert_ne!(apply(&sketch.plan, mutation), sketch.plan);
+        assert_ne!(apply(&sketch.barriers, mutation), sketch.barriers);
     }
 }
 
 #[test]
 fn a_bit_too_much_is_found_needless() {
-    let at = CallSite::Frame(1);
+    let at = Some(minimal().plan.frame[1]);
     let extra = |change: fn(&mut Barrier)| {
         let mut sketch = minimal();
-        change(&mut sketch.plan.frame[1].barriers[0]);
+        change(&mut sketch.before(1)[0]);
         assert_eq!(sketch.found_in(4), NOTHING);
-        needless(&sketch.plan)
+        needless(&sketch.plan, &sketch.barriers)
     };
     let clear = |what| vec![Mutation::Clear { at, barrier: 0, what }];
     assert_eq!(extra(|b| b.source_stages |= COPY), clear(Bit::SourceStage(COPY)));
@@ -116,44 +114,41 @@ fn a_bit_too_much_is_found_needless() {
 #[test]
 fn a_barrier_too_much_is_found_needless_with_all_its_bits() {
     let mut sketch = minimal();
-    sketch.plan.handover.push(order(CLEAR, COPY));
-    let at = CallSite::Handover;
+    sketch.barriers.handover.push(order(CLEAR, COPY));
+    let at = None;
     let expected = vec![
         Mutation::Remove { at, barrier: 1 },
         Mutation::Clear { at, barrier: 1, what: Bit::SourceStage(CLEAR) },
         Mutation::Clear { at, barrier: 1, what: Bit::TargetStage(COPY) },
     ];
-    assert_eq!(needless(&sketch.plan), expected);
-    assert!(sketch.plan.prologue[1].barriers[0] == minimal().plan.prologue[1].barriers[0]);
+    assert_eq!(needless(&sketch.plan, &sketch.barriers), expected);
+    assert!(sketch.before_once(1)[0] == minimal().before_once(1)[0]);
 }
 
 #[test]
 fn removing_takes_the_layout_change_away_and_clearing_one_bit() {
     let sketch = minimal();
-    let removed = apply(&sketch.plan, &Mutation::Remove { at: CallSite::Frame(0), barrier: 1 });
-    assert_eq!(removed.frame[0].barriers, [order(VERTEX, COMPUTE)]);
-    let clear = Mutation::Clear { at: CallSite::Prologue(1), barrier: 0, what: Bit::TargetAccess(READ) };
-    let cleared = apply(&sketch.plan, &clear);
+    let pass = |name: &str| sketch.plan.passes.iter().position(|p| p.name == name).map(|i| PassId(i as u32));
+    let removed = apply(&sketch.barriers, &Mutation::Remove { at: pass("key"), barrier: 1 });
+    assert_eq!(*removed.at(pass("key")), [order(VERTEX, COMPUTE)]);
+    let clear = Mutation::Clear { at: pass("load"), barrier: 0, what: Bit::TargetAccess(READ) };
+    let cleared = apply(&sketch.barriers, &clear);
     let expected = barrier((CLEAR, Accesses::TRANSFER_WRITE), (COMPUTE, WRITE));
-    assert_eq!(cleared.prologue[1].barriers, [expected]);
+    assert_eq!(*cleared.at(pass("load")), [expected]);
 }
 
 #[test]
 fn a_mutation_says_what_and_where() {
-    let plan = minimal().plan;
-    let clear = Mutation::Clear { at: CallSite::Frame(1), barrier: 0, what: Bit::TargetStage(VERTEX) };
+    let sketch = minimal();
+    let describe = |mutation: Mutation| mutation.describe(&sketch.plan, &sketch.barriers);
+    let frame = |place: usize| Some(sketch.plan.frame[place]);
+    let clear = Mutation::Clear { at: frame(1), barrier: 0, what: Bit::TargetStage(VERTEX) };
+    assert_eq!(describe(clear), "target stage VERTEX of barrier 0 (all memory) before `draw` in the frame");
+    let remove = Mutation::Remove { at: frame(2), barrier: 0 };
     assert_eq!(
-        clear.describe(&plan),
-        "target stage VERTEX of barrier 0 (all memory) before `draw` in the frame"
-    );
-    let remove = Mutation::Remove { at: CallSite::Frame(2), barrier: 0 };
-    assert_eq!(
-        remove.describe(&plan),
+        describe(remove),
         "barrier 0 (`image`, General to TransferSource) before `export` in the frame"
     );
-    let clear = Mutation::Clear { at: CallSite::Handover, barrier: 0, what: Bit::SourceAccess(WRITE) };
-    assert_eq!(
-        clear.describe(&plan),
-        "source access STORAGE_WRITE of barrier 0 (all memory) in the handover"
-    );
+    let clear = Mutation::Clear { at: None, barrier: 0, what: Bit::SourceAccess(WRITE) };
+    assert_eq!(describe(clear), "source access STORAGE_WRITE of barrier 0 (all memory) in the handover");
 }

@@ -1,7 +1,7 @@
 //! Plans that follow one another.
 
 use super::*;
-use crate::ir::Layout::{General, TransferTarget, Undefined};
+use splatgraph_framework::ir::Layout::{General, TransferTarget, Undefined};
 
 /// Draws with what the last frame left in `kept`, then makes it anew.
 fn with_history(name: &str, bytes: u64) -> Sketch {
@@ -9,14 +9,15 @@ fn with_history(name: &str, bytes: u64) -> Sketch {
     let kept = sketch.sized("kept", bytes);
     sketch.history(kept, name);
     sketch.once_work("start", &[], Work::ClearHistory { resource: kept }, &[fills(kept)]);
-    sketch.plan.handover = vec![barrier((CLEAR, Accesses::TRANSFER_WRITE), (COMPUTE, READ))];
+    sketch.barriers.handover = vec![barrier((CLEAR, Accesses::TRANSFER_WRITE), (COMPUTE, READ))];
     sketch.frame("draw", &[compute_to_compute()], &[reads(kept)]);
     sketch.frame("make", &[order(COMPUTE, COMPUTE)], &[writes(kept)]);
     sketch
 }
 
 fn swapped(plans: &[(&Sketch, u32)]) -> Vec<String> {
-    let plans: Vec<_> = plans.iter().map(|(sketch, frames)| (&sketch.plan, *frames)).collect();
+    let plans: Vec<_> =
+        plans.iter().map(|(sketch, frames)| (&sketch.plan, &sketch.barriers, *frames)).collect();
     replay_swap(&plans)
         .iter()
         .flat_map(|found| {
@@ -83,8 +84,9 @@ fn the_start_of_a_history_that_lives_on_is_left_out_and_the_barriers_of_others_s
     let other = new.buffer("other");
     // What another pass of the prologue relies on may stand in the start's call.
     let first = new.pass("first", Run::Once, dispatch(), &[writes(other)]);
-    new.plan.prologue.insert(0, Step { barriers: vec![], pass: first });
-    new.plan.prologue[1].barriers = vec![compute_to_compute()];
+    new.plan.prologue.insert(0, first);
+    new.barriers.before.push(vec![]);
+    *new.before_once(1) = vec![compute_to_compute()];
     new.once("last", &[], &[reads(other)]);
     let old = with_history("kept", BYTES);
     assert_eq!(swapped(&[(&new, 1)]), NOTHING);
@@ -100,7 +102,7 @@ fn image_history() -> Sketch {
     let started = change(kept, (Undefined, TransferTarget), (Stages::empty(), NO_ACCESS), fill);
     let start = Use { layout: Some(TransferTarget), ..fills(kept) };
     sketch.once_work("start", &[started], Work::ClearHistory { resource: kept }, &[start]);
-    sketch.plan.handover = vec![change(kept, (TransferTarget, General), fill, (COMPUTE, READ))];
+    sketch.barriers.handover = vec![change(kept, (TransferTarget, General), fill, (COMPUTE, READ))];
     sketch.frame("draw", &[compute_to_compute()], &[in_general(kept, READ)]);
     sketch.frame("make", &[order(COMPUTE, COMPUTE)], &[in_general(kept, WRITE)]);
     sketch
@@ -122,6 +124,6 @@ fn an_image_that_lives_on_is_in_the_layout_that_its_start_leaves() {
 fn an_image_without_a_start_keeps_its_layout() {
     let mut other = image_history();
     other.plan.prologue.clear();
-    other.plan.handover.clear();
+    other.barriers.handover.clear();
     assert_eq!(swapped(&[(&image_history(), 3), (&other, 3)]), NOTHING);
 }

@@ -1,7 +1,7 @@
 //! Layouts, and what their changes do to memory.
 
 use super::*;
-use crate::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
+use splatgraph_framework::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
 
 const NONE: (Stages, Accesses) = (Stages::empty(), NO_ACCESS);
 
@@ -198,7 +198,7 @@ fn the_memory_part_of_an_image_barrier_is_about_that_image() {
     // Order is for all.
     assert_eq!(sketch.found(), ["ReadAfterWrite: first, second: a: Availability"]);
     // What is available already is not shown, either.
-    sketch.plan.frame[1].barriers.push(barrier(source, (COPY, NO_ACCESS)));
+    sketch.before(1).push(barrier(source, (COPY, NO_ACCESS)));
     assert_eq!(sketch.found(), ["ReadAfterWrite: first, second: a: STORAGE_READ at COMPUTE"]);
     sketch.frame(
         "third",
@@ -244,7 +244,7 @@ fn a_barrier_that_leaves_the_layout_is_no_write() {
     let buffer = sketch.buffer("a");
     sketch.share(buffer, image);
     sketch.plan.passes[1].uses = vec![touch(buffer, FRAGMENT, WRITE)];
-    sketch.plan.frame[1].barriers[0].target_accesses = WRITE;
+    sketch.before(1)[0].target_accesses = WRITE;
     assert_eq!(sketch.found(), ["WriteAfterWrite: first (as image), read: a: STORAGE_WRITE at FRAGMENT"]);
 }
 
@@ -289,10 +289,9 @@ fn writing_an_alias_leaves_an_image_in_no_layout() {
     assert_eq!(sketch.found(), ["Layout: none, again: image: General, not Undefined"]);
     // So does changing the layout of an image in the same memory.
     sketch.share(other, image);
-    sketch.plan.frame[1].barriers =
-        vec![change(other, (Undefined, General), (COMPUTE, WRITE), (COMPUTE, WRITE))];
+    *sketch.before(1) = vec![change(other, (Undefined, General), (COMPUTE, WRITE), (COMPUTE, WRITE))];
     sketch.plan.passes[1].uses = vec![];
-    sketch.plan.frame[1].barriers.insert(0, barrier((COMPUTE, WRITE), (COPY, NO_ACCESS)));
+    sketch.before(1).insert(0, barrier((COMPUTE, WRITE), (COPY, NO_ACCESS)));
     assert!(sketch.found().contains(&"Layout: none, again: image: General, not Undefined".to_string()));
 }
 
@@ -302,10 +301,10 @@ fn changes_in_the_handover_are_told_as_such() {
     let image = sketch.image("image");
     let first = change(image, (Undefined, General), NONE, (COMPUTE, WRITE));
     sketch.once("first", &[first], &[in_general(image, WRITE)]);
-    sketch.plan.handover =
+    sketch.barriers.handover =
         vec![change(image, (General, TransferSource), (FRAGMENT, WRITE), (COPY, Accesses::TRANSFER_READ))];
     assert_eq!(sketch.found(), ["WriteAfterWrite: first, change in handover: image: Order"]);
-    let found = replay(&sketch.plan, &Replay::default());
+    let found = sketch.replay(&Replay::default());
     let expected = "the layout change of `image` (handover) writes `image`, bytes 0..64, without waiting for `first` (prologue), which \
                     wrote them";
     assert_eq!(found[0].describe(&sketch.plan), expected);

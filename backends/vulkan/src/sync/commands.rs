@@ -1,11 +1,12 @@
 //! Barriers in Vulkan's terms, as plain data.
 //!
-//! The barriers that a plan records as one call become the contents of one `VkDependencyInfo`: a barrier on all memory a
-//! `VkMemoryBarrier2`, a barrier on an image a `VkImageMemoryBarrier2` with exactly the layouts that the plan names. The runtime's own
+//! The barriers that are recorded as one call become the contents of one `VkDependencyInfo`: a barrier on all memory a
+//! `VkMemoryBarrier2`, a barrier on an image a `VkImageMemoryBarrier2` with exactly the layouts that it names. The runtime's own
 //! barriers have the same form. Nothing here calls the API.
 
+use super::barrier::{Barrier, Transition};
 use ash::vk;
-use splatgraph_framework::{ir::*, plan::*};
+use splatgraph_framework::ir::*;
 
 /// One side of a barrier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -163,6 +164,21 @@ mod tests {
     use super::*;
     use crate::testing::*;
     use vk::{AccessFlags2 as A, PipelineStageFlags2 as S};
+
+    fn on_memory(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
+        Barrier {
+            image: None,
+            source_stages: source.0,
+            source_accesses: source.1,
+            target_stages: target.0,
+            target_accesses: target.1,
+            causes: Vec::new(),
+        }
+    }
+
+    fn on_image(change: Transition, source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
+        Barrier { image: Some(change), ..on_memory(source, target) }
+    }
 
     const WROTE: (Stages, Accesses) = (Stages::COMPUTE, Accesses::STORAGE_WRITE);
     const READS: (Stages, Accesses) =

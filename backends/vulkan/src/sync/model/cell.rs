@@ -9,11 +9,11 @@
 //! it: any chain that starts at the newer one extends the older one's. So does a read for an older read at the same
 //! stage. (If it was not properly ordered, the violation is already reported.)
 
-use super::Rules;
+use super::rules::Rules;
 use super::stages::{Pairs, with_earlier, with_later};
 use super::violation::{Actor, Missing, ViolationKind, When};
-use crate::ir::{Accesses, ResourceId, Stages};
-use crate::plan::{Barrier, Transition};
+use crate::sync::barrier::{Barrier, Transition};
+use splatgraph_framework::ir::{Accesses, ResourceId, Stages};
 
 /// Expands the masks of a barrier.
 pub struct Scope {
@@ -161,7 +161,7 @@ pub struct Contents {
 pub enum State {
     Never,
     Written(ResourceId),
-    /// An image's contents were discarded by a transition from [`Undefined`](crate::ir::Layout::Undefined).
+    /// An image's contents were discarded by a transition from [`Undefined`](splatgraph_framework::ir::Layout::Undefined).
     Discarded(ResourceId),
 }
 

@@ -9,7 +9,7 @@ fn the_handover_shows_the_frames_what_the_prologue_wrote() {
     sketch.once("load", &[], &[writes(a)]);
     sketch.frame("draw", &[], &[touch(a, VERTEX, READ)]);
     assert_eq!(sketch.found_in(4), ["ReadAfterWrite: load, draw: a: Order"]);
-    sketch.plan.handover = vec![barrier((COMPUTE, WRITE), (VERTEX, READ))];
+    sketch.barriers.handover = vec![barrier((COMPUTE, WRITE), (VERTEX, READ))];
     assert_eq!(sketch.found_in(4), NOTHING);
 }
 
@@ -20,7 +20,7 @@ fn prologue_passes_need_barriers_among_themselves() {
     sketch.once("load", &[], &[writes(a)]);
     sketch.once("sum", &[], &[reads(a)]);
     assert_eq!(sketch.found_in(0), ["ReadAfterWrite: load, sum: a: Order"]);
-    sketch.plan.prologue[1].barriers = vec![compute_to_compute()];
+    *sketch.before_once(1) = vec![compute_to_compute()];
     assert_eq!(sketch.found_in(0), NOTHING);
 }
 
@@ -39,7 +39,7 @@ fn a_frame_waits_for_the_readers_of_the_one_before() {
     assert_eq!(sketch.found_in(1), NOTHING);
     let expected = ["WriteAfterRead: draw, write: a: Order", "WriteAfterWrite: write, write: a: Order"];
     assert_eq!(sketch.found_in(2), expected);
-    let found = replay(&sketch.plan, &Replay::default());
+    let found = sketch.replay(&Replay::default());
     let expected = "`write` (frame 1) writes `a`, bytes 0..64, without waiting \
                     for `draw` (frame 0), which read them";
     assert_eq!(found[0].describe(&sketch.plan), expected);
@@ -49,8 +49,9 @@ fn a_frame_waits_for_the_readers_of_the_one_before() {
 #[test]
 fn four_frames_are_replayed_unless_told_otherwise_and_the_first_objection_suffices() {
     assert_eq!(Replay::default(), Replay { frames: 4, in_flight: 2, copies: 2 });
-    assert!(has_violation(&every_frame(&[]).plan));
-    assert!(!has_violation(&every_frame(&[order(VERTEX, COMPUTE)]).plan));
+    let violates = |sketch: Sketch| has_violation(&sketch.plan, &sketch.barriers);
+    assert!(violates(every_frame(&[])));
+    assert!(!violates(every_frame(&[order(VERTEX, COMPUTE)])));
 }
 
 /// A draw that reads a uniform block, with so many frames in flight and copies of it.
@@ -58,7 +59,7 @@ fn with_uniform(in_flight: u32, copies: u32) -> Vec<String> {
     let mut sketch = Sketch::new();
     let camera = sketch.uniform("camera");
     sketch.frame("draw", &[], &[touch(camera, VERTEX | FRAGMENT, Accesses::UNIFORM_READ)]);
-    tell(&sketch.plan, &replay(&sketch.plan, &Replay { frames: 6, in_flight, copies }))
+    tell(&sketch.plan, &sketch.replay(&Replay { frames: 6, in_flight, copies }))
 }
 
 #[test]
@@ -81,7 +82,7 @@ fn the_host_is_told_by_the_frame_that_it_prepares() {
     let mut sketch = Sketch::new();
     let camera = sketch.uniform("camera");
     sketch.frame("draw", &[], &[touch(camera, VERTEX, Accesses::UNIFORM_READ)]);
-    let found = replay(&sketch.plan, &Replay { frames: 4, in_flight: 3, copies: 2 });
+    let found = sketch.replay(&Replay { frames: 4, in_flight: 3, copies: 2 });
     let expected = "the host, preparing frame 2, writes `camera`, bytes 0..16, without waiting \
                     for `draw` (frame 0), which read them";
     assert_eq!(found[0].describe(&sketch.plan), expected);
@@ -156,7 +157,7 @@ fn a_fence_shows_the_host_nothing() {
 #[test]
 fn the_export_must_not_write_what_the_host_still_reads() {
     let sketch = with_statistics(&[copy_to_host()]);
-    let found = replay(&sketch.plan, &Replay { frames: 6, in_flight: 3, copies: 2 });
+    let found = sketch.replay(&Replay { frames: 6, in_flight: 3, copies: 2 });
     let expected = [
         "WriteAfterRead: host, export: words: Order",
         "WriteAfterWrite: export, export: words: TRANSFER_WRITE at COPY",
@@ -167,15 +168,15 @@ fn the_export_must_not_write_what_the_host_still_reads() {
 #[test]
 fn statistics_are_the_words_that_the_export_copies() {
     let mut sketch = with_statistics(&[copy_to_host()]);
-    sketch.plan.frame[1].barriers.clear();
-    let found = replay(&sketch.plan, &Replay { frames: 1, ..Replay::default() });
+    sketch.before(1).clear();
+    let found = sketch.replay(&Replay { frames: 1, ..Replay::default() });
     assert_eq!(tell(&sketch.plan, &found), ["ReadAfterWrite: count, export: counts: Order"]);
     assert_eq!(found[0].range, 8..12);
     sketch.plan.stats.remove(0);
-    let found = replay(&sketch.plan, &Replay { frames: 1, ..Replay::default() });
+    let found = sketch.replay(&Replay { frames: 1, ..Replay::default() });
     assert_eq!(found[0].range, 40..44);
-    sketch.plan.frame[2].barriers.clear();
-    let found = replay(&sketch.plan, &Replay { frames: 1, ..Replay::default() });
+    sketch.before(2).clear();
+    let found = sketch.replay(&Replay { frames: 1, ..Replay::default() });
     assert_eq!(found[1].range, 0..4);
 }
 
@@ -192,6 +193,6 @@ fn the_host_must_not_read_the_statistics_of_an_earlier_frame() {
 fn a_fence_does_not_order_what_the_device_alone_touches() {
     // Frame 2 starts when frame 0 is done, but frame 1 may still be running.
     let sketch = every_frame(&[]);
-    let replay = replay(&sketch.plan, &Replay { frames: 4, in_flight: 1, copies: 1 });
+    let replay = sketch.replay(&Replay { frames: 4, in_flight: 1, copies: 1 });
     assert!(!replay.is_empty());
 }

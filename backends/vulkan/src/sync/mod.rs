@@ -11,30 +11,42 @@
 //! barriers is a fixpoint; usually two rounds find it and a third confirms it. Additional requirements of the first frame, which
 //! follows the prologue, are met once, by the handover between them.
 
+mod barrier;
+pub(crate) mod commands;
+pub mod dump;
 mod fixpoint;
+pub mod model;
 mod needs;
 mod scopes;
 mod state;
+#[cfg(test)]
+mod tests;
 
-use crate::ir::{Hazard, PassId};
-use crate::plan::{Barrier, LayoutChange, Plan, Step, Transition};
+use barrier::Step;
+pub use barrier::{Barrier, Barriers, Cause, Transition};
 use needs::Requirement;
 use scopes::Masks;
+use splatgraph_api::BackendError;
+use splatgraph_framework::ir::{Hazard, PassId};
+use splatgraph_framework::plan::{LayoutChange, Plan};
 use state::{Inputs, SyncState};
-
-/// The barriers of a plan.
-pub(crate) struct Barriers {
-    pub prologue: Vec<Step>,
-    pub handover: Vec<Barrier>,
-    pub frame: Vec<Step>,
-}
 
 /// Maximum number of rounds before the walk counts as cyclic; three suffice for nearly every graph.
 const MOST_ROUNDS: usize = 8;
 
-/// Places the barriers of the prologue, the handover and the frame, and ignores those of the plan. `None` if no sufficient
-/// barriers were found, which would be a bug.
-pub(crate) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Option<Barriers> {
+/// Lowers the dependencies of a plan to barriers.
+///
+/// # Errors
+/// [`BackendError::Invalid`] if none were found that hold, which would be a mistake in here.
+pub fn barriers(plan: &Plan) -> Result<Barriers, BackendError> {
+    let none = || {
+        let text = "no list of barriers was found that suits every frame of the plan: please report this mistake with the graph";
+        BackendError::Invalid(text.to_string())
+    };
+    place(plan).ok_or_else(none)
+}
+
+fn place(plan: &Plan) -> Option<Barriers> {
     let inputs = Inputs::new(plan);
     let walk = |state: &mut SyncState, ids: &[PassId]| -> Vec<Step> {
         state.start_frame();
@@ -44,21 +56,26 @@ pub(crate) fn place(plan: &Plan, prologue: &[PassId], frame: &[PassId]) -> Optio
     };
 
     let mut start = SyncState::new(&inputs);
-    let prologue = walk(&mut start, prologue);
+    let prologue = walk(&mut start, &plan.prologue);
 
     let mut state = SyncState::new(&inputs);
-    let mut steps = walk(&mut state, frame);
-    for _ in 0..MOST_ROUNDS {
-        let again = walk(&mut state, frame);
-        if again == steps {
-            let handover = handover(&start, &steps, &inputs)?;
-            return Some(Barriers { prologue, handover, frame: steps });
+    let mut frame = walk(&mut state, &plan.frame);
+    let mut rounds = 0;
+    loop {
+        let again = walk(&mut state, &plan.frame);
+        if again == frame {
+            break;
         }
-        steps = again;
+        if rounds == MOST_ROUNDS {
+            frame = fixpoint::fixpoint(frame, again, &inputs)?;
+            break;
+        }
+        (frame, rounds) = (again, rounds + 1);
     }
-    let frame = fixpoint::fixpoint(steps, walk(&mut state, frame), &inputs)?;
     let handover = handover(&start, &frame, &inputs)?;
-    Some(Barriers { prologue, handover, frame })
+    let mut before = vec![Vec::new(); plan.passes.len()];
+    prologue.into_iter().chain(frame).for_each(|step| before[step.pass.index()] = step.barriers);
+    Some(Barriers { before, handover })
 }
 
 /// Computes the one call between prologue and first frame; `None` if no call suffices.

@@ -1,9 +1,10 @@
 //! The state of the walk: effect of the barriers so far, time of each pass, and pending layout changes.
 
+use super::barrier::{Barrier, Step, Transition};
 use super::needs::{self, Reason, Requirement};
 use super::scopes::{Masks, Origin, Scopes, Time, with_later, write_access};
-use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Stages, Work};
-use crate::plan::{Barrier, Dependency, LayoutChange, Plan, Step, Transition};
+use splatgraph_framework::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Stages, Work};
+use splatgraph_framework::plan::{Dependency, LayoutChange, Plan};
 
 /// Inputs of the walk that do not change.
 pub(super) struct Inputs<'a> {

@@ -4,13 +4,10 @@ use super::*;
 
 #[test]
 fn a_reader_waits_for_the_writer_and_sees_its_writes() {
-    let plan = solved(
-        "",
-        &[
-            dispatch("make", "make.comp", r#""Out": "a""#),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ]);
     let barriers = before(&plan, "show");
     assert_eq!(
         barriers[0],
@@ -22,29 +19,23 @@ fn a_reader_waits_for_the_writer_and_sees_its_writes() {
 
 #[test]
 fn two_readers_in_the_same_stage_share_one_barrier() {
-    let plan = solved(
-        "",
-        &[
-            dispatch("make", "make.comp", r#""Out": "a""#),
-            dispatch("left", "copy.comp", r#""In": "a", "Out": "b""#),
-            dispatch("right", "copy.comp", r#""In": "a", "Out": "c""#),
-            dispatch("join", "join.comp", r#""In": "b", "In2": "c", "Out": "d""#),
-            dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("left", "copy.comp", r#""In": "a", "Out": "b""#),
+        dispatch("right", "copy.comp", r#""In": "a", "Out": "c""#),
+        dispatch("join", "join.comp", r#""In": "b", "In2": "c", "Out": "d""#),
+        dispatch("show", "show.comp", r#""In": "d", "Image": "image""#),
+    ]);
     let on_a = |pass| before(&plan, pass).iter().filter(|b| b.contains(" on a ")).count();
     assert_eq!((on_a("left"), on_a("right")), (1, 0), "{}", shown(&plan));
 }
 
 #[test]
 fn the_next_frame_waits_before_it_overwrites_what_this_one_reads() {
-    let plan = solved(
-        "",
-        &[
-            dispatch("make", "make.comp", r#""Out": "a""#),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ]);
     // It waits at the last frame's end, where there is a call anyway.
     assert_eq!(before(&plan, "make"), [""; 0]);
     assert_eq!(
@@ -60,17 +51,14 @@ fn the_next_frame_waits_before_it_overwrites_what_this_one_reads() {
 
 #[test]
 fn what_waits_for_something_older_than_the_last_call_joins_that_call() {
-    let plan = solved(
-        "",
-        &[
-            dispatch("make", "make.comp", r#""Out": "a""#),
-            dispatch("one", "copy.comp", r#""In": "a", "Out": "b""#),
-            dispatch("two", "copy.comp", r#""In": "b", "Out": "c""#),
-            r#"Fill(name: "clear", buffer: "a", value: 0),"#.into(),
-            dispatch("also", "change.comp", r#""Out": "a""#),
-            dispatch("show", "join_show.comp", r#""In": "c", "In2": "a", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("one", "copy.comp", r#""In": "a", "Out": "b""#),
+        dispatch("two", "copy.comp", r#""In": "b", "Out": "c""#),
+        r#"Fill(name: "clear", buffer: "a", value: 0),"#.into(),
+        dispatch("also", "change.comp", r#""Out": "a""#),
+        dispatch("show", "join_show.comp", r#""In": "c", "In2": "a", "Image": "image""#),
+    ]);
     assert_eq!(frame(&plan)[2..4], ["two", "clear"]);
     assert_eq!(before(&plan, "clear"), [""; 0], "{}", shown(&plan));
     assert!(before(&plan, "two")[0].contains("COMPUTE|CLEAR"), "{}", shown(&plan));
@@ -80,15 +68,12 @@ fn what_waits_for_something_older_than_the_last_call_joins_that_call() {
 #[test]
 fn a_write_after_reads_that_another_barrier_orders_has_none_of_its_own() {
     // `back` reads `a` and writes `b`; `again` reads `b`, and overwrites `a`.
-    let plan = solved(
-        "",
-        &[
-            dispatch("make", "make.comp", r#""Out": "a""#),
-            dispatch("back", "copy.comp", r#""In": "a", "Out": "b""#),
-            dispatch("again", "copy.comp", r#""In": "b", "Out": "a""#),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("back", "copy.comp", r#""In": "a", "Out": "b""#),
+        dispatch("again", "copy.comp", r#""In": "b", "Out": "a""#),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ]);
     assert_eq!(
         before(&plan, "again"),
         [
@@ -99,7 +84,7 @@ fn a_write_after_reads_that_another_barrier_orders_has_none_of_its_own() {
 
 #[test]
 fn a_second_stage_that_reads_is_made_to_see_without_flushing_again() {
-    let plan = solved("", &[
+    let plan = solved(&[
         dispatch("make", "make.comp", r#""Out": "a""#),
         dispatch("copy", "copy.comp", r#""In": "a", "Out": "b""#),
         r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
@@ -117,12 +102,13 @@ fn a_second_stage_that_reads_is_made_to_see_without_flushing_again() {
 
 #[test]
 fn a_pass_that_runs_once_is_in_the_prologue_and_the_first_frame_sees_what_it_wrote() {
-    let plan = solved("", &[
-        r#"Dispatch(name: "make", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#.into(),
+    let plan = solved(&[
+        r#"Dispatch(name: "make", run: Once, shader: "make.comp", size: Threads(64), bind: {"Out": "a"}),"#
+            .into(),
         dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
     ]);
     assert_eq!(plan.prologue.len(), 1);
-    assert_eq!(plan.pass(plan.prologue[0].pass).run, Run::Once);
+    assert_eq!(plan.pass(plan.prologue[0]).run, Run::Once);
     assert_eq!(
         handover(&plan),
         ["COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after make"],
@@ -137,7 +123,7 @@ fn a_pass_that_runs_once_is_in_the_prologue_and_the_first_frame_sees_what_it_wro
 
 #[test]
 fn a_cleared_image_is_not_kept_and_a_drawn_one_is_read_in_the_layout_of_its_reader() {
-    let plan = solved("", &[
+    let plan = solved(&[
         dispatch("make", "make.comp", r#""Out": "a""#),
         r#"Draw(name: "draw", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
             bind: {"In": "a"}, targets: [Target(image: "color", load: Clear(0, 0, 0, 0), blend: PremultipliedOver)]),"#.into(),
@@ -165,14 +151,11 @@ fn a_cleared_image_is_not_kept_and_a_drawn_one_is_read_in_the_layout_of_its_read
 
 #[test]
 fn a_fill_and_an_atomic_use_of_it_are_apart_in_both_directions() {
-    let plan = solved(
-        "",
-        &[
-            r#"Fill(name: "clear", buffer: "a", value: 0),"#.into(),
-            dispatch("count", "change.comp", r#""Out": "a""#),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        r#"Fill(name: "clear", buffer: "a", value: 0),"#.into(),
+        dispatch("count", "change.comp", r#""Out": "a""#),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ]);
     assert_eq!(
         before(&plan, "export")[0],
         "COMPUTE -> CLEAR: WriteAfterRead on a after show of the frame before, for clear",
@@ -187,30 +170,24 @@ fn a_fill_and_an_atomic_use_of_it_are_apart_in_both_directions() {
 
 #[test]
 fn no_barrier_is_there_without_a_hazard() {
-    let plan = solved(
-        "",
-        &[
-            dispatch("make", "make.comp", r#""Out": "a""#),
-            dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ]);
     let hazards: Vec<Hazard> =
-        plan.frame.iter().flat_map(|s| &s.barriers).flat_map(|b| &b.causes).map(|d| d.hazard).collect();
+        placed(&plan).before.iter().flatten().flat_map(|b| &b.causes).map(|d| d.hazard).collect();
     // make after the last frame's show; show after make, and the image after the last export; export after show.
     assert_eq!(hazards.len(), 4, "{}", shown(&plan));
 }
 
 #[test]
 fn a_target_that_is_drawn_to_twice_keeps_its_layout_and_waits() {
-    let plan = solved(
-        "",
-        &[
-            dispatch("make", "make.comp", r#""Out": "a""#),
-            draw("first", "Clear(0, 0, 0, 0)"),
-            draw("second", "Keep"),
-            dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        draw("first", "Clear(0, 0, 0, 0)"),
+        draw("second", "Keep"),
+        dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
+    ]);
     assert_eq!(
         before(&plan, "second"),
         [
@@ -224,13 +201,10 @@ fn a_target_that_is_drawn_to_twice_keeps_its_layout_and_waits() {
 #[test]
 fn an_image_whose_layout_only_the_first_frame_changes_still_waits_for_the_frame_before() {
     // `paint` and `filter` touch `color` in the same layout, so that a later frame finds it as it needs it.
-    let plan = solved(
-        "",
-        &[
-            dispatch("paint", "paint.comp", r#""Color": "color""#),
-            dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
-        ],
-    );
+    let plan = solved(&[
+        dispatch("paint", "paint.comp", r#""Color": "color""#),
+        dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
+    ]);
     assert_eq!(
         handover(&plan),
         [" -> COMPUTE STORAGE_WRITE [color Undefined -> General]: LayoutChange on color after "],
@@ -247,7 +221,7 @@ fn an_image_whose_layout_only_the_first_frame_changes_still_waits_for_the_frame_
 
 #[test]
 fn an_image_that_is_written_once_is_seen_by_every_frame() {
-    let plan = solved("", &[
+    let plan = solved(&[
         r#"Dispatch(name: "paint", run: Once, shader: "paint.comp", size: Threads(64), bind: {"Color": "image"}),"#.into(),
     ]);
     assert_eq!(
@@ -263,7 +237,7 @@ fn an_image_that_is_written_once_is_seen_by_every_frame() {
 
 #[test]
 fn a_draw_that_writes_in_both_of_its_stages_is_waited_for_in_both() {
-    let plan = solved("", &[
+    let plan = solved(&[
         r#"Fill(name: "clear", buffer: "b", value: 0),"#.into(),
         r#"Draw(name: "draw", vertex: "count.vert", fragment: "count.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
             bind: {"Count": "b"}, targets: [Target(image: "color", load: Clear(0, 0, 0, 0), blend: Replace)]),"#

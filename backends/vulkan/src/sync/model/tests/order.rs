@@ -227,8 +227,7 @@ fn a_target_orders_the_stages_after_it_but_shows_them_nothing() {
     ];
     for (target, (stage, access)) in later {
         let shows_all = barrier((COMPUTE, WRITE), (target, Accesses::all()));
-        let (stage_name, access_name) =
-            (violation::flag_names(stage.iter_names()), violation::flag_names(access.iter_names()));
+        let (stage_name, access_name) = (flag_names(stage.iter_names()), flag_names(access.iter_names()));
         let expected = format!("ReadAfterWrite: first, second: a: {access_name} at {stage_name}");
         assert_eq!(order_of(COMPUTE, &[&[shows_all]], (stage, access)), [expected]);
     }
@@ -304,7 +303,7 @@ fn a_write_waits_for_every_reader() {
     sketch.frame("late", &[], &[reads(a)]);
     sketch.frame("write", &[order(COMPUTE, CLEAR)], &[fills(a)]);
     assert_eq!(sketch.found(), ["WriteAfterRead: early, write: a: Order"]);
-    sketch.plan.frame[3].barriers = vec![order(COMPUTE | FRAGMENT, CLEAR)];
+    *sketch.before(3) = vec![order(COMPUTE | FRAGMENT, CLEAR)];
     assert_eq!(sketch.found(), NOTHING);
 }
 
@@ -353,6 +352,6 @@ fn what_one_stage_does_to_a_resource_is_its_own_affair() {
     sketch.frame("fill", &[barrier((VERTEX, WRITE), (CLEAR, Accesses::TRANSFER_WRITE))], &[fills(a)]);
     let expected = ["WriteAfterRead: draw, fill: a: Order", "WriteAfterWrite: draw, fill: a: Order"];
     assert_eq!(sketch.found(), expected);
-    sketch.plan.frame[1].barriers = vec![order(FRAGMENT, CLEAR)];
+    *sketch.before(1) = vec![order(FRAGMENT, CLEAR)];
     assert_eq!(sketch.found(), ["WriteAfterWrite: draw, fill: a: Availability"]);
 }

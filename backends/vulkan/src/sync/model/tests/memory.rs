@@ -181,7 +181,7 @@ fn a_reader_of_some_bytes_settles_those() {
         let seen = barrier((COMPUTE, WRITE), arguments);
         sketch.frame_work("reader", &[seen], work, &[touch(args, arguments.0, arguments.1)]);
         sketch.frame("second", barriers, &[writes(args)]);
-        replay(&sketch.plan, &Replay { frames: 1, ..Replay::default() })
+        sketch.replay(&Replay { frames: 1, ..Replay::default() })
     };
     let found = written_again(&[order(Stages::INDIRECT, COMPUTE)]);
     assert_eq!(found.len(), 1);
@@ -209,7 +209,7 @@ fn indirect_arguments_are_the_words_that_the_work_reads() {
         let args = sketch.buffer("args");
         sketch.frame("first", &[], &[writes(args)]);
         sketch.frame_work("second", &[], work, &[touch(args, arguments.0, arguments.1)]);
-        replay(&sketch.plan, &Replay { frames: 1, ..Replay::default() })
+        sketch.replay(&Replay { frames: 1, ..Replay::default() })
     };
     let buffer = ResourceId(0);
     let groups = Groups::Indirect { buffer, offset: 8 };
@@ -233,7 +233,7 @@ fn a_write_over_several_cells_is_told_with_all_its_bytes() {
     let read = touch(args, Stages::INDIRECT, Accesses::INDIRECT_READ);
     sketch.frame_work("second", &[ready], Work::Dispatch { shader: ShaderId(0), groups }, &[read]);
     sketch.frame("third", &[], &[writes(args)]);
-    let found = replay(&sketch.plan, &Replay { frames: 1, ..Replay::default() });
+    let found = sketch.replay(&Replay { frames: 1, ..Replay::default() });
     assert_eq!(tell(&sketch.plan, &found)[1..], ["WriteAfterRead: second, third: args: Order"]);
     assert_eq!(found.iter().map(|o| o.range.clone()).collect::<Vec<_>>(), [0..BYTES, 8..20]);
 }
@@ -259,7 +259,7 @@ fn an_objection_is_a_sentence() {
     let a = sketch.buffer("keys");
     sketch.frame("scatter", &[], &[writes(a)]);
     sketch.frame("draw", &[barrier((COMPUTE, WRITE), (FRAGMENT, NO_ACCESS))], &[touch(a, FRAGMENT, READ)]);
-    let found = replay(&sketch.plan, &Replay { frames: 1, ..Replay::default() });
+    let found = sketch.replay(&Replay { frames: 1, ..Replay::default() });
     let expected = "`draw` (frame 0) reads `keys`, bytes 0..64, but what `scatter` (frame 0) wrote there is not visible to \
                     STORAGE_READ at FRAGMENT";
     assert_eq!(found[0].describe(&sketch.plan), expected);

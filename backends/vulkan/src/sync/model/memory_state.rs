@@ -8,12 +8,13 @@
 
 use super::calls::Calls;
 use super::cell::{Cell, Conflict, Contents, Read, Scope, State, Write};
+use super::rules::{Replay, Rules};
 use super::stages::Pairs;
-use super::trace::{Access, Clash, Trace};
 use super::violation::{Actor, Findings, Missing, Violation, ViolationKind, When};
-use super::{Replay, Rules};
-use crate::ir::{Accesses, Layout, PassId, ResourceId, Shape, Stages, Work};
-use crate::plan::{Barrier, Plan, Step, Transition};
+use crate::sync::barrier::{Barrier, Barriers, Transition};
+use splatgraph_framework::ir::{Accesses, Layout, PassId, ResourceId, Shape, Stages, Work};
+use splatgraph_framework::oracle::trace::{Access, Clash, Trace};
+use splatgraph_framework::plan::Plan;
 use std::collections::HashSet;
 
 /// Holds the state of all memory and of all image layouts during a replay.
@@ -114,7 +115,13 @@ impl MemoryState {
     }
 
     /// Runs another plan from `at` on, up to its first violation, and returns whether there is one. The state is the same after it.
-    pub fn trial(&mut self, plan: &Plan, trace: &Trace, replay: &Replay, at: At) -> bool {
+    pub fn trial(
+        &mut self,
+        (plan, barriers): (&Plan, &Barriers),
+        trace: &Trace,
+        replay: &Replay,
+        at: At,
+    ) -> bool {
         self.before_trial = Some(BeforeTrial {
             cells: Vec::new(),
             touched: HashSet::new(),
@@ -124,7 +131,7 @@ impl MemoryState {
         });
         let mut next = Some(at);
         while let Some(at) = next.filter(|_| !self.findings.enough()) {
-            self.advance(plan, trace, replay, at);
+            self.advance((plan, barriers), trace, replay, at);
             next = At::after(at, plan, replay);
         }
         let found = !self.findings.violations.is_empty();
@@ -161,10 +168,10 @@ impl MemoryState {
                 self.fill(trace.resource(id).cells(0), id);
             }
             self.layouts[index] = old.layout;
-            for step in &plan.prologue {
-                let pass = plan.pass(step.pass);
+            for pass_id in &plan.prologue {
+                let pass = plan.pass(*pass_id);
                 if matches!(pass.work, Work::ClearHistory { resource } if resource == id) {
-                    self.skipped.push(step.pass);
+                    self.skipped.push(*pass_id);
                     let own = pass.uses.iter().filter(|touch| touch.resource == id);
                     if let Some(layout) = own.filter_map(|touch| touch.layout).next_back() {
                         self.layouts[index] = layout;
@@ -192,10 +199,10 @@ impl MemoryState {
     }
 
     /// Runs the replay, up to the first violation if one is enough.
-    pub fn run(&mut self, plan: &Plan, trace: &Trace, replay: &Replay) {
+    pub fn run(&mut self, (plan, barriers): (&Plan, &Barriers), trace: &Trace, replay: &Replay) {
         let mut next = Some(self.start(plan, trace, replay));
         while let Some(at) = next.filter(|_| !self.findings.enough()) {
-            self.advance(plan, trace, replay, at);
+            self.advance((plan, barriers), trace, replay, at);
             next = At::after(at, plan, replay);
         }
     }
@@ -208,25 +215,28 @@ impl MemoryState {
     }
 
     /// Executes the step at a position.
-    pub fn advance(&mut self, plan: &Plan, trace: &Trace, replay: &Replay, at: At) {
+    pub fn advance(&mut self, (plan, barriers): (&Plan, &Barriers), trace: &Trace, replay: &Replay, at: At) {
         match at {
             At::Prologue(step) => {
-                let step = &plan.prologue[step];
-                match plan.pass(step.pass).work {
+                let pass = plan.prologue[step];
+                let call = barriers.at(Some(pass));
+                match plan.pass(pass).work {
                     // Its image is in the layout that the pass would have left; the call's other barriers may serve other passes.
-                    Work::ClearHistory { resource } if self.skipped.contains(&step.pass) => {
-                        let others =
-                            step.barriers.iter().filter(|b| b.image.is_none_or(|t| t.image != resource));
+                    Work::ClearHistory { resource } if self.skipped.contains(&pass) => {
+                        let others = call.iter().filter(|b| b.image.is_none_or(|t| t.image != resource));
                         let others: Vec<Barrier> = others.cloned().collect();
-                        self.call(trace, &others, When::Prologue, Some(step.pass));
+                        self.call(trace, &others, When::Prologue, Some(pass));
                     }
-                    _ => self.step(trace, step, When::Prologue),
+                    _ => self.step(trace, call, pass, When::Prologue),
                 }
             }
-            At::Handover => self.call(trace, &plan.handover, When::Handover, None),
+            At::Handover => self.call(trace, &barriers.handover, When::Handover, None),
             At::Begin(0) => {}
             At::Begin(frame) => self.prepare(trace, replay, frame),
-            At::Frame(frame, step) => self.step(trace, &plan.frame[step], When::Frame(frame)),
+            At::Frame(frame, step) => {
+                let pass = plan.frame[step];
+                self.step(trace, barriers.at(Some(pass)), pass, When::Frame(frame));
+            }
         }
     }
 
@@ -273,9 +283,9 @@ impl MemoryState {
         }
     }
 
-    fn step(&mut self, trace: &Trace, step: &Step, when: When) {
-        self.call(trace, &step.barriers, when, Some(step.pass));
-        self.pass(trace, step.pass, when);
+    fn step(&mut self, trace: &Trace, call: &[Barrier], pass: PassId, when: When) {
+        self.call(trace, call, when, Some(pass));
+        self.pass(trace, pass, when);
     }
 
     /// Applies the barriers of one call.
@@ -479,7 +489,7 @@ impl MemoryState {
 
 /// Returns true if the prologue writes a resource, other than by zeroing it: a plan starts such a history anew.
 fn writes_once(plan: &Plan, id: ResourceId) -> bool {
-    let passes = plan.prologue.iter().map(|step| plan.pass(step.pass));
+    let passes = plan.prologue.iter().map(|pass| plan.pass(*pass));
     let writers = passes.filter(|pass| !matches!(pass.work, Work::ClearHistory { .. }));
     writers.flat_map(|pass| &pass.uses).any(|touch| touch.resource == id && touch.accesses.writes())
 }

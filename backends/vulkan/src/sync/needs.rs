@@ -1,8 +1,8 @@
 //! Requirements of a pass on the barriers before it, and the smallest barrier that meets one.
 
+use super::barrier::{Barrier, Cause, Transition};
 use super::scopes::{Masks, Time, with_later};
-use crate::ir::{Accesses, Hazard, PassId, ResourceId, Stages};
-use crate::plan::{Barrier, Cause};
+use splatgraph_framework::ir::{Accesses, Hazard, PassId, ResourceId, Stages};
 
 /// The cause of a requirement: an earlier access, and its resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -173,8 +173,8 @@ pub(super) fn cause(hazard: Hazard, before: PassId, resource: ResourceId) -> Cau
     }
 }
 
-/// Returns a barrier of the plan.
-pub(super) fn barrier(masks: Masks, image: Option<crate::plan::Transition>, causes: Vec<Cause>) -> Barrier {
+/// Returns a barrier.
+pub(super) fn barrier(masks: Masks, image: Option<Transition>, causes: Vec<Cause>) -> Barrier {
     Barrier {
         image,
         source_stages: masks.source_stages,

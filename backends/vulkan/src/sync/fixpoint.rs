@@ -4,10 +4,10 @@
 //! list of barriers reproduces itself. A sufficient list without needless bits still exists: the barriers of two rounds together
 //! are sufficient, since more barriers never remove order, and every bit that can go is then removed.
 
+use super::barrier::{Barrier, Step};
 use super::needs;
 use super::scopes::Masks;
 use super::state::{Inputs, SyncState};
-use crate::plan::{Barrier, Step};
 
 /// Number of frames after which the state repeats.
 const FRAMES: usize = 3;

@@ -1,0 +1,55 @@
+//! The stages that a mask stands for, and sets of (stage, access) pairs.
+//!
+//! Vulkan 1.3, 7.1.2 "Pipeline Stages": a source stage mask also stands for the logically earlier stages and a target
+//! stage mask for the logically later ones, but only for the order of execution. Memory accesses are in a barrier's
+//! scope only at stages that it names.
+
+use splatgraph_framework::ir::{Accesses, Stages};
+pub use splatgraph_framework::oracle::stages::with_later;
+
+/// Returns these stages and all earlier ones of a pipeline: the scope of a source mask.
+pub fn with_earlier(stages: Stages) -> Stages {
+    let mut scope = stages;
+    if stages.contains(Stages::COLOR_OUTPUT) {
+        scope |= Stages::FRAGMENT | Stages::VERTEX | Stages::INDIRECT;
+    }
+    if stages.contains(Stages::FRAGMENT) {
+        scope |= Stages::VERTEX | Stages::INDIRECT;
+    }
+    if stages.intersects(Stages::VERTEX | Stages::COMPUTE) {
+        scope |= Stages::INDIRECT;
+    }
+    scope
+}
+
+/// Holds a set of (stage, access) pairs: 16 bits of accesses for each of 8 stages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pairs(u128);
+
+const ACCESS_BITS: u32 = u128::BITS / 8;
+const _: () = assert!(Stages::all().bits() < 1 << 8 && Accesses::all().bits() < 1 << ACCESS_BITS);
+
+impl Pairs {
+    pub const NONE: Pairs = Pairs(0);
+    pub const ALL: Pairs = Pairs(u128::MAX);
+
+    /// Combines each of the accesses with each of the stages.
+    pub fn of(stages: Stages, accesses: Accesses) -> Pairs {
+        let mut pairs = 0;
+        let mut left = stages.bits();
+        while left != 0 {
+            pairs |= u128::from(accesses.bits()) << (left.trailing_zeros() * ACCESS_BITS);
+            left &= left - 1;
+        }
+        Pairs(pairs)
+    }
+
+    pub fn union(self, other: Pairs) -> Pairs {
+        Pairs(self.0 | other.0)
+    }
+
+    /// Returns true if it has this one access at this one stage.
+    pub fn has(self, stage: Stages, access: Accesses) -> bool {
+        self.0 & Pairs::of(stage, access).0 != 0
+    }
+}

@@ -1,0 +1,147 @@
+//! Plans made by hand with barriers made by hand, each with one thing right or wrong.
+
+use super::*;
+use crate::sync::{Barrier, Transition};
+use sketch::*;
+use splatgraph_framework::ir::*;
+use splatgraph_framework::oracle::flag_names;
+use std::ops::{Deref, DerefMut};
+
+mod contents;
+mod frames;
+mod images;
+mod memory;
+mod mutations;
+mod order;
+#[allow(dead_code)]
+#[path = "../../../../../../framework/src/oracle/tests/sketch.rs"]
+mod sketch;
+mod swap;
+
+/// A plan with barriers in the making.
+struct Sketch {
+    sketch: sketch::Sketch,
+    barriers: Barriers,
+}
+
+impl Deref for Sketch {
+    type Target = sketch::Sketch;
+
+    fn deref(&self) -> &sketch::Sketch {
+        &self.sketch
+    }
+}
+
+impl DerefMut for Sketch {
+    fn deref_mut(&mut self) -> &mut sketch::Sketch {
+        &mut self.sketch
+    }
+}
+
+impl Sketch {
+    fn new() -> Sketch {
+        Sketch { sketch: sketch::Sketch::new(), barriers: Barriers { before: vec![], handover: vec![] } }
+    }
+
+    /// A pass of the frame, after its barriers.
+    fn frame(&mut self, name: &str, barriers: &[Barrier], uses: &[Use]) {
+        self.frame_work(name, barriers, dispatch(), uses);
+    }
+
+    fn frame_work(&mut self, name: &str, barriers: &[Barrier], work: Work, uses: &[Use]) {
+        self.sketch.frame_work(name, work, uses);
+        self.barriers.before.push(barriers.to_vec());
+    }
+
+    /// A pass of the prologue, after its barriers.
+    fn once(&mut self, name: &str, barriers: &[Barrier], uses: &[Use]) {
+        self.once_work(name, barriers, dispatch(), uses);
+    }
+
+    fn once_work(&mut self, name: &str, barriers: &[Barrier], work: Work, uses: &[Use]) {
+        self.sketch.once_work(name, work, uses);
+        self.barriers.before.push(barriers.to_vec());
+    }
+
+    /// The barriers before the pass at this place in the frame.
+    fn before(&mut self, place: usize) -> &mut Vec<Barrier> {
+        let pass = self.sketch.plan.frame[place];
+        self.barriers.at_mut(Some(pass))
+    }
+
+    /// The barriers before the pass at this place in the prologue.
+    fn before_once(&mut self, place: usize) -> &mut Vec<Barrier> {
+        let pass = self.sketch.plan.prologue[place];
+        self.barriers.at_mut(Some(pass))
+    }
+
+    fn replay(&self, replay: &Replay) -> Vec<Violation> {
+        super::replay(&self.sketch.plan, &self.barriers, replay)
+    }
+
+    /// Replays so many frames: kind, first pass, second pass, resource, missing guarantee of each violation.
+    fn found_in(&self, frames: u32) -> Vec<String> {
+        tell(&self.sketch.plan, &self.replay(&Replay { frames, ..Replay::default() }))
+    }
+
+    /// Replays one frame.
+    fn found(&self) -> Vec<String> {
+        self.found_in(1)
+    }
+}
+
+const NOTHING: [&str; 0] = [];
+
+/// Objections in short, for comparison.
+fn tell(plan: &Plan, violations: &[Violation]) -> Vec<String> {
+    let name = |actor: Actor| match actor {
+        Actor::Pass { pass, .. } => plan.pass(pass).name.clone(),
+        Actor::Transition { before: Some(pass), .. } => format!("change before {}", plan.pass(pass).name),
+        Actor::Transition { before: None, .. } => "change in handover".into(),
+        Actor::Host { .. } => "host".into(),
+    };
+    let short = |o: &Violation| {
+        let first = o.first.map_or("none".into(), name);
+        let through = o.through.map_or(String::new(), |id| format!(" (as {})", plan.resource(id).name));
+        let missing = match o.missing {
+            Missing::Visibility(stage, access) => {
+                format!("{} at {}", flag_names(access.iter_names()), flag_names(stage.iter_names()))
+            }
+            Missing::Layout { found, needed } => format!("{needed:?}, not {found:?}"),
+            other => format!("{other:?}"),
+        };
+        let (second, resource, kind) = (name(o.second), &plan.resource(o.resource).name, o.kind);
+        format!("{kind:?}: {first}{through}, {second}: {resource}: {missing}")
+    };
+    violations.iter().map(short).collect()
+}
+
+fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
+    Barrier {
+        image: None,
+        source_stages: source.0,
+        source_accesses: source.1,
+        target_stages: target.0,
+        target_accesses: target.1,
+        causes: vec![],
+    }
+}
+
+fn order(source: Stages, target: Stages) -> Barrier {
+    barrier((source, NO_ACCESS), (target, NO_ACCESS))
+}
+
+/// Makes the barrier that a read in a compute shader needs after a write in one.
+fn compute_to_compute() -> Barrier {
+    barrier((COMPUTE, WRITE), (COMPUTE, READ))
+}
+
+/// A change of layout from one scope to another.
+fn change(
+    image: ResourceId,
+    (old, new): (Layout, Layout),
+    source: (Stages, Accesses),
+    target: (Stages, Accesses),
+) -> Barrier {
+    Barrier { image: Some(Transition { image, old, new }), ..barrier(source, target) }
+}

@@ -1,0 +1,80 @@
+//! Tests of the barriers of small graphs, one sentence each. A failing assertion prints all of them.
+
+mod placement;
+#[allow(dead_code)]
+#[path = "../../../../../framework/src/testing.rs"]
+mod testing;
+
+use super::*;
+use splatgraph_framework::ir::{Accesses, Run, Stages};
+use testing::{apart, dispatch, graph, plan};
+/// Every resource in memory of its own.
+fn solved(passes: &[String]) -> Plan {
+    apart(&graph("", &passes.join("\n"))).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn placed(plan: &Plan) -> Barriers {
+    barriers(plan).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn shown(plan: &Plan) -> String {
+    let call = |(at, call): (Option<PassId>, &Vec<Barrier>)| {
+        let lines: String = call.iter().map(|b| format!("  | {}\n", line(plan, b, at))).collect();
+        format!("{lines}{}\n", at.map_or("handover", |id| &plan.pass(id).name))
+    };
+    format!("\n{}", placed(plan).calls(plan).map(call).collect::<String>())
+}
+
+/// The names of the frame's passes, as they run.
+fn frame(plan: &Plan) -> Vec<&str> {
+    plan.frame.iter().map(|id| plan.pass(*id).name.as_str()).collect()
+}
+
+/// The barriers before a pass, as text.
+fn before(plan: &Plan, pass: &str) -> Vec<String> {
+    let at = plan.order().find(|id| plan.pass(*id).name == pass);
+    assert!(at.is_some(), "{}", shown(plan));
+    placed(plan).at(at).iter().map(|barrier| line(plan, barrier, at)).collect()
+}
+
+fn handover(plan: &Plan) -> Vec<String> {
+    placed(plan).handover.iter().map(|barrier| line(plan, barrier, None)).collect()
+}
+
+/// `COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after make`.
+/// A later pass that needs it is named at the end.
+fn line(plan: &Plan, barrier: &Barrier, step: Option<PassId>) -> String {
+    fn flags<T>(names: impl Iterator<Item = (&'static str, T)>) -> String {
+        names.map(|(name, _)| name).collect::<Vec<_>>().join("|")
+    }
+    let side = |stages: Stages, accesses: Accesses| {
+        [flags(stages.iter_names()), flags(accesses.iter_names())].join(" ").trim().to_string()
+    };
+    let layouts = barrier
+        .image
+        .map_or(String::new(), |t| format!(" [{} {:?} -> {:?}]", plan.resource(t.image).name, t.old, t.new));
+    let reasons = barrier.causes.iter().map(|d| {
+        let after: Vec<&str> = d.after.iter().map(|id| plan.pass(*id).name.as_str()).collect();
+        let alias = d.alias.map_or(String::new(), |id| format!(" ({})", plan.resource(id).name));
+        let frame = if d.previous_frame { " of the frame before" } else { "" };
+        let before = match step.is_none_or(|step| step == d.before) {
+            true => String::new(),
+            false => format!(", for {}", plan.pass(d.before).name),
+        };
+        let resource = &plan.resource(d.resource).name;
+        format!("{:?} on {resource}{alias} after {}{frame}{before}", d.hazard, after.join("+"))
+    });
+    format!(
+        "{} -> {}{layouts}: {}",
+        side(barrier.source_stages, barrier.source_accesses),
+        side(barrier.target_stages, barrier.target_accesses),
+        reasons.collect::<Vec<_>>().join(", ")
+    )
+}
+
+fn draw(name: &str, load: &str) -> String {
+    format!(
+        r#"Draw(name: "{name}", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip, call: Direct(vertices: 4, instances: 2),
+            bind: {{"In": "a"}}, targets: [Target(image: "color", load: {load}, blend: PremultipliedOver)]),"#
+    )
+}
