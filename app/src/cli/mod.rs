@@ -47,6 +47,7 @@ use crate::{draw::backend, draw::builtin};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use outcome::{Outcome, Usage, colour};
 use splatgraph_framework::shader::Worker;
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -122,16 +123,26 @@ enum Command {
 
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    output::signals::end_cleanly();
-    let parsed = command().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));
-    let cli = match parsed {
-        Ok(cli) => cli,
-        Err(error) => return ExitCode::from(terminal::say_usage(&error, colour())),
-    };
-    threads::build_pool();
     // A program that does not know its own file compiles in its own process.
     let worker = Worker::this_program().ok();
-    let store = ShaderCache::of_user().map(|cache| Arc::new(cache) as Arc<_>);
+    let store = std::env::current_exe().ok().and_then(|program| ShaderCache::of_user(&program));
+    ExitCode::from(run(std::env::args_os().collect(), worker, store))
+}
+
+/// Runs the program with `arguments`, of which the first is its name, and returns the exit code.
+///
+/// `worker` compiles shaders, and `store` keeps them.
+pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<ShaderCache>) -> u8 {
+    output::signals::end_cleanly();
+    let parsed = command(&arguments)
+        .try_get_matches_from(&arguments)
+        .and_then(|matches| Cli::from_arg_matches(&matches));
+    let cli = match parsed {
+        Ok(cli) => cli,
+        Err(error) => return terminal::say_usage(&error, colour()),
+    };
+    threads::build_pool();
+    let store = store.map(|cache| Arc::new(cache) as Arc<_>);
     planner::configure(planner::Settings { worker, store, include_roots: cli.include_root });
     let result = match &cli.command {
         Command::Render(args) => render::run(args),
@@ -170,14 +181,14 @@ pub fn main() -> ExitCode {
         // A library's exit handler may wait for its compiler or its device, which nobody else does any more.
         output::signals::end_now(code);
     }
-    ExitCode::from(code)
+    code
 }
 
 /// Makes the command line, with the lists of graphs and scenes in its long help.
-fn command() -> clap::Command {
+fn command(arguments: &[OsString]) -> clap::Command {
     let command = Cli::command();
     // The lists take some milliseconds to make, so only long help has them.
-    let asked = std::env::args_os().skip(1).any(|arg| arg == "--help" || arg == "help");
+    let asked = arguments.iter().skip(1).any(|arg| arg == "--help" || arg == "help");
     if !asked {
         return command;
     }
@@ -247,18 +258,18 @@ mod tests {
 
     #[test]
     fn the_command_line_is_well_formed() {
-        command().debug_assert();
+        command(&[]).debug_assert();
     }
 
     #[test]
     fn the_examples_in_the_help_are_commands_that_this_program_has() {
-        let mut help = command();
+        let mut help = command(&[]);
         let help = help.render_help().to_string();
         let lines = help.lines().filter_map(|line| line.trim_start().strip_prefix("splatgraph "));
         let names: Vec<&str> = lines.filter_map(|line| line.split_whitespace().next()).collect();
         assert!(names.len() > 10, "{help}");
         for name in names {
-            assert!(command().find_subcommand(name).is_some(), "`{name}` of the examples is no command");
+            assert!(command(&[]).find_subcommand(name).is_some(), "`{name}` of the examples is no command");
         }
     }
 

@@ -16,6 +16,7 @@
 //! - [`inspect`]: the contents of a resource after a pass;
 //! - [`outputs`]: the images of a frame besides its picture;
 //! - [`session`]: draws frames with a device, a scene and a plan;
+//! - [`shader_cache`]: a folder with compiled shaders;
 //! - [`stats`]: the times and counts of frames;
 //! - [`pictures`]: encodes pictures on threads while the device draws the next ones;
 //! - [`film`]: films of a moving camera;
@@ -41,6 +42,6 @@ pub mod pictures;
 pub mod planner;
 pub mod render_command;
 pub mod session;
-pub(crate) mod shader_cache;
+pub mod shader_cache;
 pub mod stats;
 pub mod truth;

@@ -31,12 +31,12 @@ pub struct ShaderCache {
 }
 
 impl ShaderCache {
-    /// Opens the cache of the user; `None` without a cache folder, or if the environment says `off`.
-    pub fn of_user() -> Option<ShaderCache> {
+    /// Opens the cache of the user for the compiler in `program`; `None` without a cache folder, or if the environment says `off`.
+    pub fn of_user(program: &Path) -> Option<ShaderCache> {
         if std::env::var_os(VARIABLE).is_some_and(|value| value == "off") {
             return None;
         }
-        let program = std::env::current_exe().and_then(fs::metadata).ok()?;
+        let program = fs::metadata(program).ok()?;
         let changed = program.modified().ok()?.duration_since(UNIX_EPOCH).ok()?.as_nanos();
         let build = format!("{} {} {changed}", env!("CARGO_PKG_VERSION"), program.len());
         Some(ShaderCache { folder: folders::cache()?.join("splatgraph/shaders"), build: build.into_bytes() })

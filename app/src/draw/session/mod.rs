@@ -22,7 +22,7 @@ use splatgraph_api::{
     BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Pixels, Progress, SceneData,
 };
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::{Fallback, Format};
+use splatgraph_framework::ir::{Catalog, Facts, Fallback, Format};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
@@ -196,14 +196,63 @@ impl<D: Device> Session<D> {
         self.planner.capacities = Capacities::default();
     }
 
+    /// Changes the graph as [`Session::set_graph`], if it can be read and its parameters fit; otherwise nothing changes.
+    ///
+    /// # Errors
+    /// The graph cannot be read, or a value does not fit.
+    pub fn change_graph(
+        &mut self,
+        pipeline: &str,
+        set: &[(String, String)],
+        size: (u32, u32),
+    ) -> Result<(), SessionError> {
+        self.controls_of(pipeline, set, size)?;
+        self.set_graph(pipeline, set);
+        Ok(())
+    }
+
+    /// Changes the scene; the next [`Session::prepare`] builds a plan for it.
+    ///
+    /// Frames in flight are forgotten, as by [`Session::set_graph`].
+    pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) {
+        self.scene = scene.into();
+        self.loaded = None;
+        self.flying.clear();
+        self.planner.capacities = Capacities::default();
+    }
+
     /// Lists the graph's parameters with their values for a picture size.
     ///
     /// # Errors
     /// The graph cannot be read, or a value does not fit.
     pub fn controls(&mut self, size: (u32, u32)) -> Result<Vec<Control>, SessionError> {
+        let (pipeline, set) = (self.pipeline.clone(), self.set.clone());
+        self.controls_of(&pipeline, &set, size)
+    }
+
+    fn controls_of(
+        &mut self,
+        pipeline: &str,
+        set: &[(String, String)],
+        size: (u32, u32),
+    ) -> Result<Vec<Control>, SessionError> {
+        let (facts, catalog) = self.facts(size);
+        Ok(self.planner.controls(pipeline, set, &facts, &catalog)?)
+    }
+
+    /// Collects the facts and imports of graphs for a picture size.
+    fn facts(&self, size: (u32, u32)) -> (Facts, Catalog) {
         let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
-        let catalog = facts::catalog(&self.scene);
-        Ok(self.planner.controls(&self.pipeline, &self.set, &facts, &catalog)?)
+        (facts, facts::catalog(&self.scene))
+    }
+
+    /// Builds the plan for a picture size, and loads nothing.
+    ///
+    /// # Errors
+    /// The graph or its shaders have errors.
+    pub fn plan_for(&mut self, size: (u32, u32)) -> Result<Plan, SessionError> {
+        let (pipeline, set) = (self.pipeline.clone(), self.set.clone());
+        self.plan_of(&pipeline, &set, size)
     }
 
     /// Builds the plan of another graph for a picture size, and loads nothing. Shaders that it shares with others are compiled once.
@@ -216,8 +265,7 @@ impl<D: Device> Session<D> {
         set: &[(String, String)],
         size: (u32, u32),
     ) -> Result<Plan, SessionError> {
-        let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
-        let catalog = facts::catalog(&self.scene);
+        let (facts, catalog) = self.facts(size);
         let capacities = std::mem::take(&mut self.planner.capacities);
         let plan = self.planner.plan(pipeline, set, &facts, &catalog);
         self.planner.capacities = capacities;
@@ -271,8 +319,7 @@ impl<D: Device> Session<D> {
         if self.is_prepared(size) {
             return Ok(false);
         }
-        let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
-        let catalog = facts::catalog(&self.scene);
+        let (facts, catalog) = self.facts(size);
         let plan = self.planner.plan(&self.pipeline, &self.set, &facts, &catalog)?;
         if !plan.warnings.is_empty() && !std::mem::replace(&mut self.warned, true) {
             // A warning that cannot be written is no reason to stop.

@@ -1,0 +1,50 @@
+"""Draws 3D Gaussian Splatting scenes with render graphs, on Vulkan or Metal.
+
+    import splatgraph
+
+    scene = splatgraph.Scene.load("scene.ply")
+    renderer = splatgraph.Renderer(scene)
+    picture = renderer.render(splatgraph.Camera.framing(scene))
+
+`rasterization` is the call that users of gsplat write. docs/python.md has the whole.
+"""
+
+import sys as _sys
+
+from . import _native
+from ._native import (
+    Camera,
+    DeviceError,
+    Error,
+    GraphError,
+    Plan,
+    Scene,
+    SceneError,
+    __version__,
+)
+from ._pictures import Comparison, compare
+from ._plan import plan
+from ._rasterization import rasterization
+from ._renderer import Param, Params, Renderer
+
+# Shaders are compiled in a second process, so that a broken one cannot end this one.
+if _sys.executable:
+    _native._set_process(_sys.executable, _native.__file__)
+
+__all__ = [
+    "Camera",
+    "Comparison",
+    "DeviceError",
+    "Error",
+    "GraphError",
+    "Param",
+    "Params",
+    "Plan",
+    "Renderer",
+    "Scene",
+    "SceneError",
+    "__version__",
+    "compare",
+    "plan",
+    "rasterization",
+]

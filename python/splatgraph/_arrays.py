@@ -1,0 +1,39 @@
+"""Takes arrays of numpy, torch and others as numpy's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+
+def array(value: Any, name: str, shape: Sequence[int | None] | None = None, dtype: Any = np.float32) -> np.ndarray:
+    """Returns `value` as a C-contiguous array of `dtype`, without a copy where it is one.
+
+    `value` is an array of numpy, anything with `__dlpack__` in the CPU's memory, or what `numpy.asarray` takes. `name` is the argument's, for
+    errors; a length of `None` in `shape` is any.
+    """
+    if getattr(value, "requires_grad", False):
+        # Its gradient would silently be none.
+        raise ValueError(f"{name}: expected an array without gradients, found one that requires them; pass {name}.detach()")
+    if not isinstance(value, np.ndarray) and hasattr(value, "__dlpack_device__"):
+        kind = int(value.__dlpack_device__()[0])
+        # DLPack's numbers: 1 is the CPU, 3 is memory that CUDA pinned for it.
+        if kind not in (1, 3):
+            raise ValueError(
+                f"{name}: expected an array in the CPU's memory, found one of {getattr(value, 'device', kind)}; pass {name}.cpu()"
+            )
+        value = np.from_dlpack(value)
+    try:
+        found = np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name}: expected an array, found {type(value).__name__} ({error})") from None
+    if found.dtype.kind not in "fiub":
+        raise TypeError(f"{name}: expected an array of numbers, found {found.dtype}")
+    if shape is not None:
+        fits = len(found.shape) == len(shape) and all(want in (None, is_) for want, is_ in zip(shape, found.shape))
+        if not fits:
+            wanted = ", ".join("any" if length is None else str(length) for length in shape)
+            raise ValueError(f"{name}: expected the shape [{wanted}], found {list(found.shape)}")
+    return np.ascontiguousarray(found, dtype=dtype)

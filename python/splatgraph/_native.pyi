@@ -1,0 +1,148 @@
+"""The extension module: see the package's classes and functions, which wrap it."""
+
+import os
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+__version__: str
+
+class Error(RuntimeError):
+    """Base class of the errors of splatgraph."""
+
+class SceneError(Error):
+    """A scene's or a camera's file cannot be read or written."""
+
+class DeviceError(Error):
+    """There is no fit device, or it failed."""
+
+class GraphError(Error):
+    """A graph or its shaders have errors."""
+
+    #: Path of the file with the first error, as it was named.
+    file: str
+    #: Its line, from 1.
+    line: int
+    #: Its column, from 1, in characters.
+    column: int
+    #: All errors, drawn with the source text.
+    text: str
+    #: Each error: file, line, column, end_line, end_column, severity, message, label, help.
+    errors: list[dict[str, Any]]
+
+@final
+class Scene:
+    """A 3D Gaussian Splatting scene: its splats, activated. Scenes do not change; renderers share them."""
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> Scene: ...
+    @staticmethod
+    def from_arrays(means: Any, quats: Any, scales: Any, opacities: Any, sh: Any) -> Scene: ...
+    def save(self, path: str | os.PathLike[str]) -> None: ...
+    @property
+    def means(self) -> NDArray[np.float32]: ...
+    @property
+    def quats(self) -> NDArray[np.float32]: ...
+    @property
+    def scales(self) -> NDArray[np.float32]: ...
+    @property
+    def opacities(self) -> NDArray[np.float32]: ...
+    @property
+    def sh(self) -> NDArray[np.float32]: ...
+    @property
+    def sh_degree(self) -> int: ...
+    @property
+    def offset(self) -> list[float]: ...
+    @property
+    def bounds(self) -> tuple[list[float], list[float]]: ...
+    @property
+    def dropped(self) -> int: ...
+    def __len__(self) -> int: ...
+
+@final
+class Camera:
+    """A pinhole camera with x to the right, y down and z forward."""
+
+    def __new__(cls, viewmat: Any, K: Any, width: int, height: int, name: str = ...) -> Camera: ...
+    @staticmethod
+    def look_at(
+        eye: tuple[float, float, float],
+        target: tuple[float, float, float],
+        fov: float = ...,
+        size: tuple[int, int] = ...,
+        up: tuple[float, float, float] = ...,
+        name: str = ...,
+    ) -> Camera: ...
+    @staticmethod
+    def framing(scene: Scene, size: tuple[int, int] = ...) -> Camera: ...
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> list[Camera]: ...
+    def resized(self, width: int, height: int) -> Camera: ...
+    @property
+    def viewmat(self) -> NDArray[np.float64]: ...
+    @property
+    def K(self) -> NDArray[np.float64]: ...
+    @property
+    def position(self) -> list[float]: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def name(self) -> str: ...
+
+@final
+class Plan:
+    """The plan of a graph: passes in order, barriers, memory."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def passes(self) -> list[str]: ...
+    def to_json(self) -> str: ...
+    def html(self) -> str: ...
+    def dot(self) -> str: ...
+    def _repr_html_(self) -> str: ...
+
+@final
+class Pending:
+    """A picture that was asked for."""
+
+    def result(self) -> NDArray[np.float32]: ...
+
+@final
+class Engine:
+    """A device that draws a scene with a graph. Any thread may use it."""
+
+    def __new__(
+        cls,
+        scene: Scene,
+        pipeline: str,
+        params: list[tuple[str, str]],
+        *,
+        backend: str | None = ...,
+        device: str | None = ...,
+        validation: bool = ...,
+    ) -> Engine: ...
+    def submit(self, camera: Camera, background: tuple[float, float, float] = ...) -> Pending: ...
+    def set_graph(self, pipeline: str, params: list[tuple[str, str]], size: tuple[int, int]) -> None: ...
+    def set_scene(self, scene: Scene) -> None: ...
+    def params(self, size: tuple[int, int] = ...) -> list[dict[str, Any]]: ...
+    def plan(self, size: tuple[int, int] = ...) -> Plan: ...
+    @property
+    def stats(self) -> dict[str, Any] | None: ...
+    @property
+    def device(self) -> dict[str, Any]: ...
+    def close(self) -> None: ...
+
+def plan(
+    pipeline: str,
+    params: list[tuple[str, str]],
+    scene: Scene | None = ...,
+    size: tuple[int, int] = ...,
+    subgroup_size: int = ...,
+) -> Plan: ...
+def compare(a: Any, b: Any) -> dict[str, Any]: ...
+def run(arguments: list[str]) -> int: ...
+def _set_process(python: str, module: str) -> None: ...

@@ -1,0 +1,37 @@
+"""Compares pictures."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from . import _native
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """The difference between two pictures."""
+
+    #: Peak signal-to-noise ratio in dB of values clamped to 0..1; infinite for an error of 0.
+    psnr: float
+    #: Structural similarity, 1 for equal pictures; None for pictures below 11 x 11 pixels.
+    ssim: float | None
+    #: The largest difference of a channel, not clamped, and the pixel (column, row) that has it.
+    worst: float
+    worst_pixel: tuple[int, int]
+    #: True if every channel of every pixel is equal.
+    identical: bool
+
+
+def compare(a: Any, b: Any) -> Comparison:
+    """Measures the difference between two pictures of one size.
+
+    Args:
+        a: display-encoded colours of which 0 is black and 1 is white, float32 [height, width, 3].
+        b: the same.
+    """
+    found = _native.compare(a, b)
+    worst = found["worst"]
+    psnr = math.inf if found["psnr_db"] is None else found["psnr_db"]
+    return Comparison(psnr, found["ssim"], worst["difference"], (worst["x"], worst["y"]), found["identical"])

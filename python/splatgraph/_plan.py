@@ -1,0 +1,31 @@
+"""Builds plans without a device."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from . import _native
+from ._native import Plan, Scene
+from ._renderer import Setting, texts
+
+
+def plan(
+    pipeline: str = "auto",
+    params: Mapping[str, Setting] | None = None,
+    scene: Scene | None = None,
+    size: tuple[int, int] = (960, 540),
+    subgroup_size: int = 32,
+) -> Plan:
+    """Builds the plan of a graph, for the smallest device that is supported; none is opened.
+
+    Args:
+        pipeline: name of a built-in graph, or a path.
+        params: values of the graph's parameters.
+        scene: the scene that is drawn; without one, a million splats with harmonics of degree 3.
+        size: width and height of the pictures, in pixels.
+        subgroup_size: the device's invocations in a subgroup: 32 on most GPUs, 4 to 16 on CPUs, 64 on some GPUs.
+
+    Raises:
+        GraphError: the graph or a shader has errors.
+    """
+    return _native.plan(pipeline, texts(params), scene, size, subgroup_size)

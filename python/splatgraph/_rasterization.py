@@ -1,0 +1,330 @@
+"""The call that users of gsplat write, drawn by splatgraph.
+
+gsplat's rules differ from the published rasteriser's, which the graphs follow by default, in two numbers: the near plane is a
+parameter, and a fragment's alpha ends at 0.999. The second is a parameter of the graphs, too. For the first, the world is scaled so that
+`near_plane` lies at the graphs' own near plane; the picture is the same at any scale.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+import threading
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import numpy as np
+
+from ._arrays import array
+from ._native import Camera, Scene
+from ._renderer import Renderer
+
+#: The graphs' near plane, in world units.
+NEAR = 0.2
+#: The constant spherical harmonic.
+SH_0 = 0.28209479177387814
+#: gsplat's rules, and 32-bit floats throughout.
+PARAMS = {"record": "f32", "sh_storage": "f32", "stop_after": "splat", "alpha_cap": 0.999}
+
+RenderMode = Literal["RGB", "D", "ED", "RGB+D", "RGB+ED"]
+_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
+
+#: One renderer for each device that was asked for, with the lock of whoever draws with it.
+_renderers: dict[str | None, tuple[Renderer, threading.Lock]] = {}
+_renderers_lock = threading.Lock()
+
+
+class Meta(dict[str, Any]):
+    """What gsplat's `meta` holds, of those numbers that splatgraph knows."""
+
+    def __missing__(self, key: str) -> Any:
+        raise KeyError(f"{key}: intermediate results stay on the device; there are {', '.join(self)}")
+
+
+def rasterization(
+    means: Any,
+    quats: Any,
+    scales: Any,
+    opacities: Any,
+    colors: Any,
+    viewmats: Any,
+    Ks: Any,
+    width: int,
+    height: int,
+    near_plane: float = 0.01,
+    far_plane: float = 1e10,
+    radius_clip: float = 0.0,
+    eps2d: float = 0.3,
+    sh_degree: int | None = None,
+    packed: bool = True,
+    tile_size: int = 16,
+    backgrounds: Any = None,
+    render_mode: RenderMode = "RGB",
+    sparse_grad: bool = False,
+    absgrad: bool = False,
+    rasterize_mode: Literal["classic", "antialiased"] = "classic",
+    channel_chunk: int = 32,
+    distributed: bool = False,
+    camera_model: Literal["pinhole"] = "pinhole",
+    segmented: bool = False,
+    covars: Any = None,
+    with_ut: bool = False,
+    with_eval3d: bool = False,
+    radial_coeffs: Any = None,
+    tangential_coeffs: Any = None,
+    thin_prism_coeffs: Any = None,
+    ftheta_coeffs: Any = None,
+    rolling_shutter: Any = None,
+    viewmats_rs: Any = None,
+    *,
+    device: str | int | None = None,
+) -> tuple[Any, Any, Meta]:
+    """Draws Gaussians with gsplat 1.5.3's names, shapes and conventions. There are no gradients.
+
+    Arrays are numpy's, or have `__dlpack__` and lie in the CPU's memory, as torch's do; `...` are any batch dimensions. To draw one scene
+    from many cameras, pass them in one call, or use `Renderer`, which leaves the scene on the device.
+
+    Args:
+        means: centres in world units, [..., N, 3].
+        quats: rotations w, x, y, z, of any length but 0, [..., N, 4].
+        scales: standard deviations along the axes in world units, [..., N, 3].
+        opacities: opacities at the centres, 0 to 1, [..., N].
+        colors: colours of D channels, [..., N, D] or for each camera [..., C, N, D]; with `sh_degree`, spherical harmonics,
+            [..., N, K, 3] or [..., C, N, K, 3].
+        viewmats: world to camera, with x to the right, y down and z forward, [..., C, 4, 4].
+        Ks: intrinsics in pixels, [..., C, 3, 3]; the middle of the first pixel is at 0.5.
+        width: width of the pictures, in pixels.
+        height: height of the pictures, in pixels.
+        near_plane: least depth of a centre that is drawn, in world units, above 0.
+        far_plane: greatest depth of a centre that is drawn, in world units.
+        radius_clip: 0 alone.
+        eps2d: added to the variances in the picture, in square pixels: 0.3 or 0.
+        sh_degree: degree of the harmonics that are evaluated, 0 to 3; (sh_degree + 1)^2 <= K.
+        backgrounds: colours behind the Gaussians, [..., C, D]. Depths have none.
+        render_mode: "RGB" for colours, "D" for depths, each the sum of its Gaussians' by their share of the pixel, "ED" for depths
+            divided by alpha, or "RGB+D" or "RGB+ED" for both, depth last. Depths are along z, in world units.
+        rasterize_mode: "antialiased" takes back the opacity that `eps2d` adds.
+        covars: covariances in square world units instead of `quats` and `scales`, [..., N, 3, 3].
+        device: a part of the device's name, or its index in `splatgraph devices`.
+        packed, tile_size, channel_chunk, segmented: ignored, as they change no picture.
+        sparse_grad, absgrad, distributed, with_ut, with_eval3d, camera_model, radial_coeffs, tangential_coeffs, thin_prism_coeffs,
+            ftheta_coeffs, rolling_shutter, viewmats_rs: not supported; their defaults alone.
+
+    Returns:
+        Colours [..., C, height, width, X] and alphas [..., C, height, width, 1], float32, of the library that `means` is of, and a
+        dict with sizes and counts. X is D, 1 or D + 1 by `render_mode`.
+
+    Raises:
+        NotImplementedError: an argument has a value that is not supported, by name.
+        ValueError: an argument has a wrong shape or range, by name.
+        DeviceError: there is no fit device, or it failed.
+    """
+    _refuse_unsupported(
+        {
+            "sparse_grad": sparse_grad,
+            "absgrad": absgrad,
+            "distributed": distributed,
+            "with_ut": with_ut,
+            "with_eval3d": with_eval3d,
+            "radial_coeffs": radial_coeffs,
+            "tangential_coeffs": tangential_coeffs,
+            "thin_prism_coeffs": thin_prism_coeffs,
+            "ftheta_coeffs": ftheta_coeffs,
+            "viewmats_rs": viewmats_rs,
+            # gsplat's enum has a name for the shutter that does not roll.
+            "rolling_shutter": None if getattr(rolling_shutter, "name", None) == "GLOBAL" else rolling_shutter,
+        }
+    )
+    if camera_model != "pinhole":
+        raise NotImplementedError(f"camera_model: expected 'pinhole', found {camera_model!r}")
+    if radius_clip != 0.0:
+        raise NotImplementedError(f"radius_clip: expected 0, found {radius_clip}")
+    if eps2d not in (0.0, 0.3):
+        raise NotImplementedError(f"eps2d: expected 0.3 or 0, found {eps2d}")
+    if render_mode not in _MODES:
+        raise ValueError(f"render_mode: expected one of {', '.join(_MODES)}, found {render_mode!r}")
+    if rasterize_mode not in ("classic", "antialiased"):
+        raise ValueError(f"rasterize_mode: expected 'classic' or 'antialiased', found {rasterize_mode!r}")
+    if not 0.0 < near_plane < far_plane:
+        raise ValueError(f"near_plane: expected a number above 0 and below far_plane = {far_plane}, found {near_plane}")
+
+    library = means
+    means = array(means, "means")
+    if means.ndim < 2 or means.shape[-1] != 3:
+        raise ValueError(f"means: expected the shape [..., N, 3], found {list(means.shape)}")
+    batch, count = means.shape[:-2], means.shape[-2]
+    if covars is None:
+        quats = array(quats, "quats", (*batch, count, 4))
+        scales = array(scales, "scales", (*batch, count, 3))
+    else:
+        quats, scales = _axes(array(covars, "covars", (*batch, count, 3, 3), np.float64))
+    opacities = array(opacities, "opacities", (*batch, count))
+    viewmats = array(viewmats, "viewmats", (*batch, None, 4, 4), np.float64)
+    cameras = viewmats.shape[-3]
+    Ks = array(Ks, "Ks", (*batch, cameras, 3, 3), np.float64)
+    colors = array(colors, "colors")
+    channels, of_camera = _check_colors(colors, sh_degree, batch, cameras, count)
+    if backgrounds is not None:
+        backgrounds = array(backgrounds, "backgrounds", (*batch, cameras, channels))
+
+    shape = (math.prod(batch), cameras, height, width)
+
+    def flat(values: np.ndarray) -> np.ndarray:
+        return values.reshape((shape[0], *values.shape[len(batch) :]))
+
+    means, quats, scales, opacities, viewmats, Ks, colors = map(flat, (means, quats, scales, opacities, viewmats, Ks, colors))
+    has_colors, has_depth = render_mode.startswith("RGB"), render_mode != "RGB"
+    drawn = np.zeros((*shape, channels if has_colors else 0), np.float32)
+    alphas = np.zeros((*shape, 1), np.float32)
+    depths = np.zeros((*shape, 1), np.float32)
+    low_pass = "none" if eps2d == 0.0 else "compensated" if rasterize_mode == "antialiased" else "dilated"
+    # The picture is the same in a world of any scale.
+    scale = np.float32(NEAR / near_plane)
+    with _renderer(device, {**PARAMS, "low_pass": low_pass}) as renderer:
+        for b in range(shape[0]):
+            views = [_camera(viewmats[b, c], Ks[b, c], (width, height), float(scale), c) for c in range(cameras)]
+            z = means[b].astype(np.float64) @ viewmats[b, :, 2, :3].T + viewmats[b, :, 2, 3]
+            too_far = z > far_plane
+            # Cameras share a scene unless what they see differs.
+            step = 1 if of_camera or too_far.any() else cameras
+            for first in range(0, cameras, step):
+                group = slice(first, first + step)
+                shown = np.where(too_far[:, group].any(axis=1), np.float32(0.0), opacities[b])
+                batch_of = _Batch(renderer, (means[b] * scale, quats[b], scales[b] * scale, shown), views[group])
+                batch_of.draw_alphas(alphas[b, group])
+                if has_colors:
+                    mine = colors[b, first] if of_camera else colors[b]
+                    batch_of.draw_colors(mine, sh_degree, alphas[b, group], drawn[b, group])
+                if has_depth:
+                    batch_of.draw_depths(z[:, group], depths[b, group])
+    if backgrounds is not None:
+        drawn += (1.0 - alphas) * flat(backgrounds)[:, :, None, None, : drawn.shape[-1]]
+    if render_mode.endswith("ED"):
+        depths /= np.maximum(alphas, np.float32(1e-10))
+    if has_depth:
+        drawn = np.concatenate([drawn, depths], axis=-1)
+    meta = Meta(
+        width=width,
+        height=height,
+        n_batches=shape[0],
+        n_cameras=cameras,
+        tile_size=tile_size,
+        tile_width=math.ceil(width / tile_size),
+        tile_height=math.ceil(height / tile_size),
+    )
+    drawn, alphas = (values.reshape((*batch, *values.shape[1:])) for values in (drawn, alphas))
+    return _like(library, drawn), _like(library, alphas), meta
+
+
+def _refuse_unsupported(arguments: dict[str, Any]) -> None:
+    for name, value in arguments.items():
+        if value is not None and value is not False:
+            raise NotImplementedError(f"{name}: not supported, found {value!r}")
+
+
+def _axes(covars: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the rotations (w, x, y, z) and the standard deviations that covariances are made of."""
+    variances, axes = np.linalg.eigh(covars)
+    # The sign of an axis does not matter, so that they can be a right hand's.
+    axes[..., 0] *= np.sign(np.linalg.det(axes))[..., None]
+    # The quaternion is the eigenvector of this matrix, with no case in which it loses digits (Bar-Itzhack 2000).
+    m = np.moveaxis(axes, (-2, -1), (0, 1))
+    k = np.empty((*axes.shape[:-2], 4, 4))
+    k[..., 0, 0] = m[0, 0] + m[1, 1] + m[2, 2]
+    for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        k[..., 0, a + 1] = k[..., a + 1, 0] = m[c, b] - m[b, c]
+        k[..., a + 1, a + 1] = m[a, a] - m[b, b] - m[c, c]
+        k[..., b + 1, c + 1] = k[..., c + 1, b + 1] = m[b, c] + m[c, b]
+    quats = np.linalg.eigh(k)[1][..., -1]
+    return quats.astype(np.float32), np.sqrt(np.maximum(variances, 0.0)).astype(np.float32)
+
+
+def _check_colors(colors: np.ndarray, sh_degree: int | None, batch: tuple[int, ...], cameras: int, count: int) -> tuple[int, bool]:
+    """Returns the number of channels of colours, and whether each camera has its own."""
+    tail = 1 if sh_degree is None else 2
+    of_camera = colors.ndim == len(batch) + 2 + tail
+    leading = (*batch, cameras, count) if of_camera else (*batch, count)
+    if colors.ndim != len(leading) + tail or colors.shape[: len(leading)] != leading or (tail == 2 and colors.shape[-1] != 3):
+        wanted = "[..., (C,) N, D]" if sh_degree is None else "[..., (C,) N, K, 3]"
+        raise ValueError(f"colors: expected the shape {wanted} with C = {cameras} and N = {count}, found {list(colors.shape)}")
+    if sh_degree is None:
+        return colors.shape[-1], of_camera
+    if not 0 <= sh_degree <= 3:
+        raise NotImplementedError(f"sh_degree: expected 0 to 3, found {sh_degree}")
+    if (sh_degree + 1) ** 2 > colors.shape[-2]:
+        raise ValueError(f"colors: expected K of at least {(sh_degree + 1) ** 2} for sh_degree = {sh_degree}, found {colors.shape[-2]}")
+    return 3, of_camera
+
+
+def _camera(view: np.ndarray, K: np.ndarray, size: tuple[int, int], scale: float, index: int) -> Camera:
+    view = view.copy()
+    view[:3, 3] *= scale
+    try:
+        return Camera(view, K, *size)
+    except ValueError as error:
+        raise ValueError(f"viewmats, Ks: camera {index}: {error}") from None
+
+
+class _Batch:
+    """Cameras that see the same splats."""
+
+    def __init__(self, renderer: Renderer, splats: tuple[np.ndarray, ...], cameras: list[Camera]) -> None:
+        self.renderer, self.splats, self.cameras = renderer, splats, cameras
+
+    def _draw(self, sh: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+        self.renderer.show(Scene.from_arrays(*self.splats, sh))
+        return enumerate(self.renderer.render_many(self.cameras))
+
+    def draw_alphas(self, out: np.ndarray) -> None:
+        """Draws alphas: the colours of white splats."""
+        self.draw_colors(np.ones((len(self.splats[0]), 1), np.float32), None, out, out)
+
+    def draw_colors(self, colors: np.ndarray, sh_degree: int | None, alphas: np.ndarray, out: np.ndarray) -> None:
+        """Draws colours of any number of channels, three at a time."""
+        if sh_degree is not None:
+            for c, picture in self._draw(colors[:, : (sh_degree + 1) ** 2]):
+                out[c] = picture
+            return
+        for first in range(0, colors.shape[-1], 3):
+            three = colors[:, first : first + 3]
+            # Splats have no negative colours: one is added to all, and its share of the picture taken away again.
+            least = np.minimum(three.min(axis=0, initial=0.0), 0.0)
+            sh = np.zeros((len(three), 1, 3), np.float32)
+            sh[:, 0, : three.shape[1]] = (three - least - 0.5) / SH_0
+            for c, picture in self._draw(sh):
+                out[c, ..., first : first + 3] = picture[..., : three.shape[1]]
+                if least.any():
+                    out[c, ..., first : first + 3] += least * alphas[c]
+
+    def draw_depths(self, depths: np.ndarray, out: np.ndarray) -> None:
+        """Draws depths as colours, those of each camera its own."""
+        for c, camera in enumerate(self.cameras):
+            mine = np.maximum(depths[:, c : c + 1], 0.0)
+            # Up to 1, as colours are, so that no format rounds them.
+            most = max(float(mine.max(initial=0.0)), 1e-30)
+            alone = _Batch(self.renderer, self.splats, [camera])
+            alone.draw_colors((mine / most).astype(np.float32), None, out[c : c + 1], out[c : c + 1])
+            out[c] *= np.float32(most)
+
+
+@contextlib.contextmanager
+def _renderer(device: str | int | None, params: dict[str, Any]) -> Iterator[Renderer]:
+    """Lends the device's renderer, which stays open for the next call."""
+    name = None if device is None else str(device)
+    with _renderers_lock:
+        if name not in _renderers:
+            nothing = np.zeros((0, 1), np.float32)
+            scene = Scene.from_arrays(*(nothing.repeat(k, axis=1) for k in (3, 4, 3)), nothing[:, 0], nothing.repeat(3, axis=1)[:, None])
+            _renderers[name] = Renderer(scene, device=device), threading.Lock()
+        renderer, lock = _renderers[name]
+    with lock:
+        renderer.use("auto", params)
+        yield renderer
+
+
+def _like(given: Any, values: np.ndarray) -> Any:
+    """Returns an array of the library that `given` is of, where that takes numpy's."""
+    library = sys.modules.get(type(given).__module__.partition(".")[0])
+    convert = None if isinstance(given, np.ndarray) else getattr(library, "from_dlpack", None)
+    return values if convert is None else convert(values)

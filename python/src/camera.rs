@@ -1,0 +1,173 @@
+//! Wraps a camera.
+
+use crate::arrays::{give, take};
+use crate::errors::SceneError;
+use crate::scene::Scene;
+use crate::wait;
+use pyo3::exceptions::{PyNotImplementedError, PyValueError};
+use pyo3::prelude::*;
+use splatgraph_assets as assets;
+use std::path::PathBuf;
+
+/// A pinhole camera with x to the right, y down and z forward.
+///
+/// Args:
+///     viewmat: world to camera, a rotation and a translation in world units, [4, 4].
+///     K: intrinsics in pixels, [3, 3]: fx, fy, and the principal point, in the middle of the picture.
+///     width: width of the picture, in pixels.
+///     height: height of the picture, in pixels.
+///     name: name for files and messages.
+#[pyclass(frozen, module = "splatgraph")]
+pub struct Camera(pub assets::Camera);
+
+#[pymethods]
+impl Camera {
+    #[new]
+    #[pyo3(signature = (viewmat, K, width, height, name = String::new()))]
+    #[expect(non_snake_case, reason = "the field's name of the matrix")]
+    fn new(
+        viewmat: &Bound<'_, PyAny>,
+        K: &Bound<'_, PyAny>,
+        width: u32,
+        height: u32,
+        name: String,
+    ) -> PyResult<Camera> {
+        let view = matrix::<4>(viewmat, "viewmat")?;
+        let k = matrix::<3>(K, "K")?;
+        let axes: [[f64; 3]; 3] = std::array::from_fn(|row| [view[row][0], view[row][1], view[row][2]]);
+        let position = std::array::from_fn(|i| -(0..3).map(|row| axes[row][i] * view[row][3]).sum::<f64>());
+        let camera = assets::Camera {
+            id: 0,
+            img_name: name,
+            width,
+            height,
+            position,
+            rotation: std::array::from_fn(|row| std::array::from_fn(|axis| axes[axis][row])),
+            fx: k[0][0],
+            fy: k[1][1],
+        };
+        if view[3] != [0.0, 0.0, 0.0, 1.0] {
+            return Err(PyValueError::new_err(format!(
+                "viewmat: expected the last row 0, 0, 0, 1, found {:?}",
+                view[3]
+            )));
+        }
+        let off = [k[0][2] - 0.5 * f64::from(width), k[1][2] - 0.5 * f64::from(height)];
+        // A rounding of float32 is no place of its own.
+        if off.iter().any(|off| off.abs() > 1e-3) {
+            return Err(PyNotImplementedError::new_err(format!(
+                "K: expected the principal point in the middle of the picture, ({}, {}), found ({}, {})",
+                0.5 * f64::from(width),
+                0.5 * f64::from(height),
+                k[0][2],
+                k[1][2]
+            )));
+        }
+        if k[0][1] != 0.0 || k[1][0] != 0.0 || k[2] != [0.0, 0.0, 1.0] {
+            return Err(PyValueError::new_err("K: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"));
+        }
+        checked(camera)
+    }
+
+    /// Makes a camera at `eye` that looks at `target`, both in world units. `fov` is the horizontal field of view, in degrees.
+    ///
+    /// The picture is upright where the world's `up` points; most scenes have y downwards.
+    #[staticmethod]
+    #[pyo3(signature = (eye, target, fov = 60.0, size = (960, 540), up = [0.0, -1.0, 0.0], name = String::new()))]
+    fn look_at(
+        eye: [f64; 3],
+        target: [f64; 3],
+        fov: f64,
+        size: (u32, u32),
+        up: [f64; 3],
+        name: String,
+    ) -> PyResult<Camera> {
+        let camera = assets::Camera::looking_at_upright(eye, target, up, fov, size);
+        checked(assets::Camera { img_name: name, ..camera })
+    }
+
+    /// Makes a camera that sees the bulk of a scene.
+    #[staticmethod]
+    #[pyo3(signature = (scene, size = (960, 540)))]
+    fn framing(scene: &Bound<'_, Scene>, size: (u32, u32)) -> Camera {
+        let scene = &scene.get().0;
+        let camera = assets::Camera::framing(scene, size.0, size.1);
+        Camera(camera.relative_to(scene.offset().map(|v| -v)))
+    }
+
+    /// Loads cameras: a `cameras.json`, a `transforms.json`, or a folder of COLMAP's.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Vec<Camera>> {
+        let cameras = wait::run(py, move || assets::Camera::load(path))?;
+        let cameras = cameras.map_err(|error| SceneError::new_err(error.to_string()))?;
+        Ok(cameras.into_iter().map(Camera).collect())
+    }
+
+    /// Makes the camera of the same view in another size, in pixels; the vertical field of view stays.
+    fn resized(&self, width: u32, height: u32) -> PyResult<Camera> {
+        checked(self.0.resized(width, height))
+    }
+
+    /// World to camera, float64 [4, 4].
+    #[getter]
+    fn viewmat<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let axes = self.0.axes();
+        let mut view = [[0.0; 4]; 4];
+        for (row, axis) in axes.iter().enumerate() {
+            view[row][..3].copy_from_slice(axis);
+            view[row][3] = -(0..3).map(|i| axis[i] * self.0.position[i]).sum::<f64>();
+        }
+        view[3][3] = 1.0;
+        give(py, view.as_flattened(), &[4, 4])
+    }
+
+    /// Intrinsics in pixels, float64 [3, 3].
+    #[getter]
+    #[pyo3(name = "K")]
+    fn intrinsics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let centre = [self.0.width, self.0.height].map(|side| 0.5 * f64::from(side));
+        let k = [[self.0.fx, 0.0, centre[0]], [0.0, self.0.fy, centre[1]], [0.0, 0.0, 1.0]];
+        give(py, k.as_flattened(), &[3, 3])
+    }
+
+    /// Centre of projection, in world units.
+    #[getter]
+    fn position(&self) -> [f64; 3] {
+        self.0.position
+    }
+
+    /// Width of the picture, in pixels.
+    #[getter]
+    fn width(&self) -> u32 {
+        self.0.width
+    }
+
+    /// Height of the picture, in pixels.
+    #[getter]
+    fn height(&self) -> u32 {
+        self.0.height
+    }
+
+    /// Name for files and messages.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.0.img_name
+    }
+
+    fn __repr__(&self) -> String {
+        let assets::Camera { img_name, width, height, position, .. } = &self.0;
+        format!("<splatgraph.Camera {img_name:?}: {width} x {height} pixels at {position:?}>")
+    }
+}
+
+fn checked(camera: assets::Camera) -> PyResult<Camera> {
+    match camera.fault() {
+        Some(fault) => Err(PyValueError::new_err(fault)),
+        None => Ok(Camera(camera)),
+    }
+}
+
+fn matrix<const N: usize>(value: &Bound<'_, PyAny>, name: &str) -> PyResult<[[f64; N]; N]> {
+    let array = take::<f64>(value, name, &[Some(N), Some(N)])?;
+    Ok(std::array::from_fn(|row| std::array::from_fn(|column| array.values[N * row + column])))
+}

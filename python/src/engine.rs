@@ -1,0 +1,332 @@
+//! Owns a device on a thread of its own, which draws what all of Python's threads ask for.
+//!
+//! A request is a camera ([`Engine::submit`], whose [`Pending`] is waited for) or a call with the session. The thread draws
+//! cameras in the order of their requests and keeps as many frames in flight as the device allows, so that it is busy while there are
+//! requests. A call waits for the frames before it.
+
+use crate::arrays::give;
+use crate::camera::Camera;
+use crate::errors::{self, DeviceError, Error};
+use crate::plan::Plan;
+use crate::scene::Scene;
+use crate::wait;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde_json::{Value as Json, json};
+use splatgraph::draw::backend::{Api, Backend, Options, Validation};
+use splatgraph::draw::facts::DEFAULT_SIZE;
+use splatgraph::draw::session::{FrameOptions, Session, SessionError, image_of};
+use splatgraph::draw::stats::CameraStats;
+use splatgraph::io::output;
+use splatgraph_api::{BackendError, Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
+use splatgraph_assets as assets;
+use splatgraph_framework::ir::{Domain, ParamBinding};
+use splatgraph_framework::lower::Control;
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{Builder, JoinHandle};
+
+/// Work on the session, in its thread.
+type Work = Box<dyn FnOnce(&mut Session<Backend>) + Send>;
+
+/// A request to the thread.
+enum Request {
+    Draw(Draw),
+    Call(Work),
+}
+
+/// A request for a picture.
+struct Draw {
+    camera: assets::Camera,
+    background: [f32; 3],
+    /// Nobody waits for it any more.
+    abandoned: Arc<AtomicBool>,
+    reply: Sender<Result<Drawn, SessionError>>,
+}
+
+/// A picture, and what it cost.
+struct Drawn {
+    pixels: Option<Pixels>,
+    stats: CameraStats,
+}
+
+/// The thread and the way to it.
+struct Thread {
+    requests: Sender<Request>,
+    handle: JoinHandle<()>,
+}
+
+/// A device that draws a scene with a graph. Any thread may use it.
+#[pyclass(frozen, module = "splatgraph._native")]
+pub struct Engine {
+    /// `None` once closed.
+    thread: Mutex<Option<Thread>>,
+    /// The statistics of the last picture that was taken, as JSON.
+    last: Arc<Mutex<Option<String>>>,
+}
+
+#[pymethods]
+impl Engine {
+    /// Opens a device. `params` are names and values of the graph's parameters, as text.
+    #[new]
+    #[pyo3(signature = (scene, pipeline, params, *, backend = None, device = None, validation = false))]
+    fn new(
+        py: Python<'_>,
+        scene: &Bound<'_, Scene>,
+        pipeline: String,
+        params: Vec<(String, String)>,
+        backend: Option<&str>,
+        device: Option<String>,
+        validation: bool,
+    ) -> PyResult<Engine> {
+        crate::configure();
+        let api = backend.map_or_else(|| Ok(Api::default()), Api::parse);
+        let api = api.map_err(|error| PyValueError::new_err(format!("backend: {error}")))?;
+        let validation = if validation { Validation::On } else { Validation::Off };
+        let options = Options { device, validation, ..Options::default() };
+        let scene = scene.get().0.clone();
+        let (requests, receiver) = channel();
+        let (opened, mut is_open) = channel();
+        // The device is opened where it is used: some drivers bind things to threads.
+        let handle =
+            Builder::new().name("splatgraph".into()).spawn(move || match Backend::open(api, &options) {
+                Ok(backend) => {
+                    let mut session = Session::new(backend, scene, &pipeline, &params);
+                    if opened.send(Ok(())).is_ok() {
+                        serve(&mut session, &receiver);
+                    }
+                    let messages = session.into_device().close();
+                    messages.iter().for_each(|message| output::say(format!("validation: {message}")));
+                }
+                Err(error) => drop(opened.send(Err(error))),
+            })?;
+        let open: Result<(), BackendError> = wait::receive(py, &mut is_open)?;
+        open.map_err(|error| errors::device(&error))?;
+        let engine = Engine { thread: Mutex::new(Some(Thread { requests, handle })), last: Arc::default() };
+        // A graph that cannot be read or a setting that does not fit is told here, and not at the first picture.
+        engine.controls(py, DEFAULT_SIZE)?;
+        Ok(engine)
+    }
+
+    /// Asks for a picture; `background` is display-encoded.
+    #[pyo3(signature = (camera, background = [0.0; 3]))]
+    fn submit(&self, camera: &Bound<'_, Camera>, background: [f32; 3]) -> PyResult<Pending> {
+        let (reply, receiver) = channel();
+        let abandoned = Arc::new(AtomicBool::new(false));
+        let camera = camera.get().0.clone();
+        self.send(Request::Draw(Draw { camera, background, abandoned: abandoned.clone(), reply }))?;
+        Ok(Pending { receiver: Mutex::new(Some(receiver)), abandoned, last: self.last.clone() })
+    }
+
+    /// Changes the graph and its parameters. After an error, everything is as before.
+    fn set_graph(
+        &self,
+        py: Python<'_>,
+        pipeline: String,
+        params: Vec<(String, String)>,
+        size: (u32, u32),
+    ) -> PyResult<()> {
+        self.ask(py, move |session| session.change_graph(&pipeline, &params, size))
+    }
+
+    /// Draws another scene from now on.
+    fn set_scene(&self, py: Python<'_>, scene: &Bound<'_, Scene>) -> PyResult<()> {
+        let scene = scene.get().0.clone();
+        self.ask(py, move |session| {
+            session.set_scene(scene);
+            Ok(())
+        })
+    }
+
+    /// Lists the graph's parameters for pictures of a size: a list of dicts.
+    #[pyo3(signature = (size = DEFAULT_SIZE))]
+    fn params<'py>(&self, py: Python<'py>, size: (u32, u32)) -> PyResult<Bound<'py, PyAny>> {
+        let controls: Json = self.controls(py, size)?.iter().map(control).collect();
+        errors::from_json(py, &controls.to_string())
+    }
+
+    /// Builds the plan for pictures of a size.
+    #[pyo3(signature = (size = DEFAULT_SIZE))]
+    fn plan(&self, py: Python<'_>, size: (u32, u32)) -> PyResult<Plan> {
+        self.ask(py, move |session| session.plan_for(size)).map(Plan)
+    }
+
+    /// The statistics of the last picture that was taken: a dict, or `None`.
+    #[getter]
+    fn stats<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let last = self.last.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        last.map(|json| errors::from_json(py, &json)).transpose()
+    }
+
+    /// The device: a dict with its name, driver, kind and limits.
+    #[getter]
+    fn device<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let info = self.ask(py, |session| Ok(session.device().info().clone()))?;
+        let info = json!({"name": info.name, "driver": info.driver, "kind": info.kind, "index": info.index});
+        errors::from_json(py, &info.to_string())
+    }
+
+    /// Ends the thread and closes the device, after the pictures that were asked for.
+    fn close(&self, py: Python<'_>) {
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(Thread { requests, handle }) = thread {
+            drop(requests);
+            // A panic's message is on standard error already.
+            let _ = py.detach(|| handle.join());
+        }
+    }
+}
+
+impl Engine {
+    fn send(&self, request: Request) -> PyResult<()> {
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(thread) = thread.as_ref() else {
+            return Err(Error::new_err("the renderer is closed"));
+        };
+        let ended =
+            |_| DeviceError::new_err("the renderer's thread ended early; standard error has its message");
+        thread.requests.send(request).map_err(ended)
+    }
+
+    /// Calls a function with the session, on its thread, and returns the result.
+    fn ask<T: Send + 'static>(
+        &self,
+        py: Python<'_>,
+        call: impl FnOnce(&mut Session<Backend>) -> Result<T, SessionError> + Send + 'static,
+    ) -> PyResult<T> {
+        let (reply, mut receiver) = channel();
+        self.send(Request::Call(Box::new(move |session: &mut Session<Backend>| {
+            // Nobody waits after an interruption.
+            let _ = reply.send(call(session));
+        })))?;
+        wait::receive(py, &mut receiver)?.map_err(|error| errors::session(py, &error))
+    }
+
+    fn controls(&self, py: Python<'_>, size: (u32, u32)) -> PyResult<Vec<Control>> {
+        self.ask(py, move |session| session.controls(size))
+    }
+}
+
+/// A picture that was asked for.
+#[pyclass(frozen, module = "splatgraph._native")]
+pub struct Pending {
+    /// `None` once taken.
+    receiver: Mutex<Option<Receiver<Result<Drawn, SessionError>>>>,
+    abandoned: Arc<AtomicBool>,
+    last: Arc<Mutex<Option<String>>>,
+}
+
+#[pymethods]
+impl Pending {
+    /// Waits for the picture, once: display-encoded colours, float32 [height, width, 3], row 0 at the top, not clamped.
+    fn result<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let receiver = self.receiver.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let Some(mut receiver) = receiver else {
+            return Err(Error::new_err("the picture was taken already"));
+        };
+        let answer = wait::receive(py, &mut receiver).inspect_err(|_| self.abandon())?;
+        let Drawn { pixels, stats } = answer.map_err(|error| errors::session(py, &error))?;
+        let json = serde_json::to_string(&stats).map_err(|error| Error::new_err(error.to_string()))?;
+        *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(json);
+        let pixels = pixels.ok_or_else(|| DeviceError::new_err("the device returned no picture"))?;
+        let image = py.detach(|| image_of(&pixels));
+        let image = image.ok_or_else(|| Error::new_err("the graph's output has no colours"))?;
+        give(py, image.rgb.as_flattened(), &[image.height, image.width, 3])
+    }
+}
+
+impl Pending {
+    fn abandon(&self) {
+        self.abandoned.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Pending {
+    fn drop(&mut self) {
+        self.abandon();
+    }
+}
+
+/// Answers requests until there can be no more.
+fn serve(session: &mut Session<Backend>, requests: &Receiver<Request>) {
+    let mut flying = VecDeque::new();
+    loop {
+        // Only an idle device waits for a request.
+        let request = match flying.is_empty() {
+            true => requests.recv().map_err(|_| TryRecvError::Disconnected),
+            false => requests.try_recv(),
+        };
+        match request {
+            Ok(Request::Draw(draw)) => start(session, &mut flying, draw),
+            Ok(Request::Call(call)) => {
+                land(session, &mut flying, 0);
+                call(session);
+            }
+            Err(TryRecvError::Empty) => {
+                let most = flying.len() - 1;
+                land(session, &mut flying, most);
+            }
+            Err(TryRecvError::Disconnected) => {
+                land(session, &mut flying, 0);
+                return;
+            }
+        }
+    }
+}
+
+/// Submits a frame, after whatever must be done before.
+fn start(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>, draw: Draw) {
+    if draw.abandoned.load(Ordering::Relaxed) {
+        return;
+    }
+    let size = (draw.camera.width, draw.camera.height);
+    if !session.is_prepared(size) {
+        land(session, flying, 0);
+    }
+    land(session, flying, FRAMES_IN_FLIGHT - 1);
+    let options = FrameOptions { background: draw.background, read_output: true, ..FrameOptions::default() };
+    let camera = draw.camera.relative_to(session.scene().offset());
+    let submitted = session.prepare(size, &mut |_| {}).and_then(|_| session.submit(&camera, &options));
+    match submitted {
+        Ok(frame) => flying.push_back((frame, draw)),
+        Err(error) => drop(draw.reply.send(Err(error))),
+    }
+}
+
+/// Waits for the oldest frames until at most `most` are in flight.
+fn land(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>, most: usize) {
+    while flying.len() > most {
+        let Some((frame, draw)) = flying.pop_front() else { return };
+        let answer = session.wait(frame).and_then(|mut result| {
+            let pixels = result.output.take();
+            let memory = session.device().memory();
+            let info = session.device().info().clone();
+            let count = session.scene().count().into();
+            let plan = session.plan().ok_or(SessionError::NotPrepared)?;
+            let camera = (draw.camera.img_name.as_str(), (draw.camera.width, draw.camera.height));
+            let stats = CameraStats::new(camera, plan, &info, count, &[result], memory);
+            Ok(Drawn { pixels, stats })
+        });
+        // Nobody waits for one that was abandoned meanwhile.
+        let _ = draw.reply.send(answer);
+    }
+}
+
+/// Describes a parameter as JSON.
+fn control(control: &Control) -> Json {
+    let param = &control.param;
+    let (kind, range, step, choices) = match &param.domain {
+        Domain::Bool => ("bool", Json::Null, Json::Null, Json::Null),
+        Domain::Int { min, max } => ("int", json!([min, max]), Json::Null, Json::Null),
+        Domain::Float { min, max, step } => ("float", json!([min, max]), json!(step), Json::Null),
+        Domain::Choice(names) => ("str", Json::Null, Json::Null, json!(names)),
+    };
+    json!({
+        "name": param.name, "value": param.value, "default": param.default,
+        "exact": param.exact, "kind": kind, "range": range, "step": step, "choices": choices,
+        "live": matches!(param.binding, ParamBinding::Live { .. }), "grows": param.grows.is_some(),
+        "label": control.label, "help": control.help,
+    })
+}

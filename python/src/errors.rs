@@ -1,0 +1,74 @@
+//! Defines the exceptions, and turns the library's errors into them.
+
+use pyo3::create_exception;
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+use splatgraph::draw::planner::{GraphErrors, PlainDiagnostic};
+use splatgraph::draw::session::SessionError;
+use splatgraph_api::BackendError;
+
+create_exception!(splatgraph, Error, PyRuntimeError, "Base class of the errors of splatgraph.");
+create_exception!(splatgraph, SceneError, Error, "A scene's or a camera's file cannot be read or written.");
+create_exception!(splatgraph, DeviceError, Error, "There is no fit device, or it failed.");
+create_exception!(
+    splatgraph,
+    GraphError,
+    Error,
+    "A graph or its shaders have errors.
+
+Attributes:
+    file (str): path of the file with the first error, as it was named.
+    line (int): its line, from 1.
+    column (int): its column, from 1, in characters.
+    text (str): all errors, drawn with the source text.
+    errors (list[dict]): each error: file, line, column, end_line, end_column, severity, message, label, help."
+);
+
+/// Makes the exception of an error of a session.
+pub fn session(py: Python<'_>, error: &SessionError) -> PyErr {
+    match error {
+        SessionError::Graph(errors) => graph(py, errors),
+        SessionError::Backend(error) => device(error),
+        error => Error::new_err(error.to_string()),
+    }
+}
+
+/// Makes the exception of an error of a device.
+pub fn device(error: &BackendError) -> PyErr {
+    DeviceError::new_err(error.to_string())
+}
+
+/// Makes the exception of a graph's errors, with where they are.
+pub fn graph(py: Python<'_>, errors: &GraphErrors) -> PyErr {
+    let text = errors.text(false).trim_end().to_owned();
+    let exception = GraphError::new_err(text.clone());
+    let value = exception.value(py);
+    let attach = || -> PyResult<()> {
+        let list = PyList::empty(py);
+        for found in &errors.found {
+            list.append(diagnostic(py, found)?)?;
+        }
+        if let Some(first) = errors.found.first() {
+            value.setattr("file", &first.file)?;
+            value.setattr("line", first.line)?;
+            value.setattr("column", first.column)?;
+        }
+        value.setattr("text", text)?;
+        value.setattr("errors", list)
+    };
+    match attach() {
+        Ok(()) => exception,
+        Err(error) => error,
+    }
+}
+
+fn diagnostic<'py>(py: Python<'py>, found: &PlainDiagnostic) -> PyResult<Bound<'py, PyAny>> {
+    let json = serde_json::to_string(found).map_err(|error| Error::new_err(error.to_string()))?;
+    from_json(py, &json)
+}
+
+/// Makes Python's values of JSON.
+pub fn from_json<'py>(py: Python<'py>, json: &str) -> PyResult<Bound<'py, PyAny>> {
+    py.import("json")?.call_method("loads", (json,), None::<&Bound<'_, PyDict>>)
+}

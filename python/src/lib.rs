@@ -1,0 +1,93 @@
+//! Defines `splatgraph._native`, the extension module of the Python package `splatgraph`.
+//!
+//! It wraps the application's library in a few classes; the package beside it (`splatgraph/*.py`) is what people call. Whatever takes
+//! time runs on a thread of its own ([`wait`]): Python's lock is free meanwhile, and Ctrl-C ends the call.
+//!
+//! - [`errors`]: the exceptions;
+//! - [`wait`]: waiting for other threads;
+//! - [`arrays`]: numpy's arrays;
+//! - [`scene`], [`camera`]: what is drawn;
+//! - [`plan`]: plans as text, JSON and pages;
+//! - [`engine`]: a thread that owns a device and draws;
+//! - [`pictures`]: differences between pictures.
+
+use pyo3::prelude::*;
+use splatgraph::draw::planner;
+use splatgraph::draw::shader_cache::ShaderCache;
+use splatgraph_framework::shader::{Worker, serve_if_asked};
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
+
+mod arrays;
+mod camera;
+mod engine;
+mod errors;
+mod pictures;
+mod plan;
+mod scene;
+mod wait;
+
+/// The interpreter and the file of this module.
+static PROCESS: OnceLock<(PathBuf, PathBuf)> = OnceLock::new();
+
+/// Loads the extension module by its path alone, which then serves as the compiler.
+const SERVE: &str = "import sys, importlib.util as u
+s = u.spec_from_file_location('_native', sys.argv[1])
+s.loader.exec_module(u.module_from_spec(s))";
+
+/// Returns the program that compiles shaders: the interpreter with this module. `None` where Python is part of another program.
+fn worker() -> Option<Worker> {
+    let (python, module) = PROCESS.get()?;
+    let arguments = ["-I", "-S", "-c", SERVE].map(OsString::from).into_iter().chain([module.into()]);
+    Some(Worker { arguments: arguments.collect(), ..Worker::new(python) })
+}
+
+/// Returns the cache of compiled shaders, those of this module's compiler.
+fn shader_cache() -> Option<ShaderCache> {
+    PROCESS.get().and_then(|(_, module)| ShaderCache::of_user(module))
+}
+
+/// Sets up planners. Called before the first plan, and not at import: the command line has settings of its own.
+fn configure() {
+    let store = shader_cache().map(|cache| Arc::new(cache) as Arc<_>);
+    planner::configure(planner::Settings { worker: worker(), store, include_roots: Vec::new() });
+}
+
+#[pymodule]
+mod _native {
+    use super::*;
+
+    #[pymodule_export]
+    use super::camera::Camera;
+    #[pymodule_export]
+    use super::engine::{Engine, Pending};
+    #[pymodule_export]
+    use super::errors::{DeviceError, Error, GraphError, SceneError};
+    #[pymodule_export]
+    use super::pictures::compare;
+    #[pymodule_export]
+    use super::plan::{Plan, plan};
+    #[pymodule_export]
+    use super::scene::Scene;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        // Shaders are compiled in a second process, which loads this module for nothing else.
+        serve_if_asked();
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+
+    /// Says which interpreter and which file of this module other processes can start from.
+    #[pyfunction]
+    fn _set_process(python: PathBuf, module: PathBuf) {
+        // A second import in one process has the same.
+        let _ = PROCESS.set((python, module));
+    }
+
+    /// Runs the command line; returns the exit code.
+    #[pyfunction]
+    fn run(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
+        py.detach(|| splatgraph::cli::run(arguments, worker(), shader_cache()))
+    }
+}

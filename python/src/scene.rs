@@ -1,0 +1,165 @@
+//! Wraps a scene.
+
+use crate::arrays::{give, take};
+use crate::errors::{Error, SceneError};
+use crate::wait;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use splatgraph::io::output;
+use splatgraph_assets::{self as assets, SceneFormat, Splat};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A 3D Gaussian Splatting scene: its splats, activated. Scenes do not change; renderers share them.
+#[pyclass(frozen, module = "splatgraph")]
+pub struct Scene(pub Arc<assets::Scene>);
+
+#[pymethods]
+impl Scene {
+    /// Loads a scene file: .ply, .compressed.ply, .spz, .splat, .sog or .ksplat, which its bytes tell.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
+        let loaded = wait::run(py, move || assets::Scene::load(path, &|_, _| ControlFlow::Continue(())))?;
+        loaded.map(|scene| Scene(Arc::new(scene))).map_err(|error| SceneError::new_err(error.to_string()))
+    }
+
+    /// Makes a scene of arrays: any with `__dlpack__` or that numpy takes.
+    ///
+    /// Args:
+    ///     means: centres in world units, [N, 3].
+    ///     quats: rotations w, x, y, z, of any length but 0, [N, 4].
+    ///     scales: standard deviations along the axes in world units (not their logarithms), [N, 3].
+    ///     opacities: opacities at the centre, 0 to 1 (not their logits), [N].
+    ///     sh: spherical harmonics, [N, K, 3] with K = 1, 4, 9 or 16; a colour c is 0.5 + 0.28209 * sh[:, 0].
+    ///
+    /// Splats that cannot be drawn, with NaN or a quaternion of 0, are dropped: see `dropped`.
+    #[staticmethod]
+    fn from_arrays(
+        py: Python<'_>,
+        means: &Bound<'_, PyAny>,
+        quats: &Bound<'_, PyAny>,
+        scales: &Bound<'_, PyAny>,
+        opacities: &Bound<'_, PyAny>,
+        sh: &Bound<'_, PyAny>,
+    ) -> PyResult<Scene> {
+        let means = take::<f32>(means, "means", &[None, Some(3)])?;
+        let count = means.shape[0];
+        let quats = take::<f32>(quats, "quats", &[Some(count), Some(4)])?;
+        let scales = take::<f32>(scales, "scales", &[Some(count), Some(3)])?;
+        let opacities = take::<f32>(opacities, "opacities", &[Some(count)])?;
+        let sh = take::<f32>(sh, "sh", &[Some(count), None, Some(3)])?;
+        let bases = sh.shape[1];
+        let Some(degree) = [1, 4, 9, 16].iter().position(|k| *k == bases) else {
+            return Err(PyValueError::new_err(format!(
+                "sh: expected 1, 4, 9 or 16 bases (degrees 0 to 3), found {bases}"
+            )));
+        };
+        let splats = u32::try_from(count).map_err(|_| {
+            PyValueError::new_err(format!("means: expected at most {} splats, found {count}", u32::MAX))
+        })?;
+        let [means, quats, scales, opacities, sh] =
+            [means, quats, scales, opacities, sh].map(|array| array.values);
+        let three = |from: &[f32], index: usize| [from[3 * index], from[3 * index + 1], from[3 * index + 2]];
+        let made = py.detach(|| {
+            assets::Scene::try_generate(splats, degree as u32, |index| {
+                let mut all = [0.0; 48];
+                all[..3 * bases].copy_from_slice(&sh[3 * bases * index..][..3 * bases]);
+                Splat {
+                    position: three(&means, index),
+                    scale: three(&scales, index),
+                    rotation: std::array::from_fn(|axis| quats[4 * index + axis]),
+                    opacity: opacities[index],
+                    sh: all,
+                }
+            })
+        });
+        made.map(|scene| Scene(Arc::new(scene))).map_err(|error| Error::new_err(error.to_string()))
+    }
+
+    /// Writes the scene in the format of the file's extension: .ply, .compressed.ply, .spz or .splat. All but .ply round.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let Some(format) = SceneFormat::of_name(&path).filter(|format| SceneFormat::WRITTEN.contains(format))
+        else {
+            let known: Vec<String> =
+                SceneFormat::WRITTEN.iter().map(|f| format!(".{}", f.extension())).collect();
+            return Err(PyValueError::new_err(format!(
+                "path: expected the extension {}, found {}",
+                known.join(", "),
+                path.display()
+            )));
+        };
+        let scene = self.0.clone();
+        let written =
+            wait::run(py, move || output::write(&path, |mut out| Ok(scene.write(format, &mut out)?)))?;
+        written.map_err(|error| SceneError::new_err(error.to_string()))
+    }
+
+    /// Centres in world units, float32 [N, 3], relative to `offset`. A copy.
+    #[getter]
+    fn means<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        give(py, self.0.positions().as_flattened(), &[self.0.count() as usize, 3])
+    }
+
+    /// Unit quaternions w, x, y, z, float32 [N, 4]. A copy.
+    #[getter]
+    fn quats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        give(py, self.0.rotations().as_flattened(), &[self.0.count() as usize, 4])
+    }
+
+    /// Standard deviations along the axes in world units, float32 [N, 3]. A copy.
+    #[getter]
+    fn scales<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        give(py, self.0.scales().as_flattened(), &[self.0.count() as usize, 3])
+    }
+
+    /// Opacities at the centres, 0 to 1, float32 [N]. A copy.
+    #[getter]
+    fn opacities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        give(py, self.0.opacities(), &[self.0.count() as usize])
+    }
+
+    /// Spherical harmonics, float32 [N, K, 3] with K = (degree + 1)^2. A copy.
+    #[getter]
+    fn sh<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let bases = assets::sh_floats(self.0.stored_degree()) / 3;
+        give(py, self.0.sh(), &[self.0.count() as usize, bases, 3])
+    }
+
+    /// The highest band of spherical harmonics that is not 0 in every splat.
+    #[getter]
+    fn sh_degree(&self) -> u32 {
+        self.0.effective_degree()
+    }
+
+    /// The origin's world coordinates, float64. 0 unless the file's coordinates have more digits than float32 holds.
+    #[getter]
+    fn offset(&self) -> [f64; 3] {
+        self.0.offset()
+    }
+
+    /// The box of all centres: its least and its greatest corner, in world units relative to `offset`.
+    #[getter]
+    fn bounds(&self) -> ([f32; 3], [f32; 3]) {
+        let bounds = self.0.bounds();
+        (bounds.min, bounds.max)
+    }
+
+    /// The number of splats of the file or the arrays that cannot be drawn, and were left out.
+    #[getter]
+    fn dropped(&self) -> u64 {
+        self.0.dropped().total()
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.count() as usize
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "<splatgraph.Scene: {} splats, harmonics of degree {}>",
+            self.0.count(),
+            self.0.effective_degree()
+        )
+    }
+}

@@ -1,0 +1,40 @@
+//! Waits for other threads so that Ctrl-C ends the wait.
+
+use crate::errors::Error;
+use pyo3::prelude::*;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::thread::Builder;
+use std::time::Duration;
+
+/// Interval of asking Python for signals.
+const ASK_EVERY: Duration = Duration::from_millis(50);
+
+/// Runs `work` on a thread of its own and returns its result.
+///
+/// # Errors
+/// `KeyboardInterrupt` or another exception of a signal handler; the thread then ends when its work is done, and nobody learns of it.
+pub fn run<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 'static) -> PyResult<T> {
+    let (sender, mut receiver) = channel();
+    Builder::new().name("splatgraph".into()).spawn(move || {
+        // Nobody waits any more after an interruption.
+        let _ = sender.send(work());
+    })?;
+    receive(py, &mut receiver)
+}
+
+/// Receives a thread's answer.
+///
+/// # Errors
+/// As [`run`], and where the thread ended without an answer.
+pub fn receive<T: Send>(py: Python<'_>, receiver: &mut Receiver<T>) -> PyResult<T> {
+    loop {
+        let receiver = &mut *receiver;
+        match py.detach(move || receiver.recv_timeout(ASK_EVERY)) {
+            Ok(answer) => return Ok(answer),
+            Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(Error::new_err("a thread ended early; standard error has its message"));
+            }
+        }
+    }
+}

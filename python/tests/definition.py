@@ -1,0 +1,113 @@
+"""gsplat's definition of a picture in plain numpy and float64: slow, short, and without a line of splatgraph's.
+
+Each Gaussian is projected, given the pixels where it is not below 1/255, and blended over what is behind the pixels' former Gaussians,
+near to far.
+"""
+
+import numpy as np
+
+#: Real spherical harmonics up to degree 3, as functions of a unit vector, in the order that the papers' files have.
+BASES = [
+    lambda x, y, z: 0.28209479177387814 + 0 * x,
+    lambda x, y, z: -0.4886025119029199 * y,
+    lambda x, y, z: 0.4886025119029199 * z,
+    lambda x, y, z: -0.4886025119029199 * x,
+    lambda x, y, z: 1.0925484305920792 * x * y,
+    lambda x, y, z: -1.0925484305920792 * y * z,
+    lambda x, y, z: 0.31539156525252005 * (2 * z * z - x * x - y * y),
+    lambda x, y, z: -1.0925484305920792 * x * z,
+    lambda x, y, z: 0.5462742152960396 * (x * x - y * y),
+    lambda x, y, z: -0.5900435899266435 * y * (3 * x * x - y * y),
+    lambda x, y, z: 2.890611442640554 * x * y * z,
+    lambda x, y, z: -0.4570457994644658 * y * (4 * z * z - x * x - y * y),
+    lambda x, y, z: 0.3731763325901154 * z * (2 * z * z - 3 * x * x - 3 * y * y),
+    lambda x, y, z: -0.4570457994644658 * x * (4 * z * z - x * x - y * y),
+    lambda x, y, z: 1.445305721320277 * z * (x * x - y * y),
+    lambda x, y, z: -0.5900435899266435 * x * (x * x - 3 * y * y),
+]
+
+
+def rotations(quats):
+    """Returns the matrices of quaternions w, x, y, z."""
+    w, x, y, z = (quats / np.linalg.norm(quats, axis=1, keepdims=True)).T
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+        ],
+        1,
+    )
+
+
+def shaded(sh, degree, directions):
+    """Returns the colours of harmonics [N, K, 3], seen along unit vectors [N, 3]."""
+    values = np.stack([base(*directions.T) for base in BASES[: (degree + 1) ** 2]], -1)
+    return np.maximum(np.einsum("nk,nkc->nc", values, sh[:, : (degree + 1) ** 2]) + 0.5, 0.0)
+
+
+def picture(
+    means, quats, scales, opacities, colors, viewmat, K, width, height, near=0.01, far=1e10, eps2d=0.3, sh_degree=None, antialiased=False
+):
+    """Returns colours [height, width, D], alphas [height, width] and sums of depths [height, width] of one camera."""
+    means, quats, scales, opacities, colors, view, K = (
+        np.asarray(values, np.float64) for values in (means, quats, scales, opacities, colors, viewmat, K)
+    )
+    (fx, _, cx), (_, fy, cy), _ = K
+    rotation, centre = view[:3, :3], -view[:3, :3].T @ view[:3, 3]
+    # The order is that of depths in float32, as every implementation has them.
+    local = means @ rotation.T + view[:3, 3]
+    depth = local[:, 2]
+    kept = np.flatnonzero((depth >= near) & (depth <= far))
+    kept = kept[np.argsort(depth[kept].astype(np.float32), kind="stable")]
+
+    if sh_degree is not None:
+        directions = means - centre
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        colors = shaded(colors, sh_degree, directions)
+    x, y, z = local[kept].T
+    # Slopes beside the picture are held where the derivative is taken.
+    margin = 0.3 * 0.5 * np.array([width / fx, height / fy])
+    sx = np.clip(x / z, -cx / fx - margin[0], (width - cx) / fx + margin[0])
+    sy = np.clip(y / z, -cy / fy - margin[1], (height - cy) / fy + margin[1])
+    zero = np.zeros_like(z)
+    jacobian = np.stack([np.stack([fx / z, zero, -fx * sx / z], -1), np.stack([zero, fy / z, -fy * sy / z], -1)], 1)
+    axes = rotations(quats[kept]) * scales[kept, None, :]
+    projected = jacobian @ rotation @ axes
+    covariance = projected @ projected.transpose(0, 2, 1)
+    sharp = np.linalg.det(covariance)
+    covariance += eps2d * np.eye(2)
+    determinant = np.linalg.det(covariance)
+    alpha_of = opacities[kept]
+    if antialiased:
+        alpha_of = alpha_of * np.sqrt(np.maximum(sharp / determinant, 0.0))
+    inverse = np.linalg.inv(covariance)
+    px, py = fx * x / z + cx, fy * y / z + cy
+
+    channels = np.concatenate([colors[kept], z[:, None]], -1)
+    sums = np.zeros((height, width, channels.shape[1]))
+    light = np.ones((height, width))
+    done = np.zeros((height, width), bool)
+    for i in range(len(kept)):
+        if alpha_of[i] < 1 / 255:
+            continue
+        reach = np.sqrt(2 * np.log(255 * alpha_of[i]) * np.diagonal(covariance[i])) + 1
+        left, top = (max(int(np.floor(c - r)), 0) for c, r in zip((px[i], py[i]), reach))
+        right, bottom = (min(int(np.ceil(c + r)), n) for c, r, n in zip((px[i], py[i]), reach, (width, height)))
+        if left >= right or top >= bottom:
+            continue
+        box = np.s_[top:bottom, left:right]
+        # Pixels are sampled in their middle.
+        dx = np.arange(left, right) + 0.5 - px[i]
+        dy = (np.arange(top, bottom) + 0.5 - py[i])[:, None]
+        power = 0.5 * (inverse[i, 0, 0] * dx * dx + inverse[i, 1, 1] * dy * dy) + inverse[i, 0, 1] * dx * dy
+        alpha = np.minimum(0.999, alpha_of[i] * np.exp(-power))
+        alpha[(alpha < 1 / 255) | done[box]] = 0.0
+        after = light[box] * (1 - alpha)
+        # A pixel ends before the Gaussian that would leave it less light than this.
+        ends = (after <= 1e-4) & (alpha > 0)
+        done[box] |= ends
+        share = np.where(ends, 0.0, light[box] * alpha)
+        sums[box] += share[..., None] * channels[i]
+        light[box] -= share
+    return sums[..., :-1], 1 - light, sums[..., -1]

@@ -1,0 +1,186 @@
+"""`rasterization` against gsplat's definition (definition.py), and its arguments."""
+
+import re
+import sys
+import types
+
+import numpy as np
+import pytest
+import splatgraph
+from conftest import captured, intrinsics, psnr, random_splats
+from definition import picture
+from splatgraph import rasterization
+
+#: Least agreement, in dB.
+LEAST = 75.0
+
+
+def looking(eye, angle):
+    """Returns the view of a camera at `eye`, turned about y by `angle`."""
+    c, s = np.cos(angle), np.sin(angle)
+    rotation = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+    view = np.eye(4)
+    view[:3, :3], view[:3, 3] = rotation, -rotation @ np.asarray(eye, float)
+    return view
+
+
+def agreement(arguments, viewmats, Ks, width, height, **options):
+    """Returns PSNRs of colours, alphas, D and ED against the definition, the least over all cameras."""
+    drawn, alphas, _ = rasterization(*arguments, viewmats, Ks, width, height, render_mode="RGB+D", **options)
+    expected, _, _ = rasterization(*arguments, viewmats, Ks, width, height, render_mode="ED", **options)
+    near, far = options.get("near_plane", 0.01), options.get("far_plane", 1e10)
+    antialiased = options.get("rasterize_mode") == "antialiased"
+    found = []
+    for c in range(len(viewmats)):
+        colors, alpha, depth = picture(
+            *arguments, viewmats[c], Ks[c], width, height, near, far, options.get("eps2d", 0.3), options.get("sh_degree"), antialiased
+        )
+        found.append(
+            [
+                psnr(drawn[c, ..., :-1], colors),
+                psnr(alphas[c, ..., 0], alpha),
+                psnr(drawn[c, ..., -1], depth),
+                psnr(expected[c, ..., 0], depth / np.maximum(alpha, 1e-10)),
+            ]
+        )
+        assert alpha.max() > 0.5, "the picture is not empty"
+    return np.min(found, axis=0)
+
+
+@pytest.mark.parametrize("seed, degree", [(0, None), (1, 3), (2, 1)])
+def test_colours_alphas_and_depths_of_random_splats_agree_with_the_definition(seed, degree):
+    arguments = random_splats(seed, degree=degree)
+    viewmats = np.stack([np.eye(4), looking((0.5, -0.2, -1), 0.3)])
+    Ks = np.stack([intrinsics(96, 64, 70), intrinsics(96, 64, 120)])
+    found = agreement(arguments, viewmats, Ks, 96, 64, sh_degree=degree)
+    print(f"random scene {seed}: colours, alphas, D, ED {np.round(found, 1)} dB")
+    assert (found >= LEAST).all(), found
+
+
+@pytest.mark.parametrize("name, crop", [("biker", (96, 64)), ("playbot-31k", (120, 90))])
+def test_captured_scenes_agree_with_the_definition(name, crop):
+    scene = splatgraph.Scene.load(captured(f"{name}.ply"))
+    camera = splatgraph.Camera.load(captured(f"{name}.cameras.json"))[0]
+    width, height = crop
+    # The middle of the picture at a sixth of its size.
+    K = intrinsics(width, height, camera.K[0, 0] / 6)
+    arguments = (scene.means, scene.quats, scene.scales, scene.opacities, scene.sh)
+    found = agreement(arguments, camera.viewmat[None], K[None], width, height, sh_degree=scene.sh_degree)
+    print(f"{name}: colours, alphas, D, ED {np.round(found, 1)} dB")
+    assert (found >= LEAST).all(), found
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"near_plane": 2.0}, {"far_plane": 4.0}, {"rasterize_mode": "antialiased"}, {"eps2d": 0.0}],
+    ids=lambda options: "-".join(options),
+)
+def test_planes_and_low_passes_agree_with_the_definition(options):
+    arguments = random_splats(3)
+    found = agreement(arguments, np.eye(4)[None], intrinsics(96, 64, 70)[None], 96, 64, **options)
+    assert (found >= LEAST).all(), found
+
+
+def test_covariances_stand_for_rotations_and_scales():
+    means, quats, scales, opacities, colors = random_splats(4)
+    from definition import rotations
+
+    axes = rotations(quats.astype(np.float64)) * scales[:, None, :]
+    view, K = np.eye(4)[None], intrinsics(64, 48, 50)[None]
+    by_axes = rasterization(means, quats, scales, opacities, colors, view, K, 64, 48)[0]
+    by_covars = rasterization(means, None, None, opacities, colors, view, K, 64, 48, covars=axes @ axes.transpose(0, 2, 1))[0]
+    assert psnr(by_covars, by_axes) > LEAST
+
+
+def test_channels_may_be_many_and_negative():
+    means, quats, scales, opacities, _ = random_splats(5)
+    colors = np.random.default_rng(0).normal(size=(len(means), 5)).astype(np.float32)
+    view, K = np.eye(4), intrinsics(64, 48, 50)
+    drawn, _, _ = rasterization(means, quats, scales, opacities, colors, view[None], K[None], 64, 48)
+    expected, _, _ = picture(means, quats, scales, opacities, colors, view, K, 64, 48)
+    assert drawn.shape == (1, 48, 64, 5) and expected.min() < 0
+    assert psnr(drawn[0], expected) > LEAST
+
+
+def test_shapes_are_gsplats_with_batches_and_cameras_and_colours_of_each():
+    one, other = random_splats(6), random_splats(7)
+    batched = [np.stack([a, b]) for a, b in zip(one, other)]
+    views = np.broadcast_to(np.eye(4), (2, 3, 4, 4))
+    Ks = np.broadcast_to(intrinsics(40, 30, 40), (2, 3, 3, 3))
+    backgrounds = np.random.default_rng(0).uniform(size=(2, 3, 3))
+    drawn, alphas, meta = rasterization(*batched, views, Ks, 40, 30, backgrounds=backgrounds, render_mode="RGB+ED")
+    assert drawn.shape == (2, 3, 30, 40, 4) and alphas.shape == (2, 3, 30, 40, 1)
+    assert drawn.dtype == alphas.dtype == np.float32
+    assert (meta["width"], meta["height"], meta["n_cameras"], meta["n_batches"]) == (40, 30, 3, 2)
+    alone, alpha, _ = rasterization(*other, views[1], Ks[1], 40, 30)
+    expected = alone[2] + (1 - alpha[2]) * backgrounds[1, 2]
+    assert psnr(drawn[1, 2, ..., :3], expected) > 100
+    with pytest.raises(KeyError, match="means2d: intermediate results stay on the device"):
+        meta["means2d"]
+    # Colours of each camera.
+    of_camera = np.stack([other[4], 1 - other[4]])
+    drawn, _, _ = rasterization(*other[:4], of_camera, views[1, :2], Ks[1, :2], 40, 30)
+    assert psnr(drawn[0], alone[0]) > 100 and psnr(drawn[1], drawn[0]) < 40
+
+
+def test_arrays_of_other_libraries_are_taken_without_a_copy_and_given_back(monkeypatch):
+    class Foreign:
+        """An array that is none of numpy's, but has the protocol."""
+
+        def __init__(self, values):
+            self.values = values
+
+        def __dlpack__(self, **options):
+            return self.values.__dlpack__(**options)
+
+        def __dlpack_device__(self):
+            return self.values.__dlpack_device__()
+
+    class OfGpu(Foreign):
+        def __dlpack_device__(self):
+            return (2, 0)
+
+    from splatgraph._arrays import array
+
+    values = np.arange(6, dtype=np.float32).reshape(2, 3)
+    assert np.shares_memory(array(Foreign(values), "means"), values)
+    with pytest.raises(ValueError, match=r"means: expected an array in the CPU's memory.*means\.cpu\(\)"):
+        array(OfGpu(values), "means")
+
+    # As torch's do, they belong to a module that makes them of others.
+    monkeypatch.setattr(Foreign, "__module__", "foreign.arrays")
+    monkeypatch.setitem(sys.modules, "foreign", types.SimpleNamespace(from_dlpack=Foreign))
+    drawn, alphas, _ = rasterization(**{**VALID, "means": Foreign(VALID["means"])})
+    assert type(drawn) is type(alphas) is Foreign and drawn.values.shape == (1, 8, 8, 3)
+
+
+VALID = dict(zip(("means", "quats", "scales", "opacities", "colors"), random_splats(8, 10)))
+VALID |= {"viewmats": np.eye(4)[None], "Ks": intrinsics(8, 8, 8)[None], "width": 8, "height": 8}
+
+
+@pytest.mark.parametrize(
+    "changed, kind, message",
+    [
+        ({"camera_model": "fisheye"}, NotImplementedError, "camera_model: expected 'pinhole', found 'fisheye'"),
+        ({"radius_clip": 1.0}, NotImplementedError, "radius_clip: expected 0"),
+        ({"eps2d": 0.1}, NotImplementedError, "eps2d: expected 0.3 or 0, found 0.1"),
+        ({"absgrad": True}, NotImplementedError, "absgrad: not supported"),
+        ({"viewmats_rs": np.eye(4)}, NotImplementedError, "viewmats_rs: not supported"),
+        ({"sh_degree": 4}, ValueError, "colors: expected the shape [..., (C,) N, K, 3]"),
+        ({"colors": np.zeros((10, 25, 3)), "sh_degree": 4}, NotImplementedError, "sh_degree: expected 0 to 3, found 4"),
+        ({"colors": np.zeros((10, 4, 3)), "sh_degree": 2}, ValueError, "colors: expected K of at least 9"),
+        ({"render_mode": "depth"}, ValueError, "render_mode: expected one of RGB, D, ED, RGB+D, RGB+ED, found 'depth'"),
+        ({"rasterize_mode": "soft"}, ValueError, "rasterize_mode: expected 'classic' or 'antialiased'"),
+        ({"near_plane": 0.0}, ValueError, "near_plane: expected a number above 0"),
+        ({"means": np.zeros((10, 2))}, ValueError, "means: expected the shape [..., N, 3], found [10, 2]"),
+        ({"quats": np.zeros((9, 4))}, ValueError, "quats: expected the shape [10, 4], found [9, 4]"),
+        ({"Ks": np.eye(3)}, ValueError, "Ks: expected the shape [1, 3, 3], found [3, 3]"),
+        ({"backgrounds": np.zeros((1, 4))}, ValueError, "backgrounds: expected the shape [1, 3], found [1, 4]"),
+        ({"viewmats": 2 * np.eye(4)[None]}, ValueError, "viewmats, Ks: camera 0: "),
+        ({"opacities": ["a"] * 10}, TypeError, "opacities: expected an array of numbers"),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, dict) else None,
+)
+def test_what_is_not_supported_is_refused_by_name(changed, kind, message):
+    with pytest.raises(kind, match=re.escape(message)):
+        rasterization(**{**VALID, **changed})

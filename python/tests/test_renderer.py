@@ -1,0 +1,238 @@
+"""`Scene`, `Camera`, `Renderer` and plans."""
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import splatgraph
+from conftest import ROOT, intrinsics, random_splats
+from splatgraph import Camera, Renderer, Scene
+
+
+def test_a_scene_has_the_arrays_that_it_was_made_of(tmp_path):
+    means, quats, scales, opacities, sh = random_splats(1, 50, 2)
+    scene = Scene.from_arrays(means, 3 * quats, scales, opacities, sh)
+    assert len(scene) == 50 and scene.sh_degree == 2 and scene.dropped == 0
+    np.testing.assert_array_equal(scene.means, means)
+    np.testing.assert_array_equal(scene.sh, sh)
+    np.testing.assert_allclose(scene.quats, quats / np.linalg.norm(quats, axis=1, keepdims=True), atol=1e-6)
+    scene.save(tmp_path / "scene.ply")
+    again = Scene.load(tmp_path / "scene.ply")
+    np.testing.assert_allclose(again.scales, scales, rtol=1e-6)
+    np.testing.assert_allclose(again.opacities, opacities, atol=1e-6)
+    means[3, 1] = np.nan
+    assert Scene.from_arrays(means, quats, scales, opacities, sh).dropped == 1
+
+
+def test_mistakes_in_arrays_and_files_are_told_by_name(tmp_path):
+    means, quats, scales, opacities, sh = random_splats(1, 50, 2)
+    with pytest.raises(ValueError, match="sh: expected 1, 4, 9 or 16 bases"):
+        Scene.from_arrays(means, quats, scales, opacities, sh[:, :5])
+    with pytest.raises(ValueError, match=r"scales: expected the shape \[50, 3\], found \[49, 3\]"):
+        Scene.from_arrays(means, quats, scales[:-1], opacities, sh)
+    with pytest.raises(splatgraph.SceneError, match="nowhere.ply"):
+        Scene.load(tmp_path / "nowhere.ply")
+    with pytest.raises(ValueError, match=r"path: expected the extension \.ply"):
+        Scene.from_arrays(means, quats, scales, opacities, sh).save(tmp_path / "scene.obj")
+
+
+def test_a_camera_gives_back_its_matrices():
+    angle = 0.4
+    view = np.eye(4)
+    view[:3, :3] = [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]
+    view[:3, 3] = (1, 2, 3)
+    camera = Camera(view, intrinsics(64, 48, 60), 64, 48)
+    np.testing.assert_allclose(camera.viewmat, view, atol=1e-12)
+    np.testing.assert_allclose(camera.K, intrinsics(64, 48, 60))
+    np.testing.assert_allclose(view @ [*camera.position, 1], [0, 0, 0, 1], atol=1e-12)
+    with pytest.raises(ValueError, match="not orthonormal"):
+        Camera(np.diag([2, 2, 2, 1]) @ view, intrinsics(64, 48, 60), 64, 48)
+    with pytest.raises(NotImplementedError, match="K: expected the principal point in the middle"):
+        Camera(view, intrinsics(60, 48, 60), 64, 48)
+
+
+def test_a_picture_is_the_command_lines(scene, camera, tmp_path):
+    drawn = Renderer(scene).render(camera)
+    assert drawn.shape == (48, 64, 3) and drawn.dtype == np.float32 and drawn.std() > 0.05
+    scene.save(tmp_path / "scene.ply")
+    entry = {
+        "id": 0, "img_name": "origin", "width": 64, "height": 48, "position": list(camera.position),
+        "rotation": camera.viewmat[:3, :3].T.tolist(), "fx": camera.K[0, 0], "fy": camera.K[1, 1],
+    }  # fmt: skip
+    (tmp_path / "cameras.json").write_text(json.dumps([entry]))
+    command = [sys.executable, "-m", "splatgraph", "render", tmp_path / "scene.ply", "-c", tmp_path / "cameras.json"]
+    subprocess.run([*command, "-o", tmp_path / "out.npy"], check=True, stdout=subprocess.DEVNULL)
+    # The file's opacities and scales are rounded once more.
+    assert splatgraph.compare(drawn, np.load(tmp_path / "out.npy").astype(np.float32)).psnr > 90
+
+
+def test_many_pictures_come_in_order_and_equal_single_ones(scene):
+    cameras = [Camera.look_at((0.1 * i, 0, -2), (0, 0, 4), size=(40 + 8 * (i % 2), 32)) for i in range(7)]
+    with Renderer(scene, validation=True) as renderer:
+        single = [renderer.render(camera) for camera in cameras]
+        many = list(renderer.render_many(iter(cameras)))
+        assert all(np.array_equal(a, b) for a, b in itertools.zip_longest(single, many))
+        # One that is left early does no harm.
+        next(renderer.render_many(cameras))
+        assert np.array_equal(renderer.render(cameras[2]), single[2])
+        assert renderer.stats["width"] == 40 and renderer.stats["counts"]["visible"] > 0
+
+
+def test_the_size_and_the_background_are_the_renderers(scene, camera):
+    renderer = Renderer(scene, size=(32, 24), background=(0.0, 0.0, 1.0))
+    drawn = renderer.render(camera)
+    assert drawn.shape == (24, 32, 3)
+    assert drawn[..., 2].mean() > Renderer(scene, size=(32, 24)).render(camera)[..., 2].mean()
+
+
+def test_parameters_have_ranges_and_are_set_by_name(scene, camera):
+    renderer = Renderer(scene, "splat", {"digit_bits": 8}, size=(64, 48))
+    before = renderer.render(camera)
+    digit_bits = renderer.params.digit_bits
+    assert (digit_bits.value, digit_bits.range, digit_bits.kind) == (8, (1, 11), "int")
+    assert "cutoff" in dir(renderer.params) and renderer.params["budget"].live
+    passes = len(renderer.plan.passes)
+    renderer.set(digit_bits=4)
+    assert renderer.params.digit_bits.value == 4 and len(renderer.plan.passes) > passes
+    assert np.array_equal(renderer.render(camera), before), "the order is the same"
+    with pytest.raises(splatgraph.GraphError, match="digit_bits"):
+        renderer.set(digit_bits=40)
+    assert renderer.params.digit_bits.value == 4, "a refused value changes nothing"
+    renderer.set(budget=0.1)
+    assert not np.array_equal(renderer.render(camera), before)
+    with pytest.raises(AttributeError, match="no parameter 'digits'"):
+        renderer.params.digits
+
+
+def test_a_graphs_error_has_its_place_and_is_drawn(scene, camera, tmp_path):
+    graph = tmp_path / "broken.ron"
+    graph.write_text(
+        'Graph(\n  version: 1,\n  summary: "Broken",\n  resources: { "final": Image(format: "rgba8", size: (8, 8)) },\n'
+        '  passes: [],\n  output: "nothing",\n)\n'
+    )
+    with pytest.raises(splatgraph.GraphError) as caught:
+        splatgraph.plan(str(graph))
+    error = caught.value
+    assert (error.file, error.line, error.column) == (str(graph), 6, 12)
+    assert error.errors[0]["line"] == 6 and error.errors[0]["message"] in error.text
+    assert '6 |   output: "nothing",' in error.text and str(error) == error.text
+    renderer = Renderer(scene, str(graph))
+    with pytest.raises(splatgraph.GraphError, match="no resource `nothing`"):
+        renderer.render(camera)
+
+
+def test_a_shader_that_breaks_the_compiler_does_not_end_the_process(tmp_path):
+    # Its constant expression makes glslang recurse until its stack is gone.
+    (tmp_path / "deep.comp").write_text(
+        "#version 460\nlayout(local_size_x = 1) in;\n"
+        "layout(rgba8) uniform writeonly image2D picture;\nvoid main() { int a = "
+        + "(" * 200_000 + "1" + ")" * 200_000 + "; imageStore(picture, ivec2(a), vec4(1)); }\n"
+    )  # fmt: skip
+    (tmp_path / "deep.ron").write_text(
+        'Graph(version: 1, resources: { "final": Image(format: "rgba8", size: ("viewport.width", "viewport.height")) }, passes: [\n'
+        'Dispatch(name: "draw", shader: "deep.comp", size: Threads("1"), bind: { "picture": "final" })], output: "final")\n'
+    )
+    with pytest.raises(splatgraph.GraphError):
+        splatgraph.plan(str(tmp_path / "deep.ron"))
+
+
+def test_plans_need_no_device_and_have_json_and_pages(scene):
+    plan = splatgraph.plan("splat", {"digit_bits": 4}, scene, size=(320, 200))
+    dump = json.loads(plan.to_json())
+    assert dump["graph"] == plan.name == "splat" and [p["name"] for p in dump["passes"]] == plan.passes
+    assert plan.html().startswith("<!doctype html>") and "digraph" in plan.dot() and plan.passes[0] in str(plan)
+
+
+def test_threads_share_a_renderer(scene):
+    cameras = [Camera.look_at((0.2 * i, 0, -2), (0, 0, 4), size=(40, 32)) for i in range(6)]
+    renderer = Renderer(scene)
+    expected = [renderer.render(camera) for camera in cameras]
+    found = [None] * len(cameras)
+
+    def draw(index):
+        found[index] = [renderer.render(cameras[index]) for _ in range(3)]
+
+    threads = [threading.Thread(target=draw, args=(index,)) for index in range(len(cameras))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for index, pictures in enumerate(found):
+        assert all(np.array_equal(picture, expected[index]) for picture in pictures)
+
+
+def test_python_runs_while_a_picture_is_drawn(scene):
+    renderer = Renderer(scene)
+    camera = Camera.look_at((0, 0, -2), (0, 0, 4), size=(1600, 1200))
+    renderer.render(camera)
+    turns, done = 0, threading.Event()
+
+    def draw():
+        for _ in range(4):
+            renderer.render(camera)
+        done.set()
+
+    threading.Thread(target=draw).start()
+    while not done.wait(0.001):
+        turns += 1
+    assert turns > 10
+
+
+def test_a_closed_renderer_refuses(scene, camera):
+    renderer = Renderer(scene)
+    renderer.close()
+    renderer.close()
+    with pytest.raises(splatgraph.Error, match="the renderer is closed"):
+        renderer.render(camera)
+
+
+def test_no_such_device_and_backend_are_told(scene):
+    with pytest.raises(splatgraph.DeviceError, match="no-such-card"):
+        Renderer(scene, device="no-such-card")
+    with pytest.raises(ValueError, match="backend: expected"):
+        Renderer(scene, backend="direct3d")
+
+
+ENDLESS = """
+import splatgraph, sys
+sys.path.insert(0, {tests!r})
+from conftest import random_splats
+renderer = splatgraph.Renderer(splatgraph.Scene.from_arrays(*random_splats(7, 300, 1)))
+camera = splatgraph.Camera.look_at((0, 0, -2), (0, 0, 4), size=(2048, 2048))
+print("drawing", flush=True)
+try:
+    for _ in renderer.render_many(camera for _ in range(100000)):
+        pass
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+def test_ctrl_c_ends_a_long_batch():
+    program = ENDLESS.format(tests=str(ROOT / "python/tests"))
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "drawing\n"
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=30)
+    assert (output, process.returncode) == ("interrupted\n", 0)
+
+
+def test_equal_pictures_are_identical_and_others_measured():
+    a = np.random.default_rng(0).uniform(size=(16, 20, 3)).astype(np.float32)
+    same = splatgraph.compare(a, a)
+    assert same.identical and same.psnr == float("inf") and abs(same.ssim - 1) < 1e-9
+    b = a.copy()
+    b[3, 5, 1] += 0.5
+    other = splatgraph.compare(a, b)
+    assert other.worst_pixel == (5, 3) and abs(other.worst - 0.5) < 1e-6 and not other.identical
+    with pytest.raises(ValueError, match="expected pictures of one size"):
+        splatgraph.compare(a, a[:8])
