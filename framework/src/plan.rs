@@ -22,7 +22,9 @@ use crate::ir::{
 use crate::source::Diagnostic;
 
 /// Holds everything that a backend executes. See the module's documentation.
-#[derive(Clone, Debug, PartialEq)]
+///
+/// The default is empty: the start of a plan that is made by hand.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
     /// The requested name: a preset's name or a path.
     pub name: String,

@@ -2,7 +2,6 @@
 
 use crate::sync::*;
 use splatgraph_framework::{ir::*, plan::*, solve::add_dependencies};
-use std::collections::BTreeMap;
 
 /// A plan in the making. Buffers and images have 64 bytes and memory of their own unless a test says otherwise.
 pub struct Sketch {
@@ -33,25 +32,8 @@ impl Sketch {
     pub fn new() -> Sketch {
         let plan = Plan {
             name: "sketch".into(),
-            summary: String::new(),
-            based_on: vec![],
-            fallbacks: vec![],
-            facts: BTreeMap::new(),
-            params: vec![],
-            effects: vec![],
-            resources: vec![],
             shaders: vec![shader(ShaderStage::Vertex), shader(ShaderStage::Fragment)],
-            passes: vec![],
-            blocks: vec![],
-            prologue: vec![],
-            dependencies: vec![],
-            layout_changes: vec![],
-            frame: vec![],
-            culled: vec![],
-            warnings: vec![],
-            output: ResourceId(0),
-            outputs: vec![],
-            stats: vec![],
+            ..Plan::default()
         };
         Sketch { plan }
     }

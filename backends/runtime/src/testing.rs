@@ -4,7 +4,6 @@
 
 use splatgraph_framework::ir::{Reflection, ShaderStage};
 use splatgraph_framework::{ir::*, plan::*};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 pub(crate) const WORDS: ResourceId = ResourceId(0);
@@ -50,12 +49,6 @@ pub(crate) fn plan() -> Plan {
     ];
     Plan {
         name: "test".to_string(),
-        summary: String::new(),
-        based_on: vec![],
-        fallbacks: vec![],
-        facts: BTreeMap::new(),
-        params: Vec::new(),
-        effects: Vec::new(),
         resources: vec![
             resource("words", buffer(1024), any, Source::Transient, Some(BlockId(0))),
             resource("args", buffer(8), any, Source::Transient, Some(BlockId(1))),
@@ -91,14 +84,10 @@ pub(crate) fn plan() -> Plan {
         ],
         blocks: [WORDS, ARGS, COLOR].map(|id| Block { aliases: vec![id] }).into(),
         prologue: vec![PassId(0)],
-        dependencies: vec![],
-        layout_changes: vec![],
         frame: (1..6).map(PassId).collect(),
-        culled: Vec::new(),
-        warnings: Vec::new(),
         output: COLOR,
-        outputs: vec![],
         stats: vec![Stat { name: "visible".to_string(), buffer: ARGS, offset: 20 }],
+        ..Plan::default()
     }
 }
 

@@ -262,25 +262,11 @@ mod tests {
         ];
         Plan {
             name: "test".into(),
-            summary: String::new(),
-            based_on: vec![],
-            fallbacks: vec![],
-            facts: Default::default(),
-            params: vec![],
-            effects: vec![],
             resources: vec![buffer("keys#0", 4), buffer("keys#1", 4), buffer("args", 8)],
-            shaders: vec![],
-            blocks: vec![],
-            dependencies: vec![],
-            layout_changes: vec![],
-            prologue: vec![],
             frame: (0..3).map(PassId).collect(),
             passes,
-            culled: vec![],
-            warnings: vec![],
             output: ResourceId(2),
-            outputs: vec![],
-            stats: vec![],
+            ..Plan::default()
         }
     }
 

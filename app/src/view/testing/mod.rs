@@ -8,7 +8,7 @@ mod placed;
 mod room;
 mod script;
 
-use splatgraph_framework::ir::{Format, Origin, Pass, PassId, ResourceId, Run, Shape, Source, Usage, Work};
+use splatgraph_framework::ir::{Format, Origin, Pass, PassId, Run, Shape, Source, Usage, Work};
 use splatgraph_framework::plan::{Plan, Resource};
 use std::sync::Arc;
 
@@ -26,12 +26,6 @@ pub fn plan(passes: &[(&str, &str)]) -> Arc<Plan> {
     };
     Arc::new(Plan {
         name: "test".into(),
-        summary: String::new(),
-        based_on: vec![],
-        fallbacks: vec![],
-        facts: Default::default(),
-        params: vec![],
-        effects: vec![],
         resources: vec![Resource {
             name: "picture".into(),
             shape: Shape::Image { format: Format::Rgba8Unorm, width: 1, height: 1 },
@@ -41,17 +35,8 @@ pub fn plan(passes: &[(&str, &str)]) -> Arc<Plan> {
             history: None,
             origin: Origin { file: "test.ron".into(), line: 1, column: 1 },
         }],
-        shaders: vec![],
-        blocks: vec![],
-        dependencies: vec![],
-        layout_changes: vec![],
-        prologue: vec![],
         frame: (0..passes.len() as u32).map(PassId).collect(),
         passes: passes.iter().map(pass).collect(),
-        culled: vec![],
-        warnings: vec![],
-        output: ResourceId(0),
-        outputs: vec![],
-        stats: vec![],
+        ..Plan::default()
     })
 }

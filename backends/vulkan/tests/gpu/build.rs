@@ -133,30 +133,7 @@ pub struct Build {
 impl Build {
     /// A plan without passes.
     pub fn new() -> Build {
-        Build {
-            plan: Plan {
-                name: "hand-made".to_string(),
-                summary: String::new(),
-                based_on: vec![],
-                fallbacks: vec![],
-                facts: BTreeMap::new(),
-                params: Vec::new(),
-                effects: Vec::new(),
-                resources: Vec::new(),
-                shaders: Vec::new(),
-                passes: Vec::new(),
-                blocks: Vec::new(),
-                prologue: Vec::new(),
-                dependencies: vec![],
-                layout_changes: vec![],
-                frame: Vec::new(),
-                culled: Vec::new(),
-                warnings: Vec::new(),
-                output: ResourceId(0),
-                outputs: vec![],
-                stats: Vec::new(),
-            },
-        }
+        Build { plan: Plan { name: "hand-made".to_string(), ..Plan::default() } }
     }
 
     fn resource(&mut self, name: &str, shape: Shape, usage: Usage, source: Source) -> ResourceId {

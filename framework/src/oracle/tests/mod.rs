@@ -1,4 +1,4 @@
-//! hand-made plans, each with one thing right or wrong.
+//! Tests of the checker on plans made by hand, each with one thing right or wrong.
 
 mod dependencies;
 #[allow(dead_code)]

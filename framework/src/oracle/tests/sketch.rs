@@ -1,7 +1,6 @@
 //! Plans made by hand, for the tests of this crate and of the Vulkan backend.
 
 use splatgraph_framework::{ir::*, plan::*};
-use std::collections::BTreeMap;
 
 /// A plan in the making. Buffers have 64 bytes and memory of their own unless a test says otherwise.
 pub struct Sketch {
@@ -16,28 +15,7 @@ pub fn origin() -> Origin {
 
 impl Sketch {
     pub fn new() -> Sketch {
-        let plan = Plan {
-            effects: vec![],
-            name: "sketch".into(),
-            summary: String::new(),
-            based_on: vec![],
-            fallbacks: vec![],
-            facts: BTreeMap::new(),
-            params: vec![],
-            resources: vec![],
-            shaders: vec![],
-            passes: vec![],
-            blocks: vec![],
-            prologue: vec![],
-            dependencies: vec![],
-            layout_changes: vec![],
-            frame: vec![],
-            culled: vec![],
-            warnings: vec![],
-            output: ResourceId(0),
-            outputs: vec![],
-            stats: vec![],
-        };
+        let plan = Plan { name: "sketch".into(), ..Plan::default() };
         Sketch { plan }
     }
 
