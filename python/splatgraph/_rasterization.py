@@ -181,7 +181,7 @@ def rasterization(
     low_pass = "none" if eps2d == 0.0 else "compensated" if rasterize_mode == "antialiased" else "dilated"
     # The picture is the same in a world of any scale.
     scale = np.float32(NEAR / near_plane)
-    with _renderer(device, {**PARAMS, "low_pass": low_pass}) as renderer:
+    with _renderer(device, {**PARAMS, "low_pass": low_pass}, ["alpha", "depth"] if has_depth else ["alpha"]) as renderer:
         for b in range(shape[0]):
             views = [_camera(viewmats[b, c], Ks[b, c], (width, height), float(scale), c) for c in range(cameras)]
             z = means[b].astype(np.float64) @ viewmats[b, :, 2, :3].T + viewmats[b, :, 2, 3]
@@ -191,13 +191,15 @@ def rasterization(
             for first in range(0, cameras, step):
                 group = slice(first, first + step)
                 shown = np.where(too_far[:, group].any(axis=1), np.float32(0.0), opacities[b])
-                batch_of = _Batch(renderer, (means[b] * scale, quats[b], scales[b] * scale, shown), views[group])
-                batch_of.draw_alphas(alphas[b, group])
-                if has_colors:
-                    mine = colors[b, first] if of_camera else colors[b]
-                    batch_of.draw_colors(mine, sh_degree, alphas[b, group], drawn[b, group])
-                if has_depth:
-                    batch_of.draw_depths(z[:, group], depths[b, group])
+                splats = (means[b] * scale, quats[b], scales[b] * scale, shown)
+                for channel, sh, least in _harmonics(colors[b, first] if of_camera else colors[b], sh_degree, has_colors):
+                    renderer.show(Scene.from_arrays(*splats, sh))
+                    for c, (picture, outputs) in enumerate(renderer._results(views[group]), first):
+                        alphas[b, c, ..., 0] = outputs["alpha"]
+                        if has_depth:
+                            depths[b, c, ..., 0] = outputs["depth"] / scale
+                        mine = drawn[b, c, ..., channel : channel + 3]
+                        mine += picture[..., : mine.shape[-1]] + least[: mine.shape[-1]] * alphas[b, c]
     if backgrounds is not None:
         drawn += (1.0 - alphas) * flat(backgrounds)[:, :, None, None, : drawn.shape[-1]]
     if render_mode.endswith("ED"):
@@ -266,50 +268,23 @@ def _camera(view: np.ndarray, K: np.ndarray, size: tuple[int, int], scale: float
         raise ValueError(f"viewmats, Ks: camera {index}: {error}") from None
 
 
-class _Batch:
-    """Cameras that see the same splats."""
-
-    def __init__(self, renderer: Renderer, splats: tuple[np.ndarray, ...], cameras: list[Camera]) -> None:
-        self.renderer, self.splats, self.cameras = renderer, splats, cameras
-
-    def _draw(self, sh: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-        self.renderer.show(Scene.from_arrays(*self.splats, sh))
-        return enumerate(self.renderer.render_many(self.cameras))
-
-    def draw_alphas(self, out: np.ndarray) -> None:
-        """Draws alphas: the colours of white splats."""
-        self.draw_colors(np.ones((len(self.splats[0]), 1), np.float32), None, out, out)
-
-    def draw_colors(self, colors: np.ndarray, sh_degree: int | None, alphas: np.ndarray, out: np.ndarray) -> None:
-        """Draws colours of any number of channels, three at a time."""
-        if sh_degree is not None:
-            for c, picture in self._draw(colors[:, : (sh_degree + 1) ** 2]):
-                out[c] = picture
-            return
-        for first in range(0, colors.shape[-1], 3):
-            three = colors[:, first : first + 3]
-            # Splats have no negative colours: one is added to all, and its share of the picture taken away again.
-            least = np.minimum(three.min(axis=0, initial=0.0), 0.0)
-            sh = np.zeros((len(three), 1, 3), np.float32)
-            sh[:, 0, : three.shape[1]] = (three - least - 0.5) / SH_0
-            for c, picture in self._draw(sh):
-                out[c, ..., first : first + 3] = picture[..., : three.shape[1]]
-                if least.any():
-                    out[c, ..., first : first + 3] += least * alphas[c]
-
-    def draw_depths(self, depths: np.ndarray, out: np.ndarray) -> None:
-        """Draws depths as colours, those of each camera its own."""
-        for c, camera in enumerate(self.cameras):
-            mine = np.maximum(depths[:, c : c + 1], 0.0)
-            # Up to 1, as colours are, so that no format rounds them.
-            most = max(float(mine.max(initial=0.0)), 1e-30)
-            alone = _Batch(self.renderer, self.splats, [camera])
-            alone.draw_colors((mine / most).astype(np.float32), None, out[c : c + 1], out[c : c + 1])
-            out[c] *= np.float32(most)
+def _harmonics(colors: np.ndarray, sh_degree: int | None, is_shown: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Lists the harmonics of colours, three channels at a time: the first channel, the harmonics, and what was taken off each channel."""
+    if is_shown and sh_degree is not None:
+        yield 0, colors[:, : (sh_degree + 1) ** 2], np.zeros(3, np.float32)
+        return
+    channels = colors.shape[-1] if is_shown else 0
+    # One picture is drawn even without channels, for its alphas and depths.
+    for first in range(0, max(channels, 1), 3):
+        three = np.zeros((len(colors), 3), np.float32)
+        three[:, : channels - first] = colors[:, first : first + 3] if is_shown else 0.0
+        # Splats have no negative colours.
+        least = three.min(axis=0, initial=0.0)
+        yield first, ((three - least - 0.5) / SH_0)[:, None], least
 
 
 @contextlib.contextmanager
-def _renderer(device: str | int | None, params: dict[str, Any]) -> Iterator[Renderer]:
+def _renderer(device: str | int | None, params: dict[str, Any], outputs: list[str]) -> Iterator[Renderer]:
     """Lends the device's renderer, which stays open for the next call."""
     name = None if device is None else str(device)
     with _renderers_lock:
@@ -320,6 +295,7 @@ def _renderer(device: str | int | None, params: dict[str, Any]) -> Iterator[Rend
         renderer, lock = _renderers[name]
     with lock:
         renderer.use("auto", params)
+        renderer._engine.set_outputs(outputs)
         yield renderer
 
 

@@ -134,13 +134,17 @@ class Renderer:
 
     def render(self, camera: Camera) -> np.ndarray:
         """Draws a picture: display-encoded colours, float32 [height, width, 3], row 0 at the top, not clamped."""
-        return self._submit(camera).result()
+        return self._submit(camera).result()[0]
 
     def render_many(self, cameras: Iterable[Camera], ahead: int = 4) -> Iterator[np.ndarray]:
         """Draws a picture of each camera, in order, as `render` does.
 
         Up to `ahead` cameras beyond the one that is taken are asked for already, so that the device draws while Python works.
         """
+        return (picture for picture, _ in self._results(cameras, ahead))
+
+    def _results(self, cameras: Iterable[Camera], ahead: int = 4) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
+        """Draws a picture of each camera, with the outputs that the engine was asked for."""
         pending: collections.deque[_native.Pending] = collections.deque()
         for camera in cameras:
             pending.append(self._submit(camera))

@@ -13,6 +13,10 @@ impl Number for f32 {
     const NAME: &str = "float32";
 }
 
+impl Number for u32 {
+    const NAME: &str = "uint32";
+}
+
 impl Number for f64 {
     const NAME: &str = "float64";
 }

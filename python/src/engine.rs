@@ -12,9 +12,12 @@ use crate::scene::Scene;
 use crate::wait;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use serde_json::{Value as Json, json};
 use splatgraph::draw::backend::{Api, Backend, Options, Validation};
 use splatgraph::draw::facts::DEFAULT_SIZE;
+use splatgraph::draw::inspect::Words;
+use splatgraph::draw::outputs::{self, Output};
 use splatgraph::draw::session::{FrameOptions, Session, SessionError, image_of};
 use splatgraph::draw::stats::CameraStats;
 use splatgraph::io::output;
@@ -46,9 +49,10 @@ struct Draw {
     reply: Sender<Result<Drawn, SessionError>>,
 }
 
-/// A picture, and what it cost.
+/// A picture with the outputs that were asked for, and their cost.
 struct Drawn {
     pixels: Option<Pixels>,
+    outputs: Vec<Output>,
     stats: CameraStats,
 }
 
@@ -140,6 +144,14 @@ impl Engine {
         })
     }
 
+    /// Asks for outputs of the graph besides its pictures, such as `depth`, from now on.
+    fn set_outputs(&self, py: Python<'_>, names: Vec<String>) -> PyResult<()> {
+        self.ask(py, move |session| {
+            session.set_outputs(&names);
+            Ok(())
+        })
+    }
+
     /// Lists the graph's parameters for pictures of a size: a list of dicts.
     #[pyo3(signature = (size = DEFAULT_SIZE))]
     fn params<'py>(&self, py: Python<'py>, size: (u32, u32)) -> PyResult<Bound<'py, PyAny>> {
@@ -220,20 +232,30 @@ pub struct Pending {
 
 #[pymethods]
 impl Pending {
-    /// Waits for the picture, once: display-encoded colours, float32 [height, width, 3], row 0 at the top, not clamped.
-    fn result<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    /// Waits for the picture, once: display-encoded colours, float32 [height, width, 3], row 0 at the top, not clamped; and the outputs by
+    /// name.
+    fn result<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyDict>)> {
         let receiver = self.receiver.lock().unwrap_or_else(PoisonError::into_inner).take();
         let Some(mut receiver) = receiver else {
             return Err(Error::new_err("the picture was taken already"));
         };
         let answer = wait::receive(py, &mut receiver).inspect_err(|_| self.abandon())?;
-        let Drawn { pixels, stats } = answer.map_err(|error| errors::session(py, &error))?;
+        let Drawn { pixels, outputs, stats } = answer.map_err(|error| errors::session(py, &error))?;
         let json = serde_json::to_string(&stats).map_err(|error| Error::new_err(error.to_string()))?;
         *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(json);
         let pixels = pixels.ok_or_else(|| DeviceError::new_err("the device returned no picture"))?;
         let image = py.detach(|| image_of(&pixels));
         let image = image.ok_or_else(|| Error::new_err("the graph's output has no colours"))?;
-        give(py, image.rgb.as_flattened(), &[image.height, image.width, 3])
+        let by_name = PyDict::new(py);
+        for Output { name, shape, words } in outputs {
+            let shape: Vec<usize> = shape.into_iter().map(|length| length as usize).collect();
+            let values = match &words {
+                Words::Float(values) => give(py, values, &shape)?,
+                Words::Uint(values) => give(py, values, &shape)?,
+            };
+            by_name.set_item(name, values)?;
+        }
+        Ok((give(py, image.rgb.as_flattened(), &[image.height, image.width, 3])?, by_name))
     }
 }
 
@@ -286,9 +308,13 @@ fn start(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>,
         land(session, flying, 0);
     }
     land(session, flying, FRAMES_IN_FLIGHT - 1);
-    let options = FrameOptions { background: draw.background, read_output: true, ..FrameOptions::default() };
     let camera = draw.camera.relative_to(session.scene().offset());
-    let submitted = session.prepare(size, &mut |_| {}).and_then(|_| session.submit(&camera, &options));
+    let submitted = session.prepare(size, &mut |_| {}).and_then(|_| {
+        let inspect = session.plan().map(outputs::inspections).unwrap_or_default();
+        let background = draw.background;
+        let options = FrameOptions { background, read_output: true, inspect, ..FrameOptions::default() };
+        session.submit(&camera, &options)
+    });
     match submitted {
         Ok(frame) => flying.push_back((frame, draw)),
         Err(error) => drop(draw.reply.send(Err(error))),
@@ -305,9 +331,10 @@ fn land(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>, 
             let info = session.device().info().clone();
             let count = session.scene().count().into();
             let plan = session.plan().ok_or(SessionError::NotPrepared)?;
+            let outputs = outputs::read(plan, &result.inspected);
             let camera = (draw.camera.img_name.as_str(), (draw.camera.width, draw.camera.height));
             let stats = CameraStats::new(camera, plan, &info, count, &[result], memory);
-            Ok(Drawn { pixels, stats })
+            Ok(Drawn { pixels, outputs, stats })
         });
         // Nobody waits for one that was abandoned meanwhile.
         let _ = draw.reply.send(answer);
