@@ -16,7 +16,6 @@ mod devices;
 mod dump;
 mod evaluate;
 mod experiment;
-mod further;
 #[cfg(all(test, feature = "window"))]
 mod fuzz;
 mod help;
@@ -30,6 +29,7 @@ mod outcome;
 mod params;
 mod popping;
 mod render;
+mod scenes;
 mod source;
 mod sweep;
 mod synth;

@@ -1,12 +1,11 @@
 //! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
 
 use super::cameras;
-use super::further::FurtherArgs;
 use super::look_at::LookAtArgs;
 use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
 use super::outcome::{Outcome, Usage, claim_graph_files};
+use super::scenes::ScenesArgs;
 use crate::draw::backend::{Api, Backend};
-use crate::draw::fit;
 use crate::draw::outputs::NAMES;
 use crate::draw::session::Session;
 use crate::draw::truth::{self, Truth};
@@ -57,10 +56,8 @@ pub const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, or .ron, which places several
-    scene: Option<PathBuf>,
     #[command(flatten)]
-    further: FurtherArgs,
+    scenes: ScenesArgs,
     #[command(flatten)]
     drawing: Drawing,
     #[command(flatten, next_help_heading = "A camera without a file")]
@@ -162,7 +159,7 @@ pub(super) struct Work {
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     refuse_options_of_others(args)?;
     let destination = Destination::of(args.picture()?, args.format)?;
-    let given = args.drawing.cameras(args.scene.as_deref())?;
+    let given = args.drawing.cameras(args.scenes.scene.as_deref())?;
     for camera in given.iter().flatten().filter(|_| args.drawing.size.is_none()) {
         if camera.width.max(camera.height) > MAX_SIDE {
             bail!(
@@ -173,7 +170,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             );
         }
     }
-    let own = || options::camera_names(args.scene.as_deref(), given.as_deref());
+    let own = || options::camera_names(args.scenes.scene.as_deref(), given.as_deref());
     let names = args.look.names().unwrap_or_else(own);
     if let (Some(Destination::Picture(path, _)), [_, _, ..]) = (&destination, names.as_slice()) {
         let message = format!(
@@ -204,11 +201,8 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
 
     let mut guard = OutputGuard::default();
     let mut claim = || -> Result<(), Usage> {
-        if let Some(path) = &args.scene {
-            guard.input("the scene", path)?;
-        }
-        args.further.claim(&mut guard)?;
-        cameras::claim(&mut guard, args.drawing.cameras.as_deref(), args.scene.as_deref())?;
+        args.scenes.claim(&mut guard)?;
+        cameras::claim(&mut guard, args.drawing.cameras.as_deref(), args.scenes.scene.as_deref())?;
         guard.input("the graph", Path::new(&args.drawing.pipeline))?;
         if let Some(path) = &args.json {
             guard.output("--json", path)?;
@@ -233,9 +227,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let Renderer::Device(api) = args.backend else { return run_exactly(args, work) };
     let Work { given, destination, stems, mut guard } = work;
     let device = Backend::open(api, &args.device.options())?;
-    if let Some(path) = &args.scene {
-        fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
-    }
+    args.scenes.check_header(device.info(), &args.drawing)?;
     let (scene, cameras) = scene_and_cameras(args, given, &stems)?;
 
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
@@ -296,8 +288,7 @@ fn scene_and_cameras(
     given: Option<Vec<Camera>>,
     stems: &[String],
 ) -> Result<(Scene, Vec<Camera>)> {
-    let (first, _, own) = options::scene_or_demo(args.scene.as_deref())?;
-    let scene = args.further.join(first)?;
+    let (scene, own) = args.scenes.load()?;
     let cameras = options::cameras_of(&scene, given.or(own.map(|own| vec![own])), stems, args.drawing.size);
     let looking = args.look.cameras(&scene, args.drawing.size)?;
     Ok((scene, looking.unwrap_or(cameras)))
@@ -404,7 +395,7 @@ impl Args {
         })
     }
 
-    /// Where the picture goes.
+    /// Destination of the picture.
     fn picture(&self) -> Result<Option<&Path>, Usage> {
         let pictures: Vec<&Path> = self
             .output

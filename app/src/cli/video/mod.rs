@@ -3,15 +3,14 @@
 mod sequence;
 
 use super::cameras;
-use super::further::FurtherArgs;
 use super::look_at::LookAtArgs;
 use super::options::{self, BackendArgs, Drawing, MAX_SIDE};
 use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use super::render::prepare_plan;
+use super::scenes::ScenesArgs;
 use crate::draw::backend::Backend;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Film, Motion};
-use crate::draw::fit;
 use crate::draw::orbit::Orbit;
 use crate::draw::session::Session;
 use crate::io::film::{Format, Rate};
@@ -41,10 +40,8 @@ pub const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, or .ron, which places several
-    scene: Option<PathBuf>,
     #[command(flatten)]
-    further: FurtherArgs,
+    scenes: ScenesArgs,
     #[command(flatten)]
     drawing: Drawing,
     /// Lead the path from its last camera back to its first, so that the film repeats without a jump
@@ -109,7 +106,7 @@ enum Destination {
     Folder(Sequence),
 }
 
-/// What is known of a film before the device is opened.
+/// A film as far as it is known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
     /// The keys of `--cameras`.
@@ -129,10 +126,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     }
     let mut guard = OutputGuard::default();
     let mut claim = || -> Result<(), Usage> {
-        if let Some(path) = &args.scene {
-            guard.input("the scene", path)?;
-        }
-        args.further.claim(&mut guard)?;
+        args.scenes.claim(&mut guard)?;
         if args.drawing.cameras.is_some() {
             cameras::claim(&mut guard, args.drawing.cameras.as_deref(), None)?;
         }
@@ -218,11 +212,8 @@ fn motion(args: &Args, keys: Option<&[Camera]>, scene: &Scene, own: Option<Camer
 pub fn run(args: &Args) -> Result<Outcome> {
     let Work { keys, frames, destination, mut guard } = prepare(args)?;
     let device = args.device.open()?;
-    if let Some(path) = &args.scene {
-        fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
-    }
-    let (first, _, own) = options::scene_or_demo(args.scene.as_deref())?;
-    let scene = args.further.join(first)?;
+    args.scenes.check_header(device.info(), &args.drawing)?;
+    let (scene, own) = args.scenes.load()?;
     let motion = motion(args, keys.as_deref(), &scene, own)?;
     let film = Film { motion, frames, samples: args.samples, shutter: args.shutter.unwrap_or(SHUTTER) };
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);

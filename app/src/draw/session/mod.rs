@@ -179,8 +179,7 @@ impl<D: Device> Session<D> {
     pub fn set_outputs(&mut self, names: &[String]) {
         if self.planner.outputs != names {
             self.planner.outputs = names.to_vec();
-            self.loaded = None;
-            self.flying.clear();
+            self.forget_plan();
         }
     }
 
@@ -191,8 +190,7 @@ impl<D: Device> Session<D> {
     pub fn set_graph(&mut self, pipeline: &str, set: &[(String, String)]) {
         self.pipeline = pipeline.to_owned();
         self.set = set.to_vec();
-        self.loaded = None;
-        self.flying.clear();
+        self.forget_plan();
         self.planner.capacities = Capacities::default();
     }
 
@@ -216,9 +214,14 @@ impl<D: Device> Session<D> {
     /// Frames in flight are forgotten, as by [`Session::set_graph`].
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) {
         self.scene = scene.into();
+        self.forget_plan();
+        self.planner.capacities = Capacities::default();
+    }
+
+    /// Forgets the plan and the frames in flight.
+    fn forget_plan(&mut self) {
         self.loaded = None;
         self.flying.clear();
-        self.planner.capacities = Capacities::default();
     }
 
     /// Lists the graph's parameters with their values for a picture size.

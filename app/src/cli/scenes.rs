@@ -1,16 +1,21 @@
-//! Further scenes in the picture of the first, for the commands that draw pictures and films.
+//! The scenes of a picture or a film: one, or several in one sort.
 
 use super::look_at::point;
 use super::options;
 use super::outcome::Usage;
+use crate::draw::fit;
 use crate::io::output::OutputGuard;
 use anyhow::Result;
-use splatgraph_assets::{Scene, Similarity};
+use splatgraph_api::DeviceInfo;
+use splatgraph_assets::{Camera, Scene, Similarity};
 use std::path::PathBuf;
 
-/// Options of further scenes.
+/// Arguments that name scenes.
 #[derive(Debug, clap::Args)]
-pub struct FurtherArgs {
+pub struct ScenesArgs {
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, or .ron, which places several
+    #[arg(value_name = "SCENE")]
+    pub scene: Option<PathBuf>,
     /// Further scenes in the same picture; one sort orders the splats of all. To turn or scale them, write a scene file (.ron)
     #[arg(value_name = "SCENE")]
     more: Vec<PathBuf>,
@@ -19,9 +24,12 @@ pub struct FurtherArgs {
     at: Vec<[f64; 3]>,
 }
 
-impl FurtherArgs {
+impl ScenesArgs {
     /// Checks the numbers of options, and adds the scenes to the inputs.
     pub fn claim(&self, guard: &mut OutputGuard) -> Result<(), Usage> {
+        if let Some(path) = &self.scene {
+            guard.input("the scene", path)?;
+        }
         let (places, scenes) = (self.at.len(), self.more.len());
         if places > scenes {
             return Err(Usage(format!(
@@ -31,13 +39,21 @@ impl FurtherArgs {
         self.more.iter().try_for_each(|path| Ok(guard.input("a further scene", path)?))
     }
 
-    /// Loads the further scenes, moves them, and joins all.
+    /// Refuses a first scene that cannot fit the device, from its header ([`fit::check_header`]).
+    pub fn check_header(&self, device: &DeviceInfo, drawing: &options::Drawing) -> Result<()> {
+        self.scene
+            .iter()
+            .try_for_each(|path| fit::check_header(path, device, &drawing.pipeline, &drawing.set))
+    }
+
+    /// Loads the scenes, moves the further ones, and joins all. The camera is the demo scene's.
     ///
     /// # Errors
     /// A scene cannot be loaded, or all of them do not fit in memory.
-    pub fn join(&self, first: Scene) -> Result<Scene> {
+    pub fn load(&self) -> Result<(Scene, Option<Camera>)> {
+        let (first, _, camera) = options::scene_or_demo(self.scene.as_deref())?;
         if self.more.is_empty() {
-            return Ok(first);
+            return Ok((first, camera));
         }
         let mut all = vec![first];
         for (index, path) in self.more.iter().enumerate() {
@@ -49,6 +65,6 @@ impl FurtherArgs {
                 None => scene,
             });
         }
-        Ok(Scene::joined(&all)?)
+        Ok((Scene::joined(&all)?, camera))
     }
 }
