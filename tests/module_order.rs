@@ -19,7 +19,7 @@ struct File {
     place: String,
     /// Every path that the code names, with its line.
     paths: Vec<(usize, Module)>,
-    /// What the file has names for by `use`: the last segment, or the name after `as`.
+    /// Names that the file has by `use`: the last segment, or the name after `as`.
     names: BTreeMap<String, Module>,
 }
 

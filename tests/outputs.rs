@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// The largest relative difference of a depth, and of an alpha.
 const TOLERANCE: f64 = 1e-4;
 
-/// What quads give, too.
+/// Outputs that quads give, too.
 const SUMS: [&str; 3] = ["alpha", "depth", "expected_depth"];
 
 /// A capture, the scene of the rules' edge cases, and a random one, each with a camera of small pictures.

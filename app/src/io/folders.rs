@@ -9,6 +9,7 @@ pub fn cache() -> Option<PathBuf> {
 }
 
 /// Returns the folder for what should outlive a restart; `None` if the system names none.
+#[cfg(feature = "window")]
 pub fn state() -> Option<PathBuf> {
     Kind::State.folder(variable, env::home_dir)
 }
@@ -20,6 +21,7 @@ fn variable(name: &str) -> Option<PathBuf> {
 #[derive(Clone, Copy)]
 enum Kind {
     Cache,
+    #[cfg_attr(not(feature = "window"), allow(dead_code, reason = "the window alone keeps state"))]
     State,
 }
 

@@ -82,7 +82,7 @@ impl<'a> Steps<'a> {
     }
 }
 
-/// What is studied: a scene from some cameras on a device.
+/// The subject of a study: a scene from some cameras on a device.
 pub struct Subject<'a, D> {
     /// The device. A study draws with contexts of its own.
     pub device: &'a D,

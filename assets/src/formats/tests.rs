@@ -31,11 +31,11 @@ struct Steps {
     position: f32,
     /// Of the logarithm.
     scale: f32,
-    /// Of a component of the quaternion.
+    /// Tolerance of a component of the quaternion.
     rotation: f32,
     opacity: f32,
     dc: f32,
-    /// Of a coefficient above band 0; `None` if there are none.
+    /// Tolerance of a coefficient above band 0; `None` if there are none.
     rest: Option<f32>,
 }
 

@@ -134,7 +134,7 @@ impl BackendError {
 /// A limit of the device that a plan or a frame exceeds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LimitExceeded {
-    /// What is limited, for instance "the size of buffer `keys`".
+    /// The limited quantity, for instance "the size of buffer `keys`".
     pub what: String,
     /// The amount needed.
     pub needed: u64,

@@ -173,7 +173,7 @@ impl Drop for Memory {
 /// The number of the object that each binding and element points to.
 pub(crate) type Targets = HashMap<(u32, u32), u64>;
 
-/// What each pass of a plan waits for, as the plan says it.
+/// The dependencies of each pass, from the plan.
 pub struct Synchronization {
     /// By pass, and after these of the handover: the number of dependencies, and the layout changes.
     waits: Vec<(usize, Vec<LayoutChange>)>,

@@ -67,7 +67,7 @@ pub enum Call {
     End,
     PushLabel(String),
     PopLabel,
-    /// What a pass or the handover waits for: the number of dependencies, and the layout changes.
+    /// Orders a pass or the handover: the number of dependencies, and the layout changes.
     Synchronize {
         dependencies: usize,
         images: Vec<(String, Layout, Layout)>,

@@ -38,7 +38,7 @@ impl UsedOnce {
     /// until other programs lose theirs.
     ///
     /// # Errors
-    /// What stays after the prologue needs more than the available bytes.
+    /// The memory that stays after the prologue exceeds the available bytes.
     pub fn find_room(
         &mut self,
         plan: &Plan,

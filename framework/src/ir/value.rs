@@ -54,7 +54,7 @@ pub struct Param {
     pub grows: Option<String>,
     /// The values that it may take.
     pub domain: Domain,
-    /// How it reaches the shaders.
+    /// Way to the shaders.
     pub binding: ParamBinding,
     /// The declaration.
     pub origin: Origin,

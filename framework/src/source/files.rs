@@ -97,7 +97,7 @@ struct File {
 struct OnDisk {
     /// The content read.
     content: Content,
-    /// Where files that it names may be: as for the graph that led to it.
+    /// Folders of the files that it names, as for the graph that led to it.
     roots: Roots,
 }
 

@@ -16,14 +16,14 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
 
-/// What a scene is like.
+/// Properties of a scene.
 #[derive(Debug, Serialize)]
 pub struct Description {
-    /// What was dropped, and what is unusual.
+    /// Dropped splats and unusual values.
     pub report: Report,
     /// The width that depth keys need, for each mapping of depth to keys.
     pub keys: Vec<Need>,
-    /// How much each band of harmonics changes the colours.
+    /// Effect of each band of harmonics on the colours.
     pub bands: Vec<Band>,
 }
 
@@ -36,7 +36,7 @@ pub fn describe(scene: &Scene, cameras: &[Camera], errors: u64) -> Description {
     }
 }
 
-/// What is wanted.
+/// The request.
 #[derive(Clone, Debug)]
 pub struct Wanted {
     /// The graph whose parameters are changed.

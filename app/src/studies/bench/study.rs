@@ -9,7 +9,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, grouped, synth};
 use std::sync::Arc;
 
-/// What is measured on a scene.
+/// The request for one scene.
 #[derive(Clone, Debug)]
 pub struct Wanted {
     /// The graphs, each with the values of some parameters.

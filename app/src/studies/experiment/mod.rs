@@ -16,7 +16,7 @@ use crate::io::report::page::Page;
 use crate::studies::study::{Listener, StudyError, Subject};
 use splatgraph_api::Device;
 
-/// What an experiment changes.
+/// The subject of an experiment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// The order of the splats: [`order`].

@@ -10,7 +10,7 @@ use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Steps, StudyError, Subject};
 use splatgraph_api::Device;
 
-/// What is measured.
+/// The request of the study.
 #[derive(Clone, Debug)]
 pub struct Wanted {
     /// The graph, and its parameters.

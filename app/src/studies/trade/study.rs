@@ -17,7 +17,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::Read;
 use std::path::PathBuf;
 
-/// What is measured.
+/// The request of the study.
 pub struct Wanted {
     /// The graph whose parameters are changed.
     pub pipeline: String,
@@ -29,7 +29,7 @@ pub struct Wanted {
     pub frames: Frames,
     /// True pictures, one for each camera, with a name of them all; `None` for the exact renderer's.
     pub truths: Option<(String, Vec<Image>)>,
-    /// How the device was opened, in words: rows of a device that was opened otherwise are not kept.
+    /// Description of the opened device: a ledger keeps no rows of one that was opened otherwise.
     pub opened: String,
     /// The file of the ledger, from which a study that was interrupted goes on.
     pub file: PathBuf,

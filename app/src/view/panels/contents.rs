@@ -12,7 +12,7 @@ use splatgraph_api::Device;
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
 
-/// What a frame of the inspector may change.
+/// The state that a frame of the inspector may change.
 pub struct Target<'a> {
     /// The selection.
     pub selection: &'a mut Option<Selection>,
@@ -20,13 +20,13 @@ pub struct Target<'a> {
     pub commands: &'a mut Vec<Command>,
     /// Places of the controls.
     pub controls: &'a mut Controls,
-    /// What is known of the device's copy limit.
+    /// State of the measurement of the device's copy limit.
     pub copy: Copy,
     /// Set to true to measure it.
     pub measure: &'a mut bool,
 }
 
-/// What is known of the device's copy limit.
+/// State of the measurement of the device's copy limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Copy {
     /// Nothing.

@@ -84,7 +84,7 @@ pub(super) struct Comparing {
     pub results: (Sender<ComparisonResult>, Receiver<ComparisonResult>),
     /// The newest comparison, with what it was made of.
     pub newest: Option<(Comparison, Compared)>,
-    /// What the running comparison is made of.
+    /// Inputs of the running comparison.
     pub of: Option<Compared>,
 }
 

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 pub(super) struct PlacedFiles {
     /// None before the first file.
     watcher: Option<Watcher>,
-    /// Of A's and B's scene, with the contents that were read last.
+    /// Scene files of A and B, with the contents that were read last.
     wanted: [Option<Wanted>; 2],
 }
 

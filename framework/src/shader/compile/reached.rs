@@ -88,9 +88,9 @@ impl From<Option<i64>> for Truth {
 
 /// An open `#if`.
 struct Group {
-    /// Whether the current branch is taken.
+    /// True if the current branch is taken.
     active: Truth,
-    /// Whether this branch or an earlier one is taken.
+    /// True if this branch or an earlier one is taken.
     taken: Truth,
 }
 
