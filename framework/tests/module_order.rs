@@ -17,6 +17,11 @@ fn every_module_imports_only_those_before_it() {
 }
 
 #[test]
+fn no_files_import_each_other_in_a_circle() {
+    module_order::assert_files_have_no_circle(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));
+}
+
+#[test]
 fn modules_are_laid_out_alike() {
     module_order::assert_modules_are_laid_out_alike(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));
 }

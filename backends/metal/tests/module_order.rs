@@ -31,5 +31,6 @@ const ORDER: [&str; 18] = [
 fn every_module_imports_only_those_before_it() {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     module_order::assert_modules_run_one_way(&source, &ORDER);
+    module_order::assert_files_have_no_circle(&source);
     module_order::assert_modules_are_laid_out_alike(&source);
 }

@@ -6,8 +6,8 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+use super::form::{DUMP_VERSION, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource, DumpTouch};
 use super::text::{comes_after, mask_text};
-use super::{DUMP_VERSION, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource, DumpTouch};
 
 /// Lists the differences between two dumps, `a` and `b`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -2,9 +2,10 @@
 
 use std::fmt::{self, Write};
 
+use super::diff::{Diff, NamedChange, PropertyChange, TotalChange};
+use super::form::DumpBarrier;
 use super::repeats::single_index;
 use super::text::{bytes, cause_line, mask_text, subject};
-use super::{Diff, DumpBarrier, NamedChange, PropertyChange, TotalChange};
 
 /// Limits the values of a property that one line lists.
 const MAX_VALUES: usize = 4;

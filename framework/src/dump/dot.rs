@@ -1,7 +1,7 @@
 //! Formats a dump for Graphviz: passes as boxes in execution order, and edges for the dependencies of barriers.
 
+use super::form::{Dump, DumpBarrier};
 use super::text::{cause_line, subject};
-use super::{Dump, DumpBarrier};
 use crate::ir::Hazard;
 use std::collections::HashMap;
 

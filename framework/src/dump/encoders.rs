@@ -2,112 +2,14 @@
 //!
 //! The framework only shows them: a backend that divides plans into encoders (Metal's) fills them in.
 
-use serde::{Deserialize, Serialize};
 use std::fmt::{self, Write};
 
+use super::form::{
+    BarrierTotals, Dump, DumpBarrier, DumpEncoder, DumpEncoders, DumpPass, DumpReason, DumpUpdate, DumpWait,
+    EncodedPass, EncoderTotals,
+};
 use super::text::hazard_words;
-use super::{BarrierTotals, Declared, Dump, DumpBarrier, DumpPass};
-use crate::ir::{Hazard, Run};
-
-/// The encoders of a plan, for an API that has encoders, fences and barriers within them (Metal).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DumpEncoders {
-    /// Encoders that run once.
-    pub prologue: Vec<DumpEncoder>,
-    /// Reasons for the event between the prologue and the first frame; there is none without any.
-    pub handover: Vec<DumpReason>,
-    /// Encoders that run every frame.
-    pub frame: Vec<DumpEncoder>,
-    /// Sums over the prologue.
-    pub prologue_totals: EncoderTotals,
-    /// Sums over a frame.
-    pub frame_totals: EncoderTotals,
-    /// Sums over a frame where each pass has its own encoder, as it must to have its own time.
-    pub timed_totals: EncoderTotals,
-}
-
-/// Commands of one kind that are encoded together.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DumpEncoder {
-    /// `compute`, `render` or `blit`.
-    pub kind: String,
-    /// Fences that it waits for at its beginning.
-    pub waits: Vec<DumpWait>,
-    /// Its passes, in order.
-    pub passes: Vec<EncodedPass>,
-    /// Fences that it updates at its end.
-    pub updates: Vec<DumpUpdate>,
-}
-
-/// A fence that an encoder waits for.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DumpWait {
-    /// Number of the fence.
-    pub fence: u32,
-    /// The stage of draws that waits: `vertex` (and so all) or `fragment`.
-    pub stage: Option<String>,
-    /// The conflicts behind it.
-    pub reasons: Vec<DumpReason>,
-}
-
-/// A fence that an encoder updates.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DumpUpdate {
-    /// Number of the fence.
-    pub fence: u32,
-    /// The stage of draws after which it is updated: `vertex` or `fragment` (and so all).
-    pub stage: Option<String>,
-}
-
-/// A pass in an encoder.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct EncodedPass {
-    /// Name of the pass.
-    pub pass: String,
-    /// The barrier before it.
-    pub barrier: Option<EncoderBarrier>,
-}
-
-/// A barrier within an encoder.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct EncoderBarrier {
-    /// The kinds of resources that it is for: `buffers`, `textures`.
-    pub scope: Vec<String>,
-    /// The conflicts behind it.
-    pub reasons: Vec<DumpReason>,
-}
-
-/// One reason for a wait, a barrier or an event.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DumpReason {
-    /// Kind of conflict.
-    pub hazard: Hazard,
-    /// The pass that waits.
-    pub before: Declared,
-    /// The resource that it accesses.
-    pub resource: Declared,
-    /// The passes that are waited for.
-    pub after: Vec<Declared>,
-    /// They ran in the frame before that of `before`.
-    pub previous_frame: bool,
-    /// The resource that they accessed, if it is another one in the same memory.
-    pub alias: Option<Declared>,
-}
-
-/// Counts what orders the passes of a part of a plan.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct EncoderTotals {
-    /// Number of encoders.
-    pub encoders: usize,
-    /// Number of different fences.
-    pub fences: usize,
-    /// Number of waits for fences.
-    pub waits: usize,
-    /// Number of updates of fences.
-    pub updates: usize,
-    /// Number of barriers within encoders.
-    pub barriers: usize,
-}
+use crate::ir::Run;
 
 /// Writes the encoders of a dump, with their reasons, beside the plan's own barriers, which are Vulkan's.
 ///

@@ -1,10 +1,11 @@
 //! From the plan to its dump: names for numbers, sums, lifetimes.
 
-use super::{
+use super::form::{
     DUMP_VERSION, Declared, Define, Dump, DumpBinding, DumpBlock, DumpDependency, DumpLeftOut, DumpParameter,
     DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader, DumpStat, DumpTarget, DumpTouch, DumpWarning,
-    Lifetime, Masks, Totals, repeats,
+    Lifetime, Masks, Totals,
 };
+use super::repeats;
 use crate::ir::{
     Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId, Shape,
     Source, Value, Work,

@@ -3,7 +3,8 @@
 //! The page holds the dump's JSON as it is, and a script (`page/page.js`) draws the timeline from it; nothing is computed
 //! here, so the page can show nothing that the JSON does not say.
 
-use super::{Dump, json};
+use super::form::Dump;
+use super::from_plan::json;
 
 const PAGE: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");

@@ -4,7 +4,7 @@
 //! `sort.scatter[3]`, or `level[1].blur[0]` where the body is an include, or `tile[0][2]` for a repeat in a repeat. Reading that
 //! back here keeps repeats out of what a backend must know.
 
-use super::{DumpPass, DumpRepeat, Iteration};
+use super::form::{DumpPass, DumpRepeat, Iteration};
 use std::collections::{BTreeSet, HashMap};
 
 /// The parts of a pass's name.

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write};
 
-use super::{
+use super::form::{
     BarrierTotals, Declared, Dump, DumpBarrier, DumpCause, DumpDependency, DumpPass, DumpResource, Lifetime,
     Masks,
 };

@@ -1,7 +1,7 @@
 //! Evaluates expressions. Where C would wrap, truncate or be undefined, evaluation fails with the place of the
 //! operand.
 
-use super::{BinaryOp, ExprError, Function, Node, NodeKind, Scope, UnaryOp};
+use super::tree::{BinaryOp, ExprError, Function, Node, NodeKind, Scope, UnaryOp};
 use crate::ir::Value;
 use crate::source::nearest;
 

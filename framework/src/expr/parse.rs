@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use super::{BinaryOp, ExprError, Function, Node, NodeKind, UnaryOp};
+use super::tree::{BinaryOp, ExprError, Function, Node, NodeKind, UnaryOp};
 use crate::ir::Value;
 use crate::source::nearest;
 

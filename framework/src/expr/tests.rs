@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 
 use proptest::prelude::*;
 
+use super::tree::{BinaryOp, Function};
 use super::*;
 
 fn scope() -> BTreeMap<String, Value> {

@@ -6,12 +6,11 @@
 
 mod access;
 mod device;
-mod effect;
 mod features;
 mod format;
 mod id;
 mod location;
-mod names;
+mod param;
 mod pass;
 mod reason;
 mod request;
@@ -21,20 +20,20 @@ mod value;
 
 pub use access::{Accesses, Hazard, Layout, Stages};
 pub use device::DeviceFacts;
-pub use effect::{Effect, ParamSet};
 pub use features::Features;
 pub use format::{Blend, Format, Load, Topology};
 pub use id::{BlockId, PassId, ResourceId, ShaderId};
 pub use location::{FileId, Origin, Span};
-pub use names::{EXPORT, HOST, LIVE_BINDING, LIVE_BLOCK, OUTPUTS};
+pub use param::{Domain, Effect, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, ParamSet};
 pub use pass::{
-    Binding, Culled, DescriptorKind, DrawCall, Groups, Output, Pass, Run, Stat, Target, Use, Work,
+    Binding, Culled, DescriptorKind, DrawCall, EXPORT, Groups, HOST, Output, Pass, Run, Stat, Target, Use,
+    Work,
 };
 pub use reason::{Fallback, Reason, Unmet};
-pub use request::{Attribute, Catalog, Facts, HostBuffer, Request};
+pub use request::{Attribute, Catalog, Facts, HostBuffer, OUTPUTS, Request};
 pub use resource::{Shape, Source, Usage};
 pub use shader::{
     Member, MemberKind, Msl, MslArgument, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Shader,
     ShaderStage, Varying,
 };
-pub use value::{Domain, Param, ParamBinding, Value, to_f32};
+pub use value::{Value, to_f32};

@@ -7,6 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use super::{Accesses, Blend, Layout, Load, Origin, ResourceId, ShaderId, Stages, Topology};
 
+/// The pass at the end of a frame that makes the output readable by copies.
+pub const EXPORT: &str = "export";
+
+/// The step after the frame in which the host reads the statistics.
+pub const HOST: &str = "host";
+
 /// Says how often a pass runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Run {

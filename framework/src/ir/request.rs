@@ -4,6 +4,9 @@ use std::collections::BTreeMap;
 
 use super::{DeviceFacts, Value};
 
+/// The prefix of the facts that ask for outputs besides the picture, such as `outputs.depth`. A missing one is false.
+pub const OUTPUTS: &str = "outputs.";
+
 /// Values that expressions can use.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Facts {

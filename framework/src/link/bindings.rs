@@ -1,6 +1,6 @@
 //! Checks of blocks, images and push constants against the graph's `bind` and `push`.
 
-use super::{Linker, ShaderHandle, describe, touch};
+use super::linker::{Linker, ShaderHandle, describe, touch};
 use crate::ir::{
     Accesses, Binding, DescriptorKind, LIVE_BLOCK, Layout, MemberKind, ReflectedBinding, ReflectedKind, Run,
     Shape, Source, Span, Stages, Use, Value, to_f32,

@@ -1,6 +1,6 @@
 //! Checks the interface between the two stages of a draw, and its targets.
 
-use super::{Linker, ShaderHandle, describe, touch};
+use super::linker::{Linker, ShaderHandle, describe, touch};
 use crate::ir::{Accesses, Layout, Load, Shape, Source, Span, Stages, Target, Use};
 use crate::lower::ResourceHandle;
 use crate::source::Diagnostic;

@@ -2,22 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{LinkedPass, Linker, MOST_COMPILATIONS, ShaderHandle};
+use super::linker::{LinkedPass, Linker, MOST_COMPILATIONS, PassParams, ShaderHandle};
 use crate::ir::{LIVE_BLOCK, ParamSet, ReflectedKind, ShaderStage, Stages};
 use crate::lower::{Lowered, LoweredPass, RemovedPass};
 use crate::shader::{ShaderCompiler, ShaderRequest};
 use crate::source::{Kind, SourceMap};
-
-/// The parameters that a pass depends on, without those behind the sizes and formats of its resources.
-#[derive(Clone, Debug, Default)]
-pub struct PassParams {
-    /// All of them.
-    pub all: ParamSet,
-    /// Parameters that decide whether the pass exists, and which resources it uses and how. They can affect other passes.
-    pub structure: ParamSet,
-    /// Parameters that its shaders mention only in code that is not compiled.
-    pub skipped: ParamSet,
-}
 
 impl Linker<'_> {
     pub(super) fn params(&self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) -> PassParams {

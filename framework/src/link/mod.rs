@@ -7,57 +7,19 @@
 mod bindings;
 mod draws;
 mod effects;
+mod linker;
 mod races;
+mod shaders;
 
-use crate::ir::{
-    Accesses, DeviceFacts, DrawCall, Features, FileId, Groups, Layout, Pass, Request, Run, Shader,
-    ShaderStage, Shape, Span, Stages, Use, Work,
-};
-use crate::lower::{
-    Extent, Lowered, LoweredPass, LoweredResource, LoweredSize, LoweredWork, ResourceHandle, ShaderName,
-};
-use crate::shader::{CANCELLED, Compiled, ShaderCompiler, ShaderRequest};
-use crate::source::{Diagnostic, Kind, SourceMap};
-use std::collections::{BTreeSet, HashMap, HashSet};
-use std::rc::Rc;
-use std::sync::Arc;
+use std::collections::HashMap;
 
-pub use effects::PassParams;
-
-/// Holds a graph whose passes fit their shaders.
-#[derive(Clone, Debug)]
-pub struct Linked {
-    /// Resources, parameters and names of the graph.
-    pub lowered: Lowered,
-    /// Compiled shaders, one per file and set of defines.
-    pub shaders: Vec<Shader>,
-    /// Passes in the order of the file, of the prologue and of the frame mixed.
-    pub passes: Vec<LinkedPass>,
-}
-
-/// Holds a pass with its accesses, over handles of the lowered graph.
-#[derive(Clone, Debug)]
-pub struct LinkedPass {
-    /// The pass.
-    pub pass: Pass<ResourceHandle, ShaderHandle>,
-    /// Its name in the file.
-    pub span: Span,
-    /// The include that it comes from, as an index into [`Lowered::includes`].
-    pub include: Option<usize>,
-    /// The parameters that it depends on.
-    pub params: PassParams,
-}
-
-/// Indexes [`Linked::shaders`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct ShaderHandle(pub u32);
-
-impl ShaderHandle {
-    /// Returns the position in the list.
-    pub fn index(self) -> usize {
-        self.0 as usize
-    }
-}
+use crate::ir::{Accesses, DrawCall, Groups, Pass, Request, Run, ShaderStage, Stages, Work};
+use crate::lower::{Lowered, LoweredPass, LoweredWork};
+use crate::shader::{CANCELLED, ShaderCompiler};
+use crate::source::{Diagnostic, SourceMap};
+pub use linker::{Linked, LinkedPass, PassParams, ShaderHandle};
+use linker::{Linker, touch};
+use shaders::count_compilations;
 
 /// Compiles the shaders of every pass and validates the pass against them.
 pub fn link(
@@ -112,58 +74,7 @@ pub fn link(
     Ok(Linked { lowered, shaders, passes })
 }
 
-/// Maximum number of shader compilations of a graph: far beyond any use, but less than minutes of work.
-const MOST_COMPILATIONS: usize = 500;
-
-/// Refuses a graph that needs too many different compilations, before the first one.
-fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagnostic>> {
-    let mut different = HashSet::new();
-    let mut passed = None;
-    for pass in passes {
-        let shaders = match &pass.work {
-            LoweredWork::Dispatch { shader, .. } => vec![shader],
-            LoweredWork::Draw { vertex, fragment, .. } => vec![vertex, fragment],
-            LoweredWork::Fill { .. } => Vec::new(),
-        };
-        for shader in shaders {
-            different.insert((pass.file, &shader.name, &pass.defines));
-            if different.len() > MOST_COMPILATIONS {
-                passed.get_or_insert(shader.span);
-            }
-        }
-    }
-    let Some(span) = passed else { return Ok(()) };
-    let message = format!("this graph needs {} different compilations of its shaders", different.len());
-    let diagnostic =
-        Diagnostic::new(message, span, format!("the limit of {MOST_COMPILATIONS} is passed here"));
-    Err(vec![diagnostic.with_help("give what differs from pass to pass as a push constant, not as a define")])
-}
-
-type Defines = Vec<(String, String)>;
-
-struct Linker<'a> {
-    lowered: &'a Lowered,
-    device: DeviceFacts,
-    files: &'a mut SourceMap,
-    compiler: &'a mut dyn ShaderCompiler,
-    generated: Vec<(String, String)>,
-    shaders: Vec<Shader>,
-    /// Names of the blocks that each shader declares: see [`Compiled::declared`].
-    declared: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
-    /// Names that each shader depends on: see [`Compiled::reached`].
-    reached: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
-    /// Shaders compiled so far, by file and list of defines; the passes of a repeat share theirs.
-    compiled: HashMap<(FileId, Rc<Defines>), ShaderHandle>,
-    /// Files of shaders, by the graph that names them and their name there.
-    found: HashMap<(FileId, String), FileId>,
-    errors: Vec<Diagnostic>,
-}
-
 impl Linker<'_> {
-    fn resource(&self, handle: ResourceHandle) -> &LoweredResource {
-        self.lowered.resource(handle)
-    }
-
     /// Links a pass; returns `None` after at least one error.
     fn pass(&mut self, pass: &LoweredPass) -> Option<LinkedPass> {
         let before = self.errors.len();
@@ -226,198 +137,5 @@ impl Linker<'_> {
             include: pass.include,
             params: self.params(pass, &stages),
         })
-    }
-
-    /// Compiles a shader, or finds it among those compiled for other passes.
-    fn shader(&mut self, pass: &LoweredPass, name: &ShaderName, stage: ShaderStage) -> Option<ShaderHandle> {
-        if ShaderStage::of_file(&name.name) != Some(stage) {
-            let ending = match stage {
-                ShaderStage::Compute => ".comp",
-                ShaderStage::Vertex => ".vert",
-                ShaderStage::Fragment => ".frag",
-            };
-            self.errors.push(Diagnostic::new(
-                format!("`{}` is not a {} shader", name.name, format!("{stage:?}").to_lowercase()),
-                name.span,
-                format!("the name of one ends in `{ending}`"),
-            ));
-            return None;
-        }
-        let known = self.found.get(&(pass.file, name.name.clone())).copied();
-        let file = match known.map_or_else(|| self.files.find(Some(pass.file), &name.name, Kind::Shader), Ok)
-        {
-            Ok(file) => file,
-            Err(error) => {
-                self.errors.push(error.at(name.span));
-                return None;
-            }
-        };
-        self.found.insert((pass.file, name.name.clone()), file);
-        let key = (file, pass.defines.clone());
-        if let Some(id) = self.compiled.get(&key) {
-            return Some(*id);
-        }
-        let request = ShaderRequest {
-            file,
-            stage,
-            defines: &pass.defines,
-            unfit: &pass.unfit,
-            generated: &self.generated,
-        };
-        match self.compiler.compile(self.files, &request) {
-            Ok(Compiled { spirv, defines, reached, reflection, declared }) => {
-                let shader = Shader { name: name.name.clone(), defines, spirv, reflection, msl: None };
-                let at = self.shaders.iter().position(|s| *s == shader).unwrap_or_else(|| {
-                    self.shaders.push(shader);
-                    self.shaders.len() - 1
-                });
-                let id = ShaderHandle(at as u32);
-                self.features(id, name.span);
-                self.declared.insert(id, declared);
-                // Texts that differ only in code that is not compiled give one shader.
-                let known = self.reached.entry(id).or_insert_with(|| reached.clone());
-                if *known != reached {
-                    Arc::make_mut(known).extend(reached.iter().cloned());
-                }
-                self.compiled.insert(key, id);
-                Some(id)
-            }
-            Err(errors) => {
-                self.errors.extend(errors);
-                None
-            }
-        }
-    }
-
-    /// Checks a shader's optional features against those of the device.
-    fn features(&mut self, id: ShaderHandle, span: Span) {
-        let shader = &self.shaders[id.index()];
-        let missing = shader.reflection.features.difference(self.device.features);
-        if missing.is_empty() {
-            return;
-        }
-        let message = format!("`{}` needs {missing}", shader.name);
-        let error = Diagnostic::new(message, span, "the device does not have this");
-        // There is no fact for stores in draws, so a graph cannot `require` them.
-        let error = match missing.intersects(Features::VERTEX_STORES | Features::FRAGMENT_STORES) {
-            true => error.with_help(
-                "for every device, let a `Dispatch` write this, or draw it to a target of its own: \
-                 `targets` takes several images",
-            ),
-            false => error,
-        };
-        self.errors.push(error);
-    }
-
-    /// Checks a compute shader's workgroup against the device.
-    fn workgroup(&mut self, id: ShaderHandle, span: Span) {
-        let reflection = &self.shaders[id.index()].reflection;
-        let invocations: u64 = reflection.local_size.iter().map(|s| *s as u64).product();
-        if invocations > self.device.max_invocations.into() {
-            self.errors.push(Diagnostic::new(
-                format!("the device has workgroups of at most {} invocations", self.device.max_invocations),
-                span,
-                format!("this shader has {invocations}"),
-            ));
-        }
-        if reflection.shared_bytes > self.device.shared_bytes {
-            self.errors.push(Diagnostic::new(
-                format!("the device has {} bytes of shared memory", self.device.shared_bytes),
-                span,
-                format!("this shader uses {}", reflection.shared_bytes),
-            ));
-        }
-    }
-
-    fn groups(&mut self, id: ShaderHandle, size: LoweredSize, span: Span) -> Option<Groups<ResourceHandle>> {
-        let local = self.shaders[id.index()].reflection.local_size.map(|n| u64::from(n.max(1)));
-        // Invocations per unit of `size`: 1 for `Groups`, the local size for `Threads`.
-        let (extent, each) = match size {
-            LoweredSize::Indirect { buffer, offset } => return Some(Groups::Indirect { buffer, offset }),
-            LoweredSize::Groups(extent) => (extent, [1; 3]),
-            LoweredSize::Threads(extent) => (extent, local),
-        };
-        let Extent { size, dimensions } = extent;
-        if each[dimensions..].iter().any(|n| *n > 1) {
-            let [x, y, z] = local;
-            let divides = [
-                "`Threads` divides by `local_size_x` alone",
-                "`Threads(x, y)` divides by `local_size_x` and `_y` alone",
-            ];
-            let message = format!("{}, and a workgroup here is {x} x {y} x {z}", divides[dimensions - 1]);
-            self.errors.push(Diagnostic::new(message, span, "too many invocations would run").with_help(
-                "give the shader a local size in as many dimensions, or count its workgroups with `Groups`",
-            ));
-            return None;
-        }
-        let mut groups: [u64; 3] = std::array::from_fn(|axis| size[axis].div_ceil(each[axis]));
-        let limits = self.device.max_groups().map(|most| u64::from(most.max(1)));
-        let mut too_large = |found: String| {
-            self.errors.push(Diagnostic::new(
-                "this dispatch is larger than the device can do at once",
-                span,
-                found,
-            ));
-        };
-        if dimensions == 1 {
-            // The shortest rows for this number of rows, so that few groups are idle.
-            let [all, rows] = [groups[0], groups[0].div_ceil(limits[0]).max(1)];
-            if rows > limits[1] {
-                too_large(format!(
-                    "{all} workgroups; {} in x and {} in y are possible",
-                    limits[0], limits[1]
-                ));
-                return None;
-            }
-            groups = [all.div_ceil(rows), rows, 1];
-        } else if let Some(axis) = (0..3).find(|axis| groups[*axis] > limits[*axis]) {
-            too_large(format!(
-                "{} workgroups in {}; {} are possible",
-                groups[axis],
-                ["x", "y", "z"][axis],
-                limits[axis]
-            ));
-            return None;
-        }
-        // Indices of invocations, or of groups where groups are counted, are `uint`s in shaders: in one dimension all of them, in
-        // several those of each.
-        let counted = match dimensions {
-            1 => (groups[0] * groups[1]).saturating_mul(each[0]),
-            _ => (0..3).map(|axis| groups[axis].saturating_mul(each[axis])).max().unwrap_or(0),
-        };
-        if counted > 1 << 32 {
-            let found =
-                format!("expected at most 4294967296, those of unfinished rows included, found {counted}");
-            self.errors.push(Diagnostic::new(
-                "this dispatch has more indices than 32 bits hold",
-                span,
-                found,
-            ));
-            return None;
-        }
-        Some(Groups::Direct(groups.map(|n| n as u32)))
-    }
-}
-
-/// Adds accesses to a pass's list, with one entry per resource and stage.
-fn touch(
-    uses: &mut Vec<Use<ResourceHandle>>,
-    resource: ResourceHandle,
-    stages: Stages,
-    accesses: Accesses,
-    layout: Option<Layout>,
-    discards: bool,
-) {
-    match uses.iter_mut().find(|t| t.resource == resource && t.stages == stages) {
-        Some(touch) => touch.accesses |= accesses,
-        None => uses.push(Use { resource, stages, accesses, layout, discards }),
-    }
-}
-
-/// Formats a shape: "12 x 4 bytes" or "960 x 540 Rgba16Float".
-fn describe(resource: &LoweredResource) -> String {
-    match resource.shape {
-        Shape::Buffer { stride, count } => format!("{count} elements of {stride} bytes"),
-        Shape::Image { format, width, height } => format!("an image of {width} x {height}, {format:?}"),
     }
 }

@@ -10,7 +10,7 @@
 //! The invocations of one stage have no order either. The shader is responsible for it: by atomics, by a workgroup barrier, or by
 //! accessing disjoint elements. Its accesses do not show whether it does.
 
-use super::{Linker, ShaderHandle};
+use super::linker::{Linker, ShaderHandle};
 use crate::ir::{DrawCall, ReflectedBinding, Span, Stages, Use};
 use crate::lower::{LoweredBind, LoweredPass, LoweredSize, LoweredWork, ResourceHandle};
 use crate::source::Diagnostic;

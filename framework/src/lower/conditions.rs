@@ -1,9 +1,8 @@
 //! Removes passes and includes whose `when` is false, and records what they would have used.
 
-use super::passes::{Level, Lowering};
-use super::resources::Handle;
+use super::lowered::{RemovedPass, RemovedUse};
+use super::lowering::{Handle, Level, Lowering};
 use super::scope::Place;
-use super::{RemovedPass, RemovedUse};
 use crate::ir::{Culled, ParamSet, Reason};
 use crate::schema::{Call, Expression, Number, Part, PassDecl, Reference, ResourceName, Size, is_choice};
 use crate::source::Diagnostic;

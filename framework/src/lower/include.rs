@@ -3,12 +3,11 @@
 use indexmap::IndexMap;
 use std::collections::BTreeMap;
 
-use super::LoweredInclude;
 use super::declared;
 use super::document::{MAX_DEPTH, Opened};
+use super::lowered::LoweredInclude;
+use super::lowering::{Handle, Level, Lowering, Scope};
 use super::params::{self, is_identifier};
-use super::passes::{Level, Lowering, Scope};
-use super::resources::Handle;
 use super::scope::{Names, Place};
 use crate::ir::{Param, ParamSet, Value};
 use crate::schema::{Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};

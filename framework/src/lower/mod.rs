@@ -15,6 +15,8 @@ mod declared;
 mod defines;
 mod document;
 mod include;
+mod lowered;
+mod lowering;
 mod params;
 mod passes;
 mod require;
@@ -22,304 +24,22 @@ mod resources;
 mod results;
 mod scope;
 
-use std::collections::BTreeMap;
-use std::rc::Rc;
-
+pub use lowered::{
+    Extent, Lowered, LoweredBind, LoweredInclude, LoweredPass, LoweredPush, LoweredResource, LoweredSize,
+    LoweredWork, RemovedPass, RemovedUse, ResourceHandle, ShaderName, SkippedUse,
+};
 pub use params::parse_value;
 pub use results::no_output;
 
 use declared::Declared;
+use lowering::{Lowering, Scope};
 use require::Choices;
-use scope::Place;
+use scope::{Place, Values};
 
 use crate::expr::Expr;
-use crate::ir::{
-    Culled, DrawCall, Fallback, FileId, Output, Param, ParamSet, Reason, Request, Run, Shape, Source, Span,
-    Stat, Target, Topology, Unmet, Value,
-};
+use crate::ir::{Fallback, LIVE_BLOCK, Param, ParamSet, Request, Shape, Source, Unmet, Value};
 use crate::schema::folded;
 use crate::source::{Diagnostic, Path, SourceMap};
-
-/// A lowered graph: only dispatches, draws and fills, in the order of the file.
-#[derive(Clone, Debug)]
-pub struct Lowered {
-    /// The name under which the graph was requested.
-    pub name: String,
-    /// Summary of the outermost preset, or of the graph.
-    pub summary: String,
-    /// The chain of presets and choices that leads to it, the graph last; empty for a plain graph.
-    pub based_on: Vec<String>,
-    /// The graphs that a choice passed over, in order; the last one's fallback is this graph.
-    pub fallbacks: Vec<Fallback>,
-    /// Known values of scene, device and viewport.
-    pub facts: BTreeMap<String, Value>,
-    /// Parameters of the requested graph.
-    pub params: Vec<Param>,
-    /// Buffers and images, including those for the previous frame's contents.
-    pub resources: Vec<LoweredResource>,
-    /// Dispatches, draws and fills.
-    pub passes: Vec<LoweredPass>,
-    /// Passes that a `when` removed.
-    pub culled: Vec<Culled>,
-    /// The removed passes, with the parameters that they would use.
-    pub removed: Vec<RemovedPass>,
-    /// Uses of parameters in expressions that were not evaluated.
-    pub skipped: Vec<SkippedUse>,
-    /// Uses that a `when` removed together with their pass.
-    pub unwritten: Vec<RemovedUse>,
-    /// Included graphs, includers before their includes.
-    pub includes: Vec<LoweredInclude>,
-    /// The output image.
-    pub output: ResourceHandle,
-    /// The output's name in the file.
-    pub output_span: Span,
-    /// Images that are asked for besides the output.
-    pub outputs: Vec<Output<ResourceHandle>>,
-    /// Words to read back.
-    pub stats: Vec<Stat<ResourceHandle>>,
-    /// The text of the generated include `live.glsl`.
-    pub live_glsl: String,
-    /// The uniform block of the live parameters.
-    pub live: ResourceHandle,
-    /// The parameters behind each live parameter: itself, and those that its default depends on.
-    pub live_params: BTreeMap<String, ParamSet>,
-    /// Parameters that conditions, counts of repeats and swaps depend on.
-    pub shape: ParamSet,
-    /// Parameters that the output and the statistics depend on.
-    pub results: ParamSet,
-}
-
-/// A `let` or a parameter whose expression names parameters that its evaluation did not read.
-#[derive(Clone, Debug)]
-pub struct SkippedUse {
-    /// The parameters that were not read.
-    pub params: ParamSet,
-    /// The name that has the expression.
-    pub name: String,
-    /// Its place in the file.
-    pub span: Span,
-    /// The parameters that were read.
-    pub decided: ParamSet,
-}
-
-impl Lowered {
-    /// Returns the resource behind a handle.
-    pub fn resource(&self, handle: ResourceHandle) -> &LoweredResource {
-        &self.resources[handle.index()]
-    }
-
-    /// Returns the handle that owns the memory of `handle`: a different one for the previous frame's contents.
-    pub fn real(&self, handle: ResourceHandle) -> ResourceHandle {
-        self.resource(handle).previous_frame_of.unwrap_or(handle)
-    }
-}
-
-/// Indexes [`Lowered::resources`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct ResourceHandle(pub u32);
-
-impl ResourceHandle {
-    /// Returns the position in the list.
-    pub fn index(self) -> usize {
-        self.0 as usize
-    }
-}
-
-/// Describes a buffer or an image. Each half of a ping-pong resource is one, named `keys#0` and `keys#1`.
-#[derive(Clone, Debug)]
-pub struct LoweredResource {
-    /// Unique in the graph.
-    pub name: String,
-    /// The size.
-    pub shape: Shape,
-    /// The owner and writer.
-    pub source: Source,
-    /// The name under which its contents persist from frame to frame.
-    pub history: Option<String>,
-    /// Set for `last(name)`, whose readers run before the writers of this frame: the resource itself; of a ping-pong resource,
-    /// the half that is the front when the frame ends.
-    pub previous_frame_of: Option<ResourceHandle>,
-    /// The declaration.
-    pub span: Span,
-    /// Parameters that the declaration depends on.
-    pub params: ParamSet,
-}
-
-/// Describes a graph that was included.
-#[derive(Clone, Debug)]
-pub struct LoweredInclude {
-    /// Unique in the graph.
-    pub name: String,
-    /// Its `name` in the file.
-    pub span: Span,
-    /// The include that it stands in, as an index into [`Lowered::includes`].
-    pub parent: Option<usize>,
-    /// The name and the resources of each port; both halves of a ping-pong buffer.
-    pub given: Vec<(String, Vec<ResourceHandle>)>,
-}
-
-/// A use that was removed with its pass.
-#[derive(Clone, Debug)]
-pub struct RemovedUse {
-    /// The resource.
-    pub resource: ResourceHandle,
-    /// The removed pass.
-    pub pass: String,
-    /// Its `when`.
-    pub when: Span,
-}
-
-/// A removed pass, include, or pass of a repeat.
-#[derive(Clone, Debug)]
-pub struct RemovedPass {
-    /// Its `when`, or that of its repeat.
-    pub condition: String,
-    /// The condition in the file.
-    pub when: Span,
-    /// The reason why it is false; `None` without names.
-    pub reason: Option<Reason>,
-    /// Parameters that the condition depends on.
-    pub decided: ParamSet,
-    /// Parameters behind the names in its expressions.
-    pub named: ParamSet,
-    /// The graph file that declares it.
-    pub file: FileId,
-    /// File names of its shaders.
-    pub shaders: Vec<String>,
-    /// As in [`LoweredPass::constants`].
-    pub constants: Rc<BTreeMap<String, ParamSet>>,
-}
-
-/// Describes one dispatch, draw or fill; its shaders are names.
-#[derive(Clone, Debug)]
-pub struct LoweredPass {
-    /// Unique in the graph.
-    pub name: String,
-    /// The group that its time is summed under.
-    pub phase: String,
-    /// Prologue or frame.
-    pub run: Run,
-    /// The graph file that declares it: shaders are looked for beside it.
-    pub file: FileId,
-    /// Its `name` in the file.
-    pub span: Span,
-    /// The include that it comes from, as an index into [`Lowered::includes`].
-    pub include: Option<usize>,
-    /// The command.
-    pub work: LoweredWork,
-    /// The entries of `bind`.
-    pub bind: Vec<LoweredBind>,
-    /// The entries of `push`.
-    pub push: Vec<LoweredPush>,
-    /// Names and values of the defines: the constants of the scope.
-    pub defines: Rc<Vec<(String, String)>>,
-    /// Names (as of defines) and values of constants that are numbers beyond 32 bits.
-    pub unfit: Rc<Vec<(String, String)>>,
-    /// Parameters that decide whether the pass exists, and which resources it uses.
-    pub decided: ParamSet,
-    /// Parameters that its numbers depend on: size, push constants, offsets, the word of a fill.
-    pub read: ParamSet,
-    /// Parameters behind the constants that shaders can use.
-    pub constants: Rc<BTreeMap<String, ParamSet>>,
-}
-
-/// Holds a shader's name as written.
-#[derive(Clone, Debug)]
-pub struct ShaderName {
-    /// The name.
-    pub name: String,
-    /// The name in the file.
-    pub span: Span,
-}
-
-/// Describes the command of a pass.
-#[derive(Clone, Debug)]
-pub enum LoweredWork {
-    /// Runs a compute shader.
-    Dispatch {
-        /// The shader.
-        shader: ShaderName,
-        /// The number of invocations or workgroups.
-        size: LoweredSize,
-        /// The `size` in the file.
-        size_span: Span,
-    },
-    /// Draws into images.
-    Draw {
-        /// The vertex shader.
-        vertex: ShaderName,
-        /// The fragment shader.
-        fragment: ShaderName,
-        /// The primitives.
-        topology: Topology,
-        /// The number of vertices and instances.
-        call: DrawCall<ResourceHandle>,
-        /// The `call` in the file.
-        call_span: Span,
-        /// The colour attachments, with their names in the file.
-        targets: Vec<(Target<ResourceHandle>, Span)>,
-    },
-    /// Writes `value` to every 32-bit word of a buffer.
-    Fill {
-        /// The buffer.
-        buffer: ResourceHandle,
-        /// The word.
-        value: u32,
-    },
-}
-
-/// The size of a dispatch.
-#[derive(Clone, Copy, Debug)]
-pub enum LoweredSize {
-    /// Invocations.
-    Threads(Extent),
-    /// Workgroups.
-    Groups(Extent),
-    /// Three words of a buffer.
-    Indirect {
-        /// The buffer.
-        buffer: ResourceHandle,
-        /// Byte offset of the first word.
-        offset: u64,
-    },
-}
-
-/// Numbers in x, y and z.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Extent {
-    /// The numbers; 1 in the dimensions that are not given.
-    pub size: [u64; 3],
-    /// The number of dimensions that are given, 1 to 3.
-    ///
-    /// A single dimension may be folded into y.
-    pub dimensions: usize,
-}
-
-/// Resources for a block: one for each element of its array, or a single one.
-#[derive(Clone, Debug)]
-pub struct LoweredBind {
-    /// The block's name.
-    pub block: String,
-    /// The block's name in the file.
-    pub block_span: Span,
-    /// The resources.
-    pub resources: Vec<ResourceHandle>,
-    /// The resource's name in the file.
-    pub resource_span: Span,
-}
-
-/// The value of a push constant.
-#[derive(Clone, Debug)]
-pub struct LoweredPush {
-    /// The member's name.
-    pub name: String,
-    /// The value.
-    pub value: Value,
-    /// The name in the file.
-    pub name_span: Span,
-    /// The value in the file.
-    pub value_span: Span,
-}
 
 /// A parameter with its texts for users.
 #[derive(Clone, Debug, PartialEq)]
@@ -336,7 +56,70 @@ pub struct Control {
 
 /// Lowers the graph that `request` names.
 pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Diagnostic>> {
-    passes::Lowering::new(request, files).run()
+    let mut walk = Lowering::new(request, files);
+    let chosen = walk.choices.root(walk.files)?;
+    let (root, fallbacks) = (&chosen.opened, &chosen.fallbacks);
+    let parameters = declared::parameters(root, &mut walk.choices, walk.files, &mut walk.known)?;
+    let resolved = params::resolve(root, &parameters, walk.request, walk.files, &mut walk.errors);
+    if !walk.errors.is_empty() {
+        return Err(require::explained(walk.errors, fallbacks));
+    }
+    let (names, params) = (resolved.names, resolved.params.clone());
+    let scope = Scope { names, params, exposed: parameters.exposed.clone() };
+    let mut level = walk.level(root, scope, String::new());
+    if let Some(port) = root.graph.ports.keys().next() {
+        let span = root.outline.key(&Path::root().field("ports").key(port));
+        walk.errors.push(
+            Diagnostic::new("this graph is made to be included", span, "nothing is bound to this port")
+                .with_help("name a graph that includes it"),
+        );
+        return Err(walk.errors);
+    }
+    walk.check_outputs(&level);
+    if !walk.errors.is_empty() {
+        return Err(walk.errors);
+    }
+    walk.includes.push(root.file);
+    walk.declare(&mut level);
+    let passes = Place::new(&root.outline, Path::root().field("passes"));
+    walk.walk(&mut level, &root.graph.passes, &passes);
+    level.names.take_notes();
+    let output = walk.output(&level);
+    let outputs = walk.outputs(&level);
+    walk.stats(&level);
+    walk.results.extend(level.names.take_notes().all());
+    let live_bytes = resolved.live_bytes.next_multiple_of(16).max(16);
+    let live_span = root.outline.key(&Path::root().field("params"));
+    let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
+    let live = walk.add(LIVE_BLOCK.into(), live_shape, Source::Live, live_span);
+    walk.end_histories();
+    match output {
+        Some((output, output_span)) if walk.errors.is_empty() => Ok(Lowered {
+            name: walk.request.graph.into(),
+            summary: folded(&root.summary),
+            based_on: root.based_on.clone(),
+            fallbacks: fallbacks.clone(),
+            facts: walk.request.facts.named(),
+            live_glsl: params::live_glsl(&resolved.params),
+            params: resolved.params,
+            live_params: resolved.live,
+            shape: walk.shape,
+            results: walk.results,
+            resources: walk.resources,
+            passes: walk.passes,
+            culled: walk.culled,
+            removed: walk.removed,
+            skipped: [resolved.skipped, walk.skipped].concat(),
+            unwritten: walk.unwritten,
+            includes: walk.included,
+            output,
+            output_span,
+            outputs,
+            stats: walk.stats.into_iter().map(|(stat, _)| stat).collect(),
+            live,
+        }),
+        _ => Err(walk.errors),
+    }
 }
 
 /// Reads a graph's summary and parameters, without lowering its passes: for lists, help and controls.
@@ -429,9 +212,6 @@ pub fn standing(request: &Request, files: &mut SourceMap) -> Result<Standing, Ve
     let chosen = Choices::new(request).standing(files)?;
     Ok(Standing { fallbacks: chosen.fallbacks.clone(), unmet: chosen.unmet.clone() })
 }
-
-/// Values by name.
-pub(crate) type Values = BTreeMap<String, Value>;
 
 #[cfg(test)]
 mod tests;

@@ -3,9 +3,9 @@
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::SkippedUse;
 use super::declared::{Declared, Parameters, Reach};
 use super::document::{Opened, Setting};
+use super::lowered::SkippedUse;
 use super::scope::{Names, Place, describe};
 use crate::ir::{
     Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, ParamSet, Reason, Request, Span, Value,

@@ -1,33 +1,16 @@
 //! Walks the passes, and resolves conditions, repeats, swaps and includes.
 
 use indexmap::IndexMap;
-use std::collections::BTreeMap;
-use std::rc::Rc;
 
-use super::declared::{self, Exposed};
-use super::defines::{Constants, defines};
-use super::document::Opened;
 use super::include::Written;
-use super::params;
-use super::require::{self, Choices};
-use super::resources::{Handle, History, PingPong};
-use super::scope::{Names, Notes, Place, describe};
-use super::{
-    Lowered, LoweredBind, LoweredInclude, LoweredPass, LoweredPush, LoweredResource, LoweredSize,
-    LoweredWork, RemovedPass, RemovedUse, ResourceHandle, ShaderName, SkippedUse,
+use super::lowered::{
+    LoweredBind, LoweredPass, LoweredPush, LoweredSize, LoweredWork, ResourceHandle, ShaderName,
 };
-use crate::ir::{
-    Culled, DrawCall, EXPORT, FileId, Format, HOST, LIVE_BLOCK, Load, Param, ParamSet, Request, Run, Shape,
-    Source, Span, Stat, Target, Value,
-};
-use crate::schema::{Call, Expression, Graph, Number, PassDecl, Reference, Size, folded, is_choice};
-use crate::source::{Diagnostic, Outline, Path, SourceMap};
-
-/// Maximum number of passes after repeats: far beyond any use, but few enough that a typing error cannot exhaust memory.
-const MAX_PASSES: usize = 20_000;
-
-/// Limits the work of the walk: declarations with their entries, and iterations of repeats.
-const MAX_STEPS: usize = 25 * MAX_PASSES;
+use super::lowering::{Level, Lowering, MAX_PASSES};
+use super::scope::{Notes, Place, describe};
+use crate::ir::{DrawCall, Format, Load, Run, Shape, Source, Target, Value};
+use crate::schema::{Call, Expression, Number, PassDecl, Reference, Size, is_choice};
+use crate::source::Diagnostic;
 
 /// Maximum length of a pass's name in the file, in bytes.
 const LONGEST_NAME: usize = 256;
@@ -35,254 +18,15 @@ const LONGEST_NAME: usize = 256;
 /// Maximum number of errors before the walk ends.
 const MAX_ERRORS: usize = 20;
 
-/// The state of the walk.
-pub(super) struct Lowering<'a> {
-    pub request: &'a Request<'a>,
-    pub files: &'a mut SourceMap,
-    pub errors: Vec<Diagnostic>,
-    pub resources: Vec<LoweredResource>,
-    /// Name and place of every resource, to detect duplicates.
-    pub resource_names: BTreeMap<String, Span>,
-    pub ping_pongs: Vec<PingPong>,
-    passes: Vec<LoweredPass>,
-    /// Counts towards [`MAX_STEPS`].
-    steps: usize,
-    pub choices: Choices<'a>,
-    pub known: declared::Known,
-    /// Name and place of every pass, to detect duplicates.
-    pass_names: BTreeMap<String, Option<Span>>,
-    /// Name and place of every include, to detect duplicates.
-    pub include_names: BTreeMap<String, Span>,
-    pub culled: Vec<Culled>,
-    pub histories: Vec<History>,
-    pub unwritten: Vec<RemovedUse>,
-    pub removed: Vec<RemovedPass>,
-    pub skipped: Vec<SkippedUse>,
-    /// As [`Lowered::shape`].
-    pub shape: ParamSet,
-    /// As [`Lowered::results`].
-    pub results: ParamSet,
-    /// Statistics of this graph and of its parts, with their places in the files.
-    pub stats: Vec<(Stat<ResourceHandle>, Span)>,
-    /// The files being included, outermost first.
-    pub includes: Vec<FileId>,
-    pub included: Vec<LoweredInclude>,
-}
-
-/// One graph file in the walk: the root, or an include.
-pub(super) struct Level {
-    pub file: FileId,
-    pub graph: Rc<Graph>,
-    pub outline: Rc<Outline>,
-    pub names: Names,
-    /// Its own parameters and the exposed ones of its parts.
-    pub params: Vec<Param>,
-    pub exposed: Exposed,
-    /// `None` for an invalid declaration.
-    pub handles: IndexMap<String, Option<Handle>>,
-    /// Parameters that decide which resource of an include a name means.
-    pub given: BTreeMap<String, ParamSet>,
-    /// Includes without resources: removed by the condition at a place, or invalid.
-    pub absent: BTreeMap<String, Option<Span>>,
-    /// Prefix for the names of passes and resources.
-    pub prefix: String,
-    /// Suffix for the names of passes: the indices of repeats.
-    pub suffix: String,
-    /// Index into [`Lowering::included`]; `None` for the root.
-    pub include: Option<usize>,
-    /// Parameters that the includes and repeats around the present pass depend on.
-    pub around: ParamSet,
-    defines: Rc<Vec<(String, String)>>,
-    unfit: Rc<Vec<(String, String)>>,
-    /// As [`LoweredPass::constants`].
-    pub constants: Rc<BTreeMap<String, ParamSet>>,
-}
-
-impl Level {
-    /// Notes the parameters that decide which resource of an include a name means.
-    pub fn note_given(&self, name: &str) {
-        if let Some(params) = self.given.get(name) {
-            self.names.note_decided(params);
-        }
-    }
-}
-
-/// The names at the start of a level.
-pub(super) struct Scope {
-    /// Facts and parameters.
-    pub names: Names,
-    pub params: Vec<Param>,
-    pub exposed: Exposed,
-}
-
 /// The fields that all kinds of passes share.
-pub(super) struct Head<'a> {
+struct Head<'a> {
     pub name: &'a str,
     pub phase: &'a Option<String>,
     pub run: Run,
     pub place: &'a Place,
 }
 
-impl<'a> Lowering<'a> {
-    pub fn new(request: &'a Request<'a>, files: &'a mut SourceMap) -> Self {
-        Lowering {
-            request,
-            files,
-            errors: Vec::new(),
-            resources: Vec::new(),
-            resource_names: BTreeMap::new(),
-            ping_pongs: Vec::new(),
-            passes: Vec::new(),
-            steps: 0,
-            choices: Choices::new(request),
-            known: Default::default(),
-            // The frame's last passes, which the solver adds.
-            pass_names: [EXPORT, HOST].map(|name| (name.to_string(), None)).into(),
-            include_names: BTreeMap::new(),
-            culled: Vec::new(),
-            histories: Vec::new(),
-            unwritten: Vec::new(),
-            removed: Vec::new(),
-            skipped: Vec::new(),
-            shape: ParamSet::new(),
-            results: ParamSet::new(),
-            stats: Vec::new(),
-            includes: Vec::new(),
-            included: Vec::new(),
-        }
-    }
-
-    pub fn run(mut self) -> Result<Lowered, Vec<Diagnostic>> {
-        let chosen = self.choices.root(self.files)?;
-        let (root, fallbacks) = (&chosen.opened, &chosen.fallbacks);
-        let parameters = declared::parameters(root, &mut self.choices, self.files, &mut self.known)?;
-        let resolved = params::resolve(root, &parameters, self.request, self.files, &mut self.errors);
-        if !self.errors.is_empty() {
-            return Err(require::explained(self.errors, fallbacks));
-        }
-        let (names, params) = (resolved.names, resolved.params.clone());
-        let scope = Scope { names, params, exposed: parameters.exposed.clone() };
-        let mut level = self.level(root, scope, String::new());
-        if let Some(port) = root.graph.ports.keys().next() {
-            let span = root.outline.key(&Path::root().field("ports").key(port));
-            self.errors.push(
-                Diagnostic::new("this graph is made to be included", span, "nothing is bound to this port")
-                    .with_help("name a graph that includes it"),
-            );
-            return Err(self.errors);
-        }
-        self.check_outputs(&level);
-        if !self.errors.is_empty() {
-            return Err(self.errors);
-        }
-        self.includes.push(root.file);
-        self.declare(&mut level);
-        let passes = Place::new(&root.outline, Path::root().field("passes"));
-        self.walk(&mut level, &root.graph.passes, &passes);
-        level.names.take_notes();
-        let output = self.output(&level);
-        let outputs = self.outputs(&level);
-        self.stats(&level);
-        self.results.extend(level.names.take_notes().all());
-        let live_bytes = resolved.live_bytes.next_multiple_of(16).max(16);
-        let live_span = root.outline.key(&Path::root().field("params"));
-        let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
-        let live = self.add(LIVE_BLOCK.into(), live_shape, Source::Live, live_span);
-        self.end_histories();
-        match output {
-            Some((output, output_span)) if self.errors.is_empty() => Ok(Lowered {
-                name: self.request.graph.into(),
-                summary: folded(&root.summary),
-                based_on: root.based_on.clone(),
-                fallbacks: fallbacks.clone(),
-                facts: self.request.facts.named(),
-                live_glsl: params::live_glsl(&resolved.params),
-                params: resolved.params,
-                live_params: resolved.live,
-                shape: self.shape,
-                results: self.results,
-                resources: self.resources,
-                passes: self.passes,
-                culled: self.culled,
-                removed: self.removed,
-                skipped: [resolved.skipped, self.skipped].concat(),
-                unwritten: self.unwritten,
-                includes: self.included,
-                output,
-                output_span,
-                outputs,
-                stats: self.stats.into_iter().map(|(stat, _)| stat).collect(),
-                live,
-            }),
-            _ => Err(self.errors),
-        }
-    }
-
-    /// Creates a level, and evaluates its `let`s.
-    pub(super) fn level(&mut self, opened: &Opened, scope: Scope, prefix: String) -> Level {
-        let Scope { mut names, params, exposed } = scope;
-        for (name, number) in &opened.graph.lets {
-            let place = Place::new(&opened.outline, Path::root().field("let").key(name));
-            if names.values.contains_key(name) || names.live.contains(name) {
-                let taken = "the name is already that of a parameter, a fact or a `let`";
-                self.errors.push(Diagnostic::new(format!("`{name}` is declared twice"), place.key(), taken));
-                continue;
-            }
-            let (value, read) = names.traced(|| names.evaluate(number, &place));
-            match value {
-                Ok(value) => {
-                    let params: ParamSet = names.named_by(number).difference(&read).copied().collect();
-                    if !params.is_empty() {
-                        let (name, span, decided) = (name.clone(), place.key(), read.clone());
-                        self.skipped.push(SkippedUse { params, name, span, decided });
-                    }
-                    names.define(name, value, read);
-                }
-                Err(diagnostic) => self.errors.push(diagnostic),
-            }
-        }
-        let Constants { defines, unfit, params: constants } = defines(&names, &params);
-        let mut seen = BTreeMap::new();
-        for (name, value) in &defines {
-            if seen.insert(name, value).is_some_and(|other| other != value) {
-                let span = opened.outline.head(&Path::root());
-                let message = format!("two constants of this graph are `{name}` to its shaders");
-                self.errors.push(Diagnostic::new(message, span, "in this graph").with_help(
-                    "names are in capitals there, and a choice adds one for each of its values: rename one of them",
-                ));
-            }
-        }
-        Level {
-            file: opened.file,
-            graph: opened.graph.clone(),
-            outline: opened.outline.clone(),
-            names,
-            params,
-            exposed,
-            handles: IndexMap::new(),
-            given: BTreeMap::new(),
-            absent: BTreeMap::new(),
-            prefix,
-            suffix: String::new(),
-            include: None,
-            around: ParamSet::new(),
-            defines: Rc::new(defines),
-            unfit: Rc::new(unfit),
-            constants: Rc::new(constants),
-        }
-    }
-
-    /// Counts work. Returns false beyond the limit, the first time with an error at `place`.
-    pub(super) fn count(&mut self, steps: usize, place: &Place) -> bool {
-        let before = self.steps;
-        self.steps = before.saturating_add(steps);
-        if before <= MAX_STEPS && self.steps > MAX_STEPS {
-            let message = format!("this graph has over {MAX_STEPS} steps, its repeats counted");
-            self.errors.push(place.error(message, "while walking this one"));
-        }
-        self.steps <= MAX_STEPS
-    }
-
+impl Lowering<'_> {
     pub(super) fn walk(&mut self, level: &mut Level, passes: &[PassDecl], at: &Place) {
         for (i, pass) in passes.iter().enumerate() {
             let entries = match pass {

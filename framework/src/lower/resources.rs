@@ -1,37 +1,14 @@
 //! Resolves declarations, imports and ports to numbered buffers and images.
 
+use super::lowered::{LoweredResource, ResourceHandle};
+use super::lowering::{Handle, History, Level, Lowering, PingPong};
 use super::params::is_identifier;
-use super::passes::{Level, Lowering};
 use super::scope::{Place, describe};
-use super::{LoweredResource, ResourceHandle};
+
 use crate::expr::Scope;
 use crate::ir::{Format, HostBuffer, Shape, Source, Span, Value};
 use crate::schema::{Expression, Import, Part, Port, Reference, ResourceDecl, ResourceName, is_choice};
 use crate::source::{Diagnostic, Path};
-
-/// The meaning of a resource name in a graph.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Handle {
-    /// One resource, or the planes of an attribute.
-    Plain(Vec<ResourceHandle>),
-    /// Index into [`Lowering::ping_pongs`].
-    PingPong(usize),
-}
-
-/// Two buffers. `Swap` changes which one is the front.
-#[derive(Clone, Debug)]
-pub(super) struct PingPong {
-    pub halves: [ResourceHandle; 2],
-    pub front: usize,
-}
-
-/// A resource that was declared with a history.
-#[derive(Clone, Debug)]
-pub(super) struct History {
-    pub name: String,
-    pub previous_frame: ResourceHandle,
-    of: Handle,
-}
 
 impl Lowering<'_> {
     pub(super) fn declare(&mut self, level: &mut Level) {

@@ -1,7 +1,7 @@
 //! Resolves the output, the other outputs that are asked for, and the statistics of a graph and its parts.
 
-use super::ResourceHandle;
-use super::passes::{Level, Lowering};
+use super::lowered::ResourceHandle;
+use super::lowering::{Level, Lowering};
 use super::scope::Place;
 use crate::ir::{OUTPUTS, Output, Shape, Span, Stat, Value};
 use crate::schema::Reference;

@@ -4,11 +4,14 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-use super::{Extent, Values};
+use super::lowered::Extent;
 use crate::expr::{ExprError, Scope};
 use crate::ir::{Facts, OUTPUTS, ParamSet, Reason, Span, Value};
 use crate::schema::{self, Expression, Number, Reference};
 use crate::source::{Diagnostic, Outline, Path};
+
+/// Values by name.
+pub(super) type Values = BTreeMap<String, Value>;
 
 /// Names visible to the expressions of one graph: facts, constant parameters, `let`s and repeat variables.
 ///

@@ -1,13 +1,8 @@
-//! Errors with places and suggestions, rendered under the source text as in rustc.
+//! Errors with places and suggestions.
 
-use std::borrow::Cow;
 use std::fmt;
-use std::ops::Range;
 
-use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet, normalize_untrusted_str};
-
-use super::SourceMap;
-use crate::ir::{FileId, Span};
+use crate::ir::Span;
 
 /// A place with a text, which may be empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,109 +68,6 @@ impl fmt::Display for Diagnostic {
 }
 
 impl std::error::Error for Diagnostic {}
-
-/// Renders diagnostics, separated by blank lines, ending in a line break.
-///
-/// ```text
-/// error: unknown field `shadr` in `Dispatch`
-///   --> pipelines/splat.ron:12:31
-///    |
-/// 12 |     Dispatch(name: "scatter", shadr: "scatter.comp"),
-///    |                               ^^^^^ did you mean `shader`?
-/// ```
-///
-/// Invalid spans (beyond the text, inside a character, reversed) are moved to the nearest valid place. `colour`
-/// adds ANSI escapes.
-pub fn render(files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
-    render_as(Level::ERROR, files, diagnostics, colour)
-}
-
-/// Renders diagnostics as warnings; see [`render`].
-pub fn render_warnings(files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
-    render_as(Level::WARNING, files, diagnostics, colour)
-}
-
-fn render_as(level: Level<'static>, files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
-    let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
-    let mut out = String::new();
-    for diagnostic in diagnostics {
-        if !out.is_empty() {
-            out.push('\n');
-        }
-        out.push_str(&render_one(&level, files, diagnostic, &renderer));
-        out.push('\n');
-    }
-    out
-}
-
-fn render_one(
-    level: &Level<'static>,
-    files: &SourceMap,
-    diagnostic: &Diagnostic,
-    renderer: &Renderer,
-) -> String {
-    // One snippet per file, the primary label's first.
-    let mut snippets: Vec<(FileId, Vec<(AnnotationKind, &Label)>)> = Vec::new();
-    let primary = (AnnotationKind::Primary, &diagnostic.primary);
-    let secondary = diagnostic.secondary.iter().map(|label| (AnnotationKind::Context, label));
-    for (kind, label) in std::iter::once(primary).chain(secondary) {
-        match snippets.iter_mut().find(|s| s.0 == label.span.file) {
-            Some(snippet) => snippet.1.push((kind, label)),
-            None => snippets.push((label.span.file, vec![(kind, label)])),
-        }
-    }
-    let texts: Vec<Cow<str>> = snippets.iter().map(|(file, _)| harmless(files.text(*file))).collect();
-    // Files must not send escape sequences to the terminal, or imitate lines of the message.
-    let mut group = Group::with_title(level.clone().primary_title(one_line(&diagnostic.message)));
-    for ((file, labels), text) in snippets.iter().zip(&texts) {
-        let mut snippet = Snippet::source(&**text).path(one_line(files.path(*file)));
-        for (kind, label) in labels {
-            let annotation = kind.span(drawable(text, label.span));
-            snippet = snippet.annotation(match label.text.as_str() {
-                "" => annotation,
-                text => annotation.label(one_line(text)),
-            });
-        }
-        group = group.element(snippet);
-    }
-    for help in &diagnostic.help {
-        group = group.element(Level::HELP.message(one_line(help)));
-    }
-    renderer.render(&[group])
-}
-
-/// Replaces characters that terminals interpret and `annotate_snippets` keeps: C1 control characters (for some terminals,
-/// U+009B begins an escape sequence), and characters that change the direction of text or break lines.
-/// Replacements have as many bytes, so that places stay valid.
-fn harmless(text: &str) -> Cow<'_, str> {
-    let replaced = |c: char| match c {
-        '\u{80}'..='\u{9f}' | '\u{61c}' => Some('\u{bf}'),
-        '\u{200e}' | '\u{200f}' | '\u{2028}' | '\u{2029}' => Some(char::REPLACEMENT_CHARACTER),
-        _ => None,
-    };
-    if !text.contains(|c| replaced(c).is_some()) {
-        return text.into();
-    }
-    text.chars().map(|c| replaced(c).unwrap_or(c)).collect()
-}
-
-/// Converts a text to one line, without characters that terminals interpret.
-fn one_line(text: &str) -> String {
-    normalize_untrusted_str(&harmless(text)).replace('\n', "\u{240a}")
-}
-
-/// Clamps a span to the text and to character boundaries.
-fn drawable(text: &str, span: Span) -> Range<usize> {
-    let on_boundary = |offset: usize| {
-        let mut offset = offset.min(text.len());
-        while !text.is_char_boundary(offset) {
-            offset -= 1;
-        }
-        offset
-    };
-    let start = on_boundary(span.start);
-    start..on_boundary(span.end).max(start)
-}
 
 /// Maximum length of names to compare: longer ones are no typing mistakes, and comparing them takes long.
 const LONGEST_NAME: usize = 256;

@@ -18,13 +18,15 @@ mod content;
 mod diagnostic;
 mod files;
 mod outline;
+mod render;
 mod ron_error;
 #[cfg(test)]
 mod tests;
 mod token;
 
 pub use content::{Content, Wanted};
-pub use diagnostic::{Diagnostic, Label, nearest, render, render_warnings};
+pub use diagnostic::{Diagnostic, Label, nearest};
 pub use files::{Kind, Library, NotFound, SourceMap};
 pub use outline::{Outline, Path};
+pub use render::{render, render_warnings};
 pub use ron_error::ron_error;

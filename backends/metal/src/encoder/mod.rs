@@ -1,106 +1,35 @@
 //! The recording of commands into a command buffer.
 //!
-//! The plan's order is not decided here: [`Walk`] says which encoder a pass belongs to, and what it waits for. An encoder is opened with
+//! The plan's order is not decided here: [`Walk`](crate::walk::Walk) says which encoder a pass belongs to, and what it waits for. An encoder is opened with
 //! the first of its commands, since only then are the targets of draws and the samples of times known.
 //!
 //! Every call has an autorelease pool of its own: what Metal leaves to the pool does not wait for the end of the thread.
 
 use crate::capture;
-use crate::descriptors::{Argument, ArgumentTables, Table};
+use crate::descriptors::ArgumentTables;
 use crate::error::no_object;
 use crate::gpu::MetalGpu;
-use crate::lower::{self, CLEAR_THREADS, Stage};
+use crate::lower::{self, CLEAR_THREADS};
 use crate::objc;
-use crate::pipelines::{Order, Pipeline, Pipelines};
+use crate::pipelines::Pipelines;
 use crate::queue::{self, After, Timestamps};
 use crate::swapchain::Swapchain;
-use crate::sync::{EncoderKind, FenceUse};
-use crate::walk::{Move, Walk};
+use crate::walk::Move;
 use metal::*;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::{Format, Pass, PassId, ResourceId, Target};
 use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout};
-use std::ffi::c_void;
 use std::fmt::Arguments;
 use std::ops::Range;
-use std::sync::Arc;
 use std::time::Duration;
 
 mod open;
+mod state;
 
-use open::Open;
-
-/// A command buffer, and the events around it.
-pub struct Encoder {
-    name: String,
-    commands: Option<CommandBuffer>,
-    /// The last submission, until it was waited for.
-    submitted: Vec<CommandBuffer>,
-    /// Signalled when a submission has completed.
-    done: (SharedEvent, u64),
-    /// Signalled and waited for in the midst of the commands.
-    midst: (Event, u64),
-    /// Signalled when what the commands wait for from their beginning has completed; see [`queue::submit`].
-    others: (SharedEvent, u64),
-    /// They wait for everything submitted before them, and not only for what was published.
-    after_all: bool,
-    /// All that is submitted later waits for them.
-    publishes: bool,
-    walk: Walk,
-    order: Option<Arc<Order>>,
-    moves: Vec<Move>,
-    /// The encoder that commands are recorded to.
-    open: Open,
-    /// The encoder that the next command opens, and the fences that it then waits for.
-    next: Option<EncoderKind>,
-    waits: Vec<FenceUse>,
-    bound: Bound,
-    /// Takes the times of the frame.
-    times: Option<Timestamps>,
-    /// The first of two samples of the next encoder.
-    sample: Option<u32>,
-    label: String,
-    /// Debug groups that are open in the encoder.
-    groups: usize,
-    gpu: Arc<MetalGpu>,
-}
-
-/// The pipeline and the arguments of the next command.
-#[derive(Default)]
-struct Bound {
-    pipeline: Option<Pipeline>,
-    table: Table,
-    /// Words to copy with the command: push constants, and sizes of buffers.
-    bytes: Vec<u8>,
-    copied: Vec<(Stage, u32, Range<usize>)>,
-}
+pub use state::Encoder;
+use state::{Bound, Open};
 
 impl Encoder {
-    pub(crate) fn new(gpu: &Arc<MetalGpu>, name: &str) -> Encoder {
-        Encoder {
-            name: name.to_string(),
-            commands: None,
-            submitted: Vec::new(),
-            done: (gpu.device.new_shared_event(), 0),
-            midst: (gpu.device.new_event(), 0),
-            others: (gpu.device.new_shared_event(), 0),
-            after_all: false,
-            publishes: false,
-            walk: Walk::default(),
-            order: None,
-            moves: Vec::new(),
-            open: Open::None,
-            next: None,
-            waits: Vec::new(),
-            bound: Bound::default(),
-            times: None,
-            sample: None,
-            label: String::new(),
-            groups: 0,
-            gpu: gpu.clone(),
-        }
-    }
-
     /// Submits what was recorded, and behind it the draw of the output into a window.
     pub(crate) fn submit(&mut self, window: Option<&mut Swapchain>) -> Result<(), BackendError> {
         objc::pool(|| self.submit_pooled(window))
@@ -209,59 +138,6 @@ impl Encoder {
         }
         self.close();
     }
-}
-
-impl Bound {
-    /// Sets pipeline and arguments of a dispatch. Returns the threads of its threadgroups.
-    fn dispatch(&self, encoder: &ComputeCommandEncoderRef) -> Option<MTLSize> {
-        let Some(Pipeline::Compute { raw, threads }) = &self.pipeline else { return None };
-        encoder.set_compute_pipeline_state(raw);
-        for (place, argument) in &self.table.arguments {
-            let index = place.index.into();
-            match argument {
-                Argument::Buffer(buffer, offset) => encoder.set_buffer(index, Some(buffer), *offset),
-                Argument::Texture(texture) => encoder.set_texture(index, Some(texture)),
-            }
-        }
-        for (_, index, range) in &self.copied {
-            let bytes = &self.bytes[range.clone()];
-            encoder.set_bytes((*index).into(), bytes.len() as u64, pointer(bytes));
-        }
-        Some(*threads)
-    }
-
-    /// Sets pipeline and arguments of a draw. Returns its primitives.
-    fn draw(&self, encoder: &RenderCommandEncoderRef) -> Option<MTLPrimitiveType> {
-        let Some(Pipeline::Draw { raw, primitives }) = &self.pipeline else { return None };
-        encoder.set_render_pipeline_state(raw);
-        for (place, argument) in &self.table.arguments {
-            let index = place.index.into();
-            match (place.stage == Stage::Vertex, argument) {
-                (true, Argument::Buffer(buffer, offset)) => {
-                    encoder.set_vertex_buffer(index, Some(buffer), *offset)
-                }
-                (false, Argument::Buffer(buffer, offset)) => {
-                    encoder.set_fragment_buffer(index, Some(buffer), *offset);
-                }
-                (true, Argument::Texture(texture)) => encoder.set_vertex_texture(index, Some(texture)),
-                (false, Argument::Texture(texture)) => encoder.set_fragment_texture(index, Some(texture)),
-            }
-        }
-        for (stage, index, range) in &self.copied {
-            let bytes = &self.bytes[range.clone()];
-            let (index, length) = ((*index).into(), bytes.len() as u64);
-            match stage {
-                Stage::Vertex => encoder.set_vertex_bytes(index, length, pointer(bytes)),
-                _ => encoder.set_fragment_bytes(index, length, pointer(bytes)),
-            }
-        }
-        Some(*primitives)
-    }
-}
-
-/// Metal copies the bytes during the call.
-fn pointer(bytes: &[u8]) -> *const c_void {
-    bytes.as_ptr().cast()
 }
 
 impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {

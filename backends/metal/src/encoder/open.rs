@@ -1,20 +1,12 @@
 //! The encoders of Metal's: opened with their fences, samples and targets, and closed again.
 
-use super::Encoder;
+use super::state::{Encoder, Open};
 use crate::gpu::MetalGpu;
 use crate::objc;
 use crate::sync::{EncoderKind, FenceUse, RenderStages};
 use metal::*;
 use splatgraph_framework::ir::{Load, Target};
 use splatgraph_runtime::Image;
-
-/// The encoder of Metal's that commands are recorded to.
-pub(super) enum Open {
-    None,
-    Compute(ComputeCommandEncoder),
-    Render(RenderCommandEncoder),
-    Blit(BlitCommandEncoder),
-}
 
 impl Encoder {
     pub(super) fn update(&mut self, update: FenceUse) {

@@ -1,6 +1,6 @@
 //! From the passes, in their order, to encoders: each as long as the next pass is of its kind.
 
-use super::{Division, EncoderKind, ordering};
+use super::encoding::{Division, EncoderKind};
 use splatgraph_framework::{ir::*, plan::*};
 
 /// The passes of one encoder.
@@ -55,4 +55,11 @@ fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     images(own) == images(others)
         && own.iter().all(|target| target.load == Load::Keep)
         && ordering(plan, pass).filter(inner).all(blends)
+}
+
+/// Lists what a pass must come after. Images have no layouts here, and the host waits for the whole command buffer.
+pub(super) fn ordering(plan: &Plan, pass: PassId) -> impl Iterator<Item = &Dependency> {
+    let of_device = |dependency: &&Dependency| plan.pass(dependency.second).work != Work::Host;
+    let dependencies = plan.dependencies_of(pass).iter();
+    dependencies.filter(|dependency| dependency.hazard != Hazard::LayoutChange).filter(of_device)
 }

@@ -6,7 +6,7 @@
 //! waits for the last of the previous frame, no more. A chain must not go round more than once, so that the next frame finds its fences
 //! free.
 
-use super::RenderStages;
+use super::encoding::RenderStages;
 use std::cmp::Ordering;
 
 /// A wait of an encoder, by the index of the one that is waited for.

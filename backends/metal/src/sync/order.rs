@@ -12,9 +12,10 @@
 //! whatever their vertices wait for, and who waits for fragments waits for their vertices, too; nothing else of the two is mixed, so
 //! that vertices can run ahead.
 
-use super::divide::Group;
+use super::divide::{Group, ordering};
+use super::encoding::*;
 use super::fences::{self, Wait};
-use super::*;
+use splatgraph_framework::{ir::*, plan::*};
 
 /// A dependency between two encoders, or within one.
 struct Need<'a> {

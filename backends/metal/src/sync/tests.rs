@@ -3,6 +3,7 @@
 use super::*;
 use crate::sync::model::{Model, mutate};
 use crate::testing::*;
+use splatgraph_framework::ir::{Hazard, Load, PassId, Shape};
 
 /// Checks the lines of the frame, and what the model must say.
 #[track_caller]

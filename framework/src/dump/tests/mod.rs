@@ -6,7 +6,7 @@ mod example;
 mod schema;
 
 use super::*;
-use crate::ir::Source;
+use crate::ir::{Hazard, Run, Source, Value};
 use crate::plan::Plan;
 use crate::testing;
 use example::dump;

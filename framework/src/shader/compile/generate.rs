@@ -10,9 +10,14 @@ use glslang::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::super::ShaderStage;
-use super::{INCLUDE_BYTES, MOST_DEPTH, MOST_INCLUDED_BYTES};
+use crate::ir::ShaderStage;
 
+/// Maximum bytes of GLSL after includes, where a file can occur more than once.
+pub(super) const MOST_INCLUDED_BYTES: usize = 4 << 20;
+/// Bytes that each include counts in addition to its text, which bounds the number of small includes.
+pub(super) const INCLUDE_BYTES: usize = 256;
+/// Maximum nesting of includes.
+pub(super) const MOST_DEPTH: usize = 32;
 /// Maximum size of SPIR-V in bytes. The longest allowed text gives about 3 MiB.
 const MOST_SPIRV_BYTES: usize = 8 << 20;
 

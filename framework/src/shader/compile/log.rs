@@ -7,10 +7,15 @@
 
 use std::ops::Range;
 
+use super::generate::{IncludeFailure, IncludeProblem, MOST_DEPTH, MOST_INCLUDED_BYTES};
 use super::scan::{Token, TokenKind, lex};
-use super::{MOST_DIAGNOSTICS, ShaderRequest, Sources};
+use super::sources::Sources;
 use crate::ir::Span;
+use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, SourceMap, nearest};
+
+/// Maximum number of diagnostics of one compilation.
+pub(super) const MOST_DIAGNOSTICS: usize = 10;
 
 /// Returns the diagnostics of a log, at least one.
 pub(super) fn diagnose(
@@ -33,7 +38,7 @@ pub(super) fn diagnose(
         }
     }
     if diagnostics.is_empty() {
-        let span = span_in(files, request, sources, 0, first_line(&sources.units[0].text));
+        let span = sources.first_line(files, request);
         diagnostics.push(Diagnostic::new(
             "the shader does not compile, and the compiler does not say why",
             span,
@@ -41,39 +46,6 @@ pub(super) fn diagnose(
         ));
     }
     diagnostics
-}
-
-/// Locates the first identifier of the units that a message quotes (`` `so` ``); the shader's first line if none is found.
-pub(super) fn find_quoted(
-    files: &mut SourceMap,
-    request: &ShaderRequest,
-    sources: &Sources,
-    message: &str,
-) -> Span {
-    for quoted in message.split('`').skip(1).step_by(2).filter(|quoted| !quoted.is_empty()) {
-        for (index, unit) in sources.units.iter().enumerate() {
-            let tokens = lex(&unit.text);
-            if let Some(token) = tokens.iter().find(|t| t.of(&unit.text) == quoted) {
-                return span_in(files, request, sources, index, token.range());
-            }
-        }
-    }
-    span_in(files, request, sources, 0, first_line(&sources.units[0].text))
-}
-
-pub(super) fn first_line(text: &str) -> Range<usize> {
-    0..text.find('\n').unwrap_or(text.len())
-}
-
-fn span_in(
-    files: &mut SourceMap,
-    request: &ShaderRequest,
-    sources: &Sources,
-    unit: usize,
-    place: Range<usize>,
-) -> Span {
-    let file = sources.units[unit].origin.file(files, request);
-    Span { file, start: place.start, end: place.end }
 }
 
 /// An error of the log.
@@ -136,6 +108,49 @@ fn split_place(text: &str) -> (Option<Place>, &str) {
     }
 }
 
+impl IncludeFailure {
+    pub(super) fn diagnose(
+        &self,
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+        sources: &Sources,
+    ) -> Diagnostic {
+        let unit = &sources.units[self.unit];
+        let file = unit.origin.file(files, request);
+        let include = unit.includes.get(&self.name);
+        let place = include.map_or(0..0, |include| include.place.clone());
+        let span = Span { file, start: place.start, end: place.end };
+        match &self.why {
+            IncludeProblem::Missing => match include.map(|i| &i.target) {
+                Some(Err(not_found)) => not_found.at(span),
+                _ => Diagnostic::new(format!("the include of `{}` is not understood", self.name), span, ""),
+            },
+            IncludeProblem::TooDeep(chain) => {
+                let target = include.and_then(|i| i.target.as_ref().ok());
+                let since = chain.iter().rposition(|unit| Some(unit) == target);
+                let Some(since) = since else {
+                    let message = format!("includes are nested deeper than {MOST_DEPTH}");
+                    return Diagnostic::new(message, span, "the limit is passed here");
+                };
+                let mut names: Vec<String> = Vec::new();
+                for unit in chain[since..].iter().chain(target) {
+                    let file = sources.units[*unit].origin.file(files, request);
+                    names.push(format!("`{}`", files.path(file)));
+                }
+                let message = format!("{} includes itself", names[0]);
+                Diagnostic::new(message, span, "included again here")
+                    .with_help(format!("it goes round: {}", names.join(" includes ")))
+                    .with_help("an include guard (`#ifndef`, `#define`, `#endif`) ends it")
+            }
+            IncludeProblem::TooMuch => {
+                let message =
+                    format!("the included files together are more than {} MiB", MOST_INCLUDED_BYTES >> 20);
+                Diagnostic::new(message, span, "the limit is passed here")
+            }
+        }
+    }
+}
+
 impl Entry<'_> {
     fn diagnose(&self, files: &mut SourceMap, request: &ShaderRequest, sources: &Sources) -> Diagnostic {
         let Some(place) = self.place else {
@@ -148,7 +163,7 @@ impl Entry<'_> {
                 .filter_map(|word| word.split_once('('))
                 .map(|(name, _)| format!("`{name}`"))
                 .collect();
-            let span = find_quoted(files, request, sources, &functions);
+            let span = sources.find_quoted(files, request, &functions);
             return Diagnostic::new(message, span, "");
         };
         let unit = if place.unit < sources.units.len() { place.unit } else { 0 };
@@ -164,7 +179,7 @@ impl Entry<'_> {
         };
         let (range, token) = locate(text, place, wanted, is_macro);
         let found = token.map(|token| token.of(text));
-        let span = span_in(files, request, sources, unit, range);
+        let span = sources.span(files, request, unit, range);
         if let Some(syntax) = syntax {
             return Diagnostic::new(syntax.message(found), span, syntax.label());
         }

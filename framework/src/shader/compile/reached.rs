@@ -13,8 +13,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
+use super::generate::{INCLUDE_BYTES, MOST_DEPTH, MOST_INCLUDED_BYTES};
 use super::scan::{Token, TokenKind, lex};
-use super::{INCLUDE_BYTES, MOST_DEPTH, MOST_INCLUDED_BYTES};
 
 /// Maximum number of words of a condition with its macros; longer ones are not evaluated.
 const MOST_WORDS: usize = 10_000;

@@ -1,6 +1,6 @@
 use super::*;
 use crate::ir::ShaderStage;
-use crate::source::{Library, render};
+use crate::source::{Kind, Library, render};
 use std::time::Duration;
 
 /// Files in memory, and a compiler that remembers.
@@ -494,7 +494,7 @@ void main() {{
         let broken = Bench::new(&[("shaders/a.comp", &text), ("shaders/inc.glsl", inc)]);
         bench.files = broken.files;
         if let Err(diagnostics) = bench.diagnostics("a.comp", &[("N", "8")], &[]) {
-            assert!(!diagnostics.is_empty() && diagnostics.len() <= MOST_DIAGNOSTICS);
+            assert!(!diagnostics.is_empty() && diagnostics.len() <= log::MOST_DIAGNOSTICS);
             render(&bench.files, &diagnostics, false);
         }
     }

@@ -19,8 +19,8 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use super::super::Cancel;
 use super::generate::{Failure, Key};
+use crate::shader::compiler::Cancel;
 
 /// Environment variable that asks a program to serve as a worker; its value has the limits.
 pub(super) const VARIABLE: &str = "SPLATGRAPH_SHADER_COMPILER";

@@ -16,8 +16,9 @@ use rspirv::spirv::{Decoration, Dim, ImageFormat, StorageClass, Word};
 
 use self::access::{Accesses, accesses};
 use self::module::{Module, Type, Variable};
-use super::Reflection;
-use crate::ir::{Format, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Varying};
+use crate::ir::{
+    Format, Member, MemberKind, PushBlock, ReflectedBinding, ReflectedKind, Reflection, Varying,
+};
 
 /// Reads the module of one shader stage with one entry point.
 ///

@@ -11,7 +11,7 @@ use rspirv::spirv::{
     Capability, Decoration, Dim, ExecutionMode, ExecutionModel, ImageFormat, Op, StorageClass, Word,
 };
 
-use super::super::ShaderStage;
+use crate::ir::ShaderStage;
 
 /// Holds the operands of an `OpType...` instruction. `element` and the like are the ids of other types.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,7 +1,8 @@
 use super::super::compile::Glslang;
-use super::super::{ShaderCompiler, ShaderRequest, ShaderStage};
+use super::super::{ShaderCompiler, ShaderRequest};
 use super::*;
 use crate::ir::Features;
+use crate::ir::ShaderStage;
 use crate::source::{Library, SourceMap, render};
 
 fn compile(stage: ShaderStage, body: &str) -> Result<(Vec<u32>, Reflection), String> {

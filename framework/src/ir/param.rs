@@ -1,0 +1,107 @@
+//! Parameters of a graph: their values, their ways to the shaders, and their effects on the plan.
+
+use std::collections::BTreeSet;
+
+use super::{Origin, PassId, Reason, Value};
+
+/// Binding number of the generated block of live parameters.
+pub const LIVE_BINDING: u32 = 31;
+
+/// The generated block of live parameters.
+pub const LIVE_BLOCK: &str = "Live";
+
+/// Describes a parameter that the graph declares, with its value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Param {
+    /// The name.
+    pub name: String,
+    /// The value that the plan is built with.
+    pub value: Value,
+    /// The default.
+    pub default: Value,
+    /// The reason for the value, if it is from an expression: of the default, or of a preset.
+    pub reason: Option<Reason>,
+    /// The value that costs no accuracy, if the graph names one.
+    pub exact: Option<Value>,
+    /// The statistic that the value grows with: a frame whose statistic exceeds the value is incomplete.
+    pub grows: Option<String>,
+    /// The values that it may take.
+    pub domain: Domain,
+    /// Way to the shaders.
+    pub binding: ParamBinding,
+    /// The declaration.
+    pub origin: Origin,
+}
+
+impl Param {
+    /// Raises the value of a growing parameter to the minimum in `capacities`, at most to the end of its range.
+    pub fn with_room(&self, value: Value, capacities: &[(String, i64)]) -> Value {
+        let least = capacities.iter().filter(|(name, _)| self.grows.is_some() && *name == self.name);
+        match (value, &self.domain) {
+            (Value::Int(value), Domain::Int { max, .. }) => {
+                Value::Int(least.map(|(_, least)| *least.min(max)).fold(value, i64::max))
+            }
+            (value, _) => value,
+        }
+    }
+}
+
+/// Lists the values that a parameter may take. Ranges are inclusive.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Domain {
+    /// `true` and `false`.
+    Bool,
+    /// Integers.
+    Int {
+        /// The smallest.
+        min: i64,
+        /// The largest.
+        max: i64,
+    },
+    /// Numbers.
+    Float {
+        /// The smallest.
+        min: f64,
+        /// The largest.
+        max: f64,
+        /// The step of a slider.
+        step: f64,
+    },
+    /// Names.
+    Choice(Vec<String>),
+}
+
+/// Says how a parameter reaches the shaders.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParamBinding {
+    /// A constant of the plan and a define of the shaders.
+    Const,
+    /// A member of the live uniform block. Every member has 4 bytes: a float, an int, or a uint for a bool or a choice.
+    Live {
+        /// Byte offset in the block.
+        offset: u32,
+    },
+}
+
+/// A set of indices into the list of a graph's parameters.
+pub type ParamSet = BTreeSet<usize>;
+
+/// Says which part of a plan depends on a parameter.
+///
+/// A part depends on a parameter if it used the parameter's value, directly or through other parameters, `let`s and
+/// parameters of included graphs: evaluating an expression read the value, the compiled text of a shader depends on it as a
+/// define, or a compiled shader reads it as a live parameter. Expressions that were not evaluated (a branch of `?:`, a
+/// short-circuited operand) and code that was not compiled (a branch of an `#if`, a pass whose `when` is false) do not count.
+///
+/// Without an effect, every value of the parameter with which the graph builds gives the same passes, shaders, memory and
+/// barriers, and shaders read the same bytes, as long as the other parameters stay unchanged. A condition that reads the
+/// parameter is an effect, even if it gives the same result for all values.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Effect {
+    /// The passes that depend on it, in the plan's order.
+    pub passes: Vec<PassId>,
+    /// True if a condition, the count of a repeat or a swap depends on it: the value decides which passes exist.
+    pub shape: bool,
+    /// Without an effect, the reason: a phrase such as `nothing in this plan depends on it`.
+    pub none: Option<String>,
+}

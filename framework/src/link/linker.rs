@@ -1,0 +1,108 @@
+//! The linked passes, and the state of the linker.
+
+use std::collections::{BTreeSet, HashMap};
+use std::rc::Rc;
+use std::sync::Arc;
+
+use crate::ir::{Accesses, DeviceFacts, FileId, Layout, ParamSet, Pass, Shader, Shape, Span, Stages, Use};
+use crate::lower::{Lowered, LoweredResource, ResourceHandle};
+use crate::shader::ShaderCompiler;
+use crate::source::{Diagnostic, SourceMap};
+
+/// Holds a graph whose passes fit their shaders.
+#[derive(Clone, Debug)]
+pub struct Linked {
+    /// Resources, parameters and names of the graph.
+    pub lowered: Lowered,
+    /// Compiled shaders, one per file and set of defines.
+    pub shaders: Vec<Shader>,
+    /// Passes in the order of the file, of the prologue and of the frame mixed.
+    pub passes: Vec<LinkedPass>,
+}
+
+/// Holds a pass with its accesses, over handles of the lowered graph.
+#[derive(Clone, Debug)]
+pub struct LinkedPass {
+    /// The pass.
+    pub pass: Pass<ResourceHandle, ShaderHandle>,
+    /// Its name in the file.
+    pub span: Span,
+    /// The include that it comes from, as an index into [`Lowered::includes`].
+    pub include: Option<usize>,
+    /// The parameters that it depends on.
+    pub params: PassParams,
+}
+
+/// Indexes [`Linked::shaders`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ShaderHandle(pub u32);
+
+impl ShaderHandle {
+    /// Returns the position in the list.
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// The parameters that a pass depends on, without those behind the sizes and formats of its resources.
+#[derive(Clone, Debug, Default)]
+pub struct PassParams {
+    /// All of them.
+    pub all: ParamSet,
+    /// Parameters that decide whether the pass exists, and which resources it uses and how. They can affect other passes.
+    pub structure: ParamSet,
+    /// Parameters that its shaders mention only in code that is not compiled.
+    pub skipped: ParamSet,
+}
+
+/// Maximum number of shader compilations of a graph: far beyond any use, but less than minutes of work.
+pub(super) const MOST_COMPILATIONS: usize = 500;
+
+pub(super) type Defines = Vec<(String, String)>;
+
+pub(super) struct Linker<'a> {
+    pub lowered: &'a Lowered,
+    pub device: DeviceFacts,
+    pub files: &'a mut SourceMap,
+    pub compiler: &'a mut dyn ShaderCompiler,
+    pub generated: Vec<(String, String)>,
+    pub shaders: Vec<Shader>,
+    /// Names of the blocks that each shader declares: see [`Compiled::declared`].
+    pub declared: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
+    /// Names that each shader depends on: see [`Compiled::reached`].
+    pub reached: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
+    /// Shaders compiled so far, by file and list of defines; the passes of a repeat share theirs.
+    pub compiled: HashMap<(FileId, Rc<Defines>), ShaderHandle>,
+    /// Files of shaders, by the graph that names them and their name there.
+    pub found: HashMap<(FileId, String), FileId>,
+    pub errors: Vec<Diagnostic>,
+}
+
+impl Linker<'_> {
+    pub fn resource(&self, handle: ResourceHandle) -> &LoweredResource {
+        self.lowered.resource(handle)
+    }
+}
+
+/// Adds accesses to a pass's list, with one entry per resource and stage.
+pub(super) fn touch(
+    uses: &mut Vec<Use<ResourceHandle>>,
+    resource: ResourceHandle,
+    stages: Stages,
+    accesses: Accesses,
+    layout: Option<Layout>,
+    discards: bool,
+) {
+    match uses.iter_mut().find(|t| t.resource == resource && t.stages == stages) {
+        Some(touch) => touch.accesses |= accesses,
+        None => uses.push(Use { resource, stages, accesses, layout, discards }),
+    }
+}
+
+/// Formats a shape: "12 x 4 bytes" or "960 x 540 Rgba16Float".
+pub(super) fn describe(resource: &LoweredResource) -> String {
+    match resource.shape {
+        Shape::Buffer { stride, count } => format!("{count} elements of {stride} bytes"),
+        Shape::Image { format, width, height } => format!("an image of {width} x {height}, {format:?}"),
+    }
+}

@@ -1,0 +1,216 @@
+//! Compiles the shaders of a pass, and checks their features, workgroups and numbers of workgroups against the device.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use super::linker::{Linker, MOST_COMPILATIONS, ShaderHandle};
+use crate::ir::{Features, Groups, Shader, ShaderStage, Span};
+use crate::lower::{Extent, LoweredPass, LoweredSize, LoweredWork, ResourceHandle, ShaderName};
+use crate::shader::{Compiled, ShaderRequest};
+use crate::source::{Diagnostic, Kind};
+
+/// Refuses a graph that needs too many different compilations, before the first one.
+pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagnostic>> {
+    let mut different = HashSet::new();
+    let mut passed = None;
+    for pass in passes {
+        let shaders = match &pass.work {
+            LoweredWork::Dispatch { shader, .. } => vec![shader],
+            LoweredWork::Draw { vertex, fragment, .. } => vec![vertex, fragment],
+            LoweredWork::Fill { .. } => Vec::new(),
+        };
+        for shader in shaders {
+            different.insert((pass.file, &shader.name, &pass.defines));
+            if different.len() > MOST_COMPILATIONS {
+                passed.get_or_insert(shader.span);
+            }
+        }
+    }
+    let Some(span) = passed else { return Ok(()) };
+    let message = format!("this graph needs {} different compilations of its shaders", different.len());
+    let diagnostic =
+        Diagnostic::new(message, span, format!("the limit of {MOST_COMPILATIONS} is passed here"));
+    Err(vec![diagnostic.with_help("give what differs from pass to pass as a push constant, not as a define")])
+}
+
+impl Linker<'_> {
+    /// Compiles a shader, or finds it among those compiled for other passes.
+    pub(super) fn shader(
+        &mut self,
+        pass: &LoweredPass,
+        name: &ShaderName,
+        stage: ShaderStage,
+    ) -> Option<ShaderHandle> {
+        if ShaderStage::of_file(&name.name) != Some(stage) {
+            let ending = match stage {
+                ShaderStage::Compute => ".comp",
+                ShaderStage::Vertex => ".vert",
+                ShaderStage::Fragment => ".frag",
+            };
+            self.errors.push(Diagnostic::new(
+                format!("`{}` is not a {} shader", name.name, format!("{stage:?}").to_lowercase()),
+                name.span,
+                format!("the name of one ends in `{ending}`"),
+            ));
+            return None;
+        }
+        let known = self.found.get(&(pass.file, name.name.clone())).copied();
+        let file = match known.map_or_else(|| self.files.find(Some(pass.file), &name.name, Kind::Shader), Ok)
+        {
+            Ok(file) => file,
+            Err(error) => {
+                self.errors.push(error.at(name.span));
+                return None;
+            }
+        };
+        self.found.insert((pass.file, name.name.clone()), file);
+        let key = (file, pass.defines.clone());
+        if let Some(id) = self.compiled.get(&key) {
+            return Some(*id);
+        }
+        let request = ShaderRequest {
+            file,
+            stage,
+            defines: &pass.defines,
+            unfit: &pass.unfit,
+            generated: &self.generated,
+        };
+        match self.compiler.compile(self.files, &request) {
+            Ok(Compiled { spirv, defines, reached, reflection, declared }) => {
+                let shader = Shader { name: name.name.clone(), defines, spirv, reflection, msl: None };
+                let at = self.shaders.iter().position(|s| *s == shader).unwrap_or_else(|| {
+                    self.shaders.push(shader);
+                    self.shaders.len() - 1
+                });
+                let id = ShaderHandle(at as u32);
+                self.features(id, name.span);
+                self.declared.insert(id, declared);
+                // Texts that differ only in code that is not compiled give one shader.
+                let known = self.reached.entry(id).or_insert_with(|| reached.clone());
+                if *known != reached {
+                    Arc::make_mut(known).extend(reached.iter().cloned());
+                }
+                self.compiled.insert(key, id);
+                Some(id)
+            }
+            Err(errors) => {
+                self.errors.extend(errors);
+                None
+            }
+        }
+    }
+
+    /// Checks a shader's optional features against those of the device.
+    fn features(&mut self, id: ShaderHandle, span: Span) {
+        let shader = &self.shaders[id.index()];
+        let missing = shader.reflection.features.difference(self.device.features);
+        if missing.is_empty() {
+            return;
+        }
+        let message = format!("`{}` needs {missing}", shader.name);
+        let error = Diagnostic::new(message, span, "the device does not have this");
+        // There is no fact for stores in draws, so a graph cannot `require` them.
+        let error = match missing.intersects(Features::VERTEX_STORES | Features::FRAGMENT_STORES) {
+            true => error.with_help(
+                "for every device, let a `Dispatch` write this, or draw it to a target of its own: \
+                 `targets` takes several images",
+            ),
+            false => error,
+        };
+        self.errors.push(error);
+    }
+
+    /// Checks a compute shader's workgroup against the device.
+    pub(super) fn workgroup(&mut self, id: ShaderHandle, span: Span) {
+        let reflection = &self.shaders[id.index()].reflection;
+        let invocations: u64 = reflection.local_size.iter().map(|s| *s as u64).product();
+        if invocations > self.device.max_invocations.into() {
+            self.errors.push(Diagnostic::new(
+                format!("the device has workgroups of at most {} invocations", self.device.max_invocations),
+                span,
+                format!("this shader has {invocations}"),
+            ));
+        }
+        if reflection.shared_bytes > self.device.shared_bytes {
+            self.errors.push(Diagnostic::new(
+                format!("the device has {} bytes of shared memory", self.device.shared_bytes),
+                span,
+                format!("this shader uses {}", reflection.shared_bytes),
+            ));
+        }
+    }
+
+    pub(super) fn groups(
+        &mut self,
+        id: ShaderHandle,
+        size: LoweredSize,
+        span: Span,
+    ) -> Option<Groups<ResourceHandle>> {
+        let local = self.shaders[id.index()].reflection.local_size.map(|n| u64::from(n.max(1)));
+        // Invocations per unit of `size`: 1 for `Groups`, the local size for `Threads`.
+        let (extent, each) = match size {
+            LoweredSize::Indirect { buffer, offset } => return Some(Groups::Indirect { buffer, offset }),
+            LoweredSize::Groups(extent) => (extent, [1; 3]),
+            LoweredSize::Threads(extent) => (extent, local),
+        };
+        let Extent { size, dimensions } = extent;
+        if each[dimensions..].iter().any(|n| *n > 1) {
+            let [x, y, z] = local;
+            let divides = [
+                "`Threads` divides by `local_size_x` alone",
+                "`Threads(x, y)` divides by `local_size_x` and `_y` alone",
+            ];
+            let message = format!("{}, and a workgroup here is {x} x {y} x {z}", divides[dimensions - 1]);
+            self.errors.push(Diagnostic::new(message, span, "too many invocations would run").with_help(
+                "give the shader a local size in as many dimensions, or count its workgroups with `Groups`",
+            ));
+            return None;
+        }
+        let mut groups: [u64; 3] = std::array::from_fn(|axis| size[axis].div_ceil(each[axis]));
+        let limits = self.device.max_groups().map(|most| u64::from(most.max(1)));
+        let mut too_large = |found: String| {
+            self.errors.push(Diagnostic::new(
+                "this dispatch is larger than the device can do at once",
+                span,
+                found,
+            ));
+        };
+        if dimensions == 1 {
+            // The shortest rows for this number of rows, so that few groups are idle.
+            let [all, rows] = [groups[0], groups[0].div_ceil(limits[0]).max(1)];
+            if rows > limits[1] {
+                too_large(format!(
+                    "{all} workgroups; {} in x and {} in y are possible",
+                    limits[0], limits[1]
+                ));
+                return None;
+            }
+            groups = [all.div_ceil(rows), rows, 1];
+        } else if let Some(axis) = (0..3).find(|axis| groups[*axis] > limits[*axis]) {
+            too_large(format!(
+                "{} workgroups in {}; {} are possible",
+                groups[axis],
+                ["x", "y", "z"][axis],
+                limits[axis]
+            ));
+            return None;
+        }
+        // Indices of invocations, or of groups where groups are counted, are `uint`s in shaders: in one dimension all of them, in
+        // several those of each.
+        let counted = match dimensions {
+            1 => (groups[0] * groups[1]).saturating_mul(each[0]),
+            _ => (0..3).map(|axis| groups[axis].saturating_mul(each[axis])).max().unwrap_or(0),
+        };
+        if counted > 1 << 32 {
+            let found =
+                format!("expected at most 4294967296, those of unfinished rows included, found {counted}");
+            self.errors.push(Diagnostic::new(
+                "this dispatch has more indices than 32 bits hold",
+                span,
+                found,
+            ));
+            return None;
+        }
+        Some(Groups::Direct(groups.map(|n| n as u32)))
+    }
+}

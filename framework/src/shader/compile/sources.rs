@@ -1,0 +1,271 @@
+//! Finds and scans a shader and everything that it includes.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use super::reached::{self, Reached};
+use super::scan;
+use crate::ir::{FileId, Span};
+use crate::shader::compiler::ShaderRequest;
+use crate::source::{Diagnostic, Kind, NotFound, SourceMap, nearest};
+
+/// Maximum bytes of GLSL in all files of one shader.
+pub(super) const MOST_BYTES: usize = 256 << 10;
+/// Maximum number of files of one shader.
+pub(super) const MOST_FILES: usize = 256;
+
+/// Holds a shader and all files that it includes, scanned.
+pub(super) struct Sources {
+    /// The shader itself comes first.
+    pub units: Vec<Unit>,
+    /// Every identifier of every unit.
+    pub identifiers: BTreeSet<String>,
+    /// The names that the units `#define`.
+    pub macros: BTreeSet<String>,
+    /// The names in their `#if`s.
+    pub conditions: BTreeSet<String>,
+    /// The names of the blocks and images that the units declare.
+    pub bindings: BTreeSet<String>,
+}
+
+/// One file.
+pub(super) struct Unit {
+    pub origin: UnitOrigin,
+    pub text: String,
+    /// Included files, by the name in the `#include`.
+    pub includes: BTreeMap<String, Include>,
+    /// Names that follow the name of a type, as in declarations.
+    pub declared: Vec<(String, Range<usize>)>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum UnitOrigin {
+    File(FileId),
+    /// Index in [`ShaderRequest::generated`].
+    Generated(usize),
+}
+
+pub(super) struct Include {
+    /// Place of the name in the including file.
+    pub place: Range<usize>,
+    /// The unit that it names.
+    pub target: Result<usize, NotFound>,
+}
+
+impl Sources {
+    /// Finds and scans everything. A file that cannot be found is no error yet: an `#if` may hide its `#include`.
+    pub fn gather(files: &mut SourceMap, request: &ShaderRequest) -> Result<Sources, Vec<Diagnostic>> {
+        let mut sources = Sources {
+            units: Vec::new(),
+            identifiers: BTreeSet::new(),
+            macros: BTreeSet::new(),
+            conditions: BTreeSet::new(),
+            bindings: BTreeSet::new(),
+        };
+        let mut origins = vec![UnitOrigin::File(request.file)];
+        let mut bytes = 0;
+        while let Some(&origin) = origins.get(sources.units.len()) {
+            let text = match origin {
+                UnitOrigin::File(file) => files.text(file).to_string(),
+                UnitOrigin::Generated(index) => request.generated[index].1.clone(),
+            };
+            let span_of = |place: Range<usize>, files: &mut SourceMap| {
+                let file = origin.file(files, request);
+                Span { file, start: place.start, end: place.end }
+            };
+            bytes += text.len();
+            if bytes > MOST_BYTES || sources.units.len() >= MOST_FILES {
+                let span = span_of(0..0, files);
+                let message = format!(
+                    "a shader and its includes can have {MOST_FILES} files and {} KiB of text, and this is more",
+                    MOST_BYTES >> 10
+                );
+                return Err(vec![Diagnostic::new(message, span, "the limit is passed with this file")]);
+            }
+            let scan = scan::scan(&text);
+            if let Some(place) = scan.foreign {
+                let span = span_of(place, files);
+                return Err(vec![Diagnostic::new(
+                    "GLSL has only ASCII characters outside of comments",
+                    span,
+                    "not allowed",
+                )]);
+            }
+            if sources.units.is_empty() {
+                let place = match &scan.version {
+                    Some((_, true)) => None,
+                    Some((place, false)) => Some(place.clone()),
+                    None => Some(first_line(&text)),
+                };
+                if let Some(place) = place {
+                    let span = span_of(place, files);
+                    let diagnostic = Diagnostic::new("the shader is not declared to be GLSL 4.60", span, "");
+                    return Err(vec![diagnostic.with_help("its first line should be `#version 460`")]);
+                }
+            }
+            sources.identifiers.extend(scan.identifiers.iter().map(|name| name.to_string()));
+            sources.macros.extend(scan.macros.iter().map(|name| name.to_string()));
+            sources.conditions.extend(scan.conditions.iter().map(|name| name.to_string()));
+            sources.bindings.extend(scan.bindings.iter().map(|name| name.to_string()));
+            let mut includes = BTreeMap::new();
+            for (name, place) in scan.includes {
+                if includes.contains_key(name) {
+                    continue;
+                }
+                let found = match request.generated.iter().position(|g| g.0 == name) {
+                    Some(index) => Ok(UnitOrigin::Generated(index)),
+                    None => {
+                        // Includes of a generated text are resolved as if they were the shader's own.
+                        let from = if let UnitOrigin::File(file) = origin { file } else { request.file };
+                        let found = files.find(Some(from), name, Kind::Shader).map(UnitOrigin::File);
+                        found.map_err(|mut not_found| {
+                            let generated = request.generated.iter().map(|g| g.0.as_str());
+                            let near = nearest(name, generated).map(str::to_string);
+                            not_found.nearest = near.or(not_found.nearest.take());
+                            not_found
+                        })
+                    }
+                };
+                let target = found.map(|origin| {
+                    origins.iter().position(|known| *known == origin).unwrap_or_else(|| {
+                        origins.push(origin);
+                        origins.len() - 1
+                    })
+                });
+                includes.insert(name.to_string(), Include { place, target });
+            }
+            let declared = scan.declared.into_iter().map(|(name, place)| (name.to_string(), place)).collect();
+            sources.units.push(Unit { origin, text, includes, declared });
+        }
+        Ok(sources)
+    }
+
+    /// Reports a constant of the graph that the shader declares as well. The preprocessor would replace the name by the
+    /// number, and the compiler would report something else.
+    pub fn taken_name(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
+        for unit in &self.units {
+            for (name, place) in &unit.declared {
+                let Some((_, value)) = request.defines.iter().find(|(define, _)| define == name) else {
+                    continue;
+                };
+                let span =
+                    Span { file: unit.origin.file(files, request), start: place.start, end: place.end };
+                let graph = name.to_lowercase();
+                return Some(
+                    Diagnostic::new(
+                        format!("`{name}` is a constant of the graph"),
+                        span,
+                        "declared again here",
+                    )
+                    .with_help(format!(
+                        "the graph gives it as a define, {value}: use that, or rename `{graph}` in the graph"
+                    )),
+                );
+            }
+        }
+        None
+    }
+
+    /// Follows the preprocessor; `None` where the texts cannot be followed.
+    pub fn follow(&self, defines: &[(String, String)]) -> Option<Reached> {
+        let texts: Vec<reached::Text> = self.units.iter().map(Unit::followed).collect();
+        reached::reached(&texts, defines)
+    }
+
+    /// Makes the error for an undefined name in an `#if`. The compiler would take it for 0.
+    pub fn undefined(
+        &self,
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+        unit: usize,
+        place: Range<usize>,
+    ) -> Diagnostic {
+        let name = &self.units[unit].text[place.clone()];
+        let span = self.span(files, request, unit, place);
+        let error =
+            Diagnostic::new(format!("`{name}` is not defined"), span, "would count as 0 in this `#if`");
+        let defined = request.defines.iter().map(|(name, _)| name).chain(&self.macros).map(String::as_str);
+        error.with_nearest(name, defined, format!("`defined({name})` asks whether it is"))
+    }
+
+    /// Reports a constant that the shader mentions and that does not fit: shaders have numbers of 32 bits, and `#if`
+    /// signed numbers of 32 bits.
+    pub fn too_large(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
+        let unfit = request.unfit.iter().find(|(name, _)| self.identifiers.contains(name));
+        let (name, value, limit) = match unfit {
+            Some((name, value)) => (name, value.as_str(), "a number of 32 bits"),
+            None => {
+                let unsigned = |(name, value): &&(String, String)| {
+                    value.ends_with('u') && self.conditions.contains(name)
+                };
+                let (name, value) = request.defines.iter().find(unsigned)?;
+                (name, value.trim_end_matches('u'), "the `int` of an `#if`")
+            }
+        };
+        let span = self.find_quoted(files, request, &format!("`{name}`"));
+        let message = format!("`{name}` is {value} in the graph, which does not fit {limit}");
+        Some(Diagnostic::new(message, span, "used here"))
+    }
+
+    /// Locates the first identifier of the units that a message quotes (`` `so` ``); the shader's first line if none is found.
+    pub fn find_quoted(&self, files: &mut SourceMap, request: &ShaderRequest, message: &str) -> Span {
+        for quoted in message.split('`').skip(1).step_by(2).filter(|quoted| !quoted.is_empty()) {
+            for (index, unit) in self.units.iter().enumerate() {
+                let tokens = scan::lex(&unit.text);
+                if let Some(token) = tokens.iter().find(|t| t.of(&unit.text) == quoted) {
+                    return self.span(files, request, index, token.range());
+                }
+            }
+        }
+        self.first_line(files, request)
+    }
+
+    /// Locates the shader's first line.
+    pub fn first_line(&self, files: &mut SourceMap, request: &ShaderRequest) -> Span {
+        self.span(files, request, 0, first_line(&self.units[0].text))
+    }
+
+    /// Locates a range of a unit.
+    pub fn span(
+        &self,
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+        unit: usize,
+        place: Range<usize>,
+    ) -> Span {
+        let file = self.units[unit].origin.file(files, request);
+        Span { file, start: place.start, end: place.end }
+    }
+}
+
+fn first_line(text: &str) -> Range<usize> {
+    0..text.find('\n').unwrap_or(text.len())
+}
+
+impl Unit {
+    /// Returns the text and the includes that were found.
+    fn followed(&self) -> reached::Text<'_> {
+        let found =
+            self.includes.iter().filter_map(|(name, i)| Some((name.as_str(), *i.target.as_ref().ok()?)));
+        reached::Text { text: &self.text, includes: found.collect() }
+    }
+}
+
+impl UnitOrigin {
+    /// Returns the file to show a diagnostic in. A generated text becomes a file when first needed.
+    pub fn file(self, files: &mut SourceMap, request: &ShaderRequest) -> FileId {
+        match self {
+            UnitOrigin::File(file) => file,
+            UnitOrigin::Generated(index) => {
+                let (name, text) = &request.generated[index];
+                let path = format!("{name} (generated)");
+                let known =
+                    files.opened().find(|(file, known, _)| *known == path && files.text(*file) == text);
+                match known.map(|(file, ..)| file) {
+                    Some(file) => file,
+                    None => files.add(path, text),
+                }
+            }
+        }
+    }
+}

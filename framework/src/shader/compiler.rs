@@ -1,0 +1,102 @@
+//! A compiler of shaders, as linking sees it: requests, results, and builds that can be cancelled.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use crate::ir::{FileId, Reflection, ShaderStage};
+use crate::source::{Diagnostic, SourceMap};
+
+/// A shader with the constants to compile it with.
+#[derive(Clone, Debug)]
+pub struct ShaderRequest<'a> {
+    /// The shader's file in the source map.
+    pub file: FileId,
+    /// The stage of the shader.
+    pub stage: ShaderStage,
+    /// Names and values of all defines of the graph. Only those whose name occurs as an identifier in the
+    /// shader or its includes are used and listed in [`Compiled::defines`].
+    pub defines: &'a [(String, String)],
+    /// Names and values of constants beyond 32 bits, which have no define. A shader that mentions one is an
+    /// error.
+    pub unfit: &'a [(String, String)],
+    /// Names and texts of files in memory, which `#include` finds first (`live.glsl`).
+    pub generated: &'a [(String, String)],
+}
+
+/// Holds a compiled shader.
+#[derive(Clone, Debug)]
+pub struct Compiled {
+    /// SPIR-V words.
+    pub spirv: Arc<Vec<u32>>,
+    /// The defines that occur in the text, name and value.
+    pub defines: Vec<(String, String)>,
+    /// Identifiers that the compiled text depends on: of lines in active branches of `#if`s, and of conditions.
+    ///
+    /// Other defines do not change the SPIR-V.
+    pub reached: Arc<BTreeSet<String>>,
+    /// Declarations and accesses.
+    pub reflection: Reflection,
+    /// Names of all blocks and images that the texts declare, in any branch of an `#if`. [`Reflection::bindings`] has the
+    /// used ones.
+    pub declared: Arc<BTreeSet<String>>,
+}
+
+/// Compiles shaders, and caches the results. `Glslang` (feature `glslang`) is the only implementation; other tests of
+/// the framework use hand-made reflections.
+pub trait ShaderCompiler {
+    /// Returns a compiled shader, from the cache if possible.
+    fn compile(
+        &mut self,
+        files: &mut SourceMap,
+        request: &ShaderRequest,
+    ) -> Result<Compiled, Vec<Diagnostic>>;
+
+    /// Lists the identifiers in the texts of a shader without compiling it, as far as they can be read.
+    ///
+    /// The default lists none.
+    fn identifiers(&mut self, files: &mut SourceMap, request: &ShaderRequest) -> BTreeSet<String> {
+        let _ = (files, request);
+        BTreeSet::new()
+    }
+
+    /// Returns true if the build was cancelled.
+    fn is_cancelled(&self) -> bool {
+        false
+    }
+}
+
+/// Keeps SPIR-V from one run of a program to the next.
+///
+/// Its contents are trusted: a store returns only words stored under the same key by the same build of the program.
+pub trait SpirvStore: Send + Sync + std::fmt::Debug {
+    /// Returns the words stored under a key, if they are present and undamaged.
+    fn load(&self, key: &[u8]) -> Option<Vec<u32>>;
+
+    /// Stores words under a key. Does nothing on failure.
+    fn store(&self, key: &[u8], spirv: &[u32]);
+}
+
+/// The message of a cancelled build.
+pub const CANCELLED: &str = "the build was cancelled";
+
+/// Cancels builds. The default never does.
+#[derive(Clone, Default)]
+pub struct Cancel(Option<Arc<dyn Fn() -> bool + Send + Sync>>);
+
+impl Cancel {
+    /// Creates a cancellation from `wanted_no_more`, which is called often and from any thread.
+    pub fn new(wanted_no_more: impl Fn() -> bool + Send + Sync + 'static) -> Cancel {
+        Cancel(Some(Arc::new(wanted_no_more)))
+    }
+
+    /// Returns true if the build should end.
+    pub fn is_asked(&self) -> bool {
+        self.0.as_ref().is_some_and(|asked| asked())
+    }
+}
+
+impl std::fmt::Debug for Cancel {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str("Cancel")
+    }
+}
