@@ -56,6 +56,10 @@ fn the_ledger_holds_each_setting_against_the_truth_and_goes_on_after_an_interrup
     assert_eq!(csv.lines().count(), 4, "{csv}");
     let page = fs::read_to_string(place.at("ledger/ledger.html")).expect("it is written");
     assert!(page.contains("<svg") && page.contains("preset unsorted"), "{page}");
+    for file in ["preset unsorted.png", "preset unsorted.difference.png", "truth.one.png"] {
+        assert!(place.at(&format!("ledger/pictures/{file}")).is_file(), "{file}");
+    }
+    assert!(page.contains("src=\"pictures/preset%20unsorted%2Edifference%2Epng\""), "{page}");
     let plot = Image::load(&place.at("ledger/ledger.png")).expect("a picture");
     assert!(plot.rgb.iter().any(|pixel| *pixel != plot.rgb[0]), "it is not empty");
 
@@ -87,6 +91,7 @@ fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_i
         (&["defaults", "--truth", "missing"], 1, "expected the picture one.npy, .exr or .png in missing"),
         (&["defaults", "--truth", "true", "--size", "32x32"], 1, "expected 32 x 32 pixels"),
         (&["defaults", "--rounds", "0"], 2, "--rounds"),
+        (&["defaults", "--truth", "ledger/pictures"], 2, "name another --output"),
     ] {
         let found = place.code(&[&short[..], more].concat());
         assert!(found.0 == Some(code) && found.1.contains(why), "{more:?}: {found:?}");

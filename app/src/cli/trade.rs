@@ -10,6 +10,7 @@ use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, say, shell_word};
 use crate::studies::study::{StudyError, Subject};
 use crate::studies::trade::page::{page, plot};
+use crate::studies::trade::pictures::{self, Album};
 use crate::studies::trade::table::{csv, notes, table};
 use crate::studies::trade::{Wanted, study};
 use anyhow::{Result, bail};
@@ -62,7 +63,7 @@ pub struct Args {
     /// Folder of true pictures, one for each camera, named after its img_name [default: the exact renderer's pictures]
     #[arg(long, value_name = "DIR")]
     truth: Option<PathBuf>,
-    /// Folder for ledger.json, .csv, .html, .svg and .png; an interrupted run resumes from ledger.json
+    /// Folder for ledger.json, .csv, .html, .svg, .png and pictures/; an interrupted run resumes from ledger.json
     #[arg(short, long, value_name = "DIR", default_value = "ledger")]
     output: PathBuf,
     /// Measure only settings whose names begin with this, for instance `key_bits` or `preset`; may be repeated
@@ -117,7 +118,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
         say(format!("{setting}: {why}"));
     }
     output::write_bytes(&file(CSV), csv(&lines).as_bytes())?;
-    output::write_bytes(&file(PAGE), page(&ledger, &lines, &failed)?.as_bytes())?;
+    output::write_bytes(
+        &file(PAGE),
+        page(&ledger, &lines, &failed, &Album::beside(&wanted.file))?.as_bytes(),
+    )?;
     if let Some(plot) = plot(&ledger, &lines) {
         output::write_bytes(&file(SVG), plot.svg()?.as_bytes())?;
         plot.image()?.save(&file(PNG))?;
@@ -143,6 +147,16 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     guard.input("the graph", Path::new(&args.pipeline))?;
     for name in [LEDGER, CSV, PAGE, SVG, PNG] {
         guard.output("--output", &args.output.join(name))?;
+    }
+    let pictures = args.output.join(pictures::FOLDER);
+    let canonical = |path: &Path| path.canonicalize().ok();
+    if let Some(truth) = &args.truth
+        && canonical(truth).is_some_and(|truth| Some(truth) == canonical(&pictures))
+    {
+        let (truth, output) = (truth.display(), args.output.display());
+        return Err(Usage(format!(
+            "--truth {truth}: pictures of the settings would go into this folder: name another --output than {output}"
+        )));
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Writes pages of HTML that need no other file.
+//! Writes pages of HTML that fetch nothing from elsewhere: they hold their pictures, or link to files beside them.
 
 use super::plot::{Plot, PlotError};
 use crate::io::image::{Image, ImageError};
@@ -17,6 +17,23 @@ pub struct Page {
     body: String,
     /// A table can be sorted.
     has_script: bool,
+}
+
+/// A row of a sortable table.
+pub struct Row {
+    /// The texts; the first names the row.
+    pub cells: Vec<String>,
+    /// Pictures that a click on the name shows.
+    pub pictures: Vec<Linked>,
+}
+
+/// A picture in a file beside the page, with a line under it.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Linked {
+    /// The line.
+    pub caption: String,
+    /// Its path relative to the page, percent-encoded.
+    pub link: String,
 }
 
 /// A picture with a line under it.
@@ -75,7 +92,9 @@ impl Page {
     }
 
     /// Adds a table that a reader can sort by each column, and filter. A column has a name, and a text that explains it under the pointer.
-    pub fn sortable(&mut self, columns: &[(&str, &str)], rows: &[Vec<String>]) {
+    ///
+    /// The name of a row with pictures links to the first; a click shows all of them below the row.
+    pub fn sortable(&mut self, columns: &[(&str, &str)], rows: &[Row]) {
         self.has_script = true;
         self.body += "<div class=\"wide sortable\"><input type=\"search\" placeholder=\"filter\" aria-label=\"filter\"><table>\n<thead><tr>";
         for (name, about) in columns {
@@ -83,9 +102,24 @@ impl Page {
             self.body += &format!("<th title=\"{about}\"><button>{}</button></th>", inline(name));
         }
         self.body += "</tr></thead>\n<tbody>\n";
-        for row in rows {
-            let cells: String = row.iter().map(|cell| format!("<td>{}</td>", inline(cell))).collect();
-            self.body += &format!("<tr>{cells}</tr>\n");
+        for Row { cells, pictures } in rows {
+            let mut cells: Vec<String> = cells.iter().map(|cell| inline(cell)).collect();
+            if let (Some(name), Some(first)) = (cells.first_mut(), pictures.first()) {
+                *name = format!("<a href=\"{}\">{name}</a>", first.link);
+            }
+            let cells: String = cells.iter().map(|cell| format!("<td>{cell}</td>")).collect();
+            self.body += &format!("<tr>{cells}");
+            if !pictures.is_empty() {
+                self.body += "<template><div class=\"pictures\">";
+                for Linked { caption, link } in pictures {
+                    let (alt, caption) = (escaped(caption), inline(caption));
+                    self.body += &format!(
+                        "<figure><img alt=\"{alt}\" src=\"{link}\"><figcaption>{caption}</figcaption></figure>"
+                    );
+                }
+                self.body += "</div></template>";
+            }
+            self.body += "</tr>\n";
         }
         self.body += "</tbody></table></div>\n";
     }
@@ -174,13 +208,20 @@ mod tests {
     #[test]
     fn a_sortable_table_explains_its_columns_and_escapes_its_texts() {
         let mut page = Page::new("ledger");
-        page.sortable(&[("ms", "milliseconds < \"1\"")], &[vec!["<b>".into()]]);
+        let pictures = vec![Linked { caption: "`b` & c".into(), link: "pictures/b%20c.png".into() }];
+        let rows = [
+            Row { cells: vec!["<b>".into()], pictures: Vec::new() },
+            Row { cells: vec!["c".into()], pictures },
+        ];
+        page.sortable(&[("ms", "milliseconds < \"1\"")], &rows);
         let html = page.html();
         assert!(
             html.contains("<th title=\"milliseconds &lt; &quot;1&quot;\"><button>ms</button></th>"),
             "{html}"
         );
         assert!(html.contains("<td>&lt;b&gt;</td>") && html.matches("<script>").count() == 1, "{html}");
+        assert!(html.contains("<td><a href=\"pictures/b%20c.png\">c</a></td><template>"), "{html}");
+        assert!(html.contains("src=\"pictures/b%20c.png\"><figcaption><code>b</code> &amp; c<"), "{html}");
         assert!(!html.contains("http"), "nothing is fetched");
     }
 

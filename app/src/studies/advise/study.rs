@@ -166,7 +166,7 @@ fn measured<D: Device>(
     for (view, exact_ms) in views.iter().zip(exact_ms) {
         exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
         let baseline = Baseline { session: &mut *exact, ms: *exact_ms };
-        let row = measure(session, baseline, (setting, None), view, effort)?;
+        let (row, _) = measure(session, baseline, (setting, None), view, effort)?;
         if session.plan().is_some_and(plans::uses_last_frame) {
             return Ok(None);
         }

@@ -201,6 +201,15 @@ pub struct Line {
 }
 
 impl Ledger {
+    /// Returns the camera in which a setting is farthest from the truth, with its PSNR; `None` if it was not drawn.
+    pub fn farthest(&self, setting: &str) -> Option<(&str, Option<f64>)> {
+        let rows = self.rows.iter().filter(|row| row.setting == setting);
+        let drawn =
+            rows.filter_map(|row| Some((row.camera.as_str(), row.found.as_ref().ok()?.error.psnr_db)));
+        // Of equals the first, as `pictures` keeps it.
+        drawn.reduce(|a, b| if squared_error(b.1) > squared_error(a.1) { b } else { a })
+    }
+
     /// Sums the rows of each setting up, in the order of the rows; settings that failed come as their message.
     pub fn lines(&self) -> (Vec<Line>, Vec<(String, String)>) {
         let mut names: Vec<&str> = Vec::new();
@@ -297,6 +306,7 @@ fn mark(lines: &mut [Line]) {
 #[cfg(test)]
 pub(super) mod testing {
     use super::*;
+    use crate::studies::measurement::error::Error;
 
     pub fn origin() -> Origin {
         Origin {
@@ -320,6 +330,39 @@ pub(super) mod testing {
 
     pub fn ledger(rows: Vec<Row>) -> Ledger {
         Ledger { command: String::new(), origin: origin(), rows }
+    }
+
+    pub fn measured(ms: f64, psnr_db: Option<f64>) -> Measured {
+        within(ms, 0.005, psnr_db)
+    }
+
+    /// Returns a setting whose share has a range of `half` to either side.
+    pub fn within(ms: f64, half: f64, psnr_db: Option<f64>) -> Measured {
+        let share = ms / 4.0;
+        let time = Time {
+            gpu_ms: ms,
+            spread_ms: 0.1,
+            share: Share { median: share, range: Some((share - half, share + half)) },
+            exact_ms: 4.0,
+            rounds: 8,
+            busy: 0.9,
+            phases: [("draw".to_string(), ms)].into(),
+            phase_spreads: [("draw".to_string(), 0.05)].into(),
+        };
+        let error = Error {
+            psnr_db,
+            ssim: Some(0.9),
+            flip: 0.1,
+            worst: 0.5,
+            off: 0.25,
+            covered_psnr_db: psnr_db,
+            covered_off: 0.5,
+        };
+        Measured { time: Some(time), error, inversions: Some(7), of_last_frame: false, gpu_bytes: 1 << 20 }
+    }
+
+    pub fn row(setting: &str, camera: &str, found: Result<Measured, String>) -> Row {
+        Row { setting: setting.into(), plan: Some(1), camera: camera.into(), found }
     }
 
     pub fn line(setting: &str, gpu_ms: f64, psnr_db: f64, mark: Mark) -> Line {
@@ -348,42 +391,8 @@ pub(super) mod testing {
 
 #[cfg(test)]
 mod tests {
-    use super::testing::{ledger, origin};
+    use super::testing::{ledger, measured, origin, row, within};
     use super::*;
-    use crate::studies::measurement::error::Error;
-
-    fn measured(ms: f64, psnr_db: Option<f64>) -> Measured {
-        within(ms, 0.005, psnr_db)
-    }
-
-    /// Returns a setting whose share has a range of so much to both sides.
-    fn within(ms: f64, half: f64, psnr_db: Option<f64>) -> Measured {
-        let share = ms / 4.0;
-        let time = Time {
-            gpu_ms: ms,
-            spread_ms: 0.1,
-            share: Share { median: share, range: Some((share - half, share + half)) },
-            exact_ms: 4.0,
-            rounds: 8,
-            busy: 0.9,
-            phases: [("draw".to_string(), ms)].into(),
-            phase_spreads: [("draw".to_string(), 0.05)].into(),
-        };
-        let error = Error {
-            psnr_db,
-            ssim: Some(0.9),
-            flip: 0.1,
-            worst: 0.5,
-            off: 0.25,
-            covered_psnr_db: psnr_db,
-            covered_off: 0.5,
-        };
-        Measured { time: Some(time), error, inversions: Some(7), of_last_frame: false, gpu_bytes: 1 << 20 }
-    }
-
-    fn row(setting: &str, camera: &str, found: Result<Measured, String>) -> Row {
-        Row { setting: setting.into(), plan: Some(1), camera: camera.into(), found }
-    }
 
     fn marks(rows: Vec<Row>) -> Vec<(String, Mark)> {
         ledger(rows).lines().0.into_iter().map(|line| (line.setting, line.mark)).collect()

@@ -2,9 +2,10 @@
 
 use crate::draw::interleaved::Effort;
 use crate::draw::session::{Session, SessionError};
+use crate::io::image::Image;
 use crate::studies::measurement::settings::EXACT;
 use crate::studies::measurement::time::{Baseline, LONGEST};
-use crate::studies::measurement::view::{self, Measured, View};
+use crate::studies::measurement::view::{self, Drawn, Measured, View};
 use crate::studies::study::Setting;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
@@ -25,24 +26,28 @@ pub struct Row {
 /// Factor of the most rounds for the exact settings against themselves: all rows depend on the noise that these show.
 const ROUNDS_OF_EXACT: u32 = 4;
 
-/// Measures a setting. `exact` takes turns with `session`.
+/// Measures a setting, its frames interleaved with those of `exact`. Returns the row and its picture.
 ///
 /// # Errors
-/// The device fails. A setting that cannot be drawn is a row that says why.
+/// The device fails. A setting that cannot be drawn gives a row with the reason, and no picture.
 pub fn measure<D: Device>(
     session: &mut Session<D>,
     exact: Baseline<D>,
     (setting, plan): (&Setting, Option<u64>),
     view: &View,
     effort: Effort,
-) -> Result<Row, SessionError> {
+) -> Result<(Row, Option<Image>), SessionError> {
     let found = match measured(session, exact, setting, view, effort) {
         Ok(found) => found,
         Err(SessionError::Graph(errors)) => Err(errors.text(false).trim().to_owned()),
         Err(error @ (SessionError::Full { .. } | SessionError::NoRoom { .. })) => Err(error.to_string()),
         Err(error) => return Err(error),
     };
-    Ok(Row { setting: setting.name.clone(), plan, camera: view.camera.img_name.clone(), found })
+    let (found, picture) = match found {
+        Ok((found, Drawn { picture, .. })) => (Ok(found), Some(picture)),
+        Err(text) => (Err(text), None),
+    };
+    Ok((Row { setting: setting.name.clone(), plan, camera: view.camera.img_name.clone(), found }, picture))
 }
 
 fn measured<D: Device>(
@@ -51,10 +56,10 @@ fn measured<D: Device>(
     setting: &Setting,
     view: &View,
     effort: Effort,
-) -> Result<Result<Measured, String>, SessionError> {
+) -> Result<Result<(Measured, Drawn), String>, SessionError> {
     session.set_graph(&setting.pipeline, &setting.set);
     session.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
     let more = if setting.name == EXACT && effort.rounds > 1 { ROUNDS_OF_EXACT } else { 1 };
     let effort = Effort { rounds: more * effort.rounds, ..effort };
-    Ok(view::measure(session, exact, view, effort, more * LONGEST)?.map(|(found, _)| found))
+    view::measure(session, exact, view, effort, more * LONGEST)
 }

@@ -2,11 +2,13 @@
 //!
 //! [`study()`] measures the graph with every parameter at its exact value, the same with one parameter changed, the graph's defaults, and
 //! the presets, except those that draw the same ([`crate::studies::measurement`]). [`measure()`](measure::measure) makes a row of a setting in a
-//! view. [`ledger`] keeps the rows in a file, so that an interrupted run goes on where it stopped; [`table`] prints them, and [`page`] plots them.
+//! view. [`ledger`] keeps the rows in a file, so that an interrupted run goes on where it stopped; [`table`] prints them,
+//! [`page`] plots them, and [`pictures`] keeps what the page shows of each setting.
 
 pub mod ledger;
 pub mod measure;
 pub mod page;
+pub mod pictures;
 mod study;
 pub mod table;
 

@@ -1,8 +1,9 @@
 //! Shows a ledger as a plot of time against error, and as a page.
 
 use super::ledger::{Ledger, Line, phase_names};
+use super::pictures::Album;
 use super::table::{COLUMNS, cells, notes, sign};
-use crate::io::report::page::Page;
+use crate::io::report::page::{Page, Row};
 use crate::io::report::plot::{Axis, Bar, Form, Plot, PlotError, Point, Series};
 use crate::studies::measurement::noise::Mark;
 
@@ -55,30 +56,39 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
 fn about(column: &str) -> &'static str {
     match column {
         "setting" => {
-            "exact: every parameter at its exact value. NAME = VALUE: one parameter away from it. A * marks the Pareto front"
+            "`exact` has every parameter at its exact value; `NAME = VALUE` is one parameter away from it; `defaults` are the graph's. \
+             `*` marks the Pareto front: every setting that is at least as accurate takes 2 % longer or more, beyond the noise. `?`: it may be on the front"
         }
-        "GPU ms" => "milliseconds of a frame on the GPU: the share of one time of the exact settings",
-        "spread" => "milliseconds between the fastest and the slowest round",
+        "GPU ms" => {
+            "milliseconds of a frame on the GPU: the share `of exact`, of one time of the exact settings on a warm device"
+        }
+        "spread" => "maximum minus minimum of the rounds, in milliseconds; the largest of the views",
         "of exact" => {
-            "share of the exact settings' time in the same rounds, ± half of its range with 99 % confidence"
+            "share of the exact settings' time in the same rounds: median of the rounds, mean of the views, ± half of its range with 99 % \
+             confidence. For `exact`, the distance from 100 % is the noise, which every other range contains"
         }
         "PSNR dB" => "decibels of the mean squared error of all views, over all pixels",
-        "covered" => "PSNR over the pixels that a splat shows in",
-        "SSIM" => "structural similarity, the least of the views; 1 is equal",
+        "covered" => "PSNR over the pixels that a splat covers",
+        "SSIM" => "structural similarity, the lowest of the views; 1 is equal",
         "FLIP" => "NVIDIA's FLIP, mean; 0 is equal",
         "worst" => "largest difference of a channel, of 1",
-        "off" => "pixels that are off by more than 1/255",
+        "off" => "pixels that differ by more than 1/255",
         "inversions" => "pairs of visible splats in the wrong order",
         "MiB" => "memory on the device",
         _ => "why a setting is not judged, or only likely",
     }
 }
 
-/// Writes the page of a ledger: the plot, the table, and what the columns are. `failed` are settings with their errors.
+/// Writes the page of a ledger: the plot, the table with the pictures of the album, and the columns. `failed` are settings with their errors.
 ///
 /// # Errors
 /// The plot cannot be drawn.
-pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Result<String, PlotError> {
+pub fn page(
+    ledger: &Ledger,
+    lines: &[Line],
+    failed: &[(String, String)],
+    album: &Album,
+) -> Result<String, PlotError> {
     let origin = &ledger.origin;
     let mut page = Page::new(&format!("{}: what each setting saves and costs", origin.title()));
     page.text(&format!(
@@ -99,16 +109,19 @@ pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Res
     if let Some(plot) = plot(ledger, lines) {
         page.plot(&plot, "Left is faster, up is closer to the truth. A bar is what the time can be with 99 % confidence. Of the grey settings, another is at least as fast and as accurate.")?;
     }
-    let rows: Vec<Vec<String>> = lines
-        .iter()
-        .map(|line| {
-            let mut cells = cells(line).to_vec();
-            cells[0] = format!("{} {}", cells[0], sign(line.mark)).trim_end().to_owned();
-            cells
-        })
-        .collect();
-    page.sortable(&COLUMNS.map(|column| (column, about(column))), &rows);
-    page.text("Click a column to sort by it; the pointer on a column shows what it is.");
+    let row = |line: &Line| {
+        let mut cells = cells(line).to_vec();
+        cells[0] = format!("{} {}", cells[0], sign(line.mark)).trim_end().to_owned();
+        Row { cells, pictures: album.of(ledger, &line.setting) }
+    };
+    let plain = |column: &str| about(column).replace('`', "");
+    let columns = COLUMNS.map(|column| (column, plain(column)));
+    let columns = columns.each_ref().map(|(column, about)| (*column, about.as_str()));
+    page.sortable(&columns, &lines.iter().map(row).collect::<Vec<_>>());
+    page.text(
+        "Click a setting to see its picture in the view farthest from the truth, and a column to sort by it. Frames of a setting are drawn \
+         interleaved with frames of `exact`, so that a change of the device's clock affects both. Settings whose plans are equal are measured once.",
+    );
     notes(lines).iter().for_each(|note| page.text(note));
     let phases = phase_names(lines);
     if !phases.is_empty() {
@@ -129,21 +142,7 @@ pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Res
         page.block(why);
     }
     page.heading("The columns");
-    page.text(
-        "`exact` has every parameter at its exact value; `NAME = VALUE` is one parameter away from it; `defaults` are the \
-         graph's. Frames of a setting are drawn interleaved with those of `exact`, so that a change of the device's clock \
-         concerns both. Settings whose plans are equal are measured once.",
-    );
-    page.text(
-        "`of exact`: the share of the exact settings' time in the same rounds, the median of the rounds and mean of the views, ± half \
-         of what it can be with 99 % confidence; that of `exact` is of itself, and its distance from 100 % is the noise, which the others \
-         have at least. `GPU ms`: that share of one time of the exact settings, of a warm device; `spread`: the largest of a view's \
-         rounds without the smallest, likewise. `PSNR dB`: of \
-         the mean squared error of all views, over all pixels; `covered`: over those that a splat shows in; `SSIM`: the \
-         least of the views; `FLIP`: NVIDIA's, mean, 0 is equal; `worst`: the largest difference of a channel; `off`: \
-         pixels that are off by more than 1/255; `inversions`: pairs of visible splats in the wrong order; `MiB`: memory on \
-         the device. `*`: the Pareto front: what is at least as accurate takes 2 % longer or more, beyond the noise. `?`: it may be on the front.",
-    );
+    COLUMNS.iter().for_each(|column| page.text(&format!("`{column}`: {}.", about(column))));
     Ok(page.html())
 }
 
@@ -151,6 +150,11 @@ pub fn page(ledger: &Ledger, lines: &[Line], failed: &[(String, String)]) -> Res
 mod tests {
     use super::super::ledger::testing::{ledger, line};
     use super::*;
+    use std::path::Path;
+
+    fn no_pictures() -> Album {
+        Album::beside(Path::new("no/ledger.json"))
+    }
 
     #[test]
     fn the_front_is_joined_from_fast_to_slow_and_the_dominated_are_grey() {
@@ -166,7 +170,7 @@ mod tests {
         assert_eq!((plot.series[0].form, plot.series[1].points[1].y), (Form::Muted, 46.0));
         assert_eq!(plot.bars[1], Bar { x: (24.0, 26.0), y: 40.0 });
         let ledger = Ledger { command: "splatgraph trade scene.ply".into(), ..ledger };
-        let html = page(&ledger, &lines, &[("broken".into(), "error: no".into())]).unwrap();
+        let html = page(&ledger, &lines, &[("broken".into(), "error: no".into())], &no_pictures()).unwrap();
         for text in [
             "fast *",
             "<td>bad</td>",
@@ -188,6 +192,6 @@ mod tests {
         let lines = [Line { gpu_ms: None, share: None, ..line("exact", 4.0, 50.0, Mark::Best) }];
         let ledger = ledger(Vec::new());
         assert_eq!(plot(&ledger, &lines), None);
-        assert!(!page(&ledger, &lines, &[]).unwrap().contains("<svg"));
+        assert!(!page(&ledger, &lines, &[], &no_pictures()).unwrap().contains("<svg"));
     }
 }

@@ -2,6 +2,7 @@
 
 use super::ledger::{Book, Ledger, Origin};
 use super::measure::measure;
+use super::pictures::Album;
 use crate::draw::interleaved::Frames;
 use crate::draw::session::Session;
 use crate::io::image::Image;
@@ -31,14 +32,14 @@ pub struct Wanted {
     pub truths: Option<(String, Vec<Image>)>,
     /// Description of the opened device: a ledger keeps no rows of one that was opened otherwise.
     pub opened: String,
-    /// The file of the ledger, from which a study that was interrupted goes on.
+    /// The file of the ledger, from which an interrupted study resumes. Pictures of the settings go into a folder beside it.
     pub file: PathBuf,
 }
 
 /// Measures settings, and returns the ledger with the rows of all that were wanted.
 ///
 /// # Errors
-/// The graph has errors, no setting has a name of [`Wanted::only`], the device fails, the file cannot be written, or the listener cancels.
+/// The graph has errors, no setting has a name of [`Wanted::only`], the device fails, a file cannot be written, or the listener cancels.
 pub fn study<D: Device>(
     subject: &Subject<D>,
     wanted: &Wanted,
@@ -61,6 +62,7 @@ pub fn study<D: Device>(
         listener.say(&format!("{file}: {rows} rows of an earlier run are kept"));
     }
 
+    let album = Album::beside(&wanted.file);
     let mut steps = Steps::new(listener, "measuring", settings.len() * cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         let name = &camera.img_name;
@@ -79,7 +81,11 @@ pub fn study<D: Device>(
             }
             steps.next(&format!("{name}, {}", setting.name))?;
             let baseline = Baseline { session: &mut exact, ms: book.exact_ms(name) };
-            book.add(measure(&mut session, baseline, (setting, *plan), &view, effort)?)?;
+            let (row, picture) = measure(&mut session, baseline, (setting, *plan), &view, effort)?;
+            if let Some(picture) = picture {
+                album.keep(&book.ledger, &row, &picture, &view.picture)?;
+            }
+            book.add(row)?;
         }
     }
     let mut ledger = book.ledger;

@@ -1,0 +1,123 @@
+//! Keeps the pictures of a ledger, in a folder beside it: of each setting the view farthest from the truth, with its amplified difference.
+//!
+//! The page of the ledger shows them when a reader clicks a setting. They are reduced, so that a ledger of a hundred settings stays below
+//! a hundred megabytes.
+
+use super::ledger::Ledger;
+use super::measure::Row;
+use crate::io::image::{Image, ImageError};
+use crate::io::output::names::{MAX_NAME_BYTES, unique};
+use crate::io::report::page::Linked;
+use crate::studies::metrics::{self, squared_error};
+use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+use std::path::{Path, PathBuf};
+
+/// Largest width of a kept picture, in pixels.
+const WIDTH: usize = 640;
+/// Root mean square of an amplified difference, of 1: visible, and large errors stand out.
+const VISIBLE: f64 = 1.0 / 16.0;
+/// Name of the folder.
+pub const FOLDER: &str = "pictures";
+
+/// The pictures beside a ledger.
+pub struct Album {
+    folder: PathBuf,
+}
+
+impl Album {
+    /// Names the album of the ledger in this file.
+    pub fn beside(ledger: &Path) -> Album {
+        Album { folder: ledger.with_file_name(FOLDER) }
+    }
+
+    /// Keeps a picture and its difference, unless another view of the setting is farther from the truth.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn keep(&self, ledger: &Ledger, row: &Row, picture: &Image, truth: &Image) -> Result<(), ImageError> {
+        let Ok(found) = &row.found else { return Ok(()) };
+        let of_row = squared_error(found.error.psnr_db);
+        if ledger.farthest(&row.setting).is_some_and(|(_, psnr_db)| squared_error(psnr_db) >= of_row) {
+            return Ok(());
+        }
+        let reduced = |image: &Image| if image.width > WIDTH { image.reduced(WIDTH) } else { image.clone() };
+        reduced(truth).save(&self.folder.join(truth_file(&row.camera)))?;
+        let difference = metrics::difference(picture, truth, gain(found.error.psnr_db) as f32);
+        for (file, image) in files(&row.setting).into_iter().zip([picture, &difference]) {
+            reduced(image).save(&self.folder.join(file))?;
+        }
+        Ok(())
+    }
+
+    /// Lists the pictures of a setting: its own, the truth and the difference; none if one is missing.
+    pub fn of(&self, ledger: &Ledger, setting: &str) -> Vec<Linked> {
+        let Some((camera, psnr_db)) = ledger.farthest(setting) else { return Vec::new() };
+        let [picture, difference] = files(setting);
+        let gain = gain(psnr_db);
+        let all = [
+            (format!("`{setting}`, {camera}"), picture),
+            ("the truth".to_owned(), truth_file(camera)),
+            (format!("their difference, {gain} times as large"), difference),
+        ];
+        if all.iter().any(|(_, file)| !self.folder.join(file).is_file()) {
+            return Vec::new();
+        }
+        let link = |file: &str| format!("{FOLDER}/{}", utf8_percent_encode(file, NON_ALPHANUMERIC));
+        all.into_iter().map(|(caption, file)| Linked { link: link(&file), caption }).collect()
+    }
+}
+
+/// Returns the power of two that makes a difference of this PSNR visible; 1 for equal pictures.
+fn gain(psnr_db: Option<f64>) -> f64 {
+    let rms = squared_error(psnr_db).sqrt();
+    if rms > 0.0 { (VISIBLE / rms).log2().round().clamp(0.0, 20.0).exp2() } else { 1.0 }
+}
+
+/// Names the files of a setting: its picture, and its difference.
+fn files(setting: &str) -> [String; 2] {
+    [format!("{}.png", stem(setting)), format!("{}.difference.png", stem(setting))]
+}
+
+fn truth_file(camera: &str) -> String {
+    format!("truth.{}.png", stem(camera))
+}
+
+fn stem(name: &str) -> String {
+    const ROOM: usize = MAX_NAME_BYTES - ".difference.png".len();
+    unique(&[name.to_owned()], ROOM).remove(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ledger::testing::{ledger, measured, row};
+    use super::*;
+
+    #[test]
+    fn the_view_farthest_from_the_truth_is_kept_with_its_difference() {
+        let folder = tempfile::tempdir().unwrap();
+        let album = Album::beside(&folder.path().join("ledger.json"));
+        let (truth, picture) =
+            (Image::from_fn(4, 2, |_, _| [0.5; 3]), Image::from_fn(4, 2, |_, _| [0.51; 3]));
+        let mut found = ledger(Vec::new());
+        for (camera, psnr_db) in [("near", 60.0), ("far/off", 40.0), ("nearer", 70.0)] {
+            let row = row("key bits #1", camera, Ok(measured(1.0, Some(psnr_db))));
+            album.keep(&found, &row, &picture, &truth).unwrap();
+            found.rows.push(row);
+        }
+        let shown = album.of(&found, "key bits #1");
+        let captions: Vec<&str> = shown.iter().map(|shown| shown.caption.as_str()).collect();
+        assert_eq!(captions, ["`key bits #1`, far/off", "the truth", "their difference, 8 times as large"]);
+        assert_eq!(shown[2].link, "pictures/key%20bits%20%231%2Edifference%2Epng");
+        let difference = Image::load(&folder.path().join("pictures/key bits #1.difference.png")).unwrap();
+        // 8 times 0.01, in 8 bits.
+        assert!((difference.rgb[0][0] - 0.08).abs() < 0.002, "{:?}", difference.rgb[0]);
+        assert!(!folder.path().join("pictures/truth.nearer.png").exists());
+        std::fs::remove_file(folder.path().join("pictures/truth.far_off.png")).unwrap();
+        assert_eq!(album.of(&found, "key bits #1"), [], "one of them is missing");
+    }
+
+    #[test]
+    fn equal_pictures_are_not_amplified_and_faint_errors_are() {
+        assert_eq!((gain(None), gain(Some(0.0)), gain(Some(77.0))), (1.0, 1.0, 512.0));
+    }
+}
