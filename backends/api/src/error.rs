@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// The error of a backend's call. [`BackendError::recovery`] classifies it.
+/// An error of a backend call. [`BackendError::recovery`] classifies it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BackendError {
     /// The driver, the device or the validation layer is missing, or the window cannot be drawn to.
@@ -21,7 +21,7 @@ pub enum BackendError {
         name: String,
         /// The requested size; 0 if unknown.
         bytes: u64,
-        /// The answer of the allocator or the driver.
+        /// The reason that the allocator or the driver gave.
         reason: String,
     },
     /// The plan is inconsistent, or the inputs of a frame do not fit the plan.
@@ -32,20 +32,20 @@ pub enum BackendError {
     Scene {
         /// The attribute's full name.
         attribute: String,
-        /// The plane of it.
+        /// The index of the plane.
         plane: u32,
-        /// The answer of the scene.
+        /// The reason that the scene gave.
         reason: String,
     },
-    /// The driver was busy, or the window changed meanwhile.
+    /// The driver was busy, or the window changed during the call.
     #[error("{call} answered {answer}: try again")]
     Busy {
         /// The call that failed.
         call: &'static str,
-        /// The driver's answer.
+        /// The driver's result code.
         answer: String,
     },
-    /// The window's surface was lost, and so was a new one: the window or its display is gone.
+    /// The window's surface was lost, and so was its replacement: the window or its display is gone.
     #[error(
         "{call} answered that the window's surface is lost: the window was closed, or its display went away"
     )]
@@ -53,10 +53,10 @@ pub enum BackendError {
         /// The call that failed.
         call: &'static str,
     },
-    /// The device has finished no pass for too long. Submitted work stays in flight, and can be waited for again.
+    /// The device has finished no pass for too long. Submitted work stays in flight and can be waited for again.
     #[error("{place} has been running for {seconds} s; it may never end")]
     Stuck {
-        /// The running pass with its plan, as far as known.
+        /// The running pass and its plan, if known.
         place: String,
         /// Seconds since the device last finished a pass.
         seconds: u64,
@@ -70,7 +70,7 @@ pub enum BackendError {
     StuckCompiler {
         /// The plan's name.
         plan: String,
-        /// The first pass that the pipeline is for.
+        /// The first pass that uses the pipeline.
         pass: String,
         /// The shader; for a draw, the vertex shader.
         shader: String,
@@ -83,17 +83,17 @@ pub enum BackendError {
     /// The device stopped; names the pass that ran last.
     #[error("device lost: {0}")]
     DeviceLost(String),
-    /// Any other error of an API call.
+    /// Any other error from an API call.
     #[error("{call} failed: {answer}")]
     Api {
         /// The call that failed.
         call: &'static str,
-        /// The driver's answer.
+        /// The driver's result code.
         answer: String,
     },
 }
 
-/// Quotes the name of a resource or a call, unless it contains a quoted name.
+/// Adds backquotes to the name of a resource or a call, unless it already contains some.
 fn quoted(name: &str) -> String {
     if name.contains('`') { name.to_string() } else { format!("`{name}`") }
 }
@@ -103,9 +103,9 @@ fn quoted(name: &str) -> String {
 pub enum Recovery {
     /// Retrying the call may succeed.
     Retry,
-    /// The user can act: install a driver, choose another device, scene or parameter, or free memory.
+    /// The user can act: install a driver; choose another device, scene or parameter; or free memory.
     User,
-    /// A bug of the program or the driver: the plan, the inputs or an answer is wrong.
+    /// A bug in the program or the driver: the plan, the inputs or a result is wrong.
     Defect,
     /// The device is lost: open another.
     DeviceEnded,
@@ -131,14 +131,14 @@ impl BackendError {
     }
 }
 
-/// A limit of the device that a plan or a frame exceeds.
+/// A device limit that a plan or a frame exceeds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LimitExceeded {
     /// The limited quantity, for instance "the size of buffer `keys`".
     pub what: String,
     /// The amount needed.
     pub needed: u64,
-    /// The maximum of the device.
+    /// The device's maximum.
     pub available: u64,
     /// The unit of both amounts.
     pub unit: Unit,
@@ -147,7 +147,7 @@ pub struct LimitExceeded {
 /// The unit of a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
-    /// Bytes, shown in mebibytes if large.
+    /// Bytes, displayed in mebibytes if large.
     Bytes,
     /// A count.
     Count,

@@ -1,9 +1,10 @@
 //! The interface between applications and backends: a device that loads a plan and renders frames of it.
 //!
-//! A backend executes [`splatgraph_framework::plan::Plan`]s. It owns the device, the plan's memory and pipelines, and the
-//! uploads of the scene. It takes the order of accesses from the plan's dependencies, and looks for no conflicts itself.
-//! The order of calls is: open the device (each backend's own constructor), [`Device::load`] a plan with the scene's data, then [`Device::submit`] frames and
-//! [`Device::wait`] for their results, with up to [`FRAMES_IN_FLIGHT`] submitted and not yet waited for.
+//! A backend executes [`splatgraph_framework::plan::Plan`]s. It owns the device, the plan's memory and pipelines, and
+//! the uploads of the scene. It takes the order of accesses from the plan's dependencies, and looks for no conflicts
+//! itself. The order of calls is: open the device (each backend has its own constructor), [`Device::load`] a plan with
+//! the scene's data, then [`Device::submit`] frames and [`Device::wait`] for their results. Up to [`FRAMES_IN_FLIGHT`]
+//! frames can be submitted and not yet waited for.
 
 #![deny(missing_docs)]
 
@@ -35,17 +36,17 @@ pub struct DeviceInfo {
     pub kind: String,
     /// Name and version of the driver.
     pub driver: String,
-    /// The facts that graphs can use; all 0 if the device lacks the API version.
+    /// The facts that graphs can use; all 0 if the device's API version is too low.
     pub facts: DeviceFacts,
-    /// The bounds of accesses beyond the ends of buffers and images, unless it is opened without them.
+    /// The bounds of out-of-range accesses, unless the device is opened without checks.
     pub robustness: Robustness,
     /// The largest of its memory heaps.
     pub heap: Heap,
-    /// The reason why it cannot run plans, if it cannot.
+    /// The reason why it cannot run plans; `None` if it can.
     pub unfit: Option<String>,
 }
 
-/// The bounds of a shader's accesses beyond the ends of buffers and images.
+/// The bounds of out-of-range shader accesses to buffers and images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Robustness {
     /// The bounds of storage and uniform buffers.
@@ -54,16 +55,16 @@ pub struct Robustness {
     pub images: Bounds,
 }
 
-/// The bound of accesses beyond the end of a resource.
+/// The bound of an out-of-range access to a resource.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Bounds {
-    /// Unbounded: accesses reach other memory, and can crash the device or the program.
+    /// No bounds: accesses reach other memory, and can crash the device or the program.
     #[default]
     None,
-    /// Accesses stay within the memory of the resource, and may read or write any of it.
+    /// Accesses stay within the resource's memory, but may read or write any of it.
     Memory,
-    /// Reads give 0, and writes do nothing.
+    /// Out-of-range reads return 0, and out-of-range writes are dropped.
     Exact,
 }
 
@@ -83,37 +84,36 @@ impl fmt::Display for Robustness {
     }
 }
 
-/// A heap of a device's own memory.
+/// A heap of device-local memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Heap {
     /// Its size in bytes.
     pub bytes: u64,
-    /// The driver's estimate of the bytes that this process could still allocate (in Vulkan by
-    /// `VK_EXT_memory_budget`), taken when the device was listed. `None` if unknown.
+    /// The driver's estimate of the bytes that this process can still allocate (in Vulkan from `VK_EXT_memory_budget`),
+    /// at the time when the device was listed. `None` if unknown.
     pub available: Option<u64>,
 }
 
-/// The choice of a device to open.
+/// Options for opening a device.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// A part of the device's name in any case, or its index in the list of devices. By default the first discrete GPU,
+    /// A part of the device's name in any case, or its index in the list of devices. Default: the first discrete GPU,
     /// else the first integrated GPU, else another device, a CPU last.
     pub device: Option<String>,
-    /// The checks of the API's validation.
+    /// The API's validation.
     pub validation: Validation,
-    /// Time that one pass may run before calls that wait for it return [`BackendError::Stuck`]. By default
-    /// 10 seconds, and ten minutes on a CPU. If the device does not report single passes while it runs, as
-    /// on lavapipe, it applies to a frame.
+    /// Time that one pass may run before calls that wait for it return [`BackendError::Stuck`]. Default: 10 seconds, or
+    /// ten minutes on a CPU. If the device does not report single passes while it runs, as on lavapipe, the limit
+    /// applies to a frame.
     pub patience: Option<Duration>,
-    /// Time that the driver may take for one pipeline before the load fails with
-    /// [`BackendError::StuckCompiler`]. By default 60 seconds.
+    /// Time that the driver may take for one pipeline before the load fails with [`BackendError::StuckCompiler`].
+    /// Default: 60 seconds.
     pub compile_patience: Option<Duration>,
-    /// Disables the checks of accesses beyond the ends of buffers and images, to measure their cost. See
-    /// [`DeviceInfo::robustness`].
+    /// Disables bounds checks of shader accesses, to measure their cost. See [`DeviceInfo::robustness`].
     pub unchecked: bool,
 }
 
-/// The checks that the API's validation makes.
+/// The level of API validation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Validation {
     /// No validation.
@@ -121,11 +121,11 @@ pub enum Validation {
     Off,
     /// The default checks.
     On,
-    /// The default checks, and synchronization validation, which reports hazards.
+    /// The default checks and synchronization validation, which reports hazards.
     Synchronization,
 }
 
-/// Bytes of a device's memory.
+/// Memory use of a device, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceMemory {
     /// Bytes in use by objects.
@@ -136,16 +136,16 @@ pub struct DeviceMemory {
 
 /// Supplies the bytes of the scene's attributes.
 pub trait SceneData: Sync {
-    /// Copies bytes of plane `plane` of `attribute`, from `offset` on, into `target`.
+    /// Copies bytes of plane `plane` of `attribute`, starting at `offset`, into `target`.
     ///
     /// The plane has stride * count bytes, as in the plan. A load requests each piece once, in ascending order;
     /// `offset` and the length of `target` are multiples of the stride. `target` may be slow to read.
     ///
     /// # Errors
-    /// The reason why the scene cannot supply them.
+    /// The reason why the scene cannot supply the bytes.
     fn write(&self, attribute: &str, plane: u32, offset: u64, target: &mut [u8]) -> Result<(), String>;
 
-    /// Returns an identity of the data: planes uploaded under the same identity are reused.
+    /// Returns the identity of the data: planes uploaded under an equal identity are reused.
     fn identity(&self) -> u64;
 }
 
@@ -171,28 +171,26 @@ pub struct FrameInputs {
     pub live: Vec<u8>,
     /// Contents of each host buffer, by name.
     pub buffers: BTreeMap<String, BufferContents>,
-    /// Keeps the output as a picture that other plans of this device can read: see [`Device::picture`].
+    /// Keeps the output as a picture that other plans of this device can read; see [`Device::picture`].
     pub show: bool,
-    /// Shows the output in the device's window, if any: see [`Windowed`].
+    /// Shows the output in the device's window, if any; see [`Windowed`].
     pub present: bool,
     /// Reads the output image back.
     pub read_output: bool,
-    /// Reads resources back, each right after a pass of the frame (by index into the plan's passes), or after a pass of the
-    /// prologue in the frame that runs it.
+    /// Reads resources back, each right after a pass. A pass of the prologue can be named in the frame that runs it.
     pub inspect: Vec<Inspect>,
-    /// Omits the timestamps of passes, which cost time. The timestamps of the whole frame stay.
+    /// Omits the passes' timestamps, which cost time. The timestamps of the whole frame stay.
     pub untimed_passes: bool,
 }
 
 /// The contents of a host buffer for one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BufferContents {
-    /// Bytes of the host. The [`Arc`] of the previous frame is not copied again.
+    /// Bytes from the host. An [`Arc`] equal to the previous frame's is not copied again.
     Bytes(Arc<Vec<u8>>),
     /// The output of another plan, row 0 at the top, rows tightly packed, pixels in its format.
     Picture(Picture),
-    /// Rows of an output that exceeds the limit of a storage binding. They cannot be
-    /// arguments of indirect commands.
+    /// Rows of an output that exceeds the limit of a storage binding. They cannot be arguments of indirect commands.
     Rows {
         /// The output.
         picture: Picture,
@@ -203,10 +201,10 @@ pub enum BufferContents {
     },
 }
 
-/// The alignment in bytes of the first row of [`BufferContents::Rows`]: the largest that any device requires.
+/// Required byte alignment of the first row of [`BufferContents::Rows`]: the largest of any device.
 pub const ROWS_ALIGNMENT: u64 = 256;
 
-/// The output of a frame that was submitted with [`FrameInputs::show`], on the device.
+/// The output of a frame submitted with [`FrameInputs::show`], on the device.
 ///
 /// It can be read until its executor is dropped or shows another size or format. Frames in flight keep it alive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -226,7 +224,7 @@ pub struct Picture {
 pub struct Inspect {
     /// The resource to read back.
     pub resource: ResourceId,
-    /// The pass after which it is read.
+    /// The pass to read it after.
     pub after: PassId,
 }
 
@@ -237,7 +235,7 @@ pub struct FrameId(pub u64);
 /// The work that a device is executing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Running {
-    /// The pass with its plan, for instance "pass `sort.scan[0]` of `splat`", as far as known.
+    /// The pass and its plan, for instance "pass `sort.scan[0]` of `splat`", as far as known.
     pub place: String,
     /// The time since the device last finished a pass, or since the first query after that.
     pub time: Duration,
@@ -246,8 +244,8 @@ pub struct Running {
 /// The results of a frame.
 #[derive(Clone, Debug, Default)]
 pub struct FrameResult {
-    /// GPU milliseconds of each pass, in order of execution (including the prologue in the frame that ran it, without the
-    /// host's step). `None` without timestamps.
+    /// GPU milliseconds of each pass in execution order, including the prologue in the frame that ran it, excluding the
+    /// host's step. `None` without timestamps.
     pub pass_ms: Vec<(PassId, Option<f64>)>,
     /// GPU milliseconds from the first to the last command of the frame.
     pub total_ms: Option<f64>,
@@ -274,10 +272,10 @@ pub struct Pixels {
     pub bytes: PixelBytes,
 }
 
-/// The bytes of a picture that was read back, in the memory that the device wrote; clones share them.
+/// The bytes of a picture that was read back, in the memory that the device wrote. Clones share them.
 ///
-/// The memory is reused once the last clone is dropped. Meanwhile other frames get other memory, so
-/// keeping many pictures keeps their memory.
+/// The memory is reused once the last clone is dropped. Until then other frames allocate other memory, so keeping many
+/// pictures costs memory.
 #[derive(Clone)]
 pub struct PixelBytes(Arc<dyn AsRef<[u8]> + Send + Sync>);
 
@@ -311,48 +309,49 @@ impl fmt::Debug for PixelBytes {
 /// The progress of a load.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Progress<'a> {
-    /// The pipeline that is created next.
+    /// A pipeline is about to be created.
     Pipeline {
         /// Pipelines created so far.
         done: usize,
-        /// Pipelines of the plan.
+        /// Total pipelines of the plan.
         of: usize,
-        /// Shader of the next one.
+        /// Shader of the next pipeline.
         shader: &'a str,
     },
-    /// The upload of the scene.
+    /// The scene is being uploaded.
     Upload {
         /// Bytes uploaded so far.
         done_bytes: u64,
-        /// Bytes to upload in total.
+        /// Total bytes to upload.
         of_bytes: u64,
     },
 }
 
-/// Prepares a plan on any thread, while frames of another plan are drawn.
+/// Prepares a plan on any thread while frames of another plan are drawn.
 pub trait Loader: Send + 'static {
-    /// A plan with all objects created for it.
+    /// A plan and all objects created for it.
     type Ready: Send + 'static;
 
-    /// Makes [`Loader::prepare`] return [`BackendError::Cancelled`] once `cancel` requests it, whatever the driver is doing.
+    /// Makes [`Loader::prepare`] return [`BackendError::Cancelled`] once `cancel` requests it, even while the driver is
+    /// busy.
     ///
     /// An upload that has begun is finished, so that the next plan finds the scene on the device.
     #[must_use]
     fn cancelled_by(self, cancel: Cancel) -> Self;
 
-    /// Lets the plan reuse results of `run: Once` passes of other plans of the device.
+    /// Lets the plan reuse results of `run: Once` passes of the device's other plans.
     ///
-    /// A result is reused if everything that it depends on is equal. The passes are then omitted, and both plans share a buffer. Do not
-    /// use this to measure or inspect these passes.
+    /// A result is reused if everything that it depends on is equal. Its passes are then omitted, and both plans share
+    /// a buffer. Do not use this to measure or inspect these passes.
     #[must_use]
     fn sharing_results(self) -> Self;
 
-    /// Creates the plan's pipelines and resources, and uploads the scene attributes that it reads, unless they are on the
-    /// device.
+    /// Creates the plan's pipelines and resources, and uploads the scene attributes that it reads, unless they are
+    /// already on the device.
     ///
     /// # Errors
-    /// [`BackendError::StuckCompiler`] if the driver takes longer for a pipeline than [`Options::compile_patience`]. The compiler's
-    /// thread is then abandoned, and the plan is refused with this error until the thread has finished.
+    /// [`BackendError::StuckCompiler`] if the driver takes longer than [`Options::compile_patience`] for a pipeline.
+    /// The compiler's thread is then abandoned, and the plan is refused with this error until the thread has finished.
     fn prepare(
         self,
         plan: Plan,
@@ -388,14 +387,15 @@ pub trait Device: Sized {
     /// Creates another context on the same device, without a plan.
     fn new_context(&self) -> Result<Self, BackendError>;
 
-    /// Returns true for contexts of one device, which share its queue and can read each other's [pictures](Device::picture).
+    /// Returns true if both contexts use one device. They share its queue and can read each other's
+    /// [pictures](Device::picture).
     fn shares_device(&self, other: &Self) -> bool;
 
-    /// Makes the plan the current one: creates what it needs, uploads the scene attributes that it reads, and lets the
-    /// next frame run its prologue. On an error the earlier plan stays current.
+    /// Makes the plan the current one: creates its objects, uploads the scene attributes that it reads, and lets the
+    /// next frame run its prologue. If it fails, the earlier plan stays current.
     ///
     /// Does not wait for frames of the earlier plan; their results stay available. If both plans have a history of
-    /// the same name and shape, and the scene is the same, the new plan continues from its contents.
+    /// equal name and shape, and the scene is unchanged, the new plan continues from its contents.
     fn load(
         &mut self,
         plan: Plan,
@@ -406,8 +406,8 @@ pub trait Device: Sized {
         self.swap(ready)
     }
 
-    /// Returns the first half of [`Device::load`], to be run while frames are drawn, on any thread. It can be taken at any time,
-    /// also before a [`Device::swap`] to another plan.
+    /// Returns the first half of [`Device::load`], to be run on any thread while frames are drawn. It can be taken at
+    /// any time, even before a [`Device::swap`] to another plan.
     fn loader(&self) -> Self::Loader;
 
     /// Makes a prepared plan the current one, between two frames: the second half of [`Device::load`]. Never blocks.
@@ -423,45 +423,47 @@ pub trait Device: Sized {
     /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. Nothing is submitted then.
     fn submit(&mut self, inputs: &FrameInputs) -> Result<FrameId, BackendError>;
 
-    /// Blocks until the frame is done. Each frame's result can be taken once.
+    /// Blocks until the frame has completed. Each frame's result can be taken once.
     ///
     /// # Errors
     /// [`BackendError::Stuck`] if the device runs one pass for longer than [`Options::patience`]. The frame stays in flight.
     fn wait(&mut self, frame: FrameId) -> Result<FrameResult, BackendError>;
 
-    /// Takes the frame's result if the frame is done; never blocks.
+    /// Takes the frame's result if the frame has completed; never blocks.
     fn try_wait(&mut self, frame: FrameId) -> Result<Option<FrameResult>, BackendError>;
 
     /// Returns true if the next [`Device::submit`] would not wait for a frame in flight; never blocks.
     fn is_ready(&mut self) -> Result<bool, BackendError>;
 
-    /// Returns the work that the device is executing for any context; `None` if this context has no frame in flight. Never
-    /// blocks.
+    /// Returns the work that the device is executing for any context; `None` if this context has no frame in flight.
+    /// Never blocks.
     ///
-    /// A responsive program calls it while a frame is not done, and continues without the frame if the time is long.
+    /// A responsive program calls it while a frame is unfinished, and goes on without the frame if the time is long.
     fn running(&mut self) -> Option<Running>;
 
-    /// Lists names and bytes of device memory: the plan's resources, then scene attributes, then the backend's own. Every
-    /// allocation is listed once, so that the sum is the allocated memory (contexts each list what they share). Resources that share
-    /// memory are one entry, with names joined by ` + `; a resource with a copy per frame in flight is one entry.
+    /// Lists device memory by name, in bytes: the plan's resources, then scene attributes, then the backend's own.
+    ///
+    /// Each allocation is listed once, so the sum is the allocated memory. (Each context lists the memory that it
+    /// shares.) Resources that share memory form one entry, with names joined by ` + `; so does a resource with a copy
+    /// per frame in flight.
     fn memory(&self) -> Vec<(String, u64)>;
 
-    /// Describes the largest heap of the device's own memory, as it is now.
+    /// Describes the largest device-local heap in its current state.
     fn heap(&self) -> Heap;
 
     /// Returns the validation messages since the last call; empty without validation.
     fn take_messages(&mut self) -> Vec<String>;
 }
 
-/// A device that shows its frames in a window. (Each backend has its own constructor for it.)
+/// A device that shows its frames in a window. (Each backend has a constructor for it.)
 ///
-/// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks until the window accepts them: with
-/// vsync, once per refresh of the display. While the window is hidden, they are drawn and not shown.
+/// Frames with [`FrameInputs::present`] are scaled to the window. [`Device::submit`] blocks until the window accepts
+/// them: with vsync, once per refresh of the display. While the window is hidden, they are drawn and not shown.
 pub trait Windowed: Device {
     /// Sets the window's size in pixels; a window of size 0 is hidden.
     fn resize_window(&mut self, width: u32, height: u32);
 
-    /// Enables vsync (the default), or shows frames as fast as they are drawn, if the window system allows
+    /// Enables vsync (the default). Without it, frames are shown as fast as they are drawn, if the window system allows
     /// it.
     fn set_vsync(&mut self, vsync: bool);
 }

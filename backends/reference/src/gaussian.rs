@@ -9,11 +9,12 @@ pub struct Gaussian {
     pub position: [f64; 3],
     /// Standard deviation along each of its axes, in world units.
     pub scale: [f64; 3],
-    /// Quaternion w, x, y, z that turns its axes into the world. It is not normalised again, so its length should be 1.
+    /// Quaternion w, x, y, z that rotates its axes into the world. It must be a unit quaternion: it is not normalised
+    /// again.
     pub rotation: [f64; 4],
     /// Opacity at the centre, 0 to 1.
     pub opacity: f64,
-    /// Spherical harmonics: coefficient `k` of red, green and blue; zero beyond the scene's degree.
+    /// Spherical harmonics: coefficient `k` of red, green and blue; zero above the scene's degree.
     pub sh: [[f64; 3]; 16],
 }
 

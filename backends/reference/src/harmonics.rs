@@ -5,9 +5,9 @@ use splatgraph_assets::harmonics::basis;
 
 /// Evaluates a splat's colour for a camera at `eye`.
 ///
-/// `sum_k sh[k] Y_k(d) + 0.5` per channel, with `d` the unit vector from the camera to the splat; then the floor and the
-/// ceiling of the rules. Source: `computeColorFromSH` of the rasteriser (cuda_rasterizer/forward.cu), whose constants are
-/// those of the orthonormal real harmonics, with negative signs for odd m.
+/// Computes `sum_k sh[k] Y_k(d) + 0.5` per channel, with `d` the unit vector from the camera to the splat, then applies
+/// the floor and ceiling of the rules. Source: `computeColorFromSH` of the rasteriser (cuda_rasterizer/forward.cu). Its
+/// constants are the orthonormal real harmonics, with negative signs for odd m.
 pub(crate) fn color(sh: &[[f64; 3]; 16], position: [f64; 3], eye: [f64; 3], rules: &Rules) -> [f64; 3] {
     let sign = match rules.sh_direction {
         ShDirection::FromCamera => 1.0,
@@ -18,7 +18,7 @@ pub(crate) fn color(sh: &[[f64; 3]; 16], position: [f64; 3], eye: [f64; 3], rule
     let weights = basis(d.map(|v| v / length));
     let used = (rules.sh_degree.min(3) as usize + 1).pow(2);
     std::array::from_fn(|channel| {
-        // A splat at the eye has no direction: the bands that depend on one are NaN, and left out.
+        // A splat at the eye has no direction: bands that depend on it are NaN and are left out.
         let bands: f64 = (0..used).map(|k| weights[k] * sh[k][channel]).filter(|v| !v.is_nan()).sum();
         let value = 0.5 + bands;
         let value = rules.color_floor.map_or(value, |floor| value.max(floor));

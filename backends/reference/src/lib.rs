@@ -1,13 +1,13 @@
 //! Renders 3D Gaussian Splatting scenes exactly, on the CPU, in f64.
 //!
-//! Every other renderer of this project is measured against this one. It follows the published CUDA rasteriser
-//! (graphdeco-inria/diff-gaussian-rasterization, commit 59f5f77, called "the rasteriser" in this crate) rule by rule, and
-//! [`Rules`] names each rule, so that one rule at a time can be changed and its effect measured. It shares no arithmetic
+//! The project measures every other renderer against this one. It follows the published CUDA rasteriser
+//! (graphdeco-inria/diff-gaussian-rasterization, commit 59f5f77, called "the rasteriser" in this crate) rule by rule.
+//! [`Rules`] names each rule, so that a single rule can be changed and its effect measured. It shares no arithmetic
 //! with the shaders and executes no plan: [`render`] is a pure function of splats, camera, background and rules.
 //!
-//! Data takes one way through the modules: [`Splats`] gives each [`Gaussian`] in f64; `project` turns it into an ellipse
-//! on the image, with `harmonics` for its colour; `order` sorts by depth; `raster` blends, a row of tiles at a time. `pixel` lists
-//! the splats of a single pixel.
+//! Data flows one way through the modules. [`Splats`] returns each [`Gaussian`] in f64. `project` converts it to an
+//! ellipse on the image, with its colour from `harmonics`. `order` sorts by depth. `raster` blends a row of tiles at a
+//! time. `pixel` lists the splats of a single pixel.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

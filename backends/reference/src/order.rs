@@ -1,17 +1,17 @@
-//! Sorts splats by depth, and counts how far a given order is from this.
+//! Sorts splats by depth, and counts how far a given order deviates.
 
 use crate::gaussian::Splats;
 use crate::rules::{Depth, Rules, Ties};
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
 
-/// The transform from world to view space, in f64, and rounded to f32 per element, as the rasteriser receives it.
+/// The world-to-view transform in f64, and rounded to f32 per element, as the rasteriser receives it.
 pub(crate) struct View {
     rows: [[f64; 3]; 3],
     eye: [f64; 3],
     /// Elements 2, 6, 10 and 14 of the rasteriser's matrix: the view direction, and the translation along it.
     depth_row: [f32; 4],
-    /// True if positions need more digits than f32 has.
+    /// True if positions need more precision than f32.
     wide: bool,
 }
 
@@ -36,9 +36,9 @@ impl View {
 
     /// Computes the depth for culling and sorting.
     ///
-    /// In f32 it is `fma(m10, z, fma(m6, y, m2 * x)) + m14`, the order in which the compiler of the rasteriser contracts
-    /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h): equal bits give equal ties. Positions that need more digits than f32 have
-    /// no counterpart there: their depth is computed in f64, and rounded.
+    /// In f32 it is `fma(m10, z, fma(m6, y, m2 * x)) + m14`, the order in which the rasteriser's compiler contracts
+    /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h): equal bits give equal ties. Positions beyond f32's precision
+    /// do not occur there; their depth is computed in f64 and rounded.
     pub(crate) fn depth(&self, p: [f64; 3], rule: Depth) -> f64 {
         match rule {
             Depth::F64 => self.point(p)[2],
@@ -76,8 +76,8 @@ pub fn depth_order(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rul
     keys.into_iter().map(|(_, index)| index).collect()
 }
 
-/// Counts the pairs of splats that `given` and `truth` order differently; `None` unless both hold the same indices, each
-/// once.
+/// Counts the pairs of splats that `given` and `truth` order differently. `None` unless both hold the same indices,
+/// each once.
 ///
 /// 0 for equal orders, n (n - 1) / 2 for reversed ones. O(n log n), by merge sort.
 pub fn inversions(truth: &[u32], given: &[u32]) -> Option<u64> {
@@ -89,7 +89,7 @@ pub fn inversions(truth: &[u32], given: &[u32]) -> Option<u64> {
     let mut sequence: Vec<u32> = Vec::with_capacity(given.len());
     for index in given {
         let rank = ranks.get_mut(*index as usize)?;
-        // Take it, so that a second occurrence is detected.
+        // Remove it, so that a second occurrence is detected.
         sequence.push(std::mem::replace(rank, u32::MAX));
     }
     if given.len() != truth.len() || sequence.contains(&u32::MAX) {

@@ -1,7 +1,7 @@
-//! Lists the splats of one pixel, with their shares of it.
+//! Lists the splats of one pixel, with their weights.
 //!
-//! [`fragments`] blends one pixel exactly as [`render`](crate::render) does, and returns which splats were
-//! blended, in which order, with which weights. [`project`] returns a splat's Gaussian on the image, for outlines.
+//! [`fragments`] blends one pixel exactly as [`render`](crate::render) does, and returns the blended splats in order,
+//! with their weights. [`project`] returns a splat's Gaussian on the image, for outlines.
 
 use crate::gaussian::{Gaussian, Splats};
 use crate::order;
@@ -14,7 +14,7 @@ use splatgraph_assets::Camera;
 /// Number of splats between checks for cancellation.
 const CHUNK: usize = 4096;
 
-/// A splat that is blended at a pixel.
+/// A splat blended at a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fragment {
     /// Index among the splats.
@@ -23,14 +23,14 @@ pub struct Fragment {
     pub depth: f64,
     /// Alpha at the pixel, capped.
     pub alpha: f64,
-    /// Transmittance of all splats before it.
+    /// Transmittance after all nearer splats.
     pub transmittance: f64,
     /// View-dependent colour, display-encoded.
     pub color: [f64; 3],
 }
 
 impl Fragment {
-    /// Computes the splat's share of the pixel, alpha times transmittance.
+    /// Computes the splat's weight in the pixel: alpha times transmittance.
     pub fn weight(&self) -> f64 {
         self.alpha * self.transmittance
     }
@@ -39,9 +39,9 @@ impl Fragment {
 /// The splats of a pixel, near to far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Fragments {
-    /// Blended splats, without those behind the splat that finishes the pixel.
+    /// The blended splats. Splats behind the one that finishes the pixel are not blended.
     pub list: Vec<Fragment>,
-    /// The background's share of the pixel.
+    /// The background's weight.
     pub transmittance: f64,
 }
 
@@ -56,7 +56,7 @@ impl Fragments {
         std::array::from_fn(|c| color[c] + self.transmittance * background[c])
     }
 
-    /// Computes the mean depth, weighted by the splats' shares; `None` without splats.
+    /// Computes the mean depth, weighted by the splats' weights; `None` without splats.
     pub fn depth(&self) -> Option<f64> {
         let total: f64 = self.list.iter().map(Fragment::weight).sum();
         let sum: f64 = self.list.iter().map(|fragment| fragment.weight() * fragment.depth).sum();
@@ -64,10 +64,10 @@ impl Fragments {
     }
 }
 
-/// Lists the splats that are blended at a pixel; `None` for a pixel outside of the image, or once `cancelled` returns true.
+/// Lists the splats blended at a pixel; `None` for a pixel outside the image, or once `cancelled` returns true.
 ///
-/// The pixel is column and row, from the top left one at (0, 0). Parallel; `cancelled` is called from several threads, every few
-/// thousand splats.
+/// The pixel is column and row; (0, 0) is the top left. Runs in parallel: `cancelled` is called from several threads,
+/// every few thousand splats.
 pub fn fragments(
     splats: &(impl Splats + ?Sized),
     camera: &Camera,
@@ -116,7 +116,7 @@ pub struct Projected {
     pub center: [f64; 2],
     /// 2D covariance with the low-pass filter, as xx, xy, yy, in square pixels.
     pub covariance: [f64; 3],
-    /// Determinant of the covariance. For needles, `xx yy - xy^2` has no digits left of it.
+    /// Determinant of the covariance. For needles, computing it as `xx yy - xy^2` would cancel completely.
     pub determinant: f64,
     /// Opacity at the centre, after the compensation of the low-pass filter.
     pub opacity: f64,
@@ -238,7 +238,7 @@ mod tests {
     }
 
     proptest! {
-        /// The covariance of the stable factors is that of `M M^T + l I` from the textbook.
+        /// The covariance from the stable factors equals `M M^T + l I`, the textbook form.
         #[test]
         fn the_projected_covariance_is_the_textbooks(
             position in prop::array::uniform3(-1.0..1.0f64), logs in prop::array::uniform3(-3.0..0.0f64),
@@ -255,7 +255,7 @@ mod tests {
             };
             let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (200, 160));
             let found = project(&splat, &camera, &Rules::PUBLISHED).expect("it is in the picture");
-            // The 3D covariance, from the rotation of each axis by the quaternion's product.
+            // The 3D covariance, by rotating each axis with quaternion products.
             let [w, x, y, z] = splat.rotation;
             let rotate = glam::DQuat::from_xyzw(x, y, z, w);
             let axes = [glam::DVec3::X, glam::DVec3::Y, glam::DVec3::Z];

@@ -1,12 +1,13 @@
 //! Projects a Gaussian in the world to an ellipse with a colour on the image.
 //!
-//! The 2D covariance is `M M^T + l I`, with `M` the 2 x 3 product of Jacobian, view rotation, rotation and scales, and `l`
-//! the low-pass variance. Two stable forms keep needles and giants exact, where the textbook forms cancel:
+//! The 2D covariance is `M M^T + l I`, with `M` the 2 x 3 product of Jacobian, view rotation, rotation and scales, and
+//! `l` the low-pass variance. The textbook forms of its determinant and exponent cancel for needles and giants. Two
+//! stable forms keep them exact:
 //!
-//! - the determinant is `|r0 x r1|^2 + l (|r0|^2 + |r1|^2) + l^2`, with `r0`, `r1` the rows of `M` (Cauchy-Binet), a sum
-//!   of positive terms where `a c - b^2` is a small difference of large numbers;
-//! - the exponent is a sum of two squares, by the Cholesky factor of the covariance, so that it is never positive.
-//!   (The rasteriser skips exponents above 0: in exact arithmetic there are none.)
+//! - the determinant is `|r0 x r1|^2 + l (|r0|^2 + |r1|^2) + l^2`, with `r0`, `r1` the rows of `M` (Cauchy-Binet), a
+//!   sum of positive terms. `a c - b^2` is a small difference of large numbers;
+//! - the exponent is a sum of two squares, from the Cholesky factor of the covariance, so it is never positive. (The
+//!   rasteriser skips exponents above 0: in exact arithmetic there are none.)
 
 use crate::gaussian::Gaussian;
 use crate::harmonics;
@@ -24,11 +25,11 @@ pub(crate) struct Ellipse {
     pub index: u32,
     /// View depth for sorting.
     pub depth: f64,
-    /// Tiles that it touches: first column, first row, and the exclusive ends.
+    /// Tiles that it touches: first column, first row, and the exclusive end column and row.
     pub tiles: [u32; 4],
-    /// The part that every pixel reads.
+    /// The data read at every pixel.
     pub footprint: Footprint,
-    /// The shortest axis in the world, turned to the camera; of equal ones the first.
+    /// The shortest axis in world space, facing the camera; of equally short axes, the first.
     pub normal: [f64; 3],
 }
 
@@ -43,7 +44,7 @@ pub(crate) struct Footprint {
     v: f64,
     /// Opacity at the centre, after the compensation of the low-pass filter.
     pub opacity: f64,
-    /// Exponents below this give no fragment: their alpha is below the floor, or they are outside the extent.
+    /// Exponents below this give no fragment: alpha is below the floor, or the pixel is outside the extent.
     cutoff: f64,
     pub color: [f64; 3],
 }
@@ -86,7 +87,7 @@ pub(crate) struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    /// Prepares a camera; `wide` says whether positions need more digits than f32 has.
+    /// Prepares a camera; `wide` is true if positions need more precision than f32.
     pub(crate) fn new(camera: &'a Camera, rules: &'a Rules, wide: bool) -> Self {
         let tan =
             [f64::from(camera.width) / camera.fx, f64::from(camera.height) / camera.fy].map(|v| 0.5 * v);
@@ -104,7 +105,7 @@ impl<'a> Projector<'a> {
         self.project_onto(index, splat, |_| true)
     }
 
-    /// Like [`Projector::project`], if `wanted` accepts its tiles. This saves computing colours, half of the work.
+    /// Like [`Projector::project`], but only if `wanted` accepts its tiles. This skips the colour, half of the work.
     pub(crate) fn project_onto(
         &self,
         index: u32,
@@ -150,7 +151,7 @@ impl<'a> Projector<'a> {
         Some(Ellipse { index, depth, tiles, footprint, normal: self.normal(splat) })
     }
 
-    /// The splat's shortest axis in the world, turned to the camera.
+    /// Returns the splat's shortest axis in world space, facing the camera.
     fn normal(&self, splat: &Gaussian) -> [f64; 3] {
         let [a, b, c] = splat.scale;
         let shortest = if c < a.min(b) { 2 } else { usize::from(b < a) };
@@ -186,7 +187,7 @@ impl<'a> Projector<'a> {
         jacobian.map(|row| columns.map(|column| dot(row, column)))
     }
 
-    /// Returns the tiles that the splat may touch; `None` without any.
+    /// Returns the tiles that the splat may touch; `None` if there are none.
     fn tiles(&self, center: [f64; 2], a: f64, c: f64, det: f64) -> Option<[u32; 4]> {
         let half: [f64; 2] = match self.rules.extent {
             // `preprocessCUDA` in forward.cu: the discriminant is floored at 0.1.
@@ -195,7 +196,7 @@ impl<'a> Projector<'a> {
                 let largest = middle + (middle * middle - det).max(0.1).sqrt();
                 [(3.0 * largest.sqrt()).ceil(); 2]
             }
-            // The bounding box of the ellipse reaches sigma standard deviations of each coordinate.
+            // The bounding box of the ellipse extends sigma standard deviations in each coordinate.
             Extent::Sigma(sigma) => [sigma * a.sqrt(), sigma * c.sqrt()],
             Extent::Unbounded => [f64::INFINITY; 2],
         };

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Progress callback: rows of tiles done, and their total. Called from any thread.
 pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
-/// An exact image with further data of each pixel. Arrays have `width * height` entries, row 0 at the top.
+/// An exact image with more data per pixel. Arrays have `width * height` entries, row 0 at the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     /// Pixels across.
@@ -24,18 +24,19 @@ pub struct Picture {
     pub transmittance: Vec<f64>,
     /// Number of blended splats.
     pub contributors: Vec<u32>,
-    /// Sum of the splats' view depths, each times its share of the pixel (alpha times transmittance).
+    /// Sum of the splats' view depths, each times its weight (alpha times transmittance).
     pub depth: Vec<f64>,
-    /// View depth of the last splat that more than half of the light reaches; 0 without splats.
+    /// View depth of the last splat with a transmittance above one half before it; 0 without splats.
     pub median_depth: Vec<f64>,
-    /// Sum of the splats' normals, each times its share. A normal is the shortest axis, turned to the camera, in the world.
+    /// Sum of the splats' normals, each times its weight. A normal is the shortest axis in world space, facing the
+    /// camera.
     pub normal: Vec<[f64; 3]>,
-    /// Index of the splat with the largest share, of equal ones the nearest; `u32::MAX` without splats.
+    /// Index of the splat with the largest weight, the nearest if several are equal; `u32::MAX` without splats.
     pub index: Vec<u32>,
 }
 
 impl Picture {
-    /// Computes the mean depth of each pixel, weighted by the splats' shares: the sum of depths over the share that splats cover.
+    /// Computes the mean depth of each pixel: the weighted sum of depths over the sum of weights.
     pub fn expected_depth(&self) -> Vec<f64> {
         let mean = |(depth, light): (&f64, &f64)| depth / (1.0 - light).max(1e-10);
         self.depth.iter().zip(&self.transmittance).map(mean).collect()
@@ -49,7 +50,7 @@ pub struct Visible {
     pub index: u32,
     /// View depth for sorting.
     pub depth: f64,
-    /// Tiles of 16 x 16 pixels that it touches: first column, first row, and the exclusive ends.
+    /// Tiles of 16 x 16 pixels that it touches: first column, first row, and the exclusive end column and row.
     pub tiles: [u32; 4],
 }
 
@@ -74,7 +75,7 @@ struct Pixel {
     depth: f64,
     median_depth: f64,
     normal: [f64; 3],
-    /// The largest share of a splat, and its index.
+    /// The largest weight so far, and the index of its splat.
     most: (f64, u32),
 }
 
@@ -89,7 +90,7 @@ impl Pixel {
         most: (0.0, u32::MAX),
     };
 
-    /// Adds a splat behind those before it, through which `transmittance` of its light comes.
+    /// Adds a splat behind the earlier ones, which let `transmittance` of its light through.
     fn add(&mut self, splat: &Ellipse, alpha: f64, transmittance: f64) {
         let weight = alpha * transmittance;
         self.color.iter_mut().zip(splat.footprint.color).for_each(|(sum, c)| *sum += weight * c);
@@ -107,7 +108,7 @@ impl Pixel {
 
 /// Renders splats over `background` by the given rules.
 ///
-/// The result does not depend on the number of threads. Needs about 150 bytes per visible splat, and 4 per splat and
+/// The result does not depend on the number of threads. Needs about 150 bytes per visible splat, plus 4 per splat and
 /// tile of the rows in progress.
 pub fn render(
     splats: &(impl Splats + ?Sized),
@@ -147,7 +148,7 @@ pub fn render(
     }
 }
 
-/// Blends one row of tiles; `pixels` are the rows of the image in it.
+/// Blends one row of tiles; `pixels` are the image rows in it.
 fn tile_row(ellipses: &[Ellipse], projector: &Projector, row: u32, pixels: &mut [Pixel], rules: &Rules) {
     let columns = projector.grid[0];
     let mut lists: Vec<Vec<u32>> = vec![Vec::new(); columns as usize];
@@ -184,7 +185,7 @@ fn tile_row(ellipses: &[Ellipse], projector: &Projector, row: u32, pixels: &mut 
 
 /// Blends footprints, near to far, at one pixel (`renderCUDA` in forward.cu); returns the transmittance left.
 ///
-/// `fragment` is called for each splat that is blended: with the splat, its alpha, and the transmittance before it.
+/// `fragment` is called for each blended splat, with the splat, its alpha, and the transmittance before it.
 #[inline(always)]
 pub(crate) fn blend<'a, T: 'a>(
     splats: impl IntoIterator<Item = &'a T>,
@@ -214,7 +215,7 @@ mod tests {
 
     const QUIET: Progress = &|_, _| {};
 
-    /// Looks along +z from the origin; pixel (32, 24) is where the axis meets the image.
+    /// Looks along +z from the origin; the axis meets the image at pixel (32, 24).
     fn camera() -> Camera {
         Camera {
             width: 65,
@@ -225,7 +226,7 @@ mod tests {
         }
     }
 
-    /// Returns a white ball on the axis.
+    /// Returns a white sphere on the axis.
     fn ball(z: f64, deviation: f64, opacity: f64) -> Gaussian {
         let mut sh = [[0.0; 3]; 16];
         sh[0] = [0.5 / 0.28209479177387814; 3];
@@ -266,7 +267,7 @@ mod tests {
         let mut far = ball(6.0, 0.4, 1.0);
         far.sh[0] = [0.0; 3];
         let picture = draw(&[far, ball(5.0, 0.4, 1.0)], &Rules::PUBLISHED);
-        // 0.99 of white, then 0.99 of grey in the 0.01 that shines through.
+        // 0.99 of white, then 0.99 of grey at the remaining transmittance of 0.01.
         let stopped = f64::from(0.99f32);
         let left = 1.0 - stopped;
         assert!((at(&picture, 32, 24) - stopped).abs() < 1e-12, "the second would leave less than 1e-4");
@@ -284,8 +285,8 @@ mod tests {
         assert!(at(&draw(&[ball(beyond, 0.01, 0.9)], &Rules::PUBLISHED), 32, 24) > 0.89);
     }
 
-    /// A needle of axis ratio 1e12 across the image: `a c - b^2` has no correct digit left in f64, and the falloff across
-    /// the needle is still that of the low-pass filter.
+    /// A needle of axis ratio 1e12 across the image: in f64, `a c - b^2` has no correct digit. The falloff across the
+    /// needle must still come from the low-pass filter.
     #[test]
     fn a_needle_is_as_thin_as_the_low_pass_filter_makes_it() {
         let half = std::f64::consts::FRAC_PI_8;
@@ -301,7 +302,8 @@ mod tests {
                 at(&picture, x, y)
             );
         }
-        // One pixel right of the line is sqrt(1/2) pixels from it: the variance is 0.3 and the needle's own 1e-4.
+        // One pixel to the right of the line, the distance to it is sqrt(1/2) pixels. The variance is 0.3 plus the
+        // needle's 1e-4.
         let expected = 0.9 * (-0.5 * 0.5 / 0.3001f64).exp();
         let found = at(&picture, 33, 24);
         assert!((found - expected).abs() < 1e-3, "beside the needle: {found}, expected {expected}");

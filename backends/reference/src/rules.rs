@@ -1,7 +1,7 @@
-//! The rules of the exact renderer, each with a name by which it can be changed.
+//! The rules of the exact renderer, each with a name for changing it.
 //!
-//! [`Rules::PUBLISHED`] is what the rasteriser does (graphdeco-inria/diff-gaussian-rasterization, commit 59f5f77). The
-//! table [`RULES`] lists names, published values and sources; [`Rules::set`] changes a rule by its name.
+//! [`Rules::PUBLISHED`] is the behaviour of the rasteriser (graphdeco-inria/diff-gaussian-rasterization, commit
+//! 59f5f77). The table [`RULES`] lists names, published values and sources; [`Rules::set`] changes a rule by its name.
 
 use serde::Serialize;
 use std::str::FromStr;
@@ -11,37 +11,37 @@ use std::str::FromStr;
 pub struct Rules {
     /// Splats at this view depth or nearer are culled, in world units.
     pub near: f64,
-    /// Offset of the pixel position of every centre, in x and y; pixels are sampled at integers.
+    /// Offset added to every centre's pixel position, in x and y; pixels are sampled at integers.
     pub pixel_offset: f64,
     /// Multiple of tan(fov / 2) that x / z and y / z are clamped to in the Jacobian; `None` does not clamp.
     pub jacobian_clamp: Option<f64>,
     /// The filter that widens the 2D covariance.
     pub low_pass: LowPass,
-    /// The pixels that a splat is evaluated at.
+    /// The pixels at which a splat is evaluated.
     pub extent: Extent,
     /// Highest band of the spherical harmonics, 0 to 3.
     pub sh_degree: u32,
     /// The direction in which colours are evaluated.
     pub sh_direction: ShDirection,
-    /// Minimum of a channel of a splat's colour.
+    /// Minimum of each channel of a splat's colour.
     pub color_floor: Option<f64>,
-    /// Maximum of a channel of a splat's colour.
+    /// Maximum of each channel of a splat's colour.
     pub color_ceiling: Option<f64>,
     /// The precision of the depth for culling and sorting.
     pub depth: Depth,
     /// The order of equal depths.
     pub ties: Ties,
-    /// Fragments with a lower alpha are skipped.
+    /// Fragments with a lower alpha than this are skipped.
     pub alpha_floor: f64,
     /// Maximum alpha of a fragment.
     pub alpha_cap: f64,
-    /// A pixel ends before the splat that would bring its transmittance below this; `None` blends every splat.
+    /// Blending of a pixel stops before the splat that would bring its transmittance below this; `None` never stops.
     pub stop: Option<f64>,
 }
 
 impl Rules {
-    /// The rules of the published rasteriser. Its constants are f32, and are widened here: 0.99 is 0.9900000095, for
-    /// instance, so that two splats at the cap bring the transmittance below the stop, as they do there.
+    /// The rules of the published rasteriser. Its f32 constants are widened, not rounded: 0.99 is 0.9900000095, for
+    /// instance, so that two splats at the cap bring the transmittance below the stop, as in the rasteriser.
     pub const PUBLISHED: Rules = Rules {
         near: 0.2f32 as f64,
         pixel_offset: 0.0,
@@ -59,7 +59,7 @@ impl Rules {
         stop: Some(1e-4f32 as f64),
     };
 
-    /// Changes the rule of this name (see [`RULES`]). Numbers are rounded to f32, as the rasteriser holds them.
+    /// Changes the rule of this name (see [`RULES`]). Numbers are rounded to f32, the rasteriser's type.
     ///
     /// # Errors
     /// An unknown name, or an invalid value.
@@ -72,7 +72,7 @@ impl Rules {
         })
     }
 
-    /// Writes the value to the field of this name; `None` if it is not one of the field's values.
+    /// Sets the field of this name; `None` if it does not accept the value.
     fn assign(&mut self, name: &str, value: &str) -> Option<()> {
         match name {
             "near" => self.near = number(value)?,
@@ -103,14 +103,14 @@ impl Rules {
     }
 }
 
-/// The filter against aliasing of splats smaller than a pixel.
+/// The anti-aliasing filter for splats smaller than a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum LowPass {
     /// No filter.
     None,
     /// Adds this variance, in square pixels, to the diagonal of the 2D covariance.
     Dilate(f64),
-    /// The same, with the opacity multiplied by sqrt(det / det'), so that the splat's energy stays: the 2D filter of
+    /// Like `Dilate`, with the opacity multiplied by sqrt(det / det') to conserve the splat's energy: the 2D filter of
     /// Mip-Splatting (Yu et al., CVPR 2024, equation 9).
     Compensated(f64),
 }
@@ -130,7 +130,7 @@ impl FromStr for LowPass {
 }
 
 impl LowPass {
-    /// Returns the variance that is added to the diagonal.
+    /// Returns the variance added to the diagonal.
     pub fn variance(self) -> f64 {
         match self {
             LowPass::None => 0.0,
@@ -142,8 +142,8 @@ impl LowPass {
 /// The pixels at which a splat is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum Extent {
-    /// Every pixel of the 16 x 16 tiles that a square around the centre touches; the square's half side is
-    /// `ceil(3 sqrt(l))` with `l` the larger eigenvalue of the 2D covariance.
+    /// Every pixel of the 16 x 16 tiles touched by a square around the centre. The square's half side is `ceil(3
+    /// sqrt(l))`, with `l` the larger eigenvalue of the 2D covariance.
     Tiles,
     /// Pixels within this many standard deviations of the centre.
     Sigma(f64),
@@ -163,7 +163,7 @@ impl FromStr for Extent {
     }
 }
 
-/// The direction that spherical harmonics are evaluated in.
+/// The direction in which spherical harmonics are evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum ShDirection {
     /// From the camera to the splat.
@@ -175,9 +175,9 @@ pub enum ShDirection {
 /// The precision of view depths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Depth {
-    /// As the rasteriser computes it; positions and matrix are rounded to f32 first.
+    /// As in the rasteriser: positions and matrix are rounded to f32 first.
     F32,
-    /// As exact as f64 is, for scenes whose depths f32 cannot distinguish.
+    /// In f64, for scenes with depths that f32 cannot distinguish.
     F64,
 }
 
@@ -193,9 +193,9 @@ pub enum Ties {
 /// A rule's name, published value and source.
 #[derive(Clone, Copy, Debug)]
 pub struct RuleInfo {
-    /// The name that [`Rules::set`] takes.
+    /// The name for [`Rules::set`].
     pub name: &'static str,
-    /// The values that it can have.
+    /// The accepted values, as text.
     pub values: &'static str,
     /// The value in [`Rules::PUBLISHED`].
     pub published: &'static str,
@@ -240,15 +240,15 @@ const fn rule(
     RuleInfo { name, values, published, source }
 }
 
-/// A rule that cannot be changed as asked.
+/// An invalid change of a rule.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RuleError {
     /// No rule has this name.
     #[error("there is no rule `{name}`; did you mean `{nearest}`?")]
     Unknown {
-        /// The name that was given.
+        /// The name given.
         name: String,
-        /// The rule whose name is most like it.
+        /// The rule with the most similar name.
         nearest: &'static str,
     },
     /// The rule does not take this value.
@@ -256,9 +256,9 @@ pub enum RuleError {
     Value {
         /// The rule.
         name: &'static str,
-        /// The values that it takes.
+        /// The accepted values.
         expected: &'static str,
-        /// The value that was given.
+        /// The value given.
         found: String,
     },
 }

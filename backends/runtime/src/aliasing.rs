@@ -1,8 +1,8 @@
-//! The memory of transient resources that share it.
+//! Memory aliasing: transient resources that share memory.
 //!
-//! The members of a block are never alive at the same time: where the device allows it, they are bound to the start of the same
-//! piece of memory, which is as large as the largest of them needs. Sharing is never required: where members need different
-//! types of memory, or one needs a dedicated allocation, each has its own.
+//! The members of a block are never alive at once. If the device allows it, all of them are bound to the start of one
+//! allocation, as large as the largest member. Aliasing is optional: if the members need different memory types, or one
+//! needs a dedicated allocation, each gets its own.
 
 use crate::gpu::{Buffer, BufferDesc, Gpu, Image, ImageDesc, Location, MemoryKind, Requirements};
 use splatgraph_api::BackendError;
@@ -14,7 +14,7 @@ pub(crate) enum Member<'a> {
     Image(ImageDesc<'a>),
 }
 
-/// A transient resource with its memory. Plans may share it.
+/// A transient resource and its memory; several plans can hold one.
 pub(crate) enum Transient<G: Gpu> {
     Buffer(Arc<Buffer<G>>),
     Image(Arc<Image<G>>),
@@ -82,7 +82,7 @@ impl Member<'_> {
     }
 }
 
-/// Creates the members of a block, and binds them to one piece of memory or to one each.
+/// Creates the members of a block, and binds them to one shared allocation or to one each.
 pub(crate) fn create_block<G: Gpu>(
     gpu: &Arc<G>,
     members: &[Member],
@@ -110,10 +110,11 @@ pub(crate) fn create_block<G: Gpu>(
         .collect()
 }
 
-/// Combines the requirements of members; none where they cannot share memory. `device_types` are the memory types on the device.
+/// Merges the requirements of members that share memory; `None` if they cannot. `device_types` are the device-local
+/// memory types.
 ///
-/// Where buffers and images share, the block fills whole pages of `granularity` bytes
-/// (`VkPhysicalDeviceLimits::bufferImageGranularity`), so that its neighbours are unaffected whichever member is alive.
+/// If buffers and images share it, the block fills whole pages of `granularity` bytes
+/// (`VkPhysicalDeviceLimits::bufferImageGranularity`). Its neighbours are then unaffected, whichever member is alive.
 fn combine<D: Copy + PartialEq>(
     members: &[Requirements<D>],
     device_types: u32,
@@ -175,9 +176,9 @@ mod tests {
     fn members_without_a_type_of_device_memory_in_common_do_not_share() {
         let other = Needs { types: 0b1000, ..IMAGE };
         assert_eq!(combine(&[BUFFER, other], ON_DEVICE, 1), None);
-        // A type in common, which is the host's.
+        // The only common type is host memory.
         assert_eq!(combine(&[BUFFER, Needs { types: 0b0100, ..IMAGE }], ON_DEVICE, 1), None);
-        // Alone, a member gets what it asks for.
+        // A single member keeps its own requirements.
         assert_eq!(combine(&[other], ON_DEVICE, 1), Some(other));
     }
 

@@ -1,8 +1,8 @@
-//! Planes of the scene's attributes, which all plans of a device share.
+//! Planes of the scene's attributes, shared by all plans of a device.
 //!
-//! A plane is uploaded once and never written again, so that any number of plans can read it, of one executor or of several.
-//! The [`AttributeCache`] finds those that some plan holds. A plane enters it when its upload is complete, not before, and only
-//! one plan uploads at a time: another that lacks a plane waits for its turn and looks again.
+//! A plane is uploaded once and never written again, so any number of plans and executors can read it. The
+//! [`AttributeCache`] finds the planes that some plan still holds. A plane enters the cache when its upload is
+//! complete. Only one plan uploads at a time: another plan that lacks a plane waits for its turn, then looks again.
 
 use splatgraph_framework::ir::{ResourceId, Shape, Source};
 use splatgraph_framework::plan::{Plan, Resource};
@@ -16,21 +16,21 @@ pub(crate) struct PlaneKey {
     pub identity: u64,
     pub attribute: String,
     pub plane: u32,
-    /// Bytes of an entry.
+    /// Bytes per entry.
     pub stride: u64,
     pub bytes: u64,
 }
 
-/// Planes that are on the device, or that a plan is about to upload.
+/// Planes on the device, or about to be uploaded by a plan.
 pub(crate) type Planes<B> = HashMap<PlaneKey, Arc<B>>;
 
-/// Lists the planes of `plan` for the scene with this identity, but for the `unused` ones.
+/// Lists the planes of `plan` for the scene with this identity, except the `unused` ones.
 pub(crate) fn keys(plan: &Plan, identity: u64, unused: &BTreeSet<ResourceId>) -> Vec<(ResourceId, PlaneKey)> {
     let ids = (0..plan.resources.len() as u32).map(ResourceId).filter(|id| !unused.contains(id));
     ids.filter_map(|id| Some((id, key(plan.resource(id), identity)?))).collect()
 }
 
-/// Returns the key of a resource, if it is a plane of the scene with this identity.
+/// Returns the key of a resource if it is a plane of the scene; `identity` is the scene's.
 pub(crate) fn key(resource: &Resource, identity: u64) -> Option<PlaneKey> {
     let (Source::Scene { attribute, plane }, Shape::Buffer { stride, .. }) =
         (&resource.source, resource.shape)
@@ -40,7 +40,7 @@ pub(crate) fn key(resource: &Resource, identity: u64) -> Option<PlaneKey> {
     Some(PlaneKey { identity, attribute: attribute.clone(), plane: *plane, stride, bytes: resource.bytes() })
 }
 
-/// The uploaded planes of a device; `B` is a buffer.
+/// The uploaded planes of a device. `B` is the buffer type.
 pub(crate) struct AttributeCache<B> {
     complete: Mutex<HashMap<PlaneKey, Weak<B>>>,
     uploading: Mutex<()>,
@@ -52,23 +52,23 @@ impl<B> Default for AttributeCache<B> {
     }
 }
 
-/// The right to upload, of one plan at a time.
+/// The exclusive right to upload.
 pub(crate) type Turn<'a> = MutexGuard<'a, ()>;
 
 impl<B> AttributeCache<B> {
-    /// Finds the planes of `keys`. If some are missing, waits for the turn to upload them, and looks again: the plan that had the
-    /// turn before may have uploaded them.
+    /// Finds the planes of `keys`. If some are missing, waits for the right to upload and looks again: another plan may
+    /// have uploaded them meanwhile.
     pub fn find(&self, keys: &[(ResourceId, PlaneKey)]) -> (Planes<B>, Option<Turn<'_>>) {
         let held = self.held(keys);
         if keys.iter().all(|(_, key)| held.contains_key(key)) {
             return (held, None);
         }
-        // A plan that failed, or panicked, has added nothing.
+        // A plan that failed or panicked has added nothing to the cache, so a poisoned lock is harmless.
         let turn = self.uploading.lock().unwrap_or_else(PoisonError::into_inner);
         (self.held(keys), Some(turn))
     }
 
-    /// Enters planes whose upload is complete.
+    /// Adds planes whose upload is complete.
     pub fn add<'a>(&self, planes: impl IntoIterator<Item = (&'a PlaneKey, &'a Arc<B>)>)
     where
         B: 'a,
@@ -100,7 +100,7 @@ mod tests {
         cache.add([(&key(0).1, &plane)]);
         let (found, turn) = cache.find(&[key(0)]);
         assert!(turn.is_none() && Arc::ptr_eq(&found[&key(0).1], &plane));
-        // Another plan has it, and then none.
+        // Another plan still holds it; after the next drop, none does.
         drop(plane);
         assert!(cache.find(&[key(0)]).1.is_none());
         drop(found);
@@ -115,7 +115,7 @@ mod tests {
         let plane = Arc::new("plane");
         std::thread::scope(|scope| {
             let second = scope.spawn(|| cache.find(&[key(0)]).0);
-            // A plan that lacks nothing does not wait.
+            // A plan with no missing planes does not wait.
             assert!(cache.find(&[]).1.is_none());
             cache.add([(&key(0).1, &plane)]);
             drop(turn);

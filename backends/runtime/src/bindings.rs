@@ -1,8 +1,8 @@
-//! The bindings of a plan's passes, and which of them are written when.
+//! The bindings of a plan's passes, and when each is written.
 //!
-//! A pass that binds something of the frame has one copy of its bindings per frame in flight, any other pass has one. They are
-//! written when they are made, but for those of host buffers, whose contents come with the frames, and written again where they
-//! change.
+//! A pass that binds a per-frame resource has one copy of its bindings per frame in flight; any other pass has one.
+//! Bindings are written at creation. Bindings of host buffers are the exception: their contents come with the frames,
+//! and they are rewritten when the buffer changes.
 
 use crate::gpu::{Gpu, binding_copies};
 use crate::resources::Resources;
@@ -13,12 +13,12 @@ use std::sync::Arc;
 
 pub(crate) struct Bindings<G: Gpu> {
     pub raw: G::Bindings,
-    /// The passes that bind something, each with the number of copies.
+    /// The passes with bindings, each with its number of copies.
     passes: Vec<(PassId, usize)>,
 }
 
 impl<G: Gpu> Bindings<G> {
-    /// Creates the bindings of all passes that run, and writes those that are the same for all frames of a slot.
+    /// Creates the bindings of all passes that run, and writes those that no frame changes.
     pub fn new(
         gpu: &Arc<G>,
         plan: &Plan,
@@ -44,7 +44,7 @@ impl<G: Gpu> Bindings<G> {
         Ok(Bindings { raw, passes })
     }
 
-    /// Lets go of what the passes of the prologue bind: they do not run again.
+    /// Clears the bindings of the prologue's passes: they do not run again.
     pub fn end_prologue(&mut self, gpu: &G, plan: &Plan) {
         let once = |id: PassId| plan.pass(id).run == Run::Once;
         for (id, _) in self.passes.extract_if(.., |(id, _)| once(*id)) {
@@ -52,7 +52,7 @@ impl<G: Gpu> Bindings<G> {
         }
     }
 
-    /// Points all that this slot's passes bind of `changed` to where it is now. No frame that uses these bindings is in flight.
+    /// Rewrites the slot's bindings of the `changed` resources. No frame that uses these bindings is in flight.
     pub fn rewrite(
         &mut self,
         gpu: &G,

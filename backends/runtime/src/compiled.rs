@@ -1,7 +1,7 @@
-//! A compiled plan: everything that is created for a plan, and nothing of any one frame.
+//! A compiled plan: all objects of a plan that do not belong to a single frame.
 //!
-//! It is made beside the frames, on any thread ([`CompiledPlan::new`]), and becomes the current one when it
-//! [follows](CompiledPlan::follow) the plan before it. Only then is it known which histories that one leaves.
+//! It is created on any thread ([`CompiledPlan::new`]) while frames of another plan are drawn. It becomes the current
+//! plan when it [follows](CompiledPlan::follow) the previous one. Only then are the previous plan's histories known.
 
 use crate::aliasing::Transient;
 use crate::attributes::{self, PlaneKey};
@@ -21,7 +21,7 @@ use splatgraph_framework::{ir::*, plan::*};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// Dropped in the order of its fields, when no frame of it is in flight.
+/// A plan with all its objects. Fields are dropped in order, once no frame of the plan is in flight.
 pub(crate) struct CompiledPlan<G: Gpu> {
     pub bindings: Bindings<G>,
     pub synchronization: G::Synchronization,
@@ -29,37 +29,37 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub slots: [PlanSlot<G>; FRAMES_IN_FLIGHT],
     pub resources: Resources<G>,
     pub plan: Arc<Plan>,
-    /// The plan's name, and those of its passes, as errors tell them.
+    /// The names of the plan and its passes, for errors.
     pub name: Arc<str>,
     pub pass_names: Arc<[String]>,
-    /// Tells plans apart that are loaded one after another; see [`CompiledPlan::follow`].
+    /// Distinguishes plans loaded one after another; see [`CompiledPlan::follow`].
     pub number: u64,
-    /// The scene's; see [`SceneData::identity`].
+    /// The scene's identity; see [`SceneData::identity`].
     identity: u64,
-    /// The layouts that the frames submitted so far leave the images in.
+    /// The images' layouts after the frames submitted so far.
     pub layouts: Vec<Layout>,
-    /// Resources that continue from the history of a previous plan, until the first frame was submitted.
+    /// Resources that continue a previous plan's history, until the first frame is submitted.
     pub carried: Vec<ResourceId>,
-    /// The results of the prologue that other plans can take over.
+    /// The prologue's results that other plans can reuse.
     recipes: Recipes,
-    /// Passes of the prologue whose results were taken over from another plan.
+    /// Prologue passes whose results were reused from another plan.
     left_out: Vec<PassId>,
-    /// Buffers that end with the prologue; none once they are freed.
+    /// Buffers that only the prologue uses; empty once they are freed.
     used_once: BTreeSet<ResourceId>,
-    /// Memory for the output's pixels, each piece for one frame at a time.
+    /// Readback memory for the output, each piece used by one frame at a time.
     readbacks: Vec<Arc<Buffer<G>>>,
-    /// The next frame is the first: it runs the prologue.
+    /// True until the first frame, which runs the prologue.
     pub prologue_due: bool,
 }
 
-/// The objects that a plan has once per frame in flight.
+/// The objects that a plan has per frame in flight.
 pub(crate) struct PlanSlot<G: Gpu> {
-    /// See [`queries`]; none where the queue has no timer.
+    /// The frame's timestamps (see [`queries`]); `None` if the queue has no timer.
     pub timestamps: Option<Arc<G::Timestamps>>,
 }
 
 impl<G: Gpu> CompiledPlan<G> {
-    /// Creates everything that a plan needs, and uploads the planes of the scene that are missing on the device.
+    /// Creates the objects of a plan, and uploads the scene's planes that are not on the device yet.
     pub fn new(
         shared: &Shared<G>,
         plan: Plan,
@@ -78,16 +78,16 @@ impl<G: Gpu> CompiledPlan<G> {
         let left_out = results::left_out(&plan, &mut taken);
         let mut once = UsedOnce::new(&plan, &left_out);
         let keys = attributes::keys(&plan, identity, &once.unused);
-        // Where planes are missing this may wait, so it comes after the pipelines.
+        // This may wait for another upload, so it comes after the pipelines.
         let (mut planes, turn) = shared.attributes.find(&keys);
         let absent: Vec<_> = keys.iter().filter(|(_, key)| !planes.contains_key(key)).collect();
         once.find_room(&plan, gpu.available(), &absent, taken.values().map(|buffer| buffer.bytes).sum())?;
         let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes, (&taken, &once))?;
         let bindings = Bindings::new(gpu, &plan, &pipelines, &resources, &left_out)?;
         let slots = [PlanSlot::new(gpu, &plan)?, PlanSlot::new(gpu, &plan)?];
-        // Last, since it takes the longest: a plan that cannot run is refused before.
+        // The upload is last because it is slowest: a plan that cannot run is refused before it.
         upload(shared, scene, &missing, &planes, progress)?;
-        // Plans that read a plane in every frame must not find it in the host's memory.
+        // Planes that every frame reads must not be in host memory.
         let hosted = |key: &PlaneKey| {
             once.location == Location::Host
                 && absent.iter().any(|(id, other)| other == key && once.freed.contains(id))
@@ -115,8 +115,8 @@ impl<G: Gpu> CompiledPlan<G> {
         })
     }
 
-    /// Makes it the plan of this number, which continues from the `histories` that the plan before has after its last frame. No frame
-    /// of this plan was submitted yet.
+    /// Makes this the plan of this number, continuing from `histories`, the previous plan's after its last frame. No
+    /// frame of this plan has been submitted.
     pub fn follow(&mut self, gpu: &G, number: u64, histories: &[History<G>]) {
         self.number = number;
         for id in self.ids() {
@@ -130,7 +130,7 @@ impl<G: Gpu> CompiledPlan<G> {
         }
     }
 
-    /// Frees what only the prologue uses, whose frame is done.
+    /// Frees the resources that only the prologue uses. The prologue's frame has completed.
     pub fn end_prologue(&mut self, gpu: &G) {
         self.bindings.end_prologue(gpu, &self.plan);
         for id in std::mem::take(&mut self.used_once) {
@@ -144,7 +144,7 @@ impl<G: Gpu> CompiledPlan<G> {
 
     /// Lists the histories that the next plan may continue from.
     pub fn histories(&self) -> Vec<History<G>> {
-        // Before the first frame only the histories of the plan before have contents.
+        // Before the first frame, only histories carried over from the previous plan have contents.
         let full = self.ids().filter(|id| !self.prologue_due || self.carried.contains(id));
         let history = |id: ResourceId| {
             Some(History {
@@ -163,21 +163,21 @@ impl<G: Gpu> CompiledPlan<G> {
         if self.prologue_due { &self.plan.prologue } else { &[] }
     }
 
-    /// Returns true if a pass is left out.
+    /// Returns true if a pass is skipped.
     ///
-    /// It does not run where it would zero a history that goes on, or compute again what was taken over.
+    /// A pass is skipped if it would zero a history that continues, or recompute a reused result.
     pub fn is_left_out(&self, pass: PassId) -> bool {
         let goes_on = |resource: &ResourceId| self.carried.contains(resource);
         matches!(&self.plan.pass(pass).work, Work::ClearHistory { resource } if goes_on(resource))
             || self.left_out.contains(&pass)
     }
 
-    /// Returns true if the first frame reads what frames of other plans have left.
+    /// Returns true if the first frame reads data that frames of other plans wrote.
     pub fn goes_on(&self) -> bool {
         !self.carried.is_empty() || self.prologue_due && !self.left_out.is_empty()
     }
 
-    /// Lists the results of the prologue that other plans can take over, once its frame was submitted.
+    /// Lists the prologue's results that other plans can reuse. The prologue's frame has been submitted.
     pub fn results(&self) -> impl Iterator<Item = (&Arc<Recipe>, &Arc<Buffer<G>>)> {
         self.recipes.iter().filter_map(|(id, recipe)| match self.resources.transient(*id)? {
             Transient::Buffer(buffer) => Some((recipe, buffer)),
@@ -191,13 +191,13 @@ impl<G: Gpu> CompiledPlan<G> {
         prologue.chain(&self.plan.frame).copied()
     }
 
-    /// Returns the buffer that the statistics of the frame in this slot are copied to; none where the plan has none.
+    /// Returns the slot's readback buffer for statistics; `None` if the plan has no statistics.
     pub fn readback(&self, slot: usize) -> Option<&Buffer<G>> {
         let index = self.plan.resources.iter().position(|resource| resource.source == Source::Readback)?;
         Some(self.resources.buffer(ResourceId(index as u32), slot))
     }
 
-    /// Returns memory for the pixels of the output that no frame writes and nobody reads, made if there is none.
+    /// Returns readback memory for the output that no frame writes and no caller holds; allocates it if there is none.
     pub fn free_readback(&mut self, gpu: &Arc<G>) -> Result<Arc<Buffer<G>>, BackendError> {
         if let Some(free) = self.readbacks.iter().find(|buffer| Arc::strong_count(buffer) == 1) {
             return Ok(free.clone());
@@ -208,12 +208,12 @@ impl<G: Gpu> CompiledPlan<G> {
         Ok(buffer)
     }
 
-    /// Iterates over every piece of memory, some more than once: plans may share some.
+    /// Iterates over the allocations. Shared ones appear more than once.
     pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
         self.resources.pieces().chain(self.readbacks.iter().map(|buffer| &buffer.memory))
     }
 
-    /// Lists names and bytes of the memory; see [`splatgraph_api::Device::memory`].
+    /// Lists the memory by name, in bytes; see [`splatgraph_api::Device::memory`].
     pub fn memory(&self) -> Vec<(String, u64)> {
         let mut memory = self.resources.memory(&self.plan);
         let readback: u64 = self.readbacks.iter().map(|buffer| buffer.memory.bytes()).sum();

@@ -1,19 +1,19 @@
-//! The choice of a device among those of a machine.
+//! The choice of a device among the machine's.
 
 use splatgraph_api::{BackendError, DeviceInfo};
 
-/// Returns the place of the device that `wanted` names: an index, or a part of the name in any case.
+/// Returns the position of the device that `wanted` names by index, or by part of its name in any case.
 ///
-/// Without a name it is the first discrete GPU that is fit, else the first integrated one, else any other, a CPU last.
+/// Without a name, prefers the first usable discrete GPU, then an integrated GPU, then any other, a CPU last.
 ///
 /// # Errors
-/// [`BackendError::Unavailable`] where no device has the name, or the one that has it, or the only one, cannot run plans.
+/// [`BackendError::Unavailable`] if no device matches, or if the match or the only device cannot run plans.
 pub fn choose(devices: &[&DeviceInfo], wanted: Option<&str>) -> Result<usize, BackendError> {
     let found = match wanted {
         Some(text) => {
             let index: Option<usize> = text.trim().parse().ok();
             let part = text.to_lowercase();
-            // A number may also be a part of a name ("4090").
+            // A number can also be part of a name ("4090").
             let by_index = devices.iter().position(|device| Some(device.index) == index);
             by_index.or_else(|| devices.iter().position(|device| device.name.to_lowercase().contains(&part)))
         }

@@ -19,37 +19,37 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Results that wait to be taken; older ones are dropped, for callers that submit and never ask.
+/// Maximum number of results kept; older ones are dropped, for callers that submit and never wait.
 const MOST_RESULTS: usize = 64;
 
-/// The entry of memory that only frames in flight still need: of former plans, of inspected resources, and of shared outputs whose
-/// executors have others by now.
+/// The memory entry of resources that only frames in flight still need: former plans, inspected resources, and shared
+/// outputs that were replaced.
 const IN_FLIGHT: &str = "frames in flight";
 
-/// An opened device, and the plan that it executes.
+/// An open device and the plan that it executes.
 ///
-/// Several share one device ([`Device::new_context`]): its queue, the planes of the scene, its validation messages, and its loss, which the
-/// first that meets it tells to all. Each can be used from a thread of its own. An executor has its own plan, frames, results and
-/// shared output.
+/// Several executors can share one device ([`Device::new_context`]): its queue, the scene's planes, the validation
+/// messages, and its loss, which the first executor that meets it reports to all. Each executor can be used from its
+/// own thread. An executor has its own plan, frames, results and shared output.
 ///
-/// Dropping it waits for the device and destroys its own objects. The device is closed with the last executor, or with the last
-/// [`Loader`] or [`Ready`] taken from one, whichever is later.
+/// Dropping it waits for the device and destroys the executor's objects. The device is closed with the last executor,
+/// [`Loader`] or [`Ready`] of it.
 pub struct Executor<G: Gpu> {
-    /// Tells executors apart, of whatever device.
+    /// Unique across all devices.
     id: u64,
     info: DeviceInfo,
     compiled: Option<CompiledPlan<G>>,
-    /// Plans that were replaced while frames of theirs were in flight, until those are collected.
+    /// Replaced plans with frames still in flight, until those are collected.
     former: Vec<CompiledPlan<G>>,
     /// The number of plans loaded so far.
     plans: u64,
-    /// One for each frame in flight.
+    /// One slot per frame in flight.
     slots: Vec<Slot<G>>,
     results: BTreeMap<FrameId, FrameResult>,
     next: u64,
-    /// The output of the last frame that was shared.
+    /// The shared output of the last shared frame.
     output: Option<Arc<SharedOutput<G>>>,
-    /// The window's, if it was opened in one.
+    /// The window's swapchain, if the device was opened in a window.
     swapchain: Option<Swapchain<G>>,
     shared: Arc<Shared<G>>,
 }
@@ -58,7 +58,7 @@ impl<G: Gpu> Executor<G> {
     /// Lists the machine's devices.
     ///
     /// # Errors
-    /// [`BackendError::Unavailable`] where the API is not installed.
+    /// [`BackendError::Unavailable`] if the API is not installed.
     pub fn devices() -> Result<Vec<DeviceInfo>, BackendError> {
         G::devices()
     }
@@ -66,19 +66,20 @@ impl<G: Gpu> Executor<G> {
     /// Opens a device.
     ///
     /// # Errors
-    /// [`BackendError::Unavailable`], with what to install, where a driver, the validation layer or a fit device is missing.
+    /// [`BackendError::Unavailable`], with what to install, if a driver, the validation layer or a usable device is
+    /// missing.
     pub fn open(options: &Options) -> Result<Self, BackendError> {
         let (info, gpu) = G::open(options, None)?;
         Self::new(info, gpu)
     }
 
-    /// Opens a device that shows its frames in `window`, which has `size` pixels (width, height) now. Only devices that can are fit
-    /// for it.
+    /// Opens a device that presents to `window`, whose current size is `size` pixels (width, height). Considers only
+    /// devices that can present to it.
     ///
-    /// The window is kept until the device, with all executors [on it](Device::new_context), is closed.
+    /// The window is kept until the device and all executors [on it](Device::new_context) are closed.
     ///
     /// # Errors
-    /// As [`Executor::open`], and [`BackendError::Unavailable`] where images cannot be shown in the window.
+    /// The errors of [`Executor::open`], and [`BackendError::Unavailable`] if no device can present to the window.
     pub fn open_in_window<W>(
         options: &Options,
         window: Arc<W>,
@@ -92,12 +93,12 @@ impl<G: Gpu> Executor<G> {
         Self::in_window(info, gpu, size)
     }
 
-    /// Creates an executor of an opened device, without a window.
+    /// Creates an executor on an open device, without a window.
     pub fn new(info: DeviceInfo, gpu: Arc<G>) -> Result<Self, BackendError> {
         Self::on(info, Shared::new(gpu))
     }
 
-    /// Creates an executor of a device that was opened with a window of this size.
+    /// Creates an executor on a device that was opened with a window of this size.
     pub fn in_window(info: DeviceInfo, gpu: Arc<G>, size: (u32, u32)) -> Result<Self, BackendError> {
         let swapchain = Swapchain::new(&gpu, size)?;
         let mut executor = Self::new(info, gpu)?;
@@ -123,23 +124,24 @@ impl<G: Gpu> Executor<G> {
         })
     }
 
-    /// Drops the executor, and returns the validation messages that were not taken, of all that share the device. For the last of
-    /// them these include the messages of the device's closing: an object that was not destroyed is one. While others are open, so is
-    /// the device, and later messages are theirs to take.
+    /// Drops the executor, and returns the remaining validation messages of the device.
+    ///
+    /// For the device's last executor, these include the messages of closing the device, such as an object that was not
+    /// destroyed. Otherwise the device stays open, and the other executors take later messages.
     pub fn close(self) -> Vec<String> {
         let messages = self.shared.gpu.messages().clone();
         drop(self);
         messages.take()
     }
 
-    /// Reports the memory of the device, of all that share it: the memory that [`Device::memory`] lists for each of them, and that of
-    /// plans that are being made ready. Shared memory counts once.
+    /// Reports the memory of the device across its executors: the entries of [`Device::memory`], and the memory of
+    /// plans being prepared. Shared memory counts once.
     pub fn device_memory(&self) -> DeviceMemory {
         self.shared.gpu.memory()
     }
 
-    /// Keeps the result of a slot's frame, if it has one. Waits for it if it is `patient`, and otherwise leaves a frame that is not
-    /// done.
+    /// Collects the result of the slot's frame, if there is one. If `patient`, waits for the frame; otherwise leaves an
+    /// unfinished frame alone.
     fn collect(&mut self, slot: usize, patient: bool) -> Result<(), BackendError> {
         let Some(Pending { plan: number, prologue, .. }) = self.slots[slot].pending else { return Ok(()) };
         let Some(compiled) = plan(&self.compiled, &self.former, number) else { return Ok(()) };
@@ -160,7 +162,7 @@ impl<G: Gpu> Executor<G> {
         Ok(())
     }
 
-    /// Drops the previous plans that no frame in flight is one of.
+    /// Drops replaced plans without frames in flight.
     fn drop_former(&mut self) {
         let pending: Vec<u64> = self.slots.iter().flat_map(|slot| &slot.pending).map(|p| p.plan).collect();
         self.former.retain(|compiled| pending.contains(&compiled.number));
@@ -187,7 +189,7 @@ impl<G: Gpu> Executor<G> {
         }
     }
 
-    /// Passes an error on, and records the device's loss with its place.
+    /// Returns the error; records a device loss with its place.
     fn losing(&self, error: BackendError) -> BackendError {
         self.shared.losing(error, || self.where_lost())
     }
@@ -211,7 +213,7 @@ impl<G: Gpu> Executor<G> {
     }
 }
 
-/// Finds the plan of this number, among the current one and the previous ones.
+/// Finds the plan of this number, current or former.
 fn plan<'a, G: Gpu>(
     current: &'a Option<CompiledPlan<G>>,
     former: &'a [CompiledPlan<G>],
@@ -246,7 +248,7 @@ impl<G: Gpu> Device for Executor<G> {
         }
     }
 
-    /// Goes on from the histories of the plan that is current now, whenever the loader was taken.
+    /// Continues from the histories of the plan that is current now, not of the one when the loader was taken.
     fn swap(&mut self, ready: Ready<G>) -> Result<(), BackendError> {
         self.shared.check_lost()?;
         let Ready { mut compiled, executor } = ready;
@@ -256,7 +258,7 @@ impl<G: Gpu> Device for Executor<G> {
         let histories = self.compiled.as_ref().map(CompiledPlan::histories).unwrap_or_default();
         compiled.follow(&self.shared.gpu, self.plans, &histories);
         self.plans += 1;
-        // Frames of the one before may still be running.
+        // Frames of the replaced plan may still be running.
         self.former.extend(self.compiled.replace(compiled));
         self.drop_former();
         Ok(())
@@ -286,7 +288,7 @@ impl<G: Gpu> Device for Executor<G> {
         let image = submitted.map_err(|error| self.losing(error))?;
         self.next += 1;
         if let Some(output) = output {
-            // Others can read it from now on: their frames come after the one that draws it.
+            // From here on other executors can read it: their frames come later in the queue.
             self.shared.outputs.enter(&output, self.output.as_ref());
             self.output = Some(output);
         }
@@ -324,25 +326,25 @@ impl<G: Gpu> Device for Executor<G> {
 
     fn running(&mut self) -> Option<Running> {
         for slot in 0..self.slots.len() {
-            // A failure is told by the next call that waits.
+            // The next call that waits reports a failure.
             self.collect(slot, false).ok()?;
         }
         let oldest = self.slots.iter().flat_map(|slot| &slot.pending).min_by_key(|pending| pending.frame)?;
         Some(self.shared.watch.look(&self.shared.gpu, &oldest.ticket))
     }
 
-    /// Lists the memory of this executor alone. Planes of the scene that it shares with others are listed by each whose plan reads
+    /// Lists this executor's memory. Planes shared with other executors are listed by each executor whose plan reads
     /// them.
     fn memory(&self) -> Vec<(String, u64)> {
         let mut memory = self.compiled.as_ref().map(CompiledPlan::memory).unwrap_or_default();
         memory.extend(self.output.iter().map(|own| ("picture".to_string(), own.buffer.memory.bytes())));
         let pending = || self.slots.iter().flat_map(|slot| &slot.pending);
         let inspected = pending().flat_map(|pending| &pending.inspected).map(|buffer| &buffer.memory);
-        // Those that other frames can still read are their executors'.
+        // Outputs that other frames can still read are listed by their executors.
         let gone = |held: &&Arc<SharedOutput<G>>| self.shared.outputs.find(&held.picture).is_none();
         let outputs = pending().flat_map(|pending| &pending.outputs).filter(gone);
         let outputs = outputs.map(|held| &held.buffer.memory);
-        // Former plans may share memory with one another and with the current one.
+        // Former plans can share memory with each other and with the current plan.
         let pieces = self.former.iter().flat_map(CompiledPlan::pieces).chain(inspected).chain(outputs);
         let mut other: HashMap<_, u64> = pieces.map(|piece| (Arc::as_ptr(piece), piece.bytes())).collect();
         for piece in self.compiled.iter().flat_map(CompiledPlan::pieces) {
@@ -363,10 +365,11 @@ impl<G: Gpu> Device for Executor<G> {
     }
 }
 
-/// An executor of a device that was not opened in a window shows nothing.
+/// Without a window, nothing is presented.
 ///
-/// A presented frame waits in [`Device::submit`] until the window has an image free: with vsync, until the display's refresh. It waits
-/// for two seconds at most, after which the frame is drawn and not shown: some window systems have no image for a hidden window.
+/// [`Device::submit`] of a presented frame waits until the window has a free image: with vsync, until the display's
+/// refresh. After two seconds the frame is drawn without being presented, because some window systems give a hidden
+/// window no image.
 impl<G: Gpu> Windowed for Executor<G> {
     fn resize_window(&mut self, width: u32, height: u32) {
         if let Some(swapchain) = &mut self.swapchain {
@@ -386,7 +389,7 @@ impl<G: Gpu> Drop for Executor<G> {
         if let Some(output) = &self.output {
             self.shared.outputs.remove(output);
         }
-        // Everything dropped after this may be in use by the device until it is idle. (Others hold what they use.)
+        // The device may use everything dropped after this until it is idle. (Other executors hold what they use.)
         if self.shared.gpu.wait_idle(self.shared.gpu.patience()) {
             self.shared.drop_abandoned();
         } else {

@@ -1,6 +1,6 @@
 //! Frames in flight: submission, completion and results.
 //!
-//! Each frame in flight has a slot: an encoder that is used again, and (with the plan, in [`crate::compiled`]) timestamps, readback
+//! Each frame in flight has a slot: a reused encoder, and (with the plan, in [`crate::compiled`]) timestamps, readback
 //! memory and host buffers. Frame `n` uses slot `n % FRAMES_IN_FLIGHT`.
 
 use crate::compiled::{CompiledPlan, PlanSlot};
@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 
 pub(crate) struct Slot<G: Gpu> {
     encoder: G::Encoder,
-    /// The frame that the device may still be executing.
+    /// The frame in flight.
     pub pending: Option<Pending<G>>,
 }
 
@@ -33,11 +33,11 @@ pub(crate) struct Pending<G: Gpu> {
     pub passes: Arc<[PassId]>,
     pub ticket: Ticket<G>,
     pub inspected: Vec<Buffer<G>>,
-    /// The shared outputs that it reads, and the one that it writes.
+    /// The shared outputs that it reads, and the one that it writes; kept alive until it completes.
     pub outputs: Vec<Arc<SharedOutput<G>>>,
-    /// The target of a copy of its output.
+    /// The readback buffer for its output.
     readback: Option<Arc<Buffer<G>>>,
-    /// It runs the prologue of its plan.
+    /// True if it runs its plan's prologue.
     pub prologue: bool,
     untimed_passes: bool,
     record_ms: f64,
@@ -48,9 +48,9 @@ pub(crate) struct Frame<'a, G: Gpu> {
     pub id: FrameId,
     pub slot: usize,
     pub inputs: &'a FrameInputs,
-    /// The target of a copy of its output.
+    /// The shared output to copy its output to.
     pub output: Option<&'a Arc<SharedOutput<G>>>,
-    /// The window that its output is blitted to.
+    /// The window to blit its output to.
     pub swapchain: Option<&'a mut Swapchain<G>>,
 }
 
@@ -59,8 +59,7 @@ impl<G: Gpu> Slot<G> {
         Ok(Slot { encoder: gpu.create_encoder("frame")?, pending: None })
     }
 
-    /// Records and submits a frame. The slot must have nothing pending. Returns the image of the window that is still to be
-    /// presented.
+    /// Records and submits a frame. The slot must have no frame pending. Returns the window's image to present.
     pub fn submit(
         &mut self,
         shared: &Shared<G>,
@@ -123,10 +122,10 @@ impl<G: Gpu> Slot<G> {
         Ok(image)
     }
 
-    /// Returns the results of the slot's frame. The slot is free after this, unless the device was lost or is stuck.
+    /// Returns the results of the slot's frame, and frees the slot unless the device is lost or stuck.
     ///
-    /// Blocks until the frame is done if it is `patient`; otherwise there are no results if it is not. `compiled` is the frame's
-    /// plan, `slot` this slot's index.
+    /// If `patient`, blocks until the frame has completed; otherwise an unfinished frame gives `None`. `compiled` is
+    /// the frame's plan, `slot` this slot's index.
     pub fn collect(
         &mut self,
         shared: &Shared<G>,
@@ -157,7 +156,7 @@ impl<G: Gpu> Slot<G> {
         Ok(Some((pending.frame, result)))
     }
 
-    /// Says which of the pending frame's passes are known to be complete; none where there is no timer.
+    /// Returns which of the pending frame's passes are known to be complete; `None` without a timer.
     pub fn finished(&self, gpu: &G, own: &PlanSlot<G>) -> Option<Vec<bool>> {
         let pending = self.pending.as_ref().filter(|pending| !pending.untimed_passes)?;
         let passes = pending.passes.len();
@@ -170,7 +169,7 @@ fn pixels<G: Gpu>(plan: &Plan, buffer: Arc<Buffer<G>>) -> Option<Pixels> {
     Some(Pixels { format, width, height, bytes: PixelBytes::new(Lent(buffer)) })
 }
 
-/// A buffer that the host reads. [`CompiledPlan::free_readback`] gives it to no frame meanwhile.
+/// A readback buffer on loan to the caller. [`CompiledPlan::free_readback`] gives it to no frame until it is returned.
 struct Lent<G: Gpu>(Arc<Buffer<G>>);
 
 impl<G: Gpu> AsRef<[u8]> for Lent<G> {

@@ -1,16 +1,17 @@
-//! The trait that a graphics API implements, and the objects that it makes.
+//! The trait that a graphics API implements, and the objects that it creates.
 //!
-//! [`Gpu`] is an opened device. It creates objects, submits the commands that an [`Encoder`] recorded, and shows images in a
-//! window. Everything above it (which objects a plan needs, which frames are in flight, what continues from one plan to the next)
-//! is decided in this crate and is the same for every API.
+//! [`Gpu`] is an open device. It creates objects, submits the commands recorded by an [`Encoder`], and presents images
+//! to a window. This crate decides everything above that, for every API: the objects a plan needs, frames in flight,
+//! and what continues from one plan to the next.
 //!
-//! Ownership runs one way: an executor holds the device, and every object holds the device that it was made from, by an
-//! [`Arc`]. The executor drops an object only when no frame in flight uses it.
+//! Ownership runs one way. An executor holds the device, and every object holds its device by an [`Arc`]. The executor
+//! drops an object only when no frame in flight uses it.
 //!
-//! An implementation orders passes by commands that it makes of the plan's dependencies, once per plan. Vulkan's are
-//! [`Gpu::Synchronization`], which [`Encoder::synchronize`] records pass by pass. Metal's belong to encoders with fences of the device,
-//! which come with its pipelines: it learns from [`Encoder::pass`] where it stands. Bindings are written one by one, to descriptor sets or to
-//! argument tables. An encoder carries the means to wait for its own completion, a fence or a shared event.
+//! An implementation lowers the plan's dependencies to commands once per plan. Vulkan's commands are the
+//! [`Gpu::Synchronization`], which [`Encoder::synchronize`] records pass by pass. Metal's belong to encoders with
+//! fences of the device, which come with its pipelines; [`Encoder::pass`] tells it which pass comes next. Bindings are
+//! written one by one, to descriptor sets or argument tables. An encoder carries the fence or shared event that signals
+//! its completion.
 
 use crate::limits::Limits;
 use crate::messages::Messages;
@@ -22,20 +23,20 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The longest time that the driver may take over one pipeline where the program does not say: some take seconds.
+/// Default time limit for compiling one pipeline; some take seconds.
 pub const COMPILE_PATIENCE: Duration = Duration::from_secs(60);
 
-/// A window that a swapchain can be made for.
+/// A window that supports a swapchain.
 pub trait Window: HasDisplayHandle + HasWindowHandle + Send + Sync {}
 
 impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
 
-/// An opened device of one graphics API.
+/// An open device of one graphics API.
 ///
-/// It can be used from several threads at a time: executors submit to its one queue in turn, and plans are made ready on
-/// threads of their own.
+/// It can be used from several threads at a time: executors take turns on its one queue, and plans are prepared on
+/// their own threads.
 pub trait Gpu: Sized + Send + Sync + 'static {
-    /// A piece of device memory, freed when it is dropped.
+    /// A device memory allocation, freed when it is dropped.
     type Memory: Memory;
     /// Names the object that an allocation is dedicated to.
     type Dedicated: Copy + Debug + PartialEq;
@@ -43,19 +44,19 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     type UnboundBuffer;
     /// An image without memory.
     type UnboundImage;
-    /// A buffer, without the memory that [`Buffer`] holds for it.
+    /// A buffer; [`Buffer`] holds its memory.
     type Buffer: Send + Sync;
-    /// An image with a view of it, without the memory that [`Image`] holds for it.
+    /// An image with a view; [`Image`] holds its memory.
     type Image: Send + Sync;
-    /// What orders the passes of one plan: the commands that its dependencies are lowered to.
+    /// The commands that order one plan's passes, lowered from its dependencies.
     type Synchronization: Send + Sync;
     /// The pipelines of one plan.
     type Pipelines: Send + Sync;
     /// The bindings of one plan's passes: descriptor sets or argument tables.
     type Bindings: Send + Sync;
-    /// A set of timestamps that commands write.
+    /// A set of timestamp queries.
     type Timestamps: Send + Sync;
-    /// A recorder of commands.
+    /// A command recorder.
     type Encoder: Encoder<Self> + 'static;
     /// The images of a window. The device must be idle when it is dropped.
     type Swapchain: Send + 'static;
@@ -63,7 +64,7 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Lists the machine's devices.
     fn devices() -> Result<Vec<DeviceInfo>, BackendError>;
 
-    /// Opens the device that `options` choose; with a window, only one that can draw in it is fit.
+    /// Opens the device that `options` choose; with a window, one that can present to it.
     fn open(
         options: &Options,
         window: Option<Arc<dyn Window>>,
@@ -78,30 +79,30 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Reports the memory of the whole device.
     fn memory(&self) -> DeviceMemory;
 
-    /// Returns the bytes that can still be allocated of the largest heap of the device's own memory, as the driver estimates now;
-    /// none where it does not say.
+    /// Returns the bytes still available in the largest device-local heap, as the driver estimates now; `None` if
+    /// unknown.
     fn available(&self) -> Option<u64>;
 
-    /// Says for what the device supports images of a format.
+    /// Returns the image uses that the device supports for a format.
     fn format_support(&self, format: Format) -> FormatSupport;
 
-    /// Returns the longest time that one pass may run before calls that wait for it give up.
+    /// Returns the time that one pass may run before calls that wait for it give up.
     fn patience(&self) -> Duration;
 
-    /// Returns the longest time that the driver may take over one pipeline before it is given up.
+    /// Returns the time that the driver may take for one pipeline before the load is abandoned.
     fn compile_patience(&self) -> Duration;
 
-    /// Blocks until the device has finished all submitted work, as a lost device has, or until the time is over. Returns true in
-    /// the first case. Others can submit meanwhile.
+    /// Blocks until the device has finished all submitted work, or is lost, or the time is over. Returns false if the
+    /// time is over. Other threads can submit meanwhile.
     fn wait_idle(&self, limit: Duration) -> bool;
 
-    /// Creates a buffer without memory, and says what memory it needs.
+    /// Creates a buffer without memory, and returns its memory requirements.
     fn create_buffer(
         self: &Arc<Self>,
         desc: &BufferDesc,
     ) -> Result<(Self::UnboundBuffer, Requirements<Self::Dedicated>), BackendError>;
 
-    /// Creates an image without memory, and says what memory it needs. The format supports the usage.
+    /// Creates an image without memory, and returns its memory requirements. The format supports the usage.
     fn create_image(
         self: &Arc<Self>,
         desc: &ImageDesc,
@@ -115,14 +116,14 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         location: Location,
     ) -> Result<Self::Memory, BackendError>;
 
-    /// Binds a buffer to the start of memory that meets its requirements.
+    /// Binds a buffer to the start of an allocation that meets its requirements.
     fn bind_buffer(
         self: &Arc<Self>,
         buffer: Self::UnboundBuffer,
         memory: &Self::Memory,
     ) -> Result<Self::Buffer, BackendError>;
 
-    /// Binds an image to the start of memory that meets its requirements.
+    /// Binds an image to the start of an allocation that meets its requirements.
     fn bind_image(
         self: &Arc<Self>,
         image: Self::UnboundImage,
@@ -132,25 +133,26 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Lowers the dependencies of a checked plan.
     fn synchronization(plan: &Plan) -> Result<Self::Synchronization, BackendError>;
 
-    /// Creates the pipelines of all dispatches and draws of a checked plan, announcing each before it is made.
+    /// Creates the pipelines of all dispatches and draws of a checked plan; calls `next` before each.
     ///
     /// An error of `next` ends it there.
     ///
-    /// Called on a thread that nobody may wait for any more when it returns.
+    /// Called on a thread that may outlive its caller.
     fn create_pipelines(
         self: &Arc<Self>,
         plan: &Plan,
         next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Self::Pipelines, BackendError>;
 
-    /// Creates the bindings of all passes that run: [`binding_copies`] for each that binds anything. They are not written.
+    /// Creates the bindings of all passes that run, without writing them; [`binding_copies`] gives the copies of each
+    /// pass.
     fn create_bindings(
         self: &Arc<Self>,
         plan: &Plan,
         pipelines: &Self::Pipelines,
     ) -> Result<Self::Bindings, BackendError>;
 
-    /// Writes one binding of one copy of a pass's bindings, which no frame in flight uses.
+    /// Writes one binding in one copy of a pass's bindings, which no frame in flight uses.
     fn write_binding(
         &self,
         bindings: &mut Self::Bindings,
@@ -160,13 +162,13 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         target: BindingTarget<Self>,
     );
 
-    /// Lets go of what a pass's bindings hold: the pass does not run again, and what it bound is freed.
+    /// Releases the objects in a pass's bindings: the pass does not run again, and the objects are freed.
     fn clear_bindings(&self, _bindings: &mut Self::Bindings, _pass: PassId) {}
 
-    /// Creates `count` timestamps; none where the queue has no timer.
+    /// Creates `count` timestamps; `None` if the queue has no timer.
     fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Self::Timestamps>, BackendError>;
 
-    /// Reads the first `count` timestamps in ticks; none for each that was not written yet.
+    /// Reads the first `count` timestamps in ticks; `None` for each that is not written yet.
     fn read_timestamps(
         &self,
         timestamps: &Self::Timestamps,
@@ -176,23 +178,23 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Creates an encoder; `name` appears in captures.
     fn create_encoder(self: &Arc<Self>, name: &str) -> Result<Self::Encoder, BackendError>;
 
-    /// Submits the recorded commands of an encoder, and after them the blit to a swapchain's image, if one is named.
+    /// Submits the commands recorded in an encoder, followed by the blit to a swapchain image, if any.
     fn submit(&self, encoder: &mut Self::Encoder, show: Option<Show<Self>>) -> Result<(), BackendError>;
 
-    /// Blocks until the last submission of an encoder has completed, its blit included, or until the time is over. Returns true in
-    /// the first case, after which the encoder has no submission.
+    /// Blocks until the encoder's last submission and its blit have completed, or the time is over. Returns false if
+    /// the time is over; otherwise the encoder has no submission.
     fn wait(&self, encoder: &mut Self::Encoder, limit: Duration) -> Result<bool, BackendError>;
 
-    /// Returns the size in pixels of the window's images, given the size that the program was told; none while the window shows
-    /// nothing.
+    /// Returns the size of the window's images in pixels, given the size reported to the program; `None` while the
+    /// window shows nothing.
     fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError>;
 
-    /// Makes the surface of the window anew. Its swapchain is gone.
+    /// Recreates the window's surface. Its swapchain has been dropped.
     ///
-    /// Calls that find the surface lost, of this and of swapchains, answer [`BackendError::SurfaceLost`].
+    /// Calls that find the surface lost return [`BackendError::SurfaceLost`].
     fn renew_surface(&self) -> Result<(), BackendError>;
 
-    /// Creates a swapchain for the window that the device was opened with. The device is idle, and `former` is not used again.
+    /// Creates a swapchain for the device's window. The device is idle, and `former` is not used again.
     fn create_swapchain(
         self: &Arc<Self>,
         size: (u32, u32),
@@ -200,12 +202,12 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         former: Option<&Self::Swapchain>,
     ) -> Result<Self::Swapchain, BackendError>;
 
-    /// Acquires an image for the frame in `slot`, whose former frame is done. Blocks until the window has one, for two seconds
-    /// at most.
+    /// Acquires an image for the frame in `slot`, whose former frame has completed. Blocks until the window has one,
+    /// for at most two seconds.
     fn acquire(&self, swapchain: &mut Self::Swapchain, slot: usize) -> Result<Acquired, BackendError>;
 
-    /// Records the blit of a frame's output into an acquired image, scaled to its size. Whatever waits for the copies of the plan's
-    /// export waits for the blit as well.
+    /// Records the blit of a frame's output into an acquired image, scaled to its size. Waits for the plan's export
+    /// copies also wait for the blit.
     fn record_blit(
         &self,
         show: Show<Self>,
@@ -218,31 +220,31 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     fn present(&self, show: Show<Self>) -> Result<Presented, BackendError>;
 }
 
-/// The pipeline that is made next.
+/// The pipeline to be created next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NextPipeline {
-    /// Pipelines that were made.
+    /// Pipelines created so far.
     pub done: usize,
     /// Pipelines of the plan.
     pub of: usize,
-    /// Its shader; of a draw, that of the vertices.
+    /// Its shader; for a draw, the vertex shader.
     pub shader: ShaderId,
-    /// The first pass that it is for.
+    /// The first pass that uses it.
     pub pass: PassId,
 }
 
 impl NextPipeline {
-    /// Describes the next pipeline of a lowered plan, whose passes have the pipelines `of_pass`.
+    /// Describes the next pipeline of a lowered plan. `of_pass` has each pass's pipeline.
     ///
     /// # Panics
-    /// No pass has the pipeline `done`.
+    /// If no pass has the pipeline `done`.
     pub fn new(of_pass: &[Option<usize>], done: usize, of: usize, shader: ShaderId) -> NextPipeline {
         let pass = of_pass.iter().position(|pipeline| *pipeline == Some(done));
         NextPipeline { done, of, shader, pass: PassId(pass.expect("each pipeline is that of a pass") as u32) }
     }
 }
 
-/// A swapchain's image that the frame in a slot is shown in.
+/// The swapchain image in which a frame is presented.
 pub struct Show<'a, G: Gpu> {
     /// The swapchain.
     pub swapchain: &'a mut G::Swapchain,
@@ -259,12 +261,12 @@ pub enum Acquired {
     Image {
         /// Its index in the swapchain.
         index: u32,
-        /// Another swapchain would fit the window better.
+        /// True if the swapchain no longer matches the surface exactly.
         suboptimal: bool,
     },
-    /// The swapchain does not fit the window any more.
+    /// The swapchain is out of date.
     OutOfDate,
-    /// The window gave no image in time.
+    /// The window gave no image within the time limit.
     NotReady,
 }
 
@@ -273,9 +275,9 @@ pub enum Acquired {
 pub enum Presented {
     /// The image is shown.
     Shown,
-    /// The image is shown, and another swapchain would fit the window better.
+    /// The image is shown, but the swapchain no longer matches the surface exactly.
     Suboptimal,
-    /// The swapchain does not fit the window any more.
+    /// The swapchain is out of date.
     OutOfDate,
 }
 
@@ -284,34 +286,34 @@ pub trait Memory: Send + Sync + 'static {
     /// Returns the size in bytes.
     fn bytes(&self) -> u64;
 
-    /// Returns the host's view, empty where the memory is not mapped.
+    /// Returns the mapped bytes; empty if the memory is not mapped.
     fn mapped(&self) -> &[u8];
 
-    /// Returns the host's view for writing, empty where the memory is not mapped.
+    /// Returns the mapped bytes for writing; empty if the memory is not mapped.
     fn mapped_mut(&mut self) -> &mut [u8];
 }
 
-/// The readers and writers of a piece of memory.
+/// The kind of memory, by its readers and writers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Location {
-    /// The device alone.
+    /// Only the device accesses it, in its own memory.
     Device,
     /// The host writes, the device reads.
     Upload,
-    /// The device alone, in the host's memory, where its own has no room.
+    /// Only the device accesses it, in host memory: its own memory has no room.
     Host,
     /// The device writes, the host reads.
     Readback,
 }
 
-/// The memory that an object, or several that share it, need.
+/// The memory requirements of an object, or of several that share memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Requirements<D> {
     /// Bytes.
     pub size: u64,
     /// Bytes, a power of two.
     pub alignment: u64,
-    /// A bit for each memory type that fits.
+    /// A bit for each suitable memory type.
     pub types: u32,
     /// The kind of allocation.
     pub kind: MemoryKind<D>,
@@ -324,7 +326,7 @@ pub enum MemoryKind<D> {
     Linear,
     /// For images, or for images and buffers.
     Optimal,
-    /// For one object alone, as its driver demands.
+    /// For a single object, as the driver requires.
     Dedicated(D),
 }
 
@@ -333,13 +335,13 @@ pub enum MemoryKind<D> {
 pub struct BufferDesc<'a> {
     /// Appears in captures and errors.
     pub name: &'a str,
-    /// The size, not 0.
+    /// The size, at least one byte.
     pub bytes: u64,
-    /// Every use of it.
+    /// All of its uses.
     pub usage: Usage,
 }
 
-/// A two-dimensional image with one mip level to create.
+/// An image to create: two-dimensional, with one mip level.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageDesc<'a> {
     /// Appears in captures and errors.
@@ -348,7 +350,7 @@ pub struct ImageDesc<'a> {
     pub format: Format,
     /// Width and height in pixels.
     pub size: (u32, u32),
-    /// Every use of it.
+    /// All of its uses.
     pub usage: Usage,
 }
 
@@ -371,7 +373,7 @@ pub struct Buffer<G: Gpu> {
     pub raw: G::Buffer,
     /// The size.
     pub bytes: u64,
-    /// Every use that it was made for.
+    /// The uses it was created for.
     pub usage: Usage,
     // Dropped after the buffer.
     pub(crate) memory: Arc<G::Memory>,
@@ -395,18 +397,18 @@ impl<G: Gpu> Buffer<G> {
         Ok(Buffer { raw, bytes: desc.bytes, usage: desc.usage, memory })
     }
 
-    /// Creates a buffer for copies that the host reads.
+    /// Creates a readback buffer.
     pub(crate) fn to_host(gpu: &Arc<G>, name: &str, bytes: u64) -> Result<Self, BackendError> {
         Self::new(gpu, &BufferDesc { name, bytes, usage: Usage::COPY_TARGET }, Location::Readback)
     }
 
-    /// Returns the host's view, empty where the memory is not mapped.
+    /// Returns the mapped bytes; empty if the memory is not mapped.
     pub(crate) fn mapped(&self) -> &[u8] {
         let slice = self.memory.mapped();
         &slice[..slice.len().min(self.bytes as usize)]
     }
 
-    /// Returns the host's view for writing, empty where the memory is not mapped or is shared with other objects.
+    /// Returns the mapped bytes for writing; empty if the memory is not mapped or is shared with other objects.
     pub(crate) fn mapped_mut(&mut self) -> &mut [u8] {
         let slice = Arc::get_mut(&mut self.memory).map(Memory::mapped_mut).unwrap_or_default();
         let end = slice.len().min(self.bytes as usize);
@@ -422,7 +424,7 @@ pub struct Image<G: Gpu> {
     pub format: Format,
     /// Width and height in pixels.
     pub size: (u32, u32),
-    /// Every use that it was made for.
+    /// The uses it was created for.
     pub usage: Usage,
     // Dropped after the image.
     pub(crate) memory: Arc<G::Memory>,
@@ -439,13 +441,13 @@ impl<G: Gpu> Image<G> {
         Ok(Image { raw, format: desc.format, size: desc.size, usage: desc.usage, memory })
     }
 
-    /// Returns the bytes of its pixels, rows tightly packed.
+    /// Returns the size of its pixels in bytes, rows tightly packed.
     pub fn bytes(&self) -> u64 {
         self.format.bytes_per_pixel() as u64 * self.size.0 as u64 * self.size.1 as u64
     }
 }
 
-/// The object that a binding points to.
+/// The object that a binding refers to.
 pub enum BindingTarget<'a, G: Gpu> {
     /// A range of bytes of a buffer.
     Buffer(&'a Buffer<G>, Range<u64>),
@@ -453,62 +455,63 @@ pub enum BindingTarget<'a, G: Gpu> {
     Image(&'a Image<G>),
 }
 
-/// Returns how many copies of a pass's bindings a plan needs: one per frame in flight where a binding differs between them.
+/// Returns the number of copies of a pass's bindings: one per frame in flight if a binding differs between frames, else
+/// one.
 pub fn binding_copies(plan: &Plan, pass: &Pass) -> usize {
     let per_frame = pass.bindings.iter().any(|b| plan.resource(b.resource).source.is_per_frame());
     if per_frame { splatgraph_api::FRAMES_IN_FLIGHT } else { 1 }
 }
 
-/// A change of an image's layout outside of the plan's own.
+/// A layout change that is not part of the plan.
 pub struct ImageLayout<'a, G: Gpu> {
     /// The image, whose contents are kept unless `old` is [`Layout::Undefined`].
     pub image: &'a Image<G>,
-    /// The layout that it is in.
+    /// The current layout.
     pub old: Layout,
-    /// The layout that it is brought into.
+    /// The new layout.
     pub new: Layout,
 }
 
 /// A draw's vertex and instance counts.
 pub enum Draw<'a, G: Gpu> {
-    /// Known to the host.
+    /// Counts known to the host.
     Direct {
-        /// Vertices of each instance.
+        /// Vertices per instance.
         vertices: u32,
         /// Instances.
         instances: u32,
     },
-    /// Four words at a byte offset of a buffer.
+    /// Counts in four words at a byte offset of a buffer.
     Indirect(&'a Buffer<G>, u64),
 }
 
-/// A recorder of commands that are submitted together, and can be waited for.
+/// A recorder of commands that are submitted together and can be waited for.
 ///
-/// It is used again and again: [`begin`](Encoder::begin), commands, [`end`](Encoder::end), [`Gpu::submit`], [`Gpu::wait`]. The
-/// caller promises what the plan's checks establish: buffers hold the ranges that are named, objects allow the use made of
-/// them, and images are in the layout of that use.
+/// It is reused: [`begin`](Encoder::begin), commands, [`end`](Encoder::end), [`Gpu::submit`], [`Gpu::wait`]. The caller
+/// guarantees what the plan's checks establish: ranges lie within their buffers, objects allow their uses, and images
+/// are in the layout of their use.
 pub trait Encoder<G: Gpu>: Send {
-    /// Starts to record; what was recorded before is gone. The last submission has completed.
+    /// Begins recording and discards earlier commands. The last submission has completed.
     fn begin(&mut self) -> Result<(), BackendError>;
 
-    /// Ends the recording.
+    /// Ends recording.
     fn end(&mut self) -> Result<(), BackendError>;
 
-    /// Announces the pass whose commands follow, if it runs any. With `timed`, timestamps stand before and after them.
+    /// Announces the pass of the next commands, if it has any. With `timed`, writes timestamps before and after them.
     ///
-    /// An API whose commands belong to encoders of their own learns here where the pass stands.
+    /// APIs with separate encoders choose the pass's encoder here.
     fn pass(&mut self, _pipelines: &G::Pipelines, _id: PassId, _timed: bool) {}
 
-    /// Opens a label around the next commands, for captures and messages.
+    /// Opens a debug label around the next commands.
     fn push_label(&mut self, name: Arguments);
 
     /// Closes the label opened last.
     fn pop_label(&mut self);
 
-    /// Records what a pass waits for, or (`None`) the handover between the prologue and the first frame.
+    /// Records the barriers before a pass, or (`None`) between the prologue and the first frame.
     ///
-    /// `image` finds the image of a layout change of the plan. It finds none where the change does not apply in this frame: only its
-    /// order remains.
+    /// `image` finds the image of a layout change. It returns `None` if the change does not apply in this frame; only
+    /// the execution dependency remains.
     fn synchronize<'a>(
         &mut self,
         synchronization: &G::Synchronization,
@@ -516,20 +519,20 @@ pub trait Encoder<G: Gpu>: Send {
         image: impl Fn(ResourceId) -> Option<&'a Image<G>>,
     );
 
-    /// Records a barrier from everything before to everything after, on all memory, with changes of layouts.
+    /// Records a barrier between everything before and everything after, on all memory, with layout changes.
     fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = ImageLayout<'a, G>>);
 
-    /// Orders copies into a buffer after everything submitted before.
+    /// Orders later copies into a buffer after all earlier submissions.
     fn before_copy(&mut self, target: &Buffer<G>);
 
-    /// Makes copies into a range of bytes of a buffer visible to everything submitted later.
+    /// Makes copies into a byte range of a buffer visible to all later submissions.
     fn after_copy(&mut self, target: &Buffer<G>, range: Range<u64>);
 
-    /// Makes all copies visible to the host, once it has waited for the submission.
+    /// Makes all copies visible to the host once it has waited for the submission.
     fn copies_to_host(&mut self);
 
-    /// Binds a pass's pipeline, its bindings for the frame in `slot`, and its push constants. Nothing for a pass without a
-    /// pipeline.
+    /// Binds a pass's pipeline, its bindings for the frame in `slot`, and its push constants. Does nothing for a pass
+    /// without a pipeline.
     fn bind(
         &mut self,
         pipelines: &G::Pipelines,
@@ -542,22 +545,22 @@ pub trait Encoder<G: Gpu>: Send {
     /// Dispatches workgroups in x, y and z.
     fn dispatch(&mut self, groups: [u32; 3]);
 
-    /// Dispatches as many workgroups as three words at a byte offset of a buffer say.
+    /// Dispatches workgroups, with the counts in three words at a byte offset of a buffer.
     fn dispatch_indirect(&mut self, arguments: &Buffer<G>, offset: u64);
 
-    /// Draws into targets of one size.
+    /// Draws into targets, all of one size.
     fn draw<'a>(&mut self, targets: impl Iterator<Item = (&'a Target, &'a Image<G>)>, draw: Draw<G>);
 
-    /// Writes a word to all of a buffer.
+    /// Fills a buffer with a word.
     fn fill(&mut self, buffer: &Buffer<G>, value: u32);
 
-    /// Writes zeros to all of an image, which is in [`Layout::TransferTarget`].
+    /// Fills an image with zeros; it is in [`Layout::TransferTarget`].
     fn clear(&mut self, image: &Image<G>);
 
     /// Copies bytes from one buffer to another.
     fn copy_buffer(&mut self, source: (&Buffer<G>, u64), target: (&Buffer<G>, u64), bytes: u64);
 
-    /// Copies an image, which is in [`Layout::TransferSource`], to the start of a buffer, rows tightly packed.
+    /// Copies an image in [`Layout::TransferSource`] to the start of a buffer, rows tightly packed.
     fn copy_image(&mut self, image: &Image<G>, target: &Buffer<G>);
 
     /// Resets the first `count` timestamps.

@@ -1,13 +1,13 @@
 //! Histories: resources whose contents continue from one plan to the next.
 //!
-//! Where a plan and the one before it both have a history of the same name and shape, for the same scene, they share the buffer
-//! or the image, and the new plan leaves out the [`Work::ClearHistory`] that would have zeroed it. A history goes on only if it has
-//! contents, if it has its memory to itself in both plans, if it was made for every use that the new plan makes of it, and if no
-//! pass of the new plan's prologue writes it; otherwise it starts from zeros.
+//! If a plan and its predecessor both have a history of the same name and shape, for the same scene, they share the
+//! buffer or image. The new plan then skips the [`Work::ClearHistory`] that would have zeroed it. A history continues
+//! only if it has contents, does not alias other resources in either plan, was created for every use that the new plan
+//! makes of it, and is not written by the new plan's prologue. Otherwise it starts from zeros.
 //!
-//! A plan is made ready some time before it becomes the current one, and frames of other plans are drawn meanwhile. So every plan
-//! is made with its own memory. When it is swapped in ([`crate::compiled::CompiledPlan::follow`]), it is bound to the histories
-//! of the plan before it, with their layouts of that moment, and drops its own.
+//! A plan is prepared before it becomes current, while frames of other plans are drawn, so every plan is created with
+//! its own memory. When it is swapped in ([`crate::compiled::CompiledPlan::follow`]), it adopts the previous plan's
+//! histories in their current layouts, and drops its own.
 
 use crate::aliasing::Transient;
 use crate::gpu::Gpu;
@@ -18,14 +18,14 @@ use splatgraph_framework::{ir::*, plan::*};
 pub(crate) struct History<G: Gpu> {
     pub name: String,
     pub shape: Shape,
-    /// The scene's; see [`splatgraph_api::SceneData::identity`].
+    /// The scene's identity; see [`splatgraph_api::SceneData::identity`].
     pub identity: u64,
-    /// The layout that frames left it in, if it is an image.
+    /// For an image, its layout after the last frame.
     pub layout: Layout,
     pub transient: Transient<G>,
 }
 
-/// Returns the name of a resource's history, if it has one and its memory to itself.
+/// Returns the name of a resource's history, if it has one and does not alias other resources.
 pub(crate) fn name(plan: &Plan, id: ResourceId) -> Option<&str> {
     let resource = plan.resource(id);
     let alone = resource.source == Source::Transient && plan.aliases(id).next().is_none();
@@ -41,7 +41,8 @@ pub(crate) fn find<'a, G: Gpu>(
 ) -> Option<&'a History<G>> {
     let name = name(plan, id)?;
     let resource = plan.resource(id);
-    // Without a pass to leave out, the plan does not count on it; and what another pass writes once starts anew.
+    // If no pass clears it, the plan does not treat it as a history; if another prologue pass writes it, its contents
+    // start anew.
     let prologue = || plan.prologue.iter().map(|pass| plan.pass(*pass));
     let start = Work::ClearHistory { resource: id };
     let writes = |pass: &Pass| pass.uses.iter().any(|t| t.resource == id && t.accesses.writes());

@@ -1,11 +1,11 @@
 //! Host buffers: buffers whose contents come with each frame ([`Source::HostBuffer`](splatgraph_framework::ir::Source::HostBuffer)).
 //!
-//! A plan holds each once per frame in flight. Bytes of the host are copied to a mapped buffer that grows when it must (to a power of
-//! two, so that a length that creeps up does not make a buffer per frame), and are not copied where they are there already. A shared
-//! output is not copied: the frame reads it in place.
+//! A plan holds one per frame in flight. Host bytes are copied to a mapped buffer that grows on demand, to a power of
+//! two so that a slowly growing length does not reallocate every frame. Bytes that are already there are not copied
+//! again. A shared output is not copied: the frame reads it in place.
 //!
-//! So a frame's bindings may have to point elsewhere, or to another length, than those of the last frame in the same slot. They are
-//! rewritten when the frame is submitted; nothing of that slot is in flight then.
+//! A frame may therefore need other bindings, or other lengths, than the last frame of its slot. They are rewritten
+//! when the frame is submitted; nothing of that slot is in flight then.
 
 use crate::check::{invalid, within_bytes};
 use crate::gpu::{Buffer, BufferDesc, Gpu, Location};
@@ -18,13 +18,13 @@ use splatgraph_framework::plan::Resource;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The contents of a resource for the frame in one slot.
+/// A host buffer's contents for the frame in one slot.
 pub(crate) struct HostBuffer<G: Gpu> {
-    /// For bytes of the host; made when the first come.
+    /// For host bytes; created with the first ones.
     own: Option<Buffer<G>>,
-    /// The bytes in `own`. They cannot change as long as this holds them.
+    /// The bytes in `own`. Holding the `Arc` keeps them unchanged.
     bytes: Option<Arc<Vec<u8>>>,
-    /// Held in place of bytes, while the frame is recorded.
+    /// The shared output to read instead of bytes, while the frame is recorded.
     output: Option<Arc<SharedOutput<G>>>,
     /// The contents that the frame about to be recorded reads.
     holds: Contents,
@@ -36,9 +36,9 @@ pub(crate) struct HostBuffer<G: Gpu> {
 enum Contents {
     #[default]
     Nothing,
-    /// So many bytes of the buffer for bytes.
+    /// This many bytes of `own`.
     Bytes(u64),
-    /// A range of bytes of the shared output with this id. (Ids are never used twice, so that it is the same buffer.)
+    /// A byte range of the shared output with this id. (Ids are never reused, so an equal id is the same buffer.)
     Output(u64, Range<u64>),
 }
 
@@ -55,11 +55,11 @@ impl<G: Gpu> Default for HostBuffer<G> {
 }
 
 impl<G: Gpu> HostBuffer<G> {
-    /// Takes the contents of a frame. The slot must have nothing in flight.
+    /// Sets the contents for a frame. The slot must have nothing in flight.
     ///
     /// # Errors
-    /// [`BackendError::Invalid`] for contents that are too short or not whole elements, and for a shared output that does not exist;
-    /// [`BackendError::Limit`] for contents longer than a storage binding may be.
+    /// [`BackendError::Invalid`] if the contents are too short or not whole elements, or the shared output does not
+    /// exist; [`BackendError::Limit`] if they exceed a storage binding's limit.
     pub fn take(
         &mut self,
         shared: &Shared<G>,
@@ -94,14 +94,14 @@ impl<G: Gpu> HostBuffer<G> {
         Ok(())
     }
 
-    /// Copies bytes to the buffer for them.
+    /// Copies host bytes to `own`, growing it if needed.
     fn copy(&mut self, gpu: &Arc<G>, resource: &Resource, bytes: &Arc<Vec<u8>>) -> Result<(), BackendError> {
         let length = bytes.len() as u64;
         if self.own.as_ref().is_none_or(|own| own.bytes < length) {
             let capacity = capacity(length, gpu.limits().max_buffer_bytes);
             let desc = BufferDesc { name: &resource.name, bytes: capacity, usage: usage(resource) };
             let buffer = Buffer::new(gpu, &desc, Location::Upload)?;
-            // The bindings point to the buffer before, which is dropped.
+            // The bindings refer to the old buffer, which is dropped.
             (self.bytes, self.written) = (None, Contents::Nothing);
             self.own = Some(buffer);
         }
@@ -118,7 +118,7 @@ impl<G: Gpu> HostBuffer<G> {
         Ok(())
     }
 
-    /// Returns the buffer that the frame reads and which bytes of it; none before its contents came.
+    /// Returns the buffer that the frame reads, and the byte range; `None` before the first contents.
     pub fn held(&self) -> Option<(&Buffer<G>, Range<u64>)> {
         match &self.holds {
             Contents::Nothing => None,
@@ -127,28 +127,28 @@ impl<G: Gpu> HostBuffer<G> {
         }
     }
 
-    /// Returns true if the slot's bindings point elsewhere, or to another length.
+    /// Returns true if the slot's bindings are outdated.
     pub fn is_changed(&self) -> bool {
         self.holds != self.written
     }
 
-    /// Notes that the slot's bindings were written.
+    /// Records that the slot's bindings were written.
     pub fn set_written(&mut self) {
         self.written = self.holds.clone();
     }
 
-    /// Takes the shared output, to be kept until the frame is done.
+    /// Takes the shared output; the caller keeps it until the frame has completed.
     pub fn take_output(&mut self) -> Option<Arc<SharedOutput<G>>> {
         self.output.take()
     }
 
-    /// Returns the memory of its own.
+    /// Returns the memory of `own`.
     pub fn memory(&self) -> Option<&Arc<G::Memory>> {
         self.own.as_ref().map(|own| &own.memory)
     }
 }
 
-/// Refuses contents that are not whole elements, fewer than the plan counts on, or more than a binding may have.
+/// Refuses contents that are not whole elements, below the plan's minimum, or above the limit of a binding.
 fn check_length(resource: &Resource, bytes: u64, most: u64) -> Result<(), BackendError> {
     let Shape::Buffer { stride, .. } = resource.shape else { return Ok(()) };
     let (name, least) = (&resource.name, resource.bytes());
@@ -160,7 +160,7 @@ fn check_length(resource: &Resource, bytes: u64, most: u64) -> Result<(), Backen
     within_bytes(|| format!("the size of the contents of host buffer `{name}`"), bytes, most)
 }
 
-/// Returns the bytes of rows of a picture; refuses those that cannot be bound to the resource.
+/// Returns the byte range of a picture's rows; refuses rows that cannot be bound to the resource.
 fn rows(resource: &Resource, picture: &Picture, first: u32, count: u32) -> Result<Range<u64>, BackendError> {
     let row = u64::from(picture.width) * u64::from(picture.format.bytes_per_pixel());
     let (from, to) = (u64::from(first) * row, (u64::from(first) + u64::from(count)) * row);
@@ -180,7 +180,7 @@ fn rows(resource: &Resource, picture: &Picture, first: u32, count: u32) -> Resul
     Ok(from..to)
 }
 
-/// Returns the size of a buffer for `bytes` bytes, on a device whose buffers may have `most`.
+/// Returns the capacity for `bytes` bytes, on a device whose buffers have at most `most`.
 fn capacity(bytes: u64, most: u64) -> u64 {
     bytes.checked_next_power_of_two().map_or(bytes, |capacity| capacity.min(most.max(bytes)))
 }

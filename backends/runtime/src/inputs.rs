@@ -7,7 +7,7 @@ use crate::shared::Shared;
 use splatgraph_api::{BackendError, FrameInputs};
 use splatgraph_framework::ir::{ResourceId, Source};
 
-/// Copies the frame's uniform blocks to the buffers that its bindings point to.
+/// Copies the frame's uniform blocks to its slot's buffers.
 pub(crate) fn write_uniforms<G: Gpu>(
     compiled: &mut CompiledPlan<G>,
     slot: usize,
@@ -40,10 +40,10 @@ pub(crate) fn write_uniforms<G: Gpu>(
     Ok(())
 }
 
-/// Takes the contents of all host buffers for a frame in `slot`, and points the slot's bindings to them.
+/// Sets the contents of all host buffers for a frame in `slot`, and rewrites the slot's bindings that change.
 ///
 /// # Errors
-/// [`BackendError::Invalid`] for contents that are missing, and the errors of [`crate::host_buffers::HostBuffer::take`].
+/// [`BackendError::Invalid`] if contents are missing, and the errors of [`crate::host_buffers::HostBuffer::take`].
 pub(crate) fn take_host_buffers<G: Gpu>(
     shared: &Shared<G>,
     compiled: &mut CompiledPlan<G>,

@@ -1,4 +1,4 @@
-//! Resources to inspect: which can be, after which pass, and the buffers that they are copied to.
+//! Inspection: checks which resources can be read back after which pass, and creates the readback buffers.
 
 use crate::check::invalid;
 use crate::compiled::CompiledPlan;
@@ -7,7 +7,7 @@ use splatgraph_api::{BackendError, Inspect};
 use splatgraph_framework::ir::Use;
 use std::sync::Arc;
 
-/// Creates a buffer of the host for each resource to inspect; refuses those that the next frame cannot show.
+/// Creates a readback buffer for each resource to inspect; refuses resources without contents in the next frame.
 pub(crate) fn buffers<G: Gpu>(
     gpu: &Arc<G>,
     compiled: &CompiledPlan<G>,
@@ -40,8 +40,10 @@ pub(crate) fn buffers<G: Gpu>(
     inspect.iter().map(buffer).collect()
 }
 
-/// Refuses a resource that has no contents of its own right after pass number `last` of the next frame: an image that no pass has written,
-/// or a resource whose memory belongs to another at that time (changing the layout of such an image would overwrite it).
+/// Refuses a resource that has no valid contents right after pass number `last` of the next frame.
+///
+/// Such a resource is an image that no pass has written yet, or one whose memory an aliased resource owns at that time:
+/// changing its layout would overwrite the owner.
 fn check_contents<G: Gpu>(
     compiled: &CompiledPlan<G>,
     inspect: &Inspect,

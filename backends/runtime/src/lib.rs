@@ -1,24 +1,23 @@
-//! Executes plans on any graphics API: the part of a backend that is the same for all of them.
+//! Executes plans on any graphics API: the part of a backend that all APIs share.
 //!
-//! [`Executor`] implements [`splatgraph_api::Device`] on top of [`Gpu`], the small trait that a graphics API implements. A plan's way
-//! through the crate:
+//! [`Executor`] implements [`splatgraph_api::Device`] on top of [`Gpu`], the small trait that a graphics API
+//! implements. A plan passes through the crate in these steps:
 //!
-//! 1. `check` checks it against itself and against the device's `limits`;
-//! 2. `pipelines` lets the driver compile them, on a thread that can be given up;
-//!    `resources` (with `aliasing`, `attributes`, `once` and `host_buffers`), `bindings` and `upload` create what it needs, which together is
-//!    a `compiled` plan; a `loader` does all this on any thread;
-//!    What another plan has computed once is taken over (`results`);
-//! 3. the plan becomes the current one of an `executor`, and continues from the `history` of the one before;
-//! 4. `record` records a frame of it, step by step, and `frame` submits it and reads the results back; `window` shows its output, and
-//!    `outputs` shares it with other executors;
-//! 5. `watch` knows which pass the device runs, so that every wait for it has an end.
+//! 1. `check` checks its consistency, and the device's `limits`.
+//! 2. `pipelines` compiles its pipelines, on a thread that can be abandoned. `resources` (with `aliasing`,
+//!    `attributes`, `once` and `host_buffers`), `bindings` and `upload` create the rest of a `compiled` plan. `results`
+//!    reuses what another plan has computed once. A `loader` does all this on any thread.
+//! 3. The plan becomes the current one of an `executor`, and continues from the `history` of the previous one.
+//! 4. `record` records a frame, `frame` submits it and reads its results back, `window` presents its output, and
+//!    `outputs` shares it with other executors.
+//! 5. `watch` tracks which pass the device runs, so that every wait is bounded.
 //!
-//! The crate decides nothing about order. A backend lowers a plan's dependencies to commands of its API when the plan is loaded; `record`
-//! passes these back to it pass by pass, and adds barriers only for the crate's own work (uploads, readback, inspection, shared outputs,
-//! the change from one plan to the next).
+//! The crate does not order passes. A backend lowers a plan's dependencies to commands of its API when the plan is
+//! loaded, and `record` asks for them pass by pass. The crate adds barriers only for its own work: uploads, readback,
+//! inspection, shared outputs, and the change from one plan to the next.
 //!
-//! Ownership runs one way: an executor holds the state that executors of one device share, that holds the device, and objects hold
-//! the device that they were made from.
+//! Ownership runs one way: an executor holds the state shared by the executors of a device, that state holds the
+//! device, and every object holds its device.
 
 #![deny(missing_docs)]
 

@@ -1,4 +1,4 @@
-//! The limits of a device that plans can run into.
+//! Device limits that plans can exceed.
 
 use splatgraph_framework::ir::{DeviceFacts, Features};
 
@@ -17,7 +17,7 @@ pub struct Limits {
     pub max_groups: [u32; 3],
     /// Invocations of a workgroup in x, y and z.
     pub max_local_size: [u32; 3],
-    /// Invocations of a workgroup in all.
+    /// Total invocations of a workgroup.
     pub max_invocations: u32,
     /// Bytes of shared memory of a workgroup.
     pub shared_bytes: u32,
@@ -25,31 +25,31 @@ pub struct Limits {
     pub max_image_size: u32,
     /// Colour targets of a draw.
     pub max_targets: u32,
-    /// Storage buffers that one shader stage may see.
+    /// Storage buffers per shader stage.
     pub max_storage_buffers: u32,
-    /// Uniform blocks that one shader stage may see.
+    /// Uniform blocks per shader stage.
     pub max_uniform_buffers: u32,
-    /// Storage images that one shader stage may see.
+    /// Storage images per shader stage.
     pub max_storage_images: u32,
     /// Bytes of the largest device-local heap.
     pub heap_bytes: u64,
     /// A bit for each memory type that is device-local.
     pub device_memory_types: u32,
-    /// Bytes that buffers and images next to each other in memory keep apart.
+    /// Required distance in bytes between buffers and images in one allocation.
     pub buffer_image_granularity: u64,
-    /// Targets of one draw may blend differently.
+    /// True if targets of one draw may blend differently.
     pub independent_blend: bool,
     /// The limits of subgroups.
     pub subgroup: SubgroupLimits,
-    /// Blending rounds its results in half-float images to nearest.
+    /// True if blending into half-float images rounds to nearest.
     pub rounds_half: bool,
-    /// Shaders' `fma` rounds once.
+    /// True if `fma` in shaders rounds once.
     pub fused_fma: bool,
-    /// Optional features of shaders that are enabled.
+    /// Optional shader features that are enabled.
     pub features: Features,
-    /// Bits that count in a timestamp; 0 where the queue has no timer.
+    /// Valid bits of a timestamp; 0 if the queue has no timer.
     pub timestamp_bits: u32,
-    /// Timestamps can be read while the device runs, without waiting for it.
+    /// True if timestamps can be read while the device runs, without waiting for it.
     pub live_timestamps: bool,
     /// Nanoseconds per tick of a timestamp.
     pub timestamp_period: f32,
@@ -58,20 +58,21 @@ pub struct Limits {
 /// The limits of a device's subgroups.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SubgroupLimits {
-    /// Lanes that compute shaders run with.
+    /// Subgroup size of compute shaders, in lanes.
     pub size: u32,
-    /// The fewest lanes that the driver may choose where a pipeline does not ask.
+    /// Minimum subgroup size that the driver may choose if a pipeline does not request one.
     pub min_size: u32,
-    /// The most lanes that it may choose.
+    /// Maximum subgroup size that the driver may choose.
     pub max_size: u32,
-    /// A compute pipeline may ask for a size.
+    /// True if a compute pipeline can request a subgroup size.
     pub selectable: bool,
-    /// Subgroups of a workgroup, where a size is requested.
+    /// Maximum subgroups per workgroup when a size is requested.
     pub max_per_group: u32,
 }
 
 impl SubgroupLimits {
-    /// Returns true if a compute pipeline with workgroups of this size can ask for subgroups of [`SubgroupLimits::size`] lanes.
+    /// Returns true if a compute pipeline with this workgroup size can request subgroups of [`SubgroupLimits::size`]
+    /// lanes.
     pub fn can_ask(&self, local_size: [u32; 3]) -> bool {
         let invocations: u64 = local_size.iter().map(|&n| u64::from(n)).product();
         self.selectable
@@ -80,7 +81,7 @@ impl SubgroupLimits {
             && invocations <= u64::from(self.size) * u64::from(self.max_per_group)
     }
 
-    /// Returns true if workgroups of this size run in subgroups of [`SubgroupLimits::size`] lanes for certain.
+    /// Returns true if workgroups of this size always run in subgroups of [`SubgroupLimits::size`] lanes.
     pub fn is_certain(&self, local_size: [u32; 3]) -> bool {
         let only_one = self.min_size == self.max_size && self.size == self.max_size;
         only_one || self.can_ask(local_size)

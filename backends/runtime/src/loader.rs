@@ -1,8 +1,8 @@
-//! Loading beside the frames: a plan is made ready on one thread while another draws.
+//! Prepares a plan on one thread while another draws.
 //!
-//! A [`Loader`] holds the device alone, so it can be taken at any time and go to any thread. It makes a [`Ready`], a compiled plan
-//! that no executor has yet. Everything that takes long is done by then, uploads included. The thread that draws only binds the
-//! plan to the histories that it continues from ([`crate::history`]).
+//! A [`Loader`] holds only the device, so it can be taken at any time and moved to any thread. It creates a [`Ready`]:
+//! a compiled plan that no executor has yet. All slow work, uploads included, is done by then. The drawing thread only
+//! binds the plan to the histories that it continues ([`crate::history`]).
 
 use crate::compiled::CompiledPlan;
 use crate::gpu::Gpu;
@@ -12,9 +12,9 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Cancel;
 use std::sync::Arc;
 
-/// Makes plans ready for one [`Executor`](crate::Executor); see [`splatgraph_api::Device::loader`].
+/// Prepares plans for one [`Executor`](crate::Executor); see [`splatgraph_api::Device::loader`].
 ///
-/// It keeps the device open. Memory of a plan that is being made ready is listed nowhere until the plan is swapped in.
+/// It keeps the device open. The memory of a plan in preparation is not listed until the plan is swapped in.
 pub struct Loader<G: Gpu> {
     pub(crate) shared: Arc<Shared<G>>,
     pub(crate) executor: u64,
@@ -24,16 +24,16 @@ pub struct Loader<G: Gpu> {
 }
 
 impl<G: Gpu> Loader<G> {
-    /// Orders the passes by these commands instead of those that the plan's dependencies are lowered to: for tests of what is missed
-    /// without some of them.
+    /// Replaces the commands lowered from the plan's dependencies. Tests use this to leave out barriers and detect what
+    /// breaks.
     #[must_use]
     pub fn synchronized_by(self, synchronization: G::Synchronization) -> Self {
         Loader { synchronization: Some(synchronization), ..self }
     }
 }
 
-/// A plan that [`splatgraph_api::Device::swap`] makes the current one, of the [`Executor`](crate::Executor) that the loader was
-/// taken from. Dropped unused, it frees all that was made for it, on whichever thread that is.
+/// A prepared plan, to be made current by [`splatgraph_api::Device::swap`] on the [`Executor`](crate::Executor) of its
+/// loader. Dropping it unused frees its objects, on any thread.
 pub struct Ready<G: Gpu> {
     pub(crate) compiled: CompiledPlan<G>,
     pub(crate) executor: u64,

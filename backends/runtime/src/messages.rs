@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// Messages kept until they are taken; a mistake that repeats every frame must not fill the memory.
+/// Maximum number of messages kept; a mistake repeated in every frame must not fill the memory.
 const MOST_MESSAGES: usize = 1000;
 
 /// The messages of an API's validation.
@@ -15,7 +15,7 @@ impl Messages {
         std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Adds a message; beyond the first thousand it is dropped.
+    /// Adds a message, unless a thousand are already kept.
     pub fn add(&self, message: String) {
         let mut messages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if messages.len() < MOST_MESSAGES {

@@ -1,9 +1,9 @@
-//! Buffers that only the prologue uses. Most planes of the scene are: passes read them once, to pack them, and frames read what these
-//! passes wrote.
+//! Buffers that only the prologue uses. Most planes of the scene are such buffers: prologue passes pack them, and
+//! frames read the packed data.
 //!
-//! They are freed when the frame that ran the prologue is done. Where the device has no room for them beside everything else, they
-//! lie in the host's memory until then, which the device reads more slowly. A plan that takes over the results of passes does
-//! not need what only these passes use, and it is not made.
+//! They are freed once the prologue's frame has completed. If the device has no room for them beside everything else,
+//! they are placed in host memory, which the device reads more slowly. If a plan reuses the results of passes, the
+//! buffers that only these passes use are not created.
 
 use crate::attributes::PlaneKey;
 use crate::gpu::Location;
@@ -12,19 +12,19 @@ use splatgraph_framework::ir::{PassId, ResourceId};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeSet;
 
-/// The buffers of one plan that frames do not use.
+/// The buffers of one plan that its frames do not use.
 #[derive(Debug)]
 pub(crate) struct UsedOnce {
-    /// Used by the prologue, and freed after it.
+    /// Buffers that the prologue uses; freed after it.
     pub freed: BTreeSet<ResourceId>,
-    /// Used by no pass that runs.
+    /// Buffers that no executed pass uses.
     pub unused: BTreeSet<ResourceId>,
-    /// The memory of the planes among [`UsedOnce::freed`].
+    /// The location of the planes in [`UsedOnce::freed`].
     pub location: Location,
 }
 
 impl UsedOnce {
-    /// Finds them in a plan that runs without the passes `left_out`.
+    /// Finds them in a plan that skips the passes `left_out`.
     pub fn new(plan: &Plan, left_out: &[PassId]) -> UsedOnce {
         let runs = plan.prologue.iter().copied().filter(|pass| !left_out.contains(pass));
         let used: BTreeSet<ResourceId> = runs.flat_map(|pass| plan.pass(pass).resources()).collect();
@@ -32,13 +32,14 @@ impl UsedOnce {
         UsedOnce { freed, unused, location: Location::Device }
     }
 
-    /// Finds room for a plan's own memory and the planes that are `absent` on the device, without the `held` bytes that it takes over.
+    /// Chooses the memory for a plan's resources and the `absent` planes, given `available` bytes and the `held` bytes
+    /// that it reuses.
     ///
-    /// The driver's number of `available` bytes is an estimate. Without this, memory would be taken piece by piece until one fails, or
-    /// until other programs lose theirs.
+    /// `available` is the driver's estimate. Without this check, allocation would go on until it fails, or until other
+    /// programs lose their memory.
     ///
     /// # Errors
-    /// The memory that stays after the prologue exceeds the available bytes.
+    /// The memory that remains after the prologue exceeds `available`.
     pub fn find_room(
         &mut self,
         plan: &Plan,

@@ -1,12 +1,12 @@
-//! Shared outputs: the output of one executor's plan, for plans of others on the same device to read.
+//! Shared outputs: one executor's output, readable by plans of other executors on the device.
 //!
-//! An executor whose frame is to be shared copies its output, when the frame is otherwise done, into a buffer on the device. It has
-//! one such buffer: the next shared frame writes to it again, and only another size or format makes a new one. A plan of another
-//! executor reads it as a host buffer ([`crate::host_buffers`]).
+//! To share a frame, an executor copies its output to a buffer on the device at the end of the frame. It has one such
+//! buffer: the next shared frame overwrites it, and only another size or format creates a new one. Plans of other
+//! executors read it as a host buffer ([`crate::host_buffers`]).
 //!
-//! Frames of several executors follow one another on one queue, but no plan knows of the others. So the runtime orders the copy
-//! itself: the copy waits for everything before it on the queue, readers among it, and everything after it waits for the copy. A
-//! reader finds the output of the last frame that was submitted before its own, and always a whole one.
+//! Frames of all executors run on one queue, but no plan knows of the others. The runtime therefore orders the copy
+//! itself: the copy waits for all earlier work on the queue, readers included, and all later work waits for the copy. A
+//! reader always sees the complete output of the last frame submitted before its own.
 
 use crate::check::within_bytes;
 use crate::gpu::{Buffer, BufferDesc, Gpu, Image, Location};
@@ -16,13 +16,13 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-/// A shared output with its pixels. Every frame that writes or reads it holds it until that frame is done.
+/// A shared output with its pixels. Every frame that reads or writes it holds it until the frame completes.
 pub(crate) struct SharedOutput<G: Gpu> {
     pub picture: Picture,
     pub buffer: Buffer<G>,
 }
 
-/// The shared outputs that frames can read: the last of each executor of a device.
+/// The shared outputs of a device: the latest of each executor.
 pub(crate) struct SharedOutputs<G: Gpu> {
     /// The next id.
     next: AtomicU64,
@@ -36,7 +36,7 @@ impl<G: Gpu> Default for SharedOutputs<G> {
 }
 
 impl<G: Gpu> SharedOutputs<G> {
-    /// Returns the buffer that `image` is copied to: the `current` one, or a new one where that does not fit.
+    /// Returns the buffer to copy `image` to: `current` if it fits, else a new one.
     pub fn target(
         &self,
         gpu: &Arc<G>,
@@ -49,7 +49,7 @@ impl<G: Gpu> SharedOutputs<G> {
             return Ok(current.clone());
         }
         let bytes = image.bytes();
-        // A reader may bind less than the whole of it.
+        // A reader may bind only a part of it.
         let what = || format!("the size of a shared output of {width} x {height} pixels");
         within_bytes(what, bytes, gpu.limits().max_buffer_bytes)?;
         let picture = Picture { id: self.next.fetch_add(1, Ordering::Relaxed), format, width, height };
@@ -58,7 +58,7 @@ impl<G: Gpu> SharedOutputs<G> {
         Ok(Arc::new(SharedOutput { picture, buffer }))
     }
 
-    /// Enters the output of a submitted frame in place of the executor's former one.
+    /// Publishes the output of a submitted frame, replacing the executor's former one.
     pub fn enter(&self, output: &Arc<SharedOutput<G>>, former: Option<&Arc<SharedOutput<G>>>) {
         let mut all = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(former) = former {
@@ -67,7 +67,7 @@ impl<G: Gpu> SharedOutputs<G> {
         all.insert(output.picture.id, Arc::downgrade(output));
     }
 
-    /// Removes the output of an executor that is dropped.
+    /// Removes the output of a dropped executor.
     pub fn remove(&self, output: &SharedOutput<G>) {
         let mut all = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         all.remove(&output.picture.id);

@@ -1,11 +1,11 @@
-//! Pipelines, which the driver compiles on a separate thread, so that a hanging compiler blocks nothing else.
+//! Compiles pipelines on a separate thread, so that a hanging driver compiler blocks nothing else.
 //!
-//! A driver's compiler can be neither bounded nor stopped from outside. So the thread is given up: when it has worked on one pipeline for
-//! longer than the device's patience, the load fails with an error that names the pass and the shader, and when nobody wants the plan
-//! any more, the load ends at once. The thread looks for that between two pipelines, and frees what it made; until then it holds
-//! the device open. A plan that a thread was given up with is refused as long as that thread lives, so that attempts to load it
-//! again do not pile threads up. Once there are [`MOST_ABANDONED`], any other plan waits until one of them ends, and is refused if the oldest
-//! has taken longer than the patience.
+//! A driver's compiler can be neither bounded nor stopped from outside, so the thread is abandoned instead. If one
+//! pipeline takes longer than the device's patience, the load fails with an error that names the pass and the shader.
+//! If the load is cancelled, it ends at once. The thread checks for this between two pipelines and frees what it
+//! created; until then it holds the device open. While an abandoned thread lives, its plan is refused, so that repeated
+//! loads do not pile up threads. Once there are [`MOST_ABANDONED`] threads, any other plan waits for one to end, and is
+//! refused if the oldest has exceeded the patience.
 
 use crate::gpu::{Gpu, NextPipeline};
 use splatgraph_api::{BackendError, Progress};
@@ -18,40 +18,40 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Threads of a device that were given up and work on, at most, before other plans wait for their end.
+/// Maximum number of abandoned compiler threads before other plans wait for one to end.
 const MOST_ABANDONED: usize = 8;
 
-/// Interval of asking whether somebody still waits.
+/// Interval between checks for cancellation.
 const ASK_EVERY: Duration = Duration::from_millis(20);
 
-/// The threads of this process that were given up and have not come to their end.
+/// Number of abandoned compiler threads in this process that still run.
 static GIVEN_UP: AtomicUsize = AtomicUsize::new(0);
 
-/// Counts the threads of this process that were given up in a driver's compiler and still run.
+/// Counts the abandoned compiler threads of this process that still run.
 ///
-/// A program that ends meanwhile should do so without the exit handlers of its libraries, which may wait for the compiler.
+/// A program that exits meanwhile should skip the exit handlers of its libraries, which may wait for the compiler.
 pub fn compilers_given_up() -> usize {
     GIVEN_UP.load(Ordering::Relaxed)
 }
 
-/// The pipelines that a device's driver compiles in vain.
+/// The abandoned compilations of a device.
 #[derive(Default)]
 pub(crate) struct Compilers {
     abandoned: Mutex<Vec<Abandoned>>,
 }
 
-/// A plan that was given up while its driver compiled.
+/// A plan whose compilation was abandoned.
 struct Abandoned {
-    /// Held by the thread alone, until its end.
+    /// Only the thread holds it, until it ends.
     plan: Weak<Plan>,
     current: Option<NextPipeline>,
-    /// The start of that pipeline.
+    /// When that pipeline was started.
     begun: Instant,
-    /// The driver took longer than the patience, and that was told.
+    /// The error reported when the driver exceeded the patience.
     told: Option<BackendError>,
 }
 
-/// Counts one thread that was given up, while it lives.
+/// Counts an abandoned thread as long as it lives.
 struct GivenUp;
 
 impl GivenUp {
@@ -67,7 +67,7 @@ impl Drop for GivenUp {
     }
 }
 
-/// The end of a thread, and its count once it was given up before that.
+/// Marks the end of a thread, and decrements the count if it was abandoned.
 #[derive(Default)]
 struct End {
     over: bool,
@@ -99,7 +99,7 @@ impl Compilers {
             let (gpu, plan, end) = (gpu.clone(), plan.clone(), end.clone());
             move || {
                 work(&gpu, &plan, &sender);
-                // Before the end is told, and the sender first: nobody is left to take what was made.
+                // Before the end is signalled, the sender first: no receiver is left for the result.
                 drop((sender, plan, gpu));
                 let mut end = end_of(&end);
                 end.over = true;
@@ -144,7 +144,7 @@ impl Compilers {
         Err(error)
     }
 
-    /// Waits until few enough threads work for nobody. Those of builds that were only cancelled end by themselves.
+    /// Waits until few enough abandoned threads run. Threads of cancelled builds end by themselves.
     fn wait_for_room(&self, plan: &Plan, cancel: &Cancel, patience: Duration) -> Result<(), BackendError> {
         while !self.has_room(plan, patience)? {
             if cancel.is_asked() {
@@ -155,7 +155,8 @@ impl Compilers {
         Ok(())
     }
 
-    /// Refuses a plan that the driver compiles in vain, and any while it does so with too many. Returns true if another may begin.
+    /// Refuses a plan that is still being compiled in vain, and any plan if too many threads hang. Returns true if
+    /// another may begin.
     fn has_room(&self, plan: &Plan, patience: Duration) -> Result<bool, BackendError> {
         let mut abandoned = self.abandoned();
         abandoned.retain(|former| former.plan.strong_count() > 0);
@@ -178,11 +179,11 @@ impl Compilers {
     }
 }
 
-/// Makes the pipelines, as long as somebody listens.
+/// Creates the pipelines while a receiver listens.
 fn work<G: Gpu>(gpu: &Arc<G>, plan: &Plan, sender: &Sender<Message<G::Pipelines>>) {
     let mut next = |next| sender.send(Message::Next(next)).map_err(|_| BackendError::Cancelled);
     let made = gpu.create_pipelines(plan, &mut next);
-    // Nobody may want them any more.
+    // The receiver may be gone.
     let _ = sender.send(Message::Made(made));
 }
 
@@ -190,7 +191,7 @@ fn end_of(end: &Mutex<End>) -> MutexGuard<'_, End> {
     end.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns true if two plans have the same pipelines: the same commands by the same shaders.
+/// Returns true if two plans have the same pipelines: equal commands with equal shaders.
 fn compiles_as(one: &Plan, other: &Plan) -> bool {
     one.name == other.name
         && one.shaders == other.shaders

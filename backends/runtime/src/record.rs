@@ -1,8 +1,8 @@
-//! The recording of a frame: the plan's passes, one after another, into an encoder.
+//! Records a frame: the plan's passes, in order, into an encoder.
 //!
-//! Between the passes stand the commands that the plan's dependencies were lowered to, and no others. The runtime adds barriers only for
-//! the work that it adds: at the start of a plan that goes on from another's histories, around the copies of inspected resources and of a
-//! shared output, and before the host reads copies.
+//! Between the passes come only the commands lowered from the plan's dependencies. The runtime adds barriers only
+//! around its own work: at the start of a plan that continues another's histories, around copies of inspected resources
+//! and shared outputs, and before the host reads copies.
 
 use crate::compiled::CompiledPlan;
 use crate::gpu::{Buffer, Draw, Encoder, Gpu, ImageLayout};
@@ -15,7 +15,7 @@ use splatgraph_framework::ir::*;
 pub(crate) struct Recorded {
     /// The passes that the frame runs, in order.
     pub passes: Vec<PassId>,
-    /// The layouts that the frame leaves the images in.
+    /// The images' layouts after the frame.
     pub layouts: Vec<Layout>,
 }
 
@@ -26,11 +26,11 @@ pub(crate) struct Recorder<'a, G: Gpu> {
     pub inputs: &'a FrameInputs,
     pub frame: FrameId,
     pub slot: usize,
-    /// A buffer for each resource to inspect, in the order asked.
+    /// A buffer for each resource to inspect, in request order.
     pub inspected: &'a [Buffer<G>],
-    /// The target of a copy of the output that the host reads.
+    /// The readback buffer for the output.
     pub readback: Option<&'a Buffer<G>>,
-    /// The target of a copy of the output that other frames read.
+    /// The shared output to copy the output to.
     pub shared: Option<&'a SharedOutput<G>>,
 }
 
@@ -56,7 +56,7 @@ impl<G: Gpu> Recorder<'_, G> {
             self.pass(*pass, &mut recorded);
         }
         self.share_output();
-        // Waiting for the submission alone does not show the host what was copied.
+        // Waiting for the submission does not by itself make the copies visible to the host.
         if self.readback.is_some() || !self.inputs.inspect.is_empty() {
             self.encoder.copies_to_host();
         }
@@ -66,9 +66,9 @@ impl<G: Gpu> Recorder<'_, G> {
         Ok(recorded)
     }
 
-    /// Orders everything after the frames of another plan, whose histories or results this one continues from.
+    /// Orders everything after the frames of another plan whose histories or results this plan reuses.
     ///
-    /// Images come to the layout that [`Work::ClearHistory`] leaves them in.
+    /// Moves the images to the layout in which [`Work::ClearHistory`] leaves them.
     fn take_over(&mut self, layouts: &mut [Layout]) {
         let carried = &self.compiled.carried;
         if !self.compiled.goes_on() {
@@ -84,7 +84,7 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Records what a pass waits for, the pass, and copies of the resources to inspect after it.
+    /// Records the barriers before a pass, the pass, and copies of the resources to inspect after it.
     fn pass(&mut self, id: PassId, recorded: &mut Recorded) {
         let pass = self.compiled.plan.pass(id);
         let is_timed = !self.inputs.untimed_passes && self.compiled.slots[self.slot].timestamps.is_some();
@@ -112,10 +112,10 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Records what a pass or (`None`) the handover waits for, with its layout changes.
+    /// Records the barriers before a pass or (`None`) the first frame, with their layout changes.
     ///
-    /// A history that goes on is not zeroed. Of the change that would lose its contents only the order remains, which other passes may
-    /// count on.
+    /// A continued history is not zeroed. The layout change that would discard its contents is dropped, but its
+    /// execution dependency stays: other passes may rely on it.
     fn synchronize(&mut self, at: Option<PassId>, layouts: &mut [Layout]) {
         let compiled = self.compiled;
         let is_start = at.is_some_and(|pass| {
@@ -167,7 +167,7 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Copies the statistics, and the output if it is read, to buffers of the host.
+    /// Copies the statistics, and the output if it is read, to readback buffers.
     fn export(&mut self) {
         let (compiled, slot) = (self.compiled, self.slot);
         if let Some(target) = compiled.readback(slot) {
@@ -181,7 +181,7 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Copies the output, which the export leaves in [`Layout::TransferSource`].
+    /// Copies the output, which is in [`Layout::TransferSource`] after the export.
     fn copy_output(&mut self, target: &Buffer<G>) {
         if let Some(output) = self.compiled.resources.image(self.compiled.plan.output) {
             self.encoder.copy_image(output, target);
@@ -198,7 +198,7 @@ impl<G: Gpu> Recorder<'_, G> {
         self.encoder.pop_label();
     }
 
-    /// Copies a resource as it is now. The full barriers on both sides keep the copy out of the plan's hazards.
+    /// Copies a resource in its current state. Full barriers on both sides keep the copy free of hazards with the plan.
     fn inspect(&mut self, inspect: Inspect, target: &Buffer<G>, layouts: &[Layout]) {
         let resources = &self.compiled.resources;
         let (layout, copied) = (layouts[inspect.resource.index()], Layout::TransferSource);

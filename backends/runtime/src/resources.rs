@@ -1,9 +1,9 @@
 //! The buffers and images of one plan.
 //!
-//! Transients are single, and share the memory of the plan's blocks. A uniform block that the host writes exists once per frame in
-//! flight, mapped for as long as it exists, and so does the memory that the host reads statistics from. A host buffer is made when
-//! its contents first come with a frame ([`crate::host_buffers`]). Planes of the scene are shared by all plans of the device
-//! ([`crate::attributes`]), and histories by plans that follow one another ([`crate::history`]).
+//! A transient exists once, in the memory of its block. A uniform block that the host writes exists once per frame in
+//! flight and stays mapped; so does the readback memory for statistics. A host buffer is created when its contents
+//! first come with a frame ([`crate::host_buffers`]). Planes of the scene are shared by all plans of the device
+//! ([`crate::attributes`]), and histories by successive plans ([`crate::history`]).
 
 use crate::aliasing::{self, Member, Transient};
 use crate::attributes::{self, PlaneKey, Planes};
@@ -23,7 +23,7 @@ enum Held<G: Gpu> {
     Plane(Arc<Buffer<G>>),
     PerFrame([Buffer<G>; FRAMES_IN_FLIGHT]),
     HostBuffer([HostBuffer<G>; FRAMES_IN_FLIGHT]),
-    /// Used by no pass that runs from now on: see [`crate::once`].
+    /// Not used by any pass that still runs; see [`crate::once`].
     Freed,
 }
 
@@ -32,9 +32,10 @@ pub(crate) struct Resources<G: Gpu> {
 }
 
 impl<G: Gpu> Resources<G> {
-    /// Creates the resources of `plan`, but for those `taken` over, the `planes` that are on the device, and what no pass uses that runs.
+    /// Creates the resources of `plan`, except reused ones (`taken`), `planes` on the device, and resources that no
+    /// executed pass uses.
     ///
-    /// The missing planes are created, added to `planes`, and returned: their data is still to be uploaded.
+    /// Missing planes are created, added to `planes`, and returned: their data is still to be uploaded.
     pub fn create(
         gpu: &Arc<G>,
         plan: &Plan,
@@ -78,7 +79,7 @@ impl<G: Gpu> Resources<G> {
         Ok((Resources { held }, missing))
     }
 
-    /// Returns the image behind a resource, if it is one.
+    /// Returns the image of a resource, if it is one.
     pub fn image(&self, id: ResourceId) -> Option<&Image<G>> {
         match &self.held[id.index()] {
             Held::Transient(Transient::Image(image)) => Some(image),
@@ -86,7 +87,7 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Returns the buffer behind a resource, for the frame in this slot.
+    /// Returns the buffer of a resource for the frame in this slot.
     ///
     /// # Panics
     /// As [`Resources::part`].
@@ -94,11 +95,12 @@ impl<G: Gpu> Resources<G> {
         self.part(id, slot).0
     }
 
-    /// Returns the buffer, and which of its bytes belong to the resource.
+    /// Returns the buffer, and the resource's byte range in it.
     ///
     /// # Panics
-    /// On an image, on a buffer that is freed, and on a host buffer before its contents have come. [`crate::check::check`] made sure that resources used as
-    /// buffers are buffers, and [`crate::inputs::take_host_buffers`] that a frame has all its host buffers.
+    /// For an image, a freed buffer, or a host buffer without contents. [`crate::check::check`] guarantees that
+    /// resources used as buffers are buffers, and [`crate::inputs::take_host_buffers`] that a frame has all its host
+    /// buffers.
     pub fn part(&self, id: ResourceId, slot: usize) -> (&Buffer<G>, Range<u64>) {
         let buffer = match &self.held[id.index()] {
             Held::Transient(Transient::Buffer(buffer)) | Held::Plane(buffer) => buffer,
@@ -115,7 +117,7 @@ impl<G: Gpu> Resources<G> {
         (buffer, 0..buffer.bytes)
     }
 
-    /// Returns the target of bindings of a resource, for the frame in this slot.
+    /// Returns the binding target of a resource for the frame in this slot.
     ///
     /// # Panics
     /// As [`Resources::part`], except on images.
@@ -129,7 +131,7 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Returns the host buffer behind a resource, for the frame in this slot, if it is one.
+    /// Returns the host buffer of a resource for the frame in this slot, if it is one.
     pub fn host_buffer_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut HostBuffer<G>> {
         match &mut self.held[id.index()] {
             Held::HostBuffer(copies) => Some(&mut copies[slot]),
@@ -137,7 +139,8 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Takes the shared outputs that the frame in this slot reads, once it is recorded. They must be kept until it is done.
+    /// Takes the shared outputs that the frame in this slot reads, once it is recorded. The caller keeps them until it
+    /// completes.
     pub fn take_outputs(&mut self, slot: usize) -> impl Iterator<Item = Arc<SharedOutput<G>>> {
         self.held.iter_mut().filter_map(move |held| match held {
             Held::HostBuffer(copies) => copies[slot].take_output(),
@@ -153,12 +156,12 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Frees a buffer that no pass uses any more, unless another plan holds it.
+    /// Frees a buffer that no pass uses any more; another plan may still hold it.
     pub fn free(&mut self, id: ResourceId) {
         self.held[id.index()] = Held::Freed;
     }
 
-    /// Returns true for a buffer that was freed, or never made.
+    /// Returns true for a buffer that was freed or never created.
     pub fn is_freed(&self, id: ResourceId) -> bool {
         matches!(self.held[id.index()], Held::Freed)
     }
@@ -168,7 +171,7 @@ impl<G: Gpu> Resources<G> {
         self.held[id.index()] = Held::Transient(transient);
     }
 
-    /// Returns the host's view of a resource that exists once per frame in flight; none for resources of other kinds.
+    /// Returns the mapped bytes of a resource that exists once per frame in flight; `None` for other kinds.
     pub fn mapped_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut [u8]> {
         match &mut self.held[id.index()] {
             Held::PerFrame(copies) => Some(copies[slot].mapped_mut()),
@@ -176,7 +179,7 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Iterates over every piece of memory, some more than once.
+    /// Iterates over the allocations. Shared ones appear more than once.
     pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
         self.held.iter().flat_map(|held| match held {
             Held::Transient(transient) => vec![transient.memory()],
@@ -187,12 +190,12 @@ impl<G: Gpu> Resources<G> {
         })
     }
 
-    /// Lists names and allocated bytes: the plan's own resources, then the planes of the scene. Resources that share memory are
-    /// one entry.
+    /// Lists names and allocated bytes: the plan's own resources, then the scene's planes. Resources that share memory
+    /// form one entry.
     pub fn memory(&self, plan: &Plan) -> Vec<(String, u64)> {
         use crate::gpu::Memory;
         let mut entries: Vec<(String, u64)> = Vec::new();
-        // Each piece of memory with its entry.
+        // Each allocation with its entry.
         let mut seen = HashMap::new();
         let is_plane = |index: &usize| matches!(self.held[*index], Held::Plane(_));
         let (planes, own): (Vec<_>, Vec<_>) = (0..self.held.len()).partition(is_plane);
@@ -208,7 +211,7 @@ impl<G: Gpu> Resources<G> {
                 }
                 Held::HostBuffer(copies) => {
                     let bytes = copies.iter().filter_map(HostBuffer::memory).map(|m| m.bytes()).sum();
-                    // None before the first frame, and none where only shared outputs are read.
+                    // It is zero before the first frame, and if only shared outputs are read.
                     if bytes > 0 {
                         entries.push((name.clone(), bytes));
                     }
@@ -230,7 +233,7 @@ impl<G: Gpu> Resources<G> {
     }
 }
 
-/// Creates the members of all blocks, but for those `taken` over and the `unused` ones, which are alone in theirs.
+/// Creates the members of all blocks, except reused (`taken`) and `unused` ones, which do not share theirs.
 fn transients<G: Gpu>(
     gpu: &Arc<G>,
     plan: &Plan,
@@ -281,7 +284,7 @@ fn check_format<G: Gpu>(
     Ok(())
 }
 
-/// Some draw blends into the image.
+/// Returns true if a draw blends into the image.
 fn is_blended(plan: &Plan, image: ResourceId) -> bool {
     plan.passes.iter().any(|pass| match &pass.work {
         Work::Draw { targets, .. } => targets.iter().any(|t| t.image == image && t.blend != Blend::Replace),

@@ -1,15 +1,15 @@
-//! Results of a prologue that plans share: buffers that one plan has computed once, and another need not compute again.
+//! Shared results of prologues: buffers that one plan has computed once and other plans reuse.
 //!
-//! Most results of passes with `run: Once` (covariances, packed coefficients) stay the same when a window changes its size or a constant its
-//! value. A [`Recipe`] is everything that such a result depends on: the passes that lead to it, in their order, with
-//! the code of their shaders, their numbers of workgroups, their push constants and what they bind, down to the planes of the scene.
-//! Two results of one recipe have the same bytes. So when a plan is made ready, the [`Results`] of the device are searched for each of its
-//! recipes; the new plan takes over the buffers that are found, holds them together with the plan that has them, and
-//! leaves out the passes all of whose results are taken over.
+//! Most results of passes with `run: Once` (covariances, packed coefficients) do not change when a window is resized or
+//! a constant is set. A [`Recipe`] is everything that such a result depends on: the passes that lead to it, in order,
+//! with their shader code, workgroup counts, push constants and bindings, down to the planes of the scene. Results with
+//! equal recipes have equal bytes. When a plan is prepared, the device's [`Results`] are searched for its recipes. The
+//! new plan holds the buffers that are found together with the plan that computed them, and skips the passes whose
+//! results are all reused.
 //!
-//! A buffer has a recipe if it is written in the prologue alone and has its memory to itself, and if nothing that it depends on comes
-//! from the host. It is entered when the frame that computes it was submitted: whatever reads it comes later in the queue, behind a
-//! barrier. It is never written again, and goes with the last plan that holds it.
+//! A buffer has a recipe if only the prologue writes it, if it does not alias other resources, and if it depends on
+//! nothing from the host. It is entered once the frame that computes it is submitted: its readers come later in the
+//! queue, behind a barrier. It is never written again, and is freed with the last plan that holds it.
 
 use crate::attributes::{self, PlaneKey};
 use crate::gpu::{Buffer, Gpu};
@@ -18,7 +18,7 @@ use splatgraph_framework::{ir::*, plan::*};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-/// Everything that the bytes of a result depend on, with resources numbered in the order of their first appearance.
+/// Everything that a result's bytes depend on. Resources are numbered in order of first appearance.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Recipe {
     result: usize,
@@ -47,7 +47,7 @@ enum Command {
     Fill { buffer: usize, value: u32 },
 }
 
-/// The recipes of a plan, by the results that they lead to.
+/// The recipes of a plan, by result.
 pub(crate) type Recipes = BTreeMap<ResourceId, Arc<Recipe>>;
 
 /// Lists the recipes of a plan for the scene with this identity.
@@ -57,16 +57,16 @@ pub(crate) fn recipes(plan: &Plan, identity: u64) -> Recipes {
     results.filter_map(|&id| Some((id, Arc::new(prologue.recipe(id, identity)?)))).collect()
 }
 
-/// Returns the passes of the prologue that need not run: they write `taken` results, or what only such passes use.
+/// Returns the prologue's passes that need not run: all that they write is `taken`, or used only by such passes.
 ///
-/// `taken` loses the results that another pass computes, too.
+/// Removes from `taken` the results that a remaining pass computes anyway.
 pub(crate) fn left_out<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Vec<PassId> {
     let prologue = Prologue::new(plan);
     let once = plan.used_once();
     let all = &plan.prologue;
     let mut out: Vec<PassId> =
         all.iter().copied().filter(|pass| prologue.written(*pass).next().is_some()).collect();
-    // The largest set that no pass outside of it depends on.
+    // The largest set of passes that no other pass depends on.
     loop {
         let uses = |pass: &PassId, id| touched(plan.pass(*pass)).any(|(used, _)| used == id);
         let needless =
@@ -84,16 +84,16 @@ pub(crate) fn left_out<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> V
     }
 }
 
-/// The prologue of a plan, by what its passes write.
+/// The prologue of a plan, indexed by the resources that its passes write.
 struct Prologue<'a> {
     plan: &'a Plan,
-    /// The passes that write a resource, in their order.
+    /// The passes that write a resource, in order.
     writers: BTreeMap<ResourceId, Vec<PassId>>,
-    /// The resources that passes of the frame write.
+    /// The resources that the frame's passes write.
     written_later: BTreeSet<ResourceId>,
 }
 
-/// Lists what a pass touches, and whether it writes that; some appear more than once.
+/// Lists a pass's resources, each with true if it is written; some appear more than once.
 fn touched(pass: &Pass) -> impl Iterator<Item = (ResourceId, bool)> + '_ {
     let uses = pass.uses.iter().map(|used| (used.resource, used.accesses.writes()));
     let bound = pass.bindings.iter().map(|binding| (binding.resource, false));
@@ -126,7 +126,7 @@ impl<'a> Prologue<'a> {
         touched(self.plan.pass(pass)).filter(|(_, writes)| *writes).map(|(id, _)| id)
     }
 
-    /// Returns true for a buffer that keeps what the prologue wrote, in its own memory.
+    /// Returns true for a buffer that keeps the prologue's data, in its own memory.
     fn is_result(&self, id: ResourceId) -> bool {
         let resource = self.plan.resource(id);
         resource.source == Source::Transient
@@ -136,7 +136,7 @@ impl<'a> Prologue<'a> {
             && !self.written_later.contains(&id)
     }
 
-    /// Returns the recipe of a result; none if it depends on more than the scene.
+    /// Returns the recipe of a result; `None` if it depends on more than the scene.
     fn recipe(&self, result: ResourceId, identity: u64) -> Option<Recipe> {
         let plan = self.plan;
         let mut passes = BTreeSet::new();
@@ -145,7 +145,7 @@ impl<'a> Prologue<'a> {
             if attributes::key(plan.resource(id), identity).is_some() {
                 continue;
             }
-            // What nothing writes before has no contents, and is nothing to depend on.
+            // A resource without an earlier writer has no contents to depend on.
             for &pass in self.writers.get(&id)? {
                 passes.insert(pass);
                 wanted.extend(touched(plan.pass(pass)).map(|(id, _)| id).filter(|id| seen.insert(*id)));
@@ -193,10 +193,10 @@ impl<'a> Prologue<'a> {
     }
 }
 
-/// A recipe with its result, which the plans hold that use it.
+/// A recipe with its result. Plans hold the buffer.
 type Computed<G> = (Arc<Recipe>, Weak<Buffer<G>>);
 
-/// The results on a device, as long as some plan holds them.
+/// The results on a device that some plan holds.
 pub(crate) struct Results<G: Gpu> {
     computed: Mutex<Vec<Computed<G>>>,
 }
@@ -208,9 +208,9 @@ impl<G: Gpu> Default for Results<G> {
 }
 
 impl<G: Gpu> Results<G> {
-    /// Finds the results of a plan's recipes that some plan holds.
+    /// Finds the results for a plan's recipes.
     ///
-    /// They were made for every use that this plan makes of them.
+    /// They were created for every use that this plan makes of them.
     pub fn find(&self, plan: &Plan, recipes: &Recipes) -> BTreeMap<ResourceId, Arc<Buffer<G>>> {
         let computed = self.computed.lock().unwrap_or_else(PoisonError::into_inner);
         let find = |(id, recipe): (&ResourceId, &Arc<Recipe>)| {
@@ -223,7 +223,7 @@ impl<G: Gpu> Results<G> {
         recipes.iter().filter_map(find).collect()
     }
 
-    /// Enters results whose frame was submitted.
+    /// Adds results whose frame was submitted.
     pub fn add<'a>(&self, results: impl Iterator<Item = (&'a Arc<Recipe>, &'a Arc<Buffer<G>>)>) {
         let mut computed = self.computed.lock().unwrap_or_else(PoisonError::into_inner);
         computed.retain(|(_, buffer)| buffer.strong_count() > 0);

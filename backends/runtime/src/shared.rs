@@ -1,4 +1,4 @@
-//! The state that all executors of a device share.
+//! The state shared by all executors of a device.
 
 use crate::attributes::AttributeCache;
 use crate::gpu::{Buffer, Gpu};
@@ -10,16 +10,16 @@ use splatgraph_api::BackendError;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
-/// An opened device, the scene's planes and the outputs on it, what it executes, and its loss.
+/// An open device with its loss, the scene's planes, the shared outputs and the submissions in flight.
 pub(crate) struct Shared<G: Gpu> {
     pub attributes: AttributeCache<Buffer<G>>,
     pub results: Results<G>,
     pub outputs: SharedOutputs<G>,
     pub watch: Arc<Watch<G>>,
     pub compilers: Compilers,
-    /// The first report of the device's loss; nothing works after that.
+    /// The first report of the device's loss; the device is unusable after it.
     lost: OnceLock<String>,
-    /// Objects that are no longer needed, and that the device may use until it is idle.
+    /// Objects that are no longer needed but may be in use by the device until it is idle.
     abandoned: Mutex<Vec<Box<dyn Send>>>,
     pub gpu: Arc<G>,
 }
@@ -38,7 +38,7 @@ impl<G: Gpu> Shared<G> {
         })
     }
 
-    /// Drops objects as soon as the device is found idle; it is not now, and may never be.
+    /// Drops objects once the device is found idle; it may be busy now, and may never become idle.
     pub fn abandon(&self, objects: impl Send + 'static) {
         self.abandoned().push(Box::new(objects));
     }
@@ -54,7 +54,7 @@ impl<G: Gpu> Shared<G> {
         self.abandoned.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Refuses once the device is lost.
+    /// Fails if the device is lost.
     pub fn check_lost(&self) -> Result<(), BackendError> {
         match self.lost.get() {
             Some(text) => Err(BackendError::DeviceLost(text.clone())),
@@ -62,7 +62,7 @@ impl<G: Gpu> Shared<G> {
         }
     }
 
-    /// Passes an error on. If it is the device's loss, adds the `place` where it was, and records it, unless another was first.
+    /// Returns the error. For the device's first loss, adds the `place` and records it.
     pub fn losing(&self, error: BackendError, place: impl FnOnce() -> Option<String>) -> BackendError {
         let BackendError::DeviceLost(answer) = error else { return error };
         let text = || match place() {
@@ -78,7 +78,7 @@ impl<G: Gpu> Drop for Shared<G> {
         self.drop_abandoned();
         let abandoned = std::mem::take(&mut *self.abandoned());
         if !abandoned.is_empty() {
-            // Neither is ever freed, nor is the device closed.
+            // Leaks both, so the device is never closed.
             Box::leak(Box::new((abandoned, self.gpu.clone())));
         }
     }

@@ -1,17 +1,17 @@
-//! Timestamps of frames, and the place where a lost device stopped.
+//! Timestamps of frames, and where a lost device stopped.
 
 use crate::gpu::Gpu;
 use splatgraph_api::{BackendError, FrameId};
 
-/// Returns how many timestamps a frame that runs `passes` passes writes: its start and its end, then one before and one after each
-/// pass.
+/// Returns the number of timestamps of a frame with `passes` passes: its start and end, then one before and one after
+/// each pass.
 pub(crate) fn queries(passes: usize) -> u32 {
     2 + 2 * passes as u32
 }
 
 /// A frame's timestamps; see [`queries`] for their order.
 pub(crate) struct Times {
-    /// Empty where the queue has no timer; `None` for one that was not written.
+    /// Empty if the queue has no timer; `None` for a timestamp that was not written.
     ticks: Vec<Option<u64>>,
     bits: u32,
     /// Nanoseconds per tick.
@@ -32,7 +32,7 @@ impl Times {
         Ok(Times { ticks, bits: limits.timestamp_bits, period: limits.timestamp_period as f64 })
     }
 
-    /// Returns for each pass whether it is known to be complete; `None` without a timer.
+    /// Returns which passes are known to be complete; `None` without a timer.
     pub fn finished(&self, passes: usize) -> Option<Vec<bool>> {
         let done = |pass| self.ticks[queries(pass) as usize + 1].is_some();
         (!self.ticks.is_empty()).then(|| (0..passes).map(done).collect())
@@ -53,13 +53,13 @@ impl Times {
     }
 }
 
-/// Converts ticks, which count modulo two to the number of valid bits: the counter may have wrapped between the two.
+/// Converts a difference of ticks to milliseconds, modulo the number of valid bits: the counter may have wrapped.
 fn milliseconds(from: u64, to: u64, bits: u32, period: f64) -> f64 {
     let mask = if bits >= 64 { u64::MAX } else { (1 << bits) - 1 };
     (to.wrapping_sub(from) & mask) as f64 * period * 1e-6
 }
 
-/// Says in words where a lost device stopped.
+/// Describes where a lost device stopped.
 pub(crate) fn lost_in(frame: FrameId, names: &[&str], finished: Option<&[bool]>) -> String {
     let Some(finished) = finished else {
         return format!("in or after frame {}; without timestamps no pass of it is known complete", frame.0);
@@ -100,7 +100,7 @@ mod tests {
         let middle = said(Some(&[true, false, false]));
         assert!(middle.contains("frame 7") && middle.contains("complete is `key`"), "{middle}");
         assert!(middle.contains("next one is `sort.scan[0]`"), "{middle}");
-        // A later pass that overlapped and finished first does not hide the one that did not.
+        // A later pass that overlapped and finished first does not hide the unfinished one.
         assert_eq!(said(Some(&[true, false, true])), middle);
         assert!(said(Some(&[false; 3])).contains("none of its passes"));
         assert!(said(Some(&[true; 3])).contains("all its passes"));

@@ -1,7 +1,7 @@
 //! Uploads of the scene, in chunks through staging memory.
 //!
-//! The staging memory has two halves: while the device copies out of one, the scene writes into the other. However large the scene, no
-//! more than twice [`CHUNK`] bytes are mapped, nothing else is allocated, and progress is reported after every chunk.
+//! The staging memory has two halves: the scene writes one while the device copies from the other. For any size of
+//! scene, at most two [`CHUNK`]s are mapped, nothing else is allocated, and progress is reported after every chunk.
 
 use crate::attributes::{PlaneKey, Planes};
 use crate::gpu::{Buffer, BufferDesc, Encoder, Gpu, Location};
@@ -14,8 +14,10 @@ use std::ops::Range;
 /// Maximum bytes of one copy, rounded down to whole entries.
 const CHUNK: u64 = 16 << 20;
 
-/// Reads the planes `missing` from the scene and uploads them. When this returns, also with an error, the device uses none of
-/// them any more: they are uploaded, or can be dropped. (Those of a copy that does not come to its end are kept.)
+/// Uploads the `missing` planes of the scene.
+///
+/// When it returns, even with an error, the device no longer uses the planes: they are uploaded or can be dropped.
+/// (Planes of a copy that hangs are kept.)
 pub(crate) fn upload<G: Gpu>(
     shared: &Shared<G>,
     scene: &dyn SceneData,
@@ -33,14 +35,14 @@ pub(crate) fn upload<G: Gpu>(
 struct Half<G: Gpu> {
     staging: Buffer<G>,
     encoder: G::Encoder,
-    /// The copy on its way.
+    /// The copy in flight.
     busy: Option<Ticket<G>>,
 }
 
 struct Uploader<'a, G: Gpu> {
     shared: &'a Shared<G>,
     planes: &'a Planes<Buffer<G>>,
-    /// Two.
+    /// The two halves.
     halves: Vec<Half<G>>,
     done: u64,
     total: u64,
@@ -75,7 +77,7 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         progress(Progress::Upload { done_bytes: 0, of_bytes: self.total });
         let mut next = 0;
         for key in missing {
-            // An entry is some words; one that is longer than a chunk goes as one.
+            // An entry is a few words; an entry longer than a chunk is copied whole.
             let chunk = (CHUNK / key.stride.max(1)).max(1) * key.stride.max(1);
             let mut offset = 0;
             while offset < key.bytes {
@@ -91,7 +93,7 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         self.wait(1)
     }
 
-    /// Writes the bytes `range` of a plane into one of the halves, and copies them to the plane's buffer.
+    /// Writes the byte range `range` of a plane into a half, and copies it to the plane's buffer.
     fn send(
         &mut self,
         half: usize,
@@ -126,11 +128,11 @@ impl<'a, G: Gpu> Uploader<'a, G> {
 }
 
 impl<G: Gpu> Drop for Uploader<'_, G> {
-    /// Waits for the copies that an error, or a panic of the scene's, leaves on their way.
+    /// Waits for copies still in flight after an error or a panic of the scene.
     fn drop(&mut self) {
         let mut stuck = false;
         for half in 0..self.halves.len() {
-            // A device that is lost has nothing left to do.
+            // A lost device has no work left.
             stuck |= matches!(self.wait(half), Err(BackendError::Stuck { .. }));
         }
         if stuck {

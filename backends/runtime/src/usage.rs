@@ -1,17 +1,17 @@
-//! The uses that buffers and images are made for.
+//! The uses for which buffers and images are created.
 
 use splatgraph_framework::ir::{Shape, Source, Usage};
 use splatgraph_framework::plan::Resource;
 
-/// Returns every use that the buffer or image of a resource is made for. Copies out are always among them, so that any resource
-/// can be inspected.
+/// Returns the uses for which a resource's buffer or image is created. They always include copying out, so that any
+/// resource can be inspected.
 pub(crate) fn usage(resource: &Resource) -> Usage {
     const BUFFER: Usage = Usage::COLOR_TARGET.complement();
     if matches!(resource.shape, Shape::Image { .. }) {
         return resource.usage | Usage::COPY_SOURCE;
     }
     let base = match resource.source {
-        // The same for every plan, since plans share them.
+        // The uses are equal in all plans, because plans share these buffers.
         Source::Scene { .. } | Source::HostBuffer { .. } => return BUFFER,
         Source::Transient if resource.history.is_some() => return BUFFER,
         Source::Transient => Usage::COPY_SOURCE,

@@ -1,13 +1,14 @@
 //! Watches which pass the device executes, and for how long.
 //!
-//! A wait for the device has an end. It is made of short ones, and between two of them the watch is looked at: if the device runs the
-//! same pass for longer than the device's patience, the wait is given up with an error that names the pass. What was submitted stays
-//! in flight, and owns what it uses, until it is done or the device is lost.
+//! Every wait for the device is bounded. It consists of short waits with a look at the watch between them. If the
+//! device runs one pass for longer than its patience, the wait fails with an error that names the pass. The submission
+//! stays in flight, and owns its objects, until it completes or the device is lost.
 //!
-//! The executors of a device share its queue, so that a frame may wait for a pass of another executor's. Therefore every submission
-//! is [entered](Watch::enter) in the order of the queue. The device runs the first whose timestamps are not all written, in the pass
-//! after the last one whose timestamp is. Submissions without timestamps (uploads, and all where the queue has no timer, or one that
-//! cannot be read while the device runs) tell nothing, and are named only by those who wait for them.
+//! The executors of a device share its queue, so a frame may wait for another executor's pass. Every submission is
+//! therefore [entered](Watch::enter) in queue order. The device is running the first submission whose timestamps are
+//! not all written, in the pass after the last written one. Submissions without timestamps (uploads, and all of them if
+//! the queue has no timer or it cannot be read while the device runs) give no information. Only their own waiters name
+//! them.
 
 use crate::gpu::Gpu;
 use crate::timing::Times;
@@ -17,10 +18,10 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The longest single wait between two looks.
+/// The longest wait between two looks.
 const SLICE: Duration = Duration::from_millis(50);
 
-/// The submissions of a device that are not known to be done.
+/// The submissions of a device that are not known to be complete.
 pub(crate) struct Watch<G: Gpu> {
     state: Mutex<State<G>>,
 }
@@ -28,9 +29,9 @@ pub(crate) struct Watch<G: Gpu> {
 struct State<G: Gpu> {
     /// The number of the next submission.
     next: u64,
-    /// By number, which is the order of the queue.
+    /// By number, which is the queue order.
     submitted: BTreeMap<u64, Submission<G>>,
-    /// The point that the device had reached when it was last looked at, and when it was first found there.
+    /// The point that the device had reached at the last look, and when it was first seen there.
     reached: Option<(Point, Instant)>,
 }
 
@@ -39,7 +40,7 @@ type Point = (u64, usize);
 
 /// The description of a submission.
 pub(crate) struct Submission<G: Gpu> {
-    /// The plan's name for a frame; none for an upload.
+    /// The frame; `None` for an upload.
     pub frame: Option<Frame<G>>,
 }
 
@@ -54,7 +55,7 @@ pub(crate) struct Frame<G: Gpu> {
     pub timestamps: Option<Arc<G::Timestamps>>,
 }
 
-/// The entry of a submission, removed when it is dropped.
+/// A submission's entry in the watch, removed on drop.
 pub(crate) struct Ticket<G: Gpu> {
     number: u64,
     watch: Arc<Watch<G>>,
@@ -86,7 +87,7 @@ impl<G: Gpu> Watch<G> {
         Ticket { number, watch: self.clone() }
     }
 
-    /// Returns the work that the device executes; `own` is not done, as is known by other means.
+    /// Returns the work that the device is executing. `own` is known to be unfinished.
     pub fn look(&self, gpu: &G, own: &Ticket<G>) -> Running {
         let mut state = self.state();
         let (point, place) = state.first_unfinished(gpu, own.number);
@@ -99,7 +100,7 @@ impl<G: Gpu> Watch<G> {
         Running { place, time: now - since }
     }
 
-    /// Blocks until the encoder's submission, entered as `ticket`, is done.
+    /// Blocks until the encoder's submission, entered as `ticket`, has completed.
     ///
     /// # Errors
     /// [`BackendError::Stuck`] once the device has run one pass for longer than its patience.
@@ -114,13 +115,13 @@ impl<G: Gpu> Watch<G> {
     }
 }
 
-/// Returns the error of a wait that is given up.
+/// Returns the error of an abandoned wait.
 pub(crate) fn stuck(running: Running) -> BackendError {
     BackendError::Stuck { place: running.place, seconds: running.time.as_secs() }
 }
 
 impl<G: Gpu> State<G> {
-    /// Finds the first submission that is not done, `own` at the latest, and says in words where the device is in it.
+    /// Finds the first unfinished submission, `own` at the latest, and describes how far the device is in it.
     fn first_unfinished(&self, gpu: &G, own: u64) -> (Point, String) {
         let live = gpu.limits().live_timestamps;
         for (&number, submission) in self.submitted.range(..=own).filter(|_| live) {

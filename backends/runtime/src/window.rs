@@ -1,11 +1,11 @@
-//! Frames that are shown in a window.
+//! Presents frames in a window.
 //!
-//! A window's pixels are the images of a swapchain, which go back and forth between the window system and the program. To show a
-//! frame, its output is blitted into an image that was acquired, and the image is presented. The blit is submitted right behind the
-//! frame, so that the frame itself never waits for the window, and its timestamps do not count such a wait.
+//! A swapchain's images go back and forth between the window system and the program. To show a frame, its output is
+//! blitted to an acquired image, and the image is presented. The blit is submitted right after the frame: the frame
+//! itself never waits for the window, and its timestamps do not include such a wait.
 //!
-//! A swapchain fits its window until the window is resized, or is to be paced in another way. Then it is *stale*, and the next frame
-//! to be shown makes a new one. A window without pixels has none, and nothing is shown in it.
+//! A swapchain becomes *stale* when the window is resized or vsync is switched. The next frame to be shown then creates
+//! a new one. A window without pixels has no swapchain and shows nothing.
 
 use crate::check::invalid;
 use crate::gpu::{Acquired, Gpu, Image, Presented, Show};
@@ -18,27 +18,26 @@ use std::time::Duration;
 /// The longest wait for the device before a swapchain is replaced.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// The swapchain of a window, and what it must fit.
+/// The swapchain of a window, and the state that decides when to replace it.
 pub(crate) struct Swapchain<G: Gpu> {
     // Dropped first, when the device is idle.
     raw: Option<G::Swapchain>,
-    /// The window's size in pixels, as far as the program was told.
+    /// The window's size in pixels, as last reported to the program.
     told: (u32, u32),
     vsync: bool,
-    /// The swapchain, if there is one, must be replaced before the next frame is shown.
+    /// True if the swapchain, if any, must be replaced before the next frame is shown.
     stale: bool,
-    /// An image was acquired and not presented yet.
+    /// True if an image was acquired and not presented yet.
     acquired: bool,
-    /// The swapchain was made because the one before could have fitted better: if this one could, too, it stays.
+    /// The swapchain was already rebuilt after `SUBOPTIMAL`; a second `SUBOPTIMAL` is ignored.
     is_best: bool,
-    /// The surface is lost: the swapchain must be dropped, and the surface made anew.
+    /// True if the surface is lost: the swapchain must be dropped and the surface recreated.
     surface_lost: bool,
     gpu: Arc<G>,
 }
 
 impl<G: Gpu> Swapchain<G> {
-    /// Creates a swapchain for the window that the device was opened with, which has `size` pixels. A window that cannot be drawn in
-    /// is refused.
+    /// Creates a swapchain for the device's window of `size` pixels. Refuses a window that cannot be drawn to.
     pub fn new(gpu: &Arc<G>, size: (u32, u32)) -> Result<Self, BackendError> {
         let mut swapchain = Swapchain {
             raw: None,
@@ -70,11 +69,12 @@ impl<G: Gpu> Swapchain<G> {
         self.vsync = vsync;
     }
 
-    /// Acquires an image of the window and records the blit of `output` into it, to be submitted behind the frame in `slot` and then
-    /// [`present`](Swapchain::present)ed. Returns the image's index; none if nothing can be shown now. The frame that last used this
-    /// slot must be done.
+    /// Acquires an image of the window and records the blit of `output` into it.
     ///
-    /// Blocks while all images are with the window system: with vsync, until the display's next refresh.
+    /// The blit is submitted after the frame in `slot`; the image is then [`present`](Swapchain::present)ed. Returns
+    /// the image's index; `None` if nothing can be shown now. The slot's former frame must have completed.
+    ///
+    /// Blocks while the window system holds all images: with vsync, until the display's next refresh.
     pub fn prepare(
         &mut self,
         output: &Image<G>,
@@ -90,7 +90,7 @@ impl<G: Gpu> Swapchain<G> {
         Ok(Some(image))
     }
 
-    /// Names an acquired image to the device.
+    /// Returns an acquired image for [`Gpu::submit`].
     pub fn show(&mut self, image: u32, slot: usize) -> Option<Show<'_, G>> {
         self.raw.as_mut().map(|swapchain| Show { swapchain, image, slot })
     }
@@ -104,20 +104,20 @@ impl<G: Gpu> Swapchain<G> {
             Ok(Presented::Shown) => {}
             Ok(Presented::Suboptimal) => self.fits_badly(),
             Ok(Presented::OutOfDate) => self.fits_no_more(),
-            // The frame is drawn. The next one has another surface.
+            // The frame is drawn but not shown. The next one gets a new surface.
             Err(BackendError::SurfaceLost { .. }) => self.lose_surface(),
             Err(error) => return Err(error),
         }
         Ok(())
     }
 
-    /// Notes that another swapchain would fit better, as some window systems say of every swapchain.
+    /// Records `SUBOPTIMAL`, which some window systems report for every swapchain.
     fn fits_badly(&mut self) {
         self.stale |= !self.is_best;
         self.is_best = true;
     }
 
-    /// Notes that the swapchain cannot be used any more.
+    /// Records that the swapchain is out of date.
     fn fits_no_more(&mut self) {
         (self.stale, self.is_best) = (true, false);
     }
@@ -127,15 +127,15 @@ impl<G: Gpu> Swapchain<G> {
         self.surface_lost = true;
     }
 
-    /// Acquires an image; none if the window shows nothing now.
+    /// Acquires an image; `None` if the window shows nothing now.
     fn acquire(&mut self, slot: usize) -> Result<Option<u32>, BackendError> {
-        // A submission failed after its image was acquired: only a new swapchain gets that image back.
+        // A submission failed after its image was acquired: only a new swapchain gets the image back.
         self.stale |= self.acquired;
-        // The window may change its size between the two calls, once; if it goes on, the next frame will fit.
+        // The window may be resized between the two calls. After a second failure, the next frame tries again.
         for _ in 0..2 {
             match self.renew() {
                 Ok(()) => {}
-                // It was found out just now. If another is lost at once, the window is gone.
+                // The loss was found just now. If the new surface is lost at once, the window is gone.
                 Err(BackendError::SurfaceLost { .. }) if !self.surface_lost => {
                     self.lose_surface();
                     continue;
@@ -160,7 +160,7 @@ impl<G: Gpu> Swapchain<G> {
         Ok(None)
     }
 
-    /// Replaces a swapchain that is stale by one that fits the window, unless the window has no pixels.
+    /// Replaces a stale swapchain, unless the window has no pixels.
     fn renew(&mut self) -> Result<(), BackendError> {
         if !self.stale {
             return Ok(());
@@ -173,12 +173,12 @@ impl<G: Gpu> Swapchain<G> {
             self.gpu.renew_surface()?;
         }
         let Some(size) = self.gpu.window_size(self.told)? else { return Ok(()) };
-        // Nothing may use the previous swapchain when it is destroyed. This waits for more than it must, but only when a window
-        // changes. While the device has other things to do for long, frames are drawn and not shown.
+        // The device must be idle when the old swapchain is destroyed. This waits for more than necessary, but only
+        // when a window changes. While the device is busy for long, frames are drawn and not shown.
         if !self.gpu.wait_idle(PATIENCE) {
             return Ok(());
         }
-        // It cannot be used after this, also if no other can be made.
+        // The old swapchain is unusable after this, even if creating a new one fails.
         let former = self.raw.take();
         self.raw = Some(self.gpu.create_swapchain(size, self.vsync, former.as_ref())?);
         self.stale = false;
@@ -188,7 +188,7 @@ impl<G: Gpu> Swapchain<G> {
     }
 }
 
-/// Refuses an output that is no picture, or that the device cannot blit.
+/// Refuses an output that is not a picture, or that the device cannot blit.
 fn check_output(format: Format, blit: bool) -> Result<(), BackendError> {
     let name = format.name();
     if format == Format::R32Uint {

@@ -76,7 +76,7 @@ impl Gpu for VulkanGpu {
 
     fn available(&self) -> Option<u64> {
         let memory = self.memory();
-        // The allocator's unused pieces count as used by the driver, and are there to be used.
+        // Free space in the allocator's blocks counts as used by the driver, but is available.
         let available = device::heap(&self.instance, self.physical, self.budget).available?;
         Some(available.saturating_add(memory.reserved.saturating_sub(memory.used)))
     }
@@ -102,11 +102,11 @@ impl Gpu for VulkanGpu {
     fn wait_idle(&self, limit: Duration) -> bool {
         match queue::idle(self, limit) {
             Ok(idle) => idle,
-            // A lost device has nothing left to do.
+            // A lost device has no work left.
             Err(BackendError::DeviceLost(_)) => true,
             Err(_) => {
                 let _queue = self.queue();
-                // SAFETY: the device's one queue is locked.
+                // SAFETY: the device's only queue is locked.
                 let _ = unsafe { self.device.device_wait_idle() };
                 true
             }
@@ -194,7 +194,7 @@ impl Gpu for VulkanGpu {
         timestamps: &Owned<vk::QueryPool>,
         count: u32,
     ) -> Result<Vec<Option<u64>>, BackendError> {
-        // Each value is followed by whether it is there.
+        // Each value is followed by its availability.
         let mut values = vec![[0u64; 2]; count as usize];
         let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WITH_AVAILABILITY;
         // SAFETY: the pool has at least this many timestamps.
@@ -229,7 +229,7 @@ impl Gpu for VulkanGpu {
 
     fn renew_surface(&self) -> Result<(), BackendError> {
         self.instance.renew_surface()?;
-        // A window that is gone has surfaces, and nothing can be asked of them.
+        // A closed window can still have a surface, but queries on it fail.
         match self.instance.surface() {
             Some(surface) if surface.can_show(self.physical, self.family) => Ok(()),
             _ => Err(BackendError::SurfaceLost { call: "vkGetPhysicalDeviceSurfaceSupportKHR" }),

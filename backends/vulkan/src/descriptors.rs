@@ -15,12 +15,12 @@ use std::sync::Arc;
 pub struct DescriptorSets {
     /// By pass, then by slot; null for passes that bind nothing.
     sets: Vec<[vk::DescriptorSet; FRAMES_IN_FLIGHT]>,
-    // Frees the sets.
+    // Dropping the pool frees the sets.
     _pool: Option<Owned<vk::DescriptorPool>>,
 }
 
 impl DescriptorSets {
-    /// Allocates the sets of all passes that run and bind something.
+    /// Allocates the sets of all passes that run and have bindings.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         plan: &Plan,
@@ -48,7 +48,7 @@ impl DescriptorSets {
         Ok(DescriptorSets { sets, _pool: Some(pool) })
     }
 
-    /// Writes one binding of one copy of a pass's set.
+    /// Writes one binding in one copy of a pass's set.
     pub(crate) fn write(
         &self,
         gpu: &VulkanGpu,
@@ -89,7 +89,7 @@ impl DescriptorSets {
     }
 }
 
-/// Creates a pool for the sets of the passes `bound`; none if there are none.
+/// Creates a pool for the sets of the passes `bound`; `None` if there are none.
 fn pool(
     gpu: &Arc<VulkanGpu>,
     plan: &Plan,

@@ -1,8 +1,8 @@
 //! Physical devices: their properties, their facts for graphs, and the choice of one.
 //!
-//! A device is described once, as plain data: a [`DeviceInfo`] for people and graphs, and the [`Limits`] that a plan is
-//! held against. The logical device is then created with one queue that can compute, draw and copy, and with the
-//! features that [`create`] lists.
+//! A device is described once, as plain data: a [`DeviceInfo`] for users and graphs, and the [`Limits`] that plans are
+//! checked against. The logical device is created with the features that [`create`] lists, and one queue that supports
+//! compute, graphics and transfer.
 
 use crate::error::api;
 use crate::features::OptionalFeatures;
@@ -17,25 +17,25 @@ use std::time::Duration;
 /// A physical device and its properties.
 pub(crate) struct Physical {
     pub handle: vk::PhysicalDevice,
-    /// Index of the queue family that can compute and draw, and show pictures in the instance's window if it has one.
+    /// Index of a queue family with compute and graphics that can present to the instance's window, if it has one.
     pub family: u32,
     pub info: DeviceInfo,
     pub limits: Limits,
-    /// It has `VK_EXT_memory_budget`.
+    /// True if it has `VK_EXT_memory_budget`.
     pub budget: bool,
     kind: vk::PhysicalDeviceType,
 }
 
 impl Physical {
-    /// Returns the time that one pass may run where the program does not say. A CPU is slow at what GPUs do in an instant.
+    /// Returns the default time limit of one pass. A CPU gets more, because it is much slower than a GPU.
     pub fn patience(&self) -> Duration {
         let seconds = if self.kind == vk::PhysicalDeviceType::CPU { 600 } else { 10 };
         Duration::from_secs(seconds)
     }
 }
 
-/// Lists the physical devices of the instance, in the loader's order. With a window, devices that cannot show
-/// pictures in it are unfit.
+/// Lists the physical devices of the instance, in the loader's order. With a window, devices that cannot present to it
+/// are marked unfit.
 pub(crate) fn all(instance: &Instance) -> Result<Vec<Physical>, BackendError> {
     let handles = instance.physical_devices()?;
     Ok(handles.into_iter().enumerate().map(|(index, handle)| describe(instance, handle, index)).collect())
@@ -62,7 +62,7 @@ fn kind_name(kind: vk::PhysicalDeviceType) -> &'static str {
 }
 
 fn describe(instance: &Instance, handle: vk::PhysicalDevice, index: usize) -> Physical {
-    // The version first: the structures of newer versions may not be asked of an older device.
+    // The version comes first: an older device must not be queried with the structures of newer versions.
     // SAFETY: `handle` is one of the instance's.
     let basic = unsafe { instance.raw.get_physical_device_properties(handle) };
     let name = basic.device_name_as_c_str().map(CStr::to_string_lossy).unwrap_or_default().into_owned();
@@ -111,7 +111,7 @@ fn queue_family(
 
 const NO_PRESENTING: &str = "it cannot show pictures in this window";
 
-/// The first of these queue families that can compute and draw, and that `presents`; or why there is none.
+/// Returns the first family with compute and graphics that satisfies `presents`, or the reason why there is none.
 fn fit_family(families: &[vk::QueueFlags], presents: impl Fn(u32) -> bool) -> Result<u32, &'static str> {
     let needed = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
     let mut able = (0..).zip(families).filter(|(_, flags)| flags.contains(needed)).peekable();
@@ -127,7 +127,8 @@ fn has_extension(instance: &Instance, handle: vk::PhysicalDevice, name: &CStr) -
     extensions.is_ok_and(|extensions| offers(&extensions, name))
 }
 
-/// Describes the largest device-local heap; with `budget`, of a device that has `VK_EXT_memory_budget`, also what is left of it.
+/// Describes the largest device-local heap, with the available bytes if `budget` (the device has
+/// `VK_EXT_memory_budget`).
 pub(crate) fn heap(instance: &Instance, handle: vk::PhysicalDevice, budget: bool) -> Heap {
     let mut left = vk::PhysicalDeviceMemoryBudgetPropertiesEXT::default();
     let mut answer = vk::PhysicalDeviceMemoryProperties2::default();
@@ -139,7 +140,7 @@ pub(crate) fn heap(instance: &Instance, handle: vk::PhysicalDevice, budget: bool
     let memory = answer.memory_properties;
     let Some(index) = largest_heap(&memory) else { return Heap::default() };
     let available = left.heap_budget[index].saturating_sub(left.heap_usage[index]);
-    // A budget of 0 is that of a heap that the driver says nothing of.
+    // A budget of 0 means that the driver reports none for this heap.
     let known = budget && left.heap_budget[index] > 0;
     Heap { bytes: memory.memory_heaps[index].size, available: known.then_some(available) }
 }
@@ -151,7 +152,7 @@ fn largest_heap(memory: &vk::PhysicalDeviceMemoryProperties) -> Option<usize> {
     local.max_by_key(|&index| heaps[index].size)
 }
 
-/// Limits and the driver's name, of a device of version 1.3 or later.
+/// Queries the limits and the driver's name of a device of version 1.3 or later.
 fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut subgroups = vk::PhysicalDeviceSubgroupProperties::default();
@@ -201,20 +202,20 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
         buffer_image_granularity: core.buffer_image_granularity,
         independent_blend: features.independent_blend == vk::TRUE,
         subgroup: SubgroupLimits {
-            // Some drivers give a default outside of what they let a pipeline ask for.
+            // Some drivers report a default size outside the range that they accept in a request.
             size: subgroups.subgroup_size.clamp(control.min_subgroup_size, control.max_subgroup_size),
             min_size: control.min_subgroup_size,
             max_size: control.max_subgroup_size,
             selectable: control.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
             max_per_group: control.max_compute_workgroup_subgroups,
         },
-        // Cuts the digits off that a half float has no room for.
+        // Blending there truncates to half-float.
         rounds_half: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
-        // Multiplies and adds, on whatever CPU; Vulkan leaves it open.
+        // `fma` is a multiplication and an addition there, on any CPU; Vulkan allows either.
         fused_fma: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
         features: OptionalFeatures::of(instance, handle).shaders(),
         timestamp_bits: 0,
-        // Reading them waits for all that was submitted.
+        // Reading timestamps there waits for all submitted work.
         live_timestamps: driver.driver_id != vk::DriverId::MESA_LLVMPIPE,
         timestamp_period: core.timestamp_period,
     };
@@ -223,9 +224,9 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
     (limits, driver.trim().to_string())
 }
 
-/// Creates the logical device, with `extensions` (a swapchain's, for instance) besides what this crate uses.
+/// Creates the logical device, with `extensions` (a swapchain's, for instance) in addition to the crate's own.
 ///
-/// Accesses beyond the ends of buffers and images are bounded as strictly as the device can, unless they are to be `unchecked`.
+/// Bounds accesses beyond the ends of buffers and images as strictly as the device can, unless `unchecked`.
 pub(crate) fn create(
     instance: &Instance,
     physical: &Physical,
@@ -234,8 +235,8 @@ pub(crate) fn create(
 ) -> Result<ash::Device, BackendError> {
     let mut features = OptionalFeatures::of(instance, physical.handle);
     let OptionalFeatures { core, vulkan11, vulkan12, atomic_float, .. } = &mut features;
-    // What every device of version 1.3 has is requested outright. The rest serves shaders that need it: a plan with such a
-    // shader is refused where it is absent.
+    // Features that every 1.3 device has are requested outright. The others are enabled if present: a plan with a
+    // shader that needs a missing one is refused.
     vulkan12.host_query_reset = vk::TRUE;
     let mut robust = RobustnessFeatures::default();
     if !unchecked {
@@ -246,7 +247,7 @@ pub(crate) fn create(
         .synchronization2(true)
         .dynamic_rendering(true)
         .maintenance4(true)
-        // `discard` is a demotion since SPIR-V 1.6.
+        // Since SPIR-V 1.6, `discard` compiles to a demotion.
         .shader_demote_to_helper_invocation(true)
         .shader_integer_dot_product(true)
         .subgroup_size_control(true)

@@ -23,7 +23,7 @@ pub struct Encoder {
     pub(crate) fence: Owned<vk::Fence>,
     pool: Owned<vk::CommandPool>,
     gpu: Arc<VulkanGpu>,
-    // Lists that are filled again and again, so that recording allocates nothing.
+    // Reused lists, so that recording does not allocate.
     dependency: Dependency,
     memory: Vec<vk::MemoryBarrier2<'static>>,
     images: Vec<vk::ImageMemoryBarrier2<'static>>,
@@ -47,7 +47,7 @@ impl Encoder {
         })
     }
 
-    /// Records the collected dependency, unless it is empty.
+    /// Records the collected barriers, if any, in one call.
     fn flush(&mut self) {
         self.memory.clear();
         self.memory.extend(self.dependency.memory.iter().map(memory_barrier));
@@ -158,7 +158,7 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
     ) {
         let Some((pipeline, layout)) = pipelines.of(id) else { return };
         let device = &self.gpu.device;
-        // SAFETY: pipeline, layout and set were made for one another and are alive.
+        // SAFETY: pipeline, layout and set were created for one another and are alive.
         unsafe {
             device.cmd_bind_pipeline(self.commands, pipeline.bind_point, *pipeline.raw);
             if !pass.bindings.is_empty() {
@@ -275,8 +275,8 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
         unsafe { self.gpu.device.reset_query_pool(**timestamps, 0, count) };
     }
 
-    /// The difference of two is the time for which the commands between them kept the device from going on, also where passes
-    /// overlap.
+    /// Writes at the end of the pipeline. The difference of two timestamps is the time that the commands between them
+    /// add, even if passes overlap.
     fn timestamp(&mut self, timestamps: &Owned<vk::QueryPool>, index: u32) {
         let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
         // SAFETY: the command buffer is being recorded outside of rendering, and the query was reset.
@@ -319,7 +319,7 @@ fn memory_barrier(barrier: &MemoryBarrier) -> vk::MemoryBarrier2<'static> {
         .dst_access_mask(barrier.target.accesses)
 }
 
-/// Rewrites a barrier on a whole image.
+/// Converts a barrier on a whole image to Vulkan's.
 pub(crate) fn image_barrier(barrier: &ImageBarrier) -> vk::ImageMemoryBarrier2<'static> {
     vk::ImageMemoryBarrier2::default()
         .src_stage_mask(barrier.source.stages)

@@ -1,12 +1,12 @@
-//! Vulkan's answers as [`BackendError`]s.
+//! Converts Vulkan's result codes to [`BackendError`]s.
 //!
-//! Every call of this crate that can fail goes through [`api`], so that an error always names the call. Answers that a caller can act
-//! on (memory, a lost device, a busy driver) have their own variants.
+//! Every call that can fail goes through [`api`], so an error always names the call. Results that a caller can act on
+//! (out of memory, device lost, busy driver) have their own variants.
 
 use ash::vk;
 use splatgraph_api::BackendError;
 
-/// Returns the error of a Vulkan call of this name, for `map_err`.
+/// Returns a converter for `map_err`, for errors of the Vulkan call of this name.
 pub(crate) fn api(call: &'static str) -> impl Fn(vk::Result) -> BackendError {
     move |answer| {
         let text = format!("{answer:?}");

@@ -1,10 +1,10 @@
-//! Optional features of a device: which ones are enabled if present, and their meaning for shaders.
+//! Optional device features: those that are enabled if present, and what they allow shaders to do.
 
 use crate::instance::{Instance, offers};
 use ash::{ext, vk};
 use splatgraph_framework::ir::Features;
 
-/// The optional features that a device is opened with. What is not listed in [`OptionalFeatures::of`] stays off.
+/// The optional features with which a device is opened. Features that [`OptionalFeatures::of`] does not list stay off.
 pub(crate) struct OptionalFeatures {
     pub core: vk::PhysicalDeviceFeatures,
     pub vulkan11: vk::PhysicalDeviceVulkan11Features<'static>,
@@ -16,7 +16,7 @@ pub(crate) struct OptionalFeatures {
 }
 
 impl OptionalFeatures {
-    /// Picks the features that shaders could want from those that a device of version 1.3 or later has.
+    /// Selects the features useful to shaders from those of a device of version 1.3 or later.
     pub fn of(instance: &Instance, handle: vk::PhysicalDevice) -> OptionalFeatures {
         // SAFETY: `handle` is one of the instance's.
         let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) };
@@ -98,7 +98,7 @@ impl OptionalFeatures {
         }
     }
 
-    /// Lists what these features allow shaders to do.
+    /// Lists the shader features that these enable.
     pub fn shaders(&self) -> Features {
         let OptionalFeatures { core, vulkan11, vulkan12, .. } = self;
         let float = self.atomic_float.unwrap_or_default();

@@ -1,12 +1,12 @@
-//! The opened device, and objects that are destroyed when they are dropped.
+//! The open device, and objects that are destroyed on drop.
 //!
-//! Everything made from the device holds it by an [`Arc<VulkanGpu>`], so that the device outlives it in whatever order things are
-//! dropped. Objects that the GPU may still be using are not guarded here: the owner of frames in flight
-//! ([`splatgraph_runtime::Executor`]) waits for them before it drops anything.
+//! Every object holds its device by an [`Arc<VulkanGpu>`], so the device outlives it in any drop order. Objects that
+//! the GPU may still be using are not guarded here: the owner of frames in flight ([`splatgraph_runtime::Executor`])
+//! waits before it drops anything.
 //!
-//! One device serves several executors and the threads on which plans are made ready: it can be used from any of them at a
-//! time. Vulkan wants one caller at a time for the queue (so it stands behind a lock) and for pools (each has one owner);
-//! creating and destroying objects it allows anywhere.
+//! One device serves several executors and the threads that prepare plans, concurrently. Vulkan requires external
+//! synchronization for the queue (it is behind a lock) and for pools (each has one owner). Creating and destroying
+//! objects is allowed from any thread.
 
 use crate::device::{self, Physical};
 use crate::error::api;
@@ -21,20 +21,20 @@ use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// An opened Vulkan device; see [`crate::Vulkan`].
+/// An open Vulkan device; see [`crate::Vulkan`].
 pub struct VulkanGpu {
     pub(crate) device: ash::Device,
     queue: Mutex<vk::Queue>,
     pub(crate) family: u32,
     pub(crate) limits: Limits,
     pub(crate) physical: vk::PhysicalDevice,
-    /// It has `VK_EXT_memory_budget`.
+    /// True if it has `VK_EXT_memory_budget`.
     pub(crate) budget: bool,
-    /// Kept across loads: a plan that is rebuilt finds the pipelines that did not change.
+    /// Kept across loads: a rebuilt plan reuses the pipelines that did not change.
     pub(crate) pipeline_cache: vk::PipelineCache,
     /// `None` once the device is being destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
-    /// Fences that a submission may still signal, but that nothing waits for.
+    /// Fences that a submission may still signal, but that no thread waits for.
     fences: Mutex<Vec<vk::Fence>>,
     /// See [`splatgraph_runtime::Gpu::patience`].
     pub(crate) patience: Duration,
@@ -89,41 +89,41 @@ impl VulkanGpu {
         Ok(gpu)
     }
 
-    /// Returns the queue, for one submission or one frame to present.
+    /// Locks the queue, for one submission or one present.
     pub(crate) fn queue(&self) -> MutexGuard<'_, vk::Queue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes over a fence, until it is released or the device is destroyed.
+    /// Keeps a fence until it is released or the device is destroyed.
     pub(crate) fn keep(&self, fence: vk::Fence) {
         self.fences.lock().unwrap_or_else(PoisonError::into_inner).push(fence);
     }
 
-    /// Destroys a kept fence that no submission uses any more.
+    /// Destroys a kept fence. No submission uses it any more.
     pub(crate) fn release(&self, fence: vk::Fence) {
         self.fences.lock().unwrap_or_else(PoisonError::into_inner).retain(|&kept| kept != fence);
         // SAFETY: nothing uses it, and it is on the list no more.
         unsafe { self.device.destroy_fence(fence, None) };
     }
 
-    /// Returns the features that the device supports for images of a format.
+    /// Returns the device's optimal-tiling features for a format.
     pub(crate) fn format_features(&self, format: vk::Format) -> vk::FormatFeatureFlags {
-        // SAFETY: a query of a live instance's device.
+        // SAFETY: queries a device of a live instance.
         let properties =
             unsafe { self.instance.raw.get_physical_device_format_properties(self.physical, format) };
         properties.optimal_tiling_features
     }
 
-    /// Names an object in captures and messages.
+    /// Names an object for captures and messages.
     pub(crate) fn name(&self, object: impl vk::Handle, name: &str) {
         let Some(labels) = &self.labels else { return };
         let name = c_string(name);
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
-        // SAFETY: `object` is alive and of this device. A name that could not be given is no loss worth an error.
+        // SAFETY: `object` is alive and of this device. A failure to set a name is ignored.
         let _ = unsafe { labels.set_debug_utils_object_name(&info) };
     }
 
-    /// Opens a label around the next commands.
+    /// Opens a debug label around the next commands.
     pub(crate) fn begin_label(&self, commands: vk::CommandBuffer, name: Arguments) {
         let Some(labels) = &self.labels else { return };
         let name = c_string(&name.to_string());
@@ -145,9 +145,9 @@ impl Drop for VulkanGpu {
             Ok(allocator) => allocator.take(),
             Err(poisoned) => poisoned.into_inner().take(),
         };
-        // The allocator gives its memory back to the device.
+        // The allocator returns its memory to the device.
         drop(allocator);
-        // SAFETY: whatever was made from the device holds the `VulkanGpu`, so nothing is left of it.
+        // SAFETY: every object of the device holds the `VulkanGpu`, so none is left.
         unsafe {
             for &fence in self.fences.get_mut().unwrap_or_else(PoisonError::into_inner).iter() {
                 self.device.destroy_fence(fence, None);
@@ -167,7 +167,7 @@ pub trait Destroy: vk::Handle + Copy {
     /// Destroys the object.
     ///
     /// # Safety
-    /// The object is of this device, nothing uses it any more, and it is destroyed once.
+    /// The object belongs to this device, is no longer in use, and is destroyed once.
     unsafe fn destroy(self, device: &ash::Device);
 }
 
@@ -203,7 +203,7 @@ pub struct Owned<H: Destroy> {
 }
 
 impl<H: Destroy> Owned<H> {
-    /// Takes over an object that was just created.
+    /// Takes ownership of a new object.
     pub(crate) fn new(gpu: &Arc<VulkanGpu>, raw: H) -> Owned<H> {
         Owned { gpu: gpu.clone(), raw }
     }
@@ -218,7 +218,8 @@ impl<H: Destroy> Deref for Owned<H> {
 
 impl<H: Destroy> Drop for Owned<H> {
     fn drop(&mut self) {
-        // SAFETY: this is the only owner, and it drops what the GPU no longer uses (see the module's documentation).
+        // SAFETY: this is the only owner, and it is dropped when the GPU no longer uses it (see the module's
+        // documentation).
         unsafe { self.raw.destroy(&self.gpu.device) };
     }
 }

@@ -1,7 +1,7 @@
 //! The Vulkan instance: the loader, the validation layer and the messenger that collects its messages.
 //!
-//! The loader is opened at run time, so that the program starts (and can say what is missing) on a machine without
-//! Vulkan. An instance needs no window system: only one that is made for a window enables a window system's extensions.
+//! The loader is opened at run time, so that the program starts on a machine without Vulkan and can report what is
+//! missing. Only an instance created for a window enables a window system's extensions.
 
 use crate::error::api;
 use crate::surface::{self, Surface};
@@ -13,27 +13,27 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 const LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// Advice for a machine with a loader and no driver.
+/// Advice for a machine with a loader but no driver.
 pub(crate) const NO_DRIVER: &str = "the Vulkan loader finds no driver that works; on Debian and Ubuntu the package \
     `mesa-vulkan-drivers` has drivers for many GPUs, and one that runs on the CPU; NVIDIA's comes with its own \
     driver (and needs `libx11-6` and `libxext6`, also without a display)";
 
-/// The oldest version that has all that this crate calls (synchronization2, dynamic rendering, maintenance4).
+/// The oldest version with all functions that this crate calls (synchronization2, dynamic rendering, maintenance4).
 pub(crate) const API_VERSION: u32 = vk::API_VERSION_1_3;
 
-/// An instance that is destroyed when it is dropped; everything made from it must be gone by then.
+/// An instance that is destroyed on drop; everything created from it must be destroyed before.
 pub(crate) struct Instance {
     pub raw: ash::Instance,
-    /// Objects and command buffers can be named.
+    /// True if objects and command buffers can be named.
     pub labels: bool,
     pub messages: Arc<Messages>,
-    /// The surface of the window that it was made for.
+    /// The surface of its window, if it has one.
     surface: Mutex<Option<Arc<Surface>>>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
 }
 
 impl Instance {
-    /// Returns an instance that can show pictures in `window`.
+    /// Creates an instance that can present to `window`.
     pub fn in_window(validation: Validation, window: Arc<dyn Window>) -> Result<Instance, BackendError> {
         let instance = Instance::new(validation, &surface::extensions(&*window)?)?;
         let surface = Surface::new(loader()?, &instance.raw, window)?;
@@ -45,26 +45,26 @@ impl Instance {
         self.surface.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the surface of the window that it was made for.
+    /// Returns the surface of its window, if it has one.
     pub fn surface(&self) -> Option<Arc<Surface>> {
         self.lock_surface().clone()
     }
 
-    /// Makes the surface anew, for the same window. No swapchain of the previous one is left.
+    /// Recreates the surface for the same window. All swapchains of the previous one have been dropped.
     pub fn renew_surface(&self) -> Result<(), BackendError> {
         let mut surface = self.lock_surface();
         let Some(window) = surface.as_ref().map(|surface| surface.window.clone()) else { return Ok(()) };
-        // A window has one at a time. If no other can be made, the window is gone.
+        // A window has one surface at a time. If no other can be created, the window is gone.
         *surface = None;
         *surface = Some(Arc::new(Surface::new(loader()?, &self.raw, window)?));
         Ok(())
     }
 
-    /// Returns an instance with `extensions` (a window system's, for instance) besides what this crate uses itself.
+    /// Creates an instance with `extensions` (a window system's, for instance) in addition to the crate's own.
     pub fn new(validation: Validation, extensions: &[&CStr]) -> Result<Instance, BackendError> {
         let entry = loader()?;
         check_version(entry)?;
-        // The layer says by itself (not through the loader) which extensions it has.
+        // The layer, not the loader, lists its extensions.
         let layer_extensions = match validation {
             Validation::Off => Vec::new(),
             _ => validation_layer(entry)?,
@@ -99,13 +99,13 @@ impl Instance {
         let mut info =
             vk::InstanceCreateInfo::default().application_info(&application).enabled_layer_names(layers);
         if validation != Validation::Off && labels {
-            // Also hears what is said while the instance itself is created and destroyed.
+            // Reports messages during creation and destruction of the instance as well.
             info = info.push_next(&mut messenger_info);
         }
         if validation == Validation::Synchronization {
-            // Newer layers are told by layer settings, older ones by the extension that these replaced. The newer
-            // extension is not enabled by its name, which a loader older than the layer would refuse; the layer
-            // reads the settings all the same.
+            // Newer layers read layer settings, older ones the extension that these replaced. The newer extension is
+            // not enabled by name: a loader older than the layer would refuse it, and the layer reads the settings
+            // without it.
             if offers(&layer_extensions, ext::layer_settings::NAME) {
                 info = info.push_next(&mut settings);
             } else {
@@ -114,8 +114,8 @@ impl Instance {
             }
         }
         let info = info.enabled_extension_names(&names);
-        // SAFETY: everything that `info` points to lives until the call returns; the messenger's user data lives in
-        // the `Arc` that the instance keeps.
+        // SAFETY: everything that `info` points to lives until the call returns; the messenger's user data lives in the
+        // `Arc` that the instance keeps.
         let raw = unsafe { entry.create_instance(&info, None) }.map_err(|answer| match answer {
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => BackendError::Unavailable(NO_DRIVER.to_string()),
             _ => api("vkCreateInstance")(answer),
@@ -127,7 +127,7 @@ impl Instance {
         Ok(instance)
     }
 
-    /// Registers the messenger for the time between the instance's creation and its destruction.
+    /// Registers the messenger from the instance's creation to its destruction.
     fn listen(&mut self, entry: &ash::Entry) -> Result<(), BackendError> {
         let functions = ext::debug_utils::Instance::new(entry, &self.raw);
         let info = messenger_info(&self.messages);
@@ -139,7 +139,7 @@ impl Instance {
     }
 
     pub fn physical_devices(&self) -> Result<Vec<vk::PhysicalDevice>, BackendError> {
-        // SAFETY: a plain query of a live instance.
+        // SAFETY: queries a live instance.
         unsafe { self.raw.enumerate_physical_devices() }.map_err(api("vkEnumeratePhysicalDevices"))
     }
 }
@@ -147,8 +147,8 @@ impl Instance {
 impl Drop for Instance {
     fn drop(&mut self) {
         *self.surface.get_mut().unwrap_or_else(PoisonError::into_inner) = None;
-        // SAFETY: whatever was made from the instance holds it alive, so nothing is left; `messages`, to which the
-        // destruction itself may still report, is dropped after this.
+        // SAFETY: everything created from the instance keeps it alive, so nothing is left. `messages` is dropped after
+        // this, because the destruction itself may report messages.
         unsafe {
             if let Some((functions, messenger)) = self.messenger.take() {
                 functions.destroy_debug_utils_messenger(messenger, None);
@@ -158,12 +158,12 @@ impl Drop for Instance {
     }
 }
 
-/// Returns the loader, opened once and never closed: drivers keep threads and thread-local data that do not survive being
-/// unloaded while another instance of the process still runs.
+/// Returns the loader, opened once and never closed: drivers keep threads and thread-local data that do not survive
+/// unloading while another instance is in use.
 fn loader() -> Result<&'static ash::Entry, BackendError> {
     static LOADER: OnceLock<Result<ash::Entry, String>> = OnceLock::new();
     LOADER
-        // SAFETY: the system's Vulkan loader is trusted to be one.
+        // SAFETY: the system's Vulkan loader is trusted.
         .get_or_init(|| unsafe { ash::Entry::load() }.map_err(|e| e.to_string()))
         .as_ref()
         .map_err(|why| {
@@ -175,7 +175,7 @@ fn loader() -> Result<&'static ash::Entry, BackendError> {
 }
 
 fn check_version(entry: &ash::Entry) -> Result<(), BackendError> {
-    // SAFETY: a query that takes no arguments.
+    // SAFETY: a query without arguments.
     let version = unsafe { entry.try_enumerate_instance_version() }
         .map_err(api("vkEnumerateInstanceVersion"))?
         .unwrap_or(vk::API_VERSION_1_0);
@@ -189,9 +189,9 @@ fn check_version(entry: &ash::Entry) -> Result<(), BackendError> {
     Ok(())
 }
 
-/// Returns the extensions that the validation layer brings, or an error that says how to get the layer.
+/// Returns the validation layer's extensions, or an error with advice on installing the layer.
 fn validation_layer(entry: &ash::Entry) -> Result<Vec<vk::ExtensionProperties>, BackendError> {
-    // SAFETY: a query that takes no arguments.
+    // SAFETY: a query without arguments.
     let layers = unsafe { entry.enumerate_instance_layer_properties() }
         .map_err(api("vkEnumerateInstanceLayerProperties"))?;
     if !layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(LAYER)) {
@@ -211,7 +211,7 @@ fn instance_extensions(
     // SAFETY: `layer` is a C string or none.
     unsafe { entry.enumerate_instance_extension_properties(layer) }
         .map_err(|answer| match answer {
-            // The loader says so of manifests that it cannot read.
+            // The loader returns this for manifests that it cannot read.
             vk::Result::ERROR_OUT_OF_HOST_MEMORY => BackendError::Unavailable(format!(
                 "expected manifests of drivers and layers that the Vulkan loader can read, found one that it cannot, or too \
                  little memory for it (vkEnumerateInstanceExtensionProperties answered {answer:?}; VK_LOADER_DEBUG=all names the files)"
@@ -224,7 +224,7 @@ pub(crate) fn offers(extensions: &[vk::ExtensionProperties], name: &CStr) -> boo
     extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
 }
 
-/// Synchronization validation, with the accesses that shaders make: newer layers leave these out unless asked.
+/// Settings for synchronization validation with shader accesses, which newer layers omit by default.
 fn synchronization_settings() -> [vk::LayerSettingEXT<'static>; 2] {
     static YES: vk::Bool32 = vk::TRUE;
     [c"validate_sync", c"syncval_shader_accesses_heuristic"].map(|name| vk::LayerSettingEXT {
@@ -237,8 +237,8 @@ fn synchronization_settings() -> [vk::LayerSettingEXT<'static>; 2] {
     })
 }
 
-/// Warnings and errors of the layer, none left out. (The third type of message, `GENERAL`, is the loader telling of
-/// drivers and layers that it looked at, and says nothing about what a program does.)
+/// Enables the layer's warnings and errors. (The third message type, `GENERAL`, is the loader's account of drivers and
+/// layers; it says nothing about the program.)
 fn messenger_info(messages: &Arc<Messages>) -> vk::DebugUtilsMessengerCreateInfoEXT<'static> {
     vk::DebugUtilsMessengerCreateInfoEXT::default()
         .message_severity(
@@ -251,15 +251,15 @@ fn messenger_info(messages: &Arc<Messages>) -> vk::DebugUtilsMessengerCreateInfo
         .user_data(Arc::as_ptr(messages).cast_mut().cast())
 }
 
-/// Called by the layer for each message, on whichever thread made the mistake.
+/// Called by the layer for each message, on the thread that made the call.
 unsafe extern "system" fn collect(
     severity: vk::DebugUtilsMessageSeverityFlagsEXT,
     _: vk::DebugUtilsMessageTypeFlagsEXT,
     data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
     user: *mut c_void,
 ) -> vk::Bool32 {
-    // SAFETY: `user` is the `Messages` given in `messenger_info`, which outlives the instance; `data`, where it is
-    // not null, and the strings that it points to are valid for the time of this call.
+    // SAFETY: `user` is the `Messages` given in `messenger_info`, which outlives the instance. `data`, if not null, and
+    // its strings are valid during this call.
     unsafe {
         let messages = &*user.cast::<Messages>();
         if let Some(data) = data.as_ref() {
@@ -282,7 +282,7 @@ unsafe extern "system" fn collect(
             labels.dedup();
             let place =
                 if labels.is_empty() { String::new() } else { format!(" (in {})", labels.join(", ")) };
-            // Older layers have the identifier in the text as well.
+            // Older layers repeat the identifier in the text.
             let id = data.message_id_name_as_c_str().map(CStr::to_string_lossy).unwrap_or_default();
             let id = if id.is_empty() || text.contains(&*id) { String::new() } else { format!(" {id}") };
             messages.add(format!("{severity}{id}{place}: {text}"));

@@ -1,7 +1,8 @@
 //! The plan in Vulkan's terms, as plain data.
 //!
-//! Everything here is a pure function of the plan: formats, blends and usages become Vulkan's, bindings become descriptor set
-//! layouts, and passes that can share a pipeline do. Nothing calls the API, so that the lowering is tested on any machine.
+//! Everything here is a pure function of the plan. Formats, blends and usages become Vulkan's, bindings become
+//! descriptor set layouts, and passes share a pipeline if they can. Nothing calls the API, so the lowering can be
+//! tested on any machine.
 
 use ash::vk;
 use splatgraph_framework::ir::Reflection;
@@ -24,7 +25,7 @@ pub(crate) struct InterfaceBinding {
     pub count: u32,
 }
 
-/// The state that a pipeline is made from. Equal states are one pipeline.
+/// The state of a pipeline. Passes with equal states share a pipeline.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum PipelineState {
     Compute { shader: ShaderId, subgroups: Subgroups },
@@ -34,9 +35,9 @@ pub(crate) enum PipelineState {
 /// The subgroup requirements of a compute pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Subgroups {
-    /// The size requested, where the device lets a pipeline ask.
+    /// The requested size; `None` to leave it to the driver.
     pub size: Option<u32>,
-    /// Every subgroup starts with all its lanes active.
+    /// True if every subgroup starts with all lanes active.
     pub full: bool,
 }
 
@@ -127,14 +128,15 @@ fn pipeline(plan: &Plan, pass: &Pass, limits: &SubgroupLimits) -> Option<Pipelin
     }
 }
 
-/// Returns a shader with subgroup operations runs with the size that the graph was told, and with full subgroups, where the
-/// device and the workgroup's size allow it.
+/// Chooses the subgroup size of a shader with subgroup operations.
+///
+/// Requests the size that the graph assumes, and full subgroups, if the device and the workgroup size allow it.
 pub(crate) fn subgroups(shader: &Reflection, limits: &SubgroupLimits) -> Subgroups {
     if !shader.subgroups || limits.size == 0 {
         return Subgroups::default();
     }
-    // With a size requested, x must be a multiple of it and the subgroups must not be too many. With none requested,
-    // a SPIR-V 1.6 shader may get any size, so that full subgroups need a multiple of the largest.
+    // A requested size must divide x and give few enough subgroups. Without a request, a SPIR-V 1.6 shader may get any
+    // size, so full subgroups need a multiple of the largest.
     let selected = limits.can_ask(shader.local_size);
     let full = selected || (limits.max_size > 0 && shader.local_size[0].is_multiple_of(limits.max_size));
     Subgroups { size: selected.then_some(limits.size), full }
@@ -165,7 +167,7 @@ pub(crate) fn descriptor(kind: DescriptorKind) -> vk::DescriptorType {
     }
 }
 
-/// None where the fragment replaces what is there.
+/// Lowers a blend; `None` if the fragment replaces the target.
 pub(crate) fn blend(blend: Blend) -> Option<BlendState> {
     use vk::BlendFactor as F;
     match blend {
@@ -226,7 +228,7 @@ mod tests {
     fn passes_of_one_shader_and_state_share_a_pipeline() {
         let lowered = lower(&plan(), &LIMITS);
         assert_eq!(lowered.pipelines.len(), 2);
-        // By pass: a fill, two dispatches, a draw, the export and the host's step.
+        // By pass: a fill, two dispatches, a draw, the export and the host's pass.
         assert_eq!(lowered.of_pass, [None, Some(0), Some(0), Some(1), None, None]);
     }
 
@@ -279,7 +281,7 @@ mod tests {
         assert_eq!(asked([256, 1, 1], LIMITS), (Some(32), true));
         // x is not a multiple of the size.
         assert_eq!(asked([16, 16, 1], LIMITS), (None, false));
-        // Too many subgroups for a size to be requested, and full only if full with any size.
+        // Too many subgroups to request a size; full only if any size would give full ones.
         assert_eq!(asked([32 * 9, 1, 1], LIMITS), (None, false));
         assert_eq!(asked([512, 1, 1], LIMITS), (None, true));
         let fixed = SubgroupLimits { selectable: false, ..LIMITS };

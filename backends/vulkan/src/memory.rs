@@ -1,7 +1,7 @@
-//! Buffers, images and the memory that they are bound to.
+//! Buffers, images and their memory.
 //!
-//! Memory is suballocated by `gpu-allocator`, and freed when it is dropped. An object is made in two steps, since several may share
-//! memory: first without memory, which says what it needs, then bound to some.
+//! `gpu-allocator` suballocates memory, and dropping frees it. Creation has two steps, because several objects may
+//! share memory: create the object without memory, which gives its requirements, then bind it.
 
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
@@ -13,9 +13,9 @@ use splatgraph_api::BackendError;
 use splatgraph_runtime::{BufferDesc, ImageDesc, Location, MemoryKind};
 use std::sync::{Arc, PoisonError};
 
-/// A piece of device memory.
+/// A device memory allocation.
 pub struct Memory {
-    // An `Option` only so that `drop` can move it out.
+    // An `Option` so that `drop` can move it out.
     allocation: Option<Allocation>,
     gpu: Arc<VulkanGpu>,
 }
@@ -29,7 +29,7 @@ pub enum Dedicated {
     Image(vk::Image),
 }
 
-/// The memory that an object needs.
+/// The memory requirements of an object.
 pub(crate) type Requirements = splatgraph_runtime::Requirements<Dedicated>;
 
 impl Memory {
@@ -74,9 +74,9 @@ impl Memory {
         Ok(Memory { allocation: Some(allocation), gpu: gpu.clone() })
     }
 
-    /// Returns the handle and the offset to bind at.
+    /// Returns the memory handle and the offset to bind at.
     fn place(&self) -> (vk::DeviceMemory, u64) {
-        // SAFETY: the handle is used only to bind objects whose owner keeps this piece of memory alive.
+        // SAFETY: the handle is used only to bind objects, and their owner keeps this allocation alive.
         self.allocation.as_ref().map_or_else(Default::default, |a| (unsafe { a.memory() }, a.offset()))
     }
 }
@@ -135,7 +135,7 @@ pub(crate) fn bind_buffer(
     memory: &Memory,
 ) -> Result<Owned<vk::Buffer>, BackendError> {
     let (handle, offset) = memory.place();
-    // SAFETY: the memory is of the size, alignment and type that the buffer needs, and its owner keeps it as long as the buffer.
+    // SAFETY: the memory meets the buffer's requirements, and its owner keeps it as long as the buffer.
     unsafe { gpu.device.bind_buffer_memory(*buffer, handle, offset) }.map_err(api("vkBindBufferMemory"))?;
     Ok(buffer)
 }
@@ -149,7 +149,7 @@ pub struct UnboundImage {
 
 /// An image and a view of it.
 pub struct Image {
-    /// The whole image, as storage image and as colour target.
+    /// A view of the whole image, for storage and as a colour target.
     pub(crate) view: Owned<vk::ImageView>,
     // Dropped after the view.
     pub(crate) raw: Owned<vk::Image>,
@@ -192,7 +192,7 @@ pub(crate) fn bind_image(
     memory: &Memory,
 ) -> Result<Image, BackendError> {
     let (handle, offset) = memory.place();
-    // SAFETY: the memory is of the size, alignment and type that the image needs, and its owner keeps it as long as the image.
+    // SAFETY: the memory meets the image's requirements, and its owner keeps it as long as the image.
     unsafe { gpu.device.bind_image_memory(*image.raw, handle, offset) }.map_err(api("vkBindImageMemory"))?;
     let info = vk::ImageViewCreateInfo::default()
         .image(*image.raw)
@@ -205,7 +205,7 @@ pub(crate) fn bind_image(
     Ok(Image { view: Owned::new(gpu, view), raw: image.raw })
 }
 
-/// The one mip level and layer that images have.
+/// The single mip level and layer of every image.
 pub(crate) const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
     aspect_mask: vk::ImageAspectFlags::COLOR,
     base_mip_level: 0,
@@ -214,7 +214,7 @@ pub(crate) const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
     layer_count: 1,
 };
 
-/// The same, for copies and blits.
+/// The single mip level and layer of every image, for copies and blits.
 pub(crate) const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {
     aspect_mask: vk::ImageAspectFlags::COLOR,
     mip_level: 0,

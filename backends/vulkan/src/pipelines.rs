@@ -1,7 +1,7 @@
-//! Pipelines and their layouts, made once per plan.
+//! Pipelines and their layouts, created once per plan.
 //!
-//! The lists come from [`crate::lower`]: an interface is a descriptor set layout with a pipeline layout, and each pipeline names the
-//! interface that it is made for.
+//! The lists come from [`crate::lower`]. An interface is a descriptor set layout with a pipeline layout; each pipeline
+//! names its interface.
 
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
@@ -47,7 +47,7 @@ impl Pipelines {
         let lowered = lower::lower(plan, &gpu.limits.subgroup);
         let layouts: Vec<PipelineLayout> =
             lowered.interfaces.iter().map(|interface| layout(gpu, interface)).collect::<Result<_, _>>()?;
-        // Needed only until the pipelines are made.
+        // Needed only until the pipelines are created.
         let mut modules = HashMap::new();
         let mut pipelines = Vec::new();
         for (done, (state, interface)) in lowered.pipelines.iter().enumerate() {
@@ -93,7 +93,7 @@ impl Pipelines {
         Ok(Pipelines { pipelines, layouts, lowered })
     }
 
-    /// Returns a pass's pipeline with its layout; none where it runs none.
+    /// Returns a pass's pipeline and layout; `None` if it has no pipeline.
     pub(crate) fn of(&self, pass: PassId) -> Option<(&Pipeline, &PipelineLayout)> {
         let pipeline = &self.pipelines[self.lowered.of_pass[pass.index()]?];
         Some((pipeline, &self.layouts[pipeline.layout]))
@@ -229,7 +229,7 @@ fn attachment(target: &TargetState) -> vk::PipelineColorBlendAttachmentState {
     }
 }
 
-/// Returns the one pipeline that was requested. On an error Vulkan gives null handles, which need no destroying.
+/// Returns the requested pipeline. On an error Vulkan returns null handles, which need no destruction.
 fn single(
     made: Result<Vec<vk::Pipeline>, (Vec<vk::Pipeline>, vk::Result)>,
 ) -> Result<vk::Pipeline, vk::Result> {

@@ -1,4 +1,4 @@
-//! Command pools, fences, semaphores and submissions: what uploads and frames have in common.
+//! Command pools, fences, semaphores and submissions, for uploads and frames.
 
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
@@ -21,13 +21,13 @@ pub(crate) fn command_pool(
         .command_pool(*pool)
         .level(vk::CommandBufferLevel::PRIMARY)
         .command_buffer_count(1);
-    // SAFETY: the pool is alive; the command buffer goes with it.
+    // SAFETY: the pool is alive, and owns the command buffer.
     let buffers =
         unsafe { gpu.device.allocate_command_buffers(&info) }.map_err(api("vkAllocateCommandBuffers"))?;
     Ok((pool, buffers[0]))
 }
 
-/// Starts to record into a pool's command buffer, whose last submission is done.
+/// Begins recording into a pool's command buffer. Its last submission has completed.
 pub(crate) fn begin(
     gpu: &VulkanGpu,
     pool: vk::CommandPool,
@@ -59,7 +59,7 @@ pub(crate) fn semaphore(gpu: &Arc<VulkanGpu>) -> Result<Owned<vk::Semaphore>, Ba
     Ok(Owned::new(gpu, semaphore.map_err(api("vkCreateSemaphore"))?))
 }
 
-/// Submits one command buffer; `fence` is signalled when it is done.
+/// Submits one command buffer; `fence` is signalled when it completes.
 pub(crate) fn submit(
     gpu: &VulkanGpu,
     commands: vk::CommandBuffer,
@@ -78,14 +78,14 @@ pub(crate) struct Blit {
     pub commands: vk::CommandBuffer,
     /// Signalled when the window's image may be written.
     pub acquired: vk::Semaphore,
-    /// Will be signalled when the window's image may be shown.
+    /// Signalled when the window's image may be presented.
     pub finished: vk::Semaphore,
 }
 
-/// Submits a frame, and after it the blit of its output; `fence` is signalled when both are done.
+/// Submits a frame, followed by the blit of its output; `fence` is signalled when both complete.
 ///
-/// They are two batches: drivers wait for a semaphore before they begin a batch, whatever stage the wait names, and the
-/// frame has no reason to wait for the window.
+/// They are two batches. Drivers wait for a semaphore before they begin a batch, whatever stage the wait names, and the
+/// frame need not wait for the window.
 pub(crate) fn submit_and_blit(
     gpu: &VulkanGpu,
     commands: vk::CommandBuffer,
@@ -108,13 +108,12 @@ pub(crate) fn submit_and_blit(
             .signal_semaphore_infos(&signals),
     ];
     let queue = gpu.queue();
-    // SAFETY: the command buffers were recorded and are not in use, nor is the fence; one semaphore is about to be signalled,
-    // the other has been waited for; the queue is locked.
+    // SAFETY: the command buffers were recorded and are not in use, nor is the fence. One semaphore is unsignalled, the
+    // other's last wait has completed. The queue is locked.
     unsafe { gpu.device.queue_submit2(*queue, &submits, fence) }.map_err(api("vkQueueSubmit2"))
 }
 
-/// Hands an image of a swapchain to the window once `finished` is signalled. True if the swapchain does not fit the window as
-/// well as another would.
+/// Presents a swapchain image once `finished` is signalled. Returns true if the swapchain is suboptimal.
 pub(crate) fn present(
     gpu: &VulkanGpu,
     functions: &khr::swapchain::Device,
@@ -126,12 +125,12 @@ pub(crate) fn present(
     let info =
         vk::PresentInfoKHR::default().wait_semaphores(&waits).swapchains(&swapchains).image_indices(&images);
     let queue = gpu.queue();
-    // SAFETY: the image was acquired and is in the layout to be shown in once the semaphore is signalled, which a submission
-    // will do; the swapchain is one screen's alone, and the queue is locked.
+    // SAFETY: the image was acquired, and a submission that signals the semaphore brings it into the present layout.
+    // The swapchain is used by one window only, and the queue is locked.
     unsafe { functions.queue_present(*queue, &info) }
 }
 
-/// Blocks until the fence is signalled or the time is over. In the first case resets it and returns true.
+/// Blocks until the fence is signalled or the time is over. Resets the fence and returns true if it was signalled.
 ///
 /// The queue is not locked meanwhile.
 pub(crate) fn wait(gpu: &VulkanGpu, fence: vk::Fence, limit: Duration) -> Result<bool, BackendError> {
@@ -142,19 +141,20 @@ pub(crate) fn wait(gpu: &VulkanGpu, fence: vk::Fence, limit: Duration) -> Result
         Err(vk::Result::TIMEOUT) => return Ok(false),
         Err(answer) => return Err(api("vkWaitForFences")(answer)),
     }
-    // SAFETY: the fence is signalled, so that no submission uses it.
+    // SAFETY: the fence is signalled, so no submission uses it.
     unsafe { gpu.device.reset_fences(&[fence]) }.map_err(api("vkResetFences"))?;
     Ok(true)
 }
 
-/// Blocks until everything that was submitted before is done, or the time is over. Returns true in the first case.
+/// Blocks until all earlier submissions have completed, or the time is over. Returns false if the time is over.
 ///
-/// It waits for a fence that is submitted with nothing else: `vkDeviceWaitIdle` has no limit, and needs the queue to itself.
+/// It waits for a fence of an empty submission: `vkDeviceWaitIdle` has no time limit, and needs exclusive access to the
+/// queue.
 pub(crate) fn idle(gpu: &VulkanGpu, limit: Duration) -> Result<bool, BackendError> {
     // SAFETY: a plain creation on a live device.
     let fence = unsafe { gpu.device.create_fence(&vk::FenceCreateInfo::default(), None) }
         .map_err(api("vkCreateFence"))?;
-    // Dropped with the device, unless it is known to be unused before.
+    // Destroyed with the device, unless it is known to be unused earlier.
     gpu.keep(fence);
     // SAFETY: the fence is not in use; the queue is locked.
     unsafe { gpu.device.queue_submit2(*gpu.queue(), &[], fence) }.map_err(api("vkQueueSubmit2"))?;

@@ -1,22 +1,22 @@
-//! Bounds of accesses beyond the ends of buffers and images: the features that keep them in.
+//! Robustness features: the bounds of accesses beyond the ends of buffers and images.
 
 use crate::instance::{Instance, offers};
 use ash::{ext, vk};
 use splatgraph_api::{Bounds, Robustness};
 
-/// The features of a device of version 1.3 or later; the default is none of them.
+/// The robustness features of a device of version 1.3 or later; none by default.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct RobustnessFeatures {
     /// `robustBufferAccess`.
     pub buffers: vk::Bool32,
     /// `robustImageAccess`.
     pub images: vk::Bool32,
-    /// Those of `VK_EXT_robustness2`; none without the extension.
+    /// The features of `VK_EXT_robustness2`; `None` without the extension.
     pub two: Option<vk::PhysicalDeviceRobustness2FeaturesEXT<'static>>,
 }
 
 impl RobustnessFeatures {
-    /// Asks the device.
+    /// Queries the device.
     pub fn of(instance: &Instance, handle: vk::PhysicalDevice) -> RobustnessFeatures {
         // SAFETY: `handle` is one of the instance's.
         let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) };
@@ -31,12 +31,12 @@ impl RobustnessFeatures {
         unsafe { instance.raw.get_physical_device_features2(handle, &mut all) };
         let buffers = all.features.robust_buffer_access;
         let images = vulkan13.robust_image_access;
-        // A chain of its own is made when they are requested.
+        // Its chain is rebuilt when the features are requested.
         let two = vk::PhysicalDeviceRobustness2FeaturesEXT { p_next: std::ptr::null_mut(), ..two };
         RobustnessFeatures { buffers, images, two: has_two.then_some(two) }
     }
 
-    /// Returns the bounds that they give.
+    /// Returns the bounds that these features guarantee.
     pub fn bounds(&self) -> Robustness {
         let bounds = |exact, memory| match (exact == vk::TRUE, memory == vk::TRUE) {
             (true, _) => Bounds::Exact,

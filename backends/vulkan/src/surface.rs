@@ -1,8 +1,8 @@
-//! The surface of a window, and the queries of its properties.
+//! The surface of a window, and queries of its properties.
 //!
-//! A surface belongs to an instance and knows nothing of a device: which devices can show pictures in the window, in what
-//! formats and how paced, is asked here. What is made of the answers ([`format()`], [`present_mode`], [`extent`] and others) are
-//! plain functions on data. The swapchain that follows from them is in [`crate::swapchain`].
+//! A surface belongs to an instance, not to a device. It is queried for the devices that can present to the window, the
+//! formats, and the present modes. The decisions from these ([`format()`], [`present_mode`], [`extent`] and others) are
+//! pure functions. [`crate::swapchain`] creates the swapchain.
 
 use crate::error::api;
 use ash::{khr, vk};
@@ -12,7 +12,7 @@ use splatgraph_runtime::Window;
 use std::ffi::CStr;
 use std::sync::Arc;
 
-/// The instance extensions that windows of this window system need.
+/// Returns the instance extensions for the window's window system.
 pub(crate) fn extensions(window: &dyn Window) -> Result<Vec<&'static CStr>, BackendError> {
     let display = window.display_handle().map_err(no_handle)?;
     let names = ash_window::enumerate_required_extensions(display.as_raw()).map_err(|_| {
@@ -22,7 +22,7 @@ pub(crate) fn extensions(window: &dyn Window) -> Result<Vec<&'static CStr>, Back
     Ok(names.iter().map(|&name| unsafe { CStr::from_ptr(name) }).collect())
 }
 
-/// A surface that is destroyed when it is dropped, which must be before its instance is.
+/// A surface that is destroyed on drop, which must happen before its instance is destroyed.
 pub(crate) struct Surface {
     pub raw: vk::SurfaceKHR,
     functions: khr::surface::Instance,
@@ -39,7 +39,7 @@ impl Surface {
     ) -> Result<Surface, BackendError> {
         let display = window.display_handle().map_err(no_handle)?.as_raw();
         let handle = window.window_handle().map_err(no_handle)?.as_raw();
-        // SAFETY: both handles are valid for as long as the window is there, and the surface keeps the window. The owner of
+        // SAFETY: both handles are valid as long as the window exists, and the surface keeps the window. The owner of
         // the instance drops the surface first.
         let raw = unsafe { ash_window::create_surface(entry, instance, display, handle, None) };
         let raw = raw.map_err(api("vkCreate*SurfaceKHR"))?;
@@ -48,7 +48,7 @@ impl Surface {
 
     /// Returns true if queues of this family can present to the window.
     pub fn can_show(&self, device: vk::PhysicalDevice, family: u32) -> bool {
-        // SAFETY: the device is one of the instance's, and the family one of the device's.
+        // SAFETY: the device belongs to the instance, and the family to the device.
         unsafe { self.functions.get_physical_device_surface_support(device, family, self.raw) }
             .unwrap_or(false)
     }
@@ -58,7 +58,7 @@ impl Surface {
         &self,
         device: vk::PhysicalDevice,
     ) -> Result<vk::SurfaceCapabilitiesKHR, BackendError> {
-        // SAFETY: the device is one of the instance's that can show pictures in the window.
+        // SAFETY: the device belongs to the instance and can present to the window.
         unsafe { self.functions.get_physical_device_surface_capabilities(device, self.raw) }
             .map_err(window("vkGetPhysicalDeviceSurfaceCapabilitiesKHR"))
     }
@@ -78,12 +78,12 @@ impl Surface {
 
 impl Drop for Surface {
     fn drop(&mut self) {
-        // SAFETY: the instance is alive, and its devices, with the swapchains that were made of this, are gone.
+        // SAFETY: the instance is alive, and all swapchains of the surface have been destroyed.
         unsafe { self.functions.destroy_surface(self.raw, None) };
     }
 }
 
-/// For `map_err`: the error of a Vulkan call of this name that has to do with the window.
+/// Returns a converter for `map_err`, for errors of Vulkan calls on the window.
 pub(crate) fn window(call: &'static str) -> impl Fn(vk::Result) -> BackendError {
     move |answer| match answer {
         vk::Result::ERROR_SURFACE_LOST_KHR => BackendError::SurfaceLost { call },
@@ -98,12 +98,11 @@ fn no_handle(error: HandleError) -> BackendError {
     BackendError::Unavailable(format!("the window cannot be drawn in now: {error}"))
 }
 
-/// Formats of the window that hold numbers as they are, the best first: colours are display-encoded when they are drawn, so
-/// that an sRGB format would encode them once more.
+/// Formats without conversion, best first. Colours are already display-encoded; an sRGB format would encode them again.
 const FORMATS: [vk::Format; 3] =
     [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_UNORM, vk::Format::A2B10G10R10_UNORM_PACK32];
 
-/// The format of the window's images, of those `offered`. The device must be able to blit into it.
+/// Chooses the format of the window's images from those `offered`. The device must be able to blit to it.
 pub(crate) fn format(
     offered: &[vk::SurfaceFormatKHR],
     can_blit: impl Fn(vk::Format) -> bool,
@@ -120,16 +119,16 @@ pub(crate) fn format(
     })
 }
 
-/// Chooses how images follow one another: at the display's refresh, in order, or the newest as soon as it is there. The first is
-/// offered by every window.
+/// Chooses the present mode: FIFO with vsync; otherwise the one that shows new images soonest. Every window offers
+/// FIFO.
 pub(crate) fn present_mode(offered: &[vk::PresentModeKHR], vsync: bool) -> vk::PresentModeKHR {
     let wanted: &[vk::PresentModeKHR] =
         if vsync { &[] } else { &[vk::PresentModeKHR::MAILBOX, vk::PresentModeKHR::IMMEDIATE] };
     wanted.iter().copied().find(|mode| offered.contains(mode)).unwrap_or(vk::PresentModeKHR::FIFO)
 }
 
-/// The size of the window's images; none while the window has no pixels. On some window systems the window has the size of
-/// what is shown in it: there it is what the program was `told`.
+/// Returns the size of the window's images; `None` while the window has no pixels. On some window systems the images
+/// determine the window's size; there it is the size that the program was `told`.
 pub(crate) fn extent(capabilities: &vk::SurfaceCapabilitiesKHR, told: vk::Extent2D) -> Option<vk::Extent2D> {
     const ANY: vk::Extent2D = vk::Extent2D { width: u32::MAX, height: u32::MAX };
     let (least, most) = (capabilities.min_image_extent, capabilities.max_image_extent);
@@ -144,20 +143,20 @@ pub(crate) fn extent(capabilities: &vk::SurfaceCapabilitiesKHR, told: vk::Extent
     (extent.width > 0 && extent.height > 0).then_some(extent)
 }
 
-/// One image more than the window system keeps to itself at the least, so that one can be drawn without waiting for it.
+/// Returns the number of images: one more than the minimum, so that one can be drawn without waiting.
 pub(crate) fn image_count(capabilities: &vk::SurfaceCapabilitiesKHR) -> u32 {
     let most = if capabilities.max_image_count == 0 { u32::MAX } else { capabilities.max_image_count };
     (capabilities.min_image_count + 1).min(most)
 }
 
-/// Chooses the treatment of alpha: it is ignored, where the window system offers that.
+/// Chooses the alpha mode: opaque, if the window system offers it.
 pub(crate) fn composite_alpha(offered: vk::CompositeAlphaFlagsKHR) -> vk::CompositeAlphaFlagsKHR {
     use vk::CompositeAlphaFlagsKHR as Alpha;
     let known = [Alpha::OPAQUE, Alpha::INHERIT, Alpha::PRE_MULTIPLIED, Alpha::POST_MULTIPLIED];
     known.into_iter().find(|&alpha| offered.contains(alpha)).unwrap_or(Alpha::OPAQUE)
 }
 
-/// Pictures are drawn upright; on a display that is turned, the window system turns them if it can.
+/// Chooses the transform: identity if supported, so that the window system rotates the picture for a rotated display.
 pub(crate) fn transform(capabilities: &vk::SurfaceCapabilitiesKHR) -> vk::SurfaceTransformFlagsKHR {
     if capabilities.supported_transforms.contains(vk::SurfaceTransformFlagsKHR::IDENTITY) {
         vk::SurfaceTransformFlagsKHR::IDENTITY
@@ -233,7 +232,7 @@ mod tests {
         assert_eq!(extent(&capabilities(size(0, 0)), size(800, 600)), None);
         assert_eq!(extent(&capabilities(size(640, 480)), size(0, 600)), None);
         assert_eq!(extent(&capabilities(size(u32::MAX, u32::MAX)), size(800, 0)), None);
-        // Some window systems say so by the limits.
+        // Some window systems report a hidden window by its limits.
         let none = vk::SurfaceCapabilitiesKHR {
             min_image_extent: size(0, 0),
             max_image_extent: size(0, 0),

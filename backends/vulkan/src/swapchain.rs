@@ -1,12 +1,12 @@
 //! Swapchains: the images of a window, and the blit into them.
 //!
-//! The blit has a command buffer of its own that is submitted right behind the frame's. Output and image may differ in size and
-//! format; colours are display-encoded already, and nothing converts them. When a swapchain is made, and when it is replaced, is
-//! decided by the runtime.
+//! The blit has its own command buffer, submitted right after the frame's. Output and image may differ in size and
+//! format. Colours are already display-encoded and are not converted. The runtime decides when to create and replace a
+//! swapchain.
 //!
-//! Semaphores, and their owners: the one that says an image was acquired belongs to the frame's slot, since a slot is used again only
-//! when its frame, blit included, is done. The one that says a blit is done belongs to the *image*: the window system waits for it,
-//! and is known to be through with it only when it gives the image back.
+//! The semaphore for an acquired image belongs to the frame's slot: a slot is reused only when its frame, blit
+//! included, has completed. The semaphore for a completed blit belongs to the *image*: the window system waits for it,
+//! and has certainly finished with it only when it returns the image.
 
 use crate::encoder::{image_barrier, pipeline_barrier};
 use crate::gpu::{Owned, VulkanGpu};
@@ -21,11 +21,11 @@ use splatgraph_framework::ir::Stages;
 use splatgraph_runtime::{Acquired, Image, Presented};
 use std::sync::Arc;
 
-/// The longest wait for an image, in nanoseconds. Some window systems give none while the window is hidden, and do not say that it
-/// is: the program must go on.
+/// The longest wait for an image, in nanoseconds. Some window systems return no image while the window is hidden,
+/// without reporting that it is; the program must go on.
 const PATIENCE: u64 = 2_000_000_000;
 
-/// The images of a window and the objects that go with them. The device must be idle when it is dropped.
+/// The images of a window and their objects. The device must be idle when it is dropped.
 pub struct Swapchain {
     raw: vk::SwapchainKHR,
     // Outlives the swapchain.
@@ -33,22 +33,23 @@ pub struct Swapchain {
     functions: khr::swapchain::Device,
     extent: vk::Extent2D,
     images: Vec<vk::Image>,
-    /// By slot: the image that its frame is shown in may be written.
+    /// Per slot: signalled when the acquired image may be written.
     acquired: [Owned<vk::Semaphore>; FRAMES_IN_FLIGHT],
-    /// By image: the blit into it is done.
+    /// Per image: signalled when the blit into it completes.
     finished: Vec<Owned<vk::Semaphore>>,
-    /// By slot: a command buffer for the blit.
+    /// Per slot: the command buffer of the blit.
     blits: [(Owned<vk::CommandPool>, vk::CommandBuffer); FRAMES_IN_FLIGHT],
 }
 
-/// Returns the surface of the window that the device was opened with.
+/// Returns the surface of the device's window.
 fn window_surface(gpu: &VulkanGpu) -> Result<Arc<Surface>, BackendError> {
     let none =
         || BackendError::Unavailable("this device was not opened in a window, or that is gone".to_string());
     gpu.instance.surface().ok_or_else(none)
 }
 
-/// Returns the size of the window's images, given the size that the program was told; none while the window has no pixels.
+/// Returns the size of the window's images, given the size reported to the program; `None` while the window has no
+/// pixels.
 pub(crate) fn window_size(
     gpu: &VulkanGpu,
     (width, height): (u32, u32),
@@ -59,7 +60,7 @@ pub(crate) fn window_size(
 }
 
 impl Swapchain {
-    /// Creates a swapchain. The device is idle, and `former` is the window's swapchain until now.
+    /// Creates a swapchain. The device is idle; `former` is the window's current swapchain.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         (width, height): (u32, u32),
@@ -96,7 +97,7 @@ impl Swapchain {
         for (_, commands) in &blits {
             gpu.name(*commands, "blit to the window");
         }
-        // SAFETY: `info` has what the surface offers, and the previous swapchain was made of the same surface.
+        // SAFETY: `info` uses what the surface offers, and the previous swapchain belongs to the same surface.
         let raw = unsafe { functions.create_swapchain(&info, None) };
         let raw = raw.map_err(surface::window("vkCreateSwapchainKHR"))?;
         let mut swapchain = Swapchain {
@@ -121,8 +122,8 @@ impl Swapchain {
 
     /// Acquires an image for the frame in `slot`.
     pub(crate) fn acquire(&self, slot: usize) -> Result<Acquired, BackendError> {
-        // SAFETY: the slot's former frame is done, which waited for the semaphore; all images that were acquired before were
-        // presented.
+        // SAFETY: the slot's former frame, which waited for the semaphore, has completed, and every image acquired
+        // before was presented.
         let answer = unsafe {
             self.functions.acquire_next_image(self.raw, PATIENCE, *self.acquired[slot], vk::Fence::null())
         };
@@ -134,7 +135,7 @@ impl Swapchain {
         }
     }
 
-    /// Returns the recorded blit of the frame in `slot` into an image, with its semaphores.
+    /// Returns the recorded blit for the frame in `slot` to an image, with its semaphores.
     pub(crate) fn blit(&self, slot: usize, image: u32) -> Blit {
         Blit {
             commands: self.blits[slot].1,
@@ -143,8 +144,8 @@ impl Swapchain {
         }
     }
 
-    /// Records the blit of `output`, which its frame's export leaves as a transfer's source, into an acquired image. `waiting` lists
-    /// the stages whose later work waits for it.
+    /// Records the blit of `output` into an acquired image. The export leaves `output` in the transfer-source layout.
+    /// `waiting` are the stages of later work that waits for the blit.
     pub(crate) fn record_blit(
         &self,
         gpu: &VulkanGpu,
@@ -166,8 +167,8 @@ impl Swapchain {
             .dst_subresource(LAYER)
             .dst_offsets(corners(self.extent))];
         barrier(gpu, commands, BEFORE, image);
-        // SAFETY: the command buffer is being recorded outside of rendering. The images are alive and were made to be copied from
-        // and to; the device can blit between their formats, with this filter.
+        // SAFETY: the command buffer is being recorded outside of rendering. The images are alive and allow the copies;
+        // the device can blit between their formats with this filter.
         unsafe {
             gpu.device.cmd_blit_image(
                 commands,
@@ -198,12 +199,12 @@ impl Swapchain {
 
 impl Drop for Swapchain {
     fn drop(&mut self) {
-        // SAFETY: the device is idle, and the surface is alive, which the instance keeps.
+        // SAFETY: the device is idle, and the instance keeps the surface alive.
         unsafe { self.functions.destroy_swapchain(self.raw, None) };
     }
 }
 
-/// Copies pixels one to one, or interpolates them if the device can.
+/// Chooses the filter: nearest for equal sizes; otherwise linear, if the device supports it.
 fn filter(features: vk::FormatFeatureFlags, same_size: bool) -> vk::Filter {
     if same_size || !features.contains(vk::FormatFeatureFlags::SAMPLED_IMAGE_FILTER_LINEAR) {
         vk::Filter::NEAREST
@@ -212,15 +213,15 @@ fn filter(features: vk::FormatFeatureFlags, same_size: bool) -> vk::Filter {
     }
 }
 
-/// A barrier around the blit: one on memory for the plan's output, and one on the window's image.
+/// The barriers around the blit: a memory barrier for the plan's output, and an image barrier for the window's image.
 #[derive(Clone, Copy)]
 struct Around {
     output: [(vk::PipelineStageFlags2, vk::AccessFlags2); 2],
     window: [(vk::PipelineStageFlags2, vk::AccessFlags2, vk::ImageLayout); 2],
 }
 
-/// The plan made its output ready for the export's copies, and no more; the blit continues from there. The window's image has no
-/// contents that matter, and was acquired for the stage of the blit.
+/// The plan synchronizes its output with the export's copies only; the blit continues from there. The window's image
+/// has no contents to keep, and was acquired for the blit's stage.
 const BEFORE: Around = Around {
     output: [
         (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::NONE),
@@ -236,8 +237,9 @@ const BEFORE: Around = Around {
     ],
 };
 
-/// Returns the next frame waits for the blit as it does for the export's copies. The window's image is
-/// handed over by a semaphore, which needs no barrier's second half.
+/// Returns the barriers after the blit: the next frame waits for it as for the export's copies.
+///
+/// A semaphore hands over the window's image, so its barrier needs no second half.
 fn after(waiting: Stages) -> Around {
     Around { output: [AFTER.output[0], (commands::stages(waiting), vk::AccessFlags2::NONE)], ..AFTER }
 }
@@ -273,7 +275,7 @@ fn barrier(gpu: &VulkanGpu, commands: vk::CommandBuffer, around: Around, image: 
 
 /// Returns the corners of an image of this size.
 fn corners(extent: vk::Extent2D) -> [vk::Offset3D; 2] {
-    // Sizes of images are far below the range of `i32`.
+    // Image sizes are far below the range of `i32`.
     [vk::Offset3D::default(), vk::Offset3D { x: extent.width as i32, y: extent.height as i32, z: 1 }]
 }
 
@@ -283,7 +285,7 @@ mod tests {
 
     #[test]
     fn the_blit_takes_its_place_between_the_exports_copies_and_whatever_waits_for_them() {
-        // The second half is beyond what the validation layer compares between submissions.
+        // The validation layer does not compare the second half between submissions.
         let [(copies, _), (blit, access)] = BEFORE.output;
         assert_eq!((copies, blit), (vk::PipelineStageFlags2::COPY, vk::PipelineStageFlags2::BLIT));
         assert_eq!(access, vk::AccessFlags2::TRANSFER_READ);

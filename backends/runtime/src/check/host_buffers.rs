@@ -1,15 +1,14 @@
-//! Checks the use that passes make of host buffers.
+//! Checks how passes use host buffers.
 //!
-//! The size of a host buffer in the plan is the least that it holds, so that checks against the plan's sizes (words of indirect
-//! arguments, bindings) hold for every frame. The most that it may hold is checked with each frame
-//! (`host_buffers`).
+//! The plan's size of a host buffer is its minimum. Checks against that size (words of indirect arguments, bindings)
+//! therefore hold for every frame. The maximum is checked with each frame (`host_buffers`).
 
 use super::{Checker, invalid};
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::*;
 
 impl Checker<'_> {
-    /// Refuses a pass that binds a host buffer as a uniform block, or writes to it.
+    /// Refuses a pass that writes to a host buffer or binds one as a uniform block.
     pub(super) fn given(&self, pass: &Pass) -> Result<(), BackendError> {
         let given = |id: ResourceId| {
             let resource = self.plan.resources.get(id.index())?;

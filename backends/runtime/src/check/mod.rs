@@ -1,7 +1,7 @@
-//! Checks a plan against itself and against the limits of a device.
+//! Checks a plan for consistency, and against the limits of a device.
 //!
-//! [`check`] is a pure function. It runs before anything is created, so that a plan that is too large is refused with an error
-//! that names the resource and both numbers, and so that everything after it may index into the plan freely.
+//! [`check`] is a pure function. It runs before anything is created. A plan that is too large is refused with an error
+//! that names the resource and both numbers. All later code may index into the plan without checks.
 
 mod host_buffers;
 
@@ -11,14 +11,15 @@ use splatgraph_framework::ir::ShaderStage;
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashSet;
 
-/// Invocations of a pass that no device ends in a reasonable time: the fastest need ten seconds to start as many.
+/// Invocation count that no device finishes in reasonable time: starting this many takes the fastest ten seconds.
 const MOST_INVOCATIONS: u64 = 1 << 40;
 
 /// The axes of dispatches.
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Refuses a plan that contradicts itself ([`BackendError::Invalid`]) or asks for too much ([`BackendError::Limit`]).
-/// An accepted plan is whole: every id is within range and fits its use.
+/// Refuses a plan that is inconsistent ([`BackendError::Invalid`]) or exceeds a limit ([`BackendError::Limit`]).
+///
+/// In an accepted plan, every id is in range and names a resource that allows its use.
 pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
     let checker = Checker { plan, limits };
     let mut histories = HashSet::new();
@@ -48,12 +49,12 @@ pub(crate) fn check(plan: &Plan, limits: &Limits) -> Result<(), BackendError> {
     checker.output()
 }
 
-/// Returns the error for a plan that contradicts itself, or for inputs that do not fit it.
+/// Returns the error for an inconsistent plan, or for inputs that do not fit it.
 pub(crate) fn invalid<T>(text: String) -> Result<T, BackendError> {
     Err(BackendError::Invalid(text))
 }
 
-/// Refuses more than `available` bytes; `what` names the thing that has them.
+/// Refuses more than `available` bytes; `what` names the limited thing.
 pub(crate) fn within_bytes(
     what: impl FnOnce() -> String,
     needed: u64,
@@ -62,7 +63,7 @@ pub(crate) fn within_bytes(
     within(what, needed, available, Unit::Bytes)
 }
 
-/// Refuses more than `available` of something.
+/// Refuses a count above `available`.
 fn within_count(
     what: impl FnOnce() -> String,
     needed: impl Into<u64>,
@@ -107,7 +108,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Returns a resource that `user` uses as `usage`.
+    /// Returns the resource `id` if it allows `usage`; `user` names its user in the error.
     fn used(&self, id: ResourceId, usage: Usage, user: &str) -> Result<&'a Resource, BackendError> {
         let resource = self.resources(id, user)?;
         if !resource.usage.contains(usage) {
@@ -119,7 +120,7 @@ impl<'a> Checker<'a> {
         Ok(resource)
     }
 
-    /// `bytes` bytes at `offset` of a buffer, word by word.
+    /// Checks a range of bytes in a buffer; offset and size must be whole words.
     fn words(
         &self,
         id: ResourceId,
@@ -161,7 +162,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Every transient resource stands in the block that it names, and nothing else stands in one.
+    /// Checks that every transient is in the block that it names, and that blocks have no other members.
     fn blocks(&self) -> Result<(), BackendError> {
         let mut seen = HashSet::new();
         for (index, block) in self.plan.blocks.iter().enumerate() {
@@ -254,7 +255,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// A buffer that `user` fills with a word.
+    /// Checks a buffer that `user` fills with a word.
     fn filled(&self, buffer: ResourceId, user: &str) -> Result<(), BackendError> {
         let bytes = self.used(buffer, Usage::COPY_TARGET, user)?.bytes();
         let resource = self.words(buffer, 0, bytes, user)?;
@@ -354,7 +355,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Refuses a shader with subgroup operations whose subgroups may have other sizes than the graph was told.
+    /// Refuses a shader with subgroup operations if its subgroup size can differ from the size that the graph assumes.
     fn subgroups(&self, shader: &Shader) -> Result<(), BackendError> {
         let (limits, local) = (&self.limits.subgroup, shader.reflection.local_size);
         if !shader.reflection.subgroups || limits.is_certain(local) {
@@ -427,7 +428,8 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// Starts are in the prologue; the frame ends with its export, or with that and the host's pass.
+    /// Checks the order: history clears are in the prologue; the frame ends with its export, or the export and the
+    /// host's pass.
     fn order(&self) -> Result<(), BackendError> {
         let work = |pass: &PassId| &self.plan.pass(*pass).work;
         if self.plan.frame.iter().any(|pass| matches!(work(pass), Work::ClearHistory { .. })) {

@@ -2,7 +2,7 @@ use super::*;
 use crate::limits::SubgroupLimits;
 use crate::testing::*;
 
-/// About what lavapipe has.
+/// Limits similar to lavapipe's.
 fn limits() -> Limits {
     Limits {
         max_storage_bytes: 128 << 20,
@@ -139,7 +139,7 @@ fn a_shader_with_subgroups_whose_size_is_not_certain_is_refused_with_what_would_
     assert!(too_many.contains("at most 256 invocations"), "{too_many}");
     let fixed = SubgroupLimits { selectable: false, ..several };
     assert!(with(fixed, [64, 1, 1]).contains("lets no pipeline ask"), "{}", with(fixed, [64, 1, 1]));
-    // Where there is one size, nobody has to ask.
+    // With a single possible size, no size has to be requested.
     let one = SubgroupLimits { max_size: 32, ..fixed };
     assert_eq!(with(one, [16, 16, 1]), "");
 }
@@ -221,7 +221,7 @@ fn a_buffer_that_comes_with_a_frame_is_storage_that_frames_read() {
         plan.passes[2].work = Work::Dispatch { shader: ShaderId(0), groups };
     });
     assert_eq!(read, "");
-    // Of its words, those can be counted on that it holds at least.
+    // Only the words within the minimum size can be used.
     let beyond = with(|plan| {
         plan.resources[SPLATS.index()].usage |= Usage::INDIRECT;
         let offset = plan.resources[SPLATS.index()].bytes() - 8;
@@ -264,7 +264,7 @@ fn a_buffer_that_comes_with_a_frame_counts_among_a_passs_descriptors_and_sizes()
 
 #[test]
 fn what_shares_memory_counts_once() {
-    // `words` and `args` are of 4096 bytes each.
+    // `words` and `args` have 4096 bytes each.
     let apart = |plan: &mut Plan, limits: &mut Limits| {
         buffer(plan, ARGS, 1024);
         limits.heap_bytes = 41_000;

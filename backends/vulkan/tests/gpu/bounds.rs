@@ -1,11 +1,11 @@
-//! Accesses beyond the ends of buffers and images.
+//! Out-of-range accesses to buffers and images.
 
 use crate::build::*;
 use splatgraph_api::{Bounds, Device, FrameInputs, Inspect};
 use splatgraph_framework::ir::*;
 
-/// Writes and reads near and far beyond the end of a buffer of four words, and outside of an image of two by two pixels, from
-/// every invocation elsewhere.
+/// Accesses a buffer of four words near and far beyond its end, and an image of two by two pixels outside of it; each
+/// invocation at another place.
 const STRAY: &str = "#version 460
 layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) buffer Words { uint words[]; };
@@ -58,7 +58,7 @@ fn accesses_beyond_the_ends_of_buffers_and_images_leave_their_neighbours_alone()
             assert!(found[3].iter().all(|&word| word == 0), "{:?}", &found[3][..8]);
         }
     }
-    // The device goes on.
+    // The device still works.
     assert!(frame(&mut vulkan, &with_output()).output.is_some());
     finish(vulkan);
 }

@@ -1,8 +1,8 @@
-//! Small plans, built by hand.
+//! Small hand-made plans.
 //!
-//! [`Build`] makes them; their dependencies are the solver's. [`barriers_everywhere`] is a stand-in for the lowering, as plain as can be:
-//! before every pass that touches anything that is ever written, a barrier on all memory waits for whatever any pass does, and so does
-//! the change of an image's layout. That is more than is needed and never less.
+//! [`Build`] builds them; the solver finds their dependencies. [`barriers_everywhere`] replaces the lowering, as simply
+//! as possible. Before every pass that touches a resource with a writer, it puts a barrier on all memory, from the
+//! accesses of all passes, and likewise for layout changes. This is more than necessary, and never less.
 
 use splatgraph_api::{BackendError, Device, FrameInputs, FrameResult, Loader, SceneData};
 use splatgraph_framework::ir::ShaderStage;
@@ -20,24 +20,24 @@ pub fn open() -> Vulkan {
     Vulkan::open(&options).expect("these tests need a Vulkan 1.3 driver and the Khronos validation layer")
 }
 
-/// Closes the device; the validation layer must have had nothing to say, of the closing either.
+/// Closes the device; the validation layer must have no messages, including about closing.
 pub fn finish(vulkan: Vulkan) {
     assert_eq!(vulkan.close(), Vec::<String>::new());
 }
 
-/// Another on the same device.
+/// Opens another context on the same device.
 pub fn new_context(vulkan: &Vulkan) -> Vulkan {
     vulkan.new_context().expect("there can be another")
 }
 
-/// Loads a plan with barriers other than those that it is lowered to.
+/// Loads a plan with these barriers instead of its lowered ones.
 pub fn load_with(vulkan: &mut Vulkan, plan: Plan, barriers: Barriers) {
     let loader = vulkan.loader().synchronized_by(barriers);
     let ready = loader.prepare(plan, &Scene::default(), &mut |_| {}).expect("the plan loads");
     vulkan.swap(ready).expect("it is of this device");
 }
 
-/// Loads a plan that reads nothing of a scene.
+/// Loads a plan that reads no scene.
 pub fn load(vulkan: &mut Vulkan, plan: Plan) {
     vulkan.load(plan, &Scene::default(), &mut |_| {}).expect("the plan loads");
 }
@@ -48,16 +48,16 @@ pub fn frame(vulkan: &mut Vulkan, inputs: &FrameInputs) -> FrameResult {
     vulkan.wait(id).expect("the frame is done")
 }
 
-/// Makes the validation layer compare what is submitted with what was submitted before. It looks when an instance is created.
+/// Makes the validation layer compare submissions with earlier ones. The layer reads it when an instance is created.
 const COMPARE: (&str, &str) =
     ("VK_LAYER_ENABLES", "VALIDATION_CHECK_ENABLE_SYNCHRONIZATION_VALIDATION_QUEUE_SUBMIT");
 
-/// This process is one that [`again_comparing_submissions`] started.
+/// Returns true in a process started by [`again_comparing_submissions`].
 pub fn compares_submissions() -> bool {
     std::env::var(COMPARE.0).is_ok_and(|value| value == COMPARE.1)
 }
 
-/// Runs a test of this binary again in its own process, where the validation layer compares submissions.
+/// Runs a test of this binary again in its own process, with the validation layer comparing submissions.
 pub fn again_comparing_submissions(test: &str) {
     if compares_submissions() {
         return;
@@ -85,7 +85,7 @@ pub fn floats(bytes: &[u8]) -> Vec<f32> {
     words(bytes).into_iter().map(f32::from_bits).collect()
 }
 
-/// Scene data held in memory, that counts how often it was asked.
+/// Scene data in memory that counts its requests.
 #[derive(Default)]
 pub struct Scene {
     pub identity: u64,
@@ -98,7 +98,7 @@ impl Scene {
         Scene { identity, planes: [((attribute.to_string(), plane), bytes)].into(), ..Default::default() }
     }
 
-    /// Number of requests for a plane.
+    /// Returns the number of requests for a plane.
     pub fn asked(&self) -> usize {
         self.asked.load(Ordering::Relaxed)
     }
@@ -123,7 +123,7 @@ pub const WRITE: Accesses = Accesses::STORAGE_WRITE;
 pub const BOTH: Accesses = Accesses::STORAGE_READ.union(Accesses::STORAGE_WRITE);
 pub const UNIFORM: Accesses = Accesses::UNIFORM_READ;
 
-/// A binding: resource, binding number, and what the shader does to it.
+/// A binding: resource, binding number, and the shader's accesses.
 pub type Bind = (ResourceId, u32, Accesses);
 
 pub struct Build {
@@ -131,7 +131,7 @@ pub struct Build {
 }
 
 impl Build {
-    /// A plan without passes.
+    /// Starts a plan without passes.
     pub fn new() -> Build {
         Build { plan: Plan { name: "hand-made".to_string(), ..Plan::default() } }
     }
@@ -155,7 +155,7 @@ impl Build {
         id
     }
 
-    /// Puts resources into one block. They must never be alive at the same time.
+    /// Puts resources into one block. They must never be alive at once.
     pub fn share(&mut self, aliases: &[ResourceId]) {
         for &id in aliases {
             let block = self.plan.resource(id).block.expect("a transient");
@@ -168,7 +168,7 @@ impl Build {
         }
     }
 
-    /// Gives a resource a history, under its own name, that starts with zeros.
+    /// Gives a resource a history under its own name, initially zero.
     pub fn history(&mut self, id: ResourceId) -> PassId {
         let resource = &mut self.plan.resources[id.index()];
         resource.history = Some(resource.name.clone());
@@ -181,7 +181,7 @@ impl Build {
         self.pass(Run::Once, &name, Work::ClearHistory { resource: id }, &[], vec![touch])
     }
 
-    /// A buffer of 32-bit words that can be used for anything.
+    /// Adds a buffer of 32-bit words that allows every use.
     pub fn words(&mut self, name: &str, count: u64) -> ResourceId {
         let usage = Usage::STORAGE | Usage::INDIRECT | Usage::COPY_SOURCE | Usage::COPY_TARGET;
         self.resource(name, Shape::Buffer { stride: 4, count }, usage, Source::Transient)
@@ -192,7 +192,7 @@ impl Build {
         self.resource(attribute, Shape::Buffer { stride, count }, Usage::STORAGE, source)
     }
 
-    /// A buffer that comes with every frame, of `count` elements or more.
+    /// Adds a host buffer of at least `count` elements.
     pub fn given(&mut self, name: &str, stride: u64, count: u64) -> ResourceId {
         let source = Source::HostBuffer { buffer: name.to_string() };
         let usage = Usage::STORAGE | Usage::INDIRECT | Usage::COPY_SOURCE;
@@ -208,7 +208,7 @@ impl Build {
         self.resource(name, Shape::Image { format, width, height }, usage, Source::Transient)
     }
 
-    /// Compiles GLSL; the stage is told by the name's extension.
+    /// Compiles GLSL; the name's extension is the stage.
     pub fn shader(&mut self, name: &str, glsl: &str) -> ShaderId {
         let mut files = SourceMap::new(Library::default());
         let file = files.add(name, glsl);
@@ -256,7 +256,7 @@ impl Build {
         let touch = |&(resource, _, accesses): &Bind| {
             let image = matches!(self.plan.resource(resource).shape, Shape::Image { .. });
             let touch = touch(resource, stages, accesses, image.then_some(Layout::General));
-            // An image that is only written is written as a whole.
+            // An image that is only written is written completely.
             Use { discards: image && accesses == WRITE, ..touch }
         };
         binds.iter().map(touch).collect()
@@ -293,7 +293,7 @@ impl Build {
         self.pass(Run::Frame, name, work, binds, uses)
     }
 
-    /// `binds` are read by the vertex shader.
+    /// Adds a draw whose vertex shader reads `binds`.
     pub fn draw(
         &mut self,
         name: &str,
@@ -321,7 +321,7 @@ impl Build {
         self.plan.stats.push(Stat { name: name.to_string(), buffer, offset });
     }
 
-    /// Ends the plan with its export of `output`, and lists its dependencies.
+    /// Finishes the plan with the export of `output`, and solves its dependencies.
     pub fn export(mut self, output: ResourceId) -> Plan {
         self.plan.output = output;
         let mut uses =
@@ -350,7 +350,7 @@ impl Build {
     }
 }
 
-/// Returns barriers with a call of its own before each pass, from all that any pass does to what this one does.
+/// Returns one barrier before each pass, from the accesses of all passes to this pass's.
 pub fn barriers_everywhere(plan: &Plan) -> Barriers {
     type Side = (Stages, Accesses);
     let all = |uses: &mut dyn Iterator<Item = &Use>| -> Side {
@@ -394,7 +394,7 @@ pub fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrie
     }
 }
 
-/// A plan that has `words(n)`, ends with a copy of it into an image of one row, and exports that.
+/// Finishes a plan by copying `words(n)` into an image of one row, and exports the image.
 pub fn show(mut build: Build, words: ResourceId) -> Plan {
     let count = build.plan.resource(words).bytes() as u32 / 4;
     let image = build.image("row", Format::R32Uint, count, 1, Usage::STORAGE);
@@ -409,7 +409,7 @@ layout(set = 0, binding = 0) readonly buffer Words { uint words[]; };
 layout(set = 0, binding = 1, r32ui) writeonly uniform uimage2D row;
 void main() { imageStore(row, ivec2(gl_WorkGroupID.x, 0), uvec4(words[gl_WorkGroupID.x])); }";
 
-/// Adds its index, and a constant, to every word.
+/// Returns a shader that adds each word's index and a constant to it.
 pub fn add(constant: u32) -> String {
     format!(
         "#version 460
@@ -419,7 +419,7 @@ void main() {{ words[gl_WorkGroupID.x] += gl_WorkGroupID.x + {constant}u; }}"
     )
 }
 
-/// Sets the one pixel of `image`, a storage image of 32-bit words, to `value`.
+/// Returns a shader that sets the only pixel of `image`, a storage image of 32-bit words, to `value`.
 pub fn image_shader(value: &str) -> String {
     format!(
         "#version 460

@@ -92,7 +92,7 @@ void main() { words[index] = value; }",
             }
         })
         .unwrap();
-    // Two dispatches of one shader share a pipeline; the other is the one that shows the words.
+    // Two dispatches of one shader share a pipeline; the other pipeline copies the words to the output.
     assert_eq!(pipelines, [2, 2]);
     let output = frame(&mut vulkan, &with_output()).output.unwrap();
     assert_eq!(words(&output.bytes), [40, 50]);
@@ -162,11 +162,11 @@ fn a_resource_is_inspected_as_it_is_right_after_the_pass() {
     let result = frame(&mut vulkan, &inputs);
     let inspected: Vec<Vec<u32>> = result.inspected.iter().map(|bytes| words(bytes)).collect();
     assert_eq!(inspected, [vec![6, 7, 8], vec![7, 9, 11], vec![5, 5, 5]]);
-    // Looking changed nothing.
+    // Inspection changed nothing.
     assert_eq!(words(&result.output.unwrap().bytes), [7, 9, 11]);
 
     let too_early = FrameInputs { inspect: vec![at(row, fill)], ..Default::default() };
-    // In the first frame it would have had no contents; now it has those of the previous frame.
+    // In the first frame it had no contents yet; now it has the previous frame's.
     let result = frame(&mut vulkan, &too_early);
     assert_eq!(words(&result.inspected[0]), [7, 9, 11]);
     let absent = FrameInputs { inspect: vec![at(ResourceId(99), fill)], ..Default::default() };

@@ -1,6 +1,6 @@
-//! Draws: what the blends give, to the bit, and where pixels fall.
+//! Draws: exact results of blending, and pixel positions.
 //!
-//! All colours are small sums of powers of two, so that the expected pixels are exact in 32-bit floats.
+//! All colours are small sums of powers of two, so the expected pixels are exact in 32-bit floats.
 
 use crate::build::*;
 use splatgraph_api::FrameResult;
@@ -8,7 +8,8 @@ use splatgraph_framework::ir::*;
 
 const SIZE: u32 = 4;
 
-/// A triangle over the upper left half: its hypotenuse passes through no pixel's centre. Each instance has its colour.
+/// A triangle over the upper left half. Its hypotenuse passes through no pixel centre. Each instance has its own
+/// colour.
 const TRIANGLE: &str = "#version 460
 layout(set = 0, binding = 0) readonly buffer Colors { vec4 colors[]; };
 layout(location = 0) flat out vec4 color;
@@ -23,7 +24,7 @@ layout(location = 0) flat in vec4 color;
 layout(location = 0) out vec4 result;
 void main() { result = color; }";
 
-/// Draws two triangles over one another and gives the pixel inside, after checking where the triangle is.
+/// Draws two overlapping triangles and returns the pixel inside, after checking the triangle's position.
 fn two_triangles(blend: Blend, clear: [f32; 4], indirect: bool) -> [f32; 4] {
     let result = drawn(blend, clear, indirect);
     let pixels = floats(&result.output.expect("the output was asked for").bytes);
@@ -82,21 +83,21 @@ fn replace_keeps_the_last_fragment() {
 
 #[test]
 fn premultiplied_over_puts_the_later_fragment_in_front() {
-    // Over (0.25, 0.5, 1, 1): first to (0.5 + 0.125, 0.25 + 0.25, 0.5, 1), then 3/4 of that plus the second.
+    // Over (0.25, 0.5, 1, 1): the first gives (0.5 + 0.125, 0.25 + 0.25, 0.5, 1); the second adds to 3/4 of that.
     let pixel = two_triangles(Blend::PremultipliedOver, [0.25, 0.5, 1.0, 1.0], false);
     assert_eq!(pixel, [0.46875, 0.125 + 0.375, 0.25 + 0.375, 1.0]);
 }
 
 #[test]
 fn transmittance_over_puts_the_later_fragment_in_front() {
-    // Colours as above; alpha holds what still shines through: 1, then 1/2, then 3/8.
+    // Colours as above; alpha is the transmittance: 1, then 1/2, then 3/8.
     let pixel = two_triangles(Blend::TransmittanceOver, [0.25, 0.5, 1.0, 1.0], false);
     assert_eq!(pixel, [0.46875, 0.125 + 0.375, 0.25 + 0.375, 0.375]);
 }
 
 #[test]
 fn transmittance_under_puts_the_later_fragment_behind() {
-    // Alpha holds what still shines through: 1, then 1/2 (which weighs the second), then 3/8.
+    // Alpha is the transmittance: 1, then 1/2 (which weights the second), then 3/8.
     let pixel = two_triangles(Blend::TransmittanceUnder, [0.0, 0.0, 0.0, 1.0], false);
     assert_eq!(pixel, [0.5, 0.25 + 0.0625, 0.125, 0.375]);
 }

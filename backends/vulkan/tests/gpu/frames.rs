@@ -1,4 +1,4 @@
-//! Frames one after another: the prologue, uniforms, frames in flight and what lives across them.
+//! Successive frames: the prologue, uniforms, frames in flight, and contents that persist.
 
 use crate::build::*;
 use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect};
@@ -7,7 +7,7 @@ use splatgraph_vulkan::sync::{Barrier, barriers};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::time::Duration;
 
-/// The prologue sets a word to 0 and adds 100 to it; each frame adds 1.
+/// The prologue zeros a word and adds 100; each frame adds 1.
 fn counter() -> (Plan, ResourceId) {
     let mut build = Build::new();
     let count = build.words("count", 1);
@@ -70,7 +70,7 @@ fn results_that_are_not_taken_do_not_pile_up() {
     finish(vulkan);
 }
 
-/// Shows the first word of a camera block and the second of the live block.
+/// Outputs the first word of a camera block and the second of the live block.
 fn uniforms() -> Plan {
     let mut build = Build::new();
     let words_ = build.words("words", 2);
@@ -108,7 +108,7 @@ fn each_frame_in_flight_reads_its_own_uniforms() {
         let output = vulkan.wait(frame).unwrap().output.unwrap();
         assert_eq!(words(&output.bytes), [10 + index as u32, 20 + index as u32]);
     }
-    // What is not given of a block is 0, and not what an earlier frame gave.
+    // Missing bytes of a block are 0, not an earlier frame's.
     let mut short = uniform_inputs(1, 2);
     short.live.clear();
     assert_eq!(words(&frame(&mut vulkan, &short).output.unwrap().bytes), [1, 0]);
@@ -138,7 +138,7 @@ fn a_frame_without_a_plan_is_an_error() {
 
 #[test]
 fn the_handover_brings_an_image_that_frames_keep_to_where_the_frame_before_would_have_left_it() {
-    // The prologue sets the image to 100 and each frame adds 1; frames find it as the export leaves it.
+    // The prologue sets the image to 100 and each frame adds 1; frames find it in the export's layout.
     let mut build = Build::new();
     let image = build.image("kept", Format::R32Uint, 1, 1, Usage::STORAGE);
     let set = build.shader("set.comp", &image_shader("uvec4(100)"));
@@ -159,7 +159,7 @@ fn the_handover_brings_an_image_that_frames_keep_to_where_the_frame_before_would
 
 #[test]
 fn what_the_host_is_shown_by_the_plan_is_all_that_was_copied_before() {
-    // Statistics, the output and an inspected buffer, all behind the barrier of the host's step; then one inspected behind it.
+    // Statistics, the output and an inspected buffer, all before the host's pass; then one inspected after it.
     let (plan, count) = counter();
     let host = PassId(plan.passes.len() as u32 - 1);
     assert_eq!(plan.pass(host).work, Work::Host);
@@ -171,7 +171,7 @@ fn what_the_host_is_shown_by_the_plan_is_all_that_was_copied_before() {
         assert_eq!(result.stats, [("count".to_string(), expected)]);
         assert_eq!(words(&result.output.unwrap().bytes), [expected]);
         assert_eq!(words(&result.inspected[0]), [expected]);
-        // The host's step does nothing on the device, and has no time.
+        // The host's pass does nothing on the device and has no time.
         assert!(result.pass_ms.iter().all(|(pass, _)| *pass != host));
     }
     finish(vulkan);
@@ -186,7 +186,7 @@ fn devices_in_several_threads_do_not_disturb_one_another() {
                 load(&mut vulkan, counter().0);
                 let counted: Vec<u32> = (0..3).map(|_| counts(&mut vulkan)).collect();
                 assert_eq!(counted, [101, 102, 103]);
-                // A device may move to another thread.
+                // A device can move to another thread.
                 vulkan
             })
         })
@@ -196,7 +196,7 @@ fn devices_in_several_threads_do_not_disturb_one_another() {
     }
 }
 
-/// A pass that takes long, in many short invocations: lavapipe cuts the loops of a single one short.
+/// A slow pass of many short invocations: lavapipe limits the loop rounds of an invocation.
 const SLOW: &str = "#version 460
 layout(local_size_x = 1) in;
 layout(set = 0, binding = 0) buffer Words { uint words[]; };
@@ -229,7 +229,7 @@ fn a_pass_that_runs_for_long_is_named_while_it_runs_and_its_frame_can_be_waited_
     assert_eq!(vulkan.try_wait(id).expect("no error").map(|_| ()), None);
     let error = vulkan.wait(id).map(|_| ()).expect_err("it takes longer than that");
     let BackendError::Stuck { place, .. } = &error else { panic!("{error}") };
-    // Lavapipe does not tell the pass while it runs.
+    // Lavapipe does not report the pass while it runs.
     assert!(["pass `slow` of `hand-made`", "a frame of `hand-made`"].contains(&place.as_str()), "{place}");
     assert!(vulkan.running().is_some_and(|running| running.time >= Duration::from_millis(100)));
     let result = loop {

@@ -1,4 +1,4 @@
-//! Buffers that come with every frame.
+//! Host buffers, whose contents come with every frame.
 
 use crate::build::*;
 use splatgraph_api::{BackendError, BufferContents, Device, FrameId, FrameInputs, Inspect, Picture};
@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 const NAME: &str = "frame.words";
 
-/// The first words of the buffer `frame.words`, and, as the last pixel, how many it has. It has `count` or more.
+/// Outputs the first words of the buffer `frame.words`, and its length as the last pixel. Its minimum is `count`.
 fn words_and_length(count: u64) -> Plan {
     let mut build = Build::new();
     let given = build.given(NAME, 4, count);
@@ -59,7 +59,7 @@ fn given_bytes(vulkan: &Vulkan) -> Option<u64> {
 fn each_frame_in_flight_reads_its_own_buffer_however_long_it_is() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(2));
-    // It grows, stays and shrinks, with two frames in flight all the time.
+    // It grows, stays and shrinks, always with two frames in flight.
     let lengths = [2, 3, 2, 5000, 4, 100_000, 2, 2, 1 << 20, 3];
     let frames: Vec<(FrameId, u32)> = (0..)
         .zip(lengths)
@@ -81,7 +81,7 @@ fn the_same_words_may_come_again_and_others_in_between() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(2));
     let (first, second, longer) = (bytes(&[1, 2]), bytes(&[3, 4]), bytes(&[5, 6, 7]));
-    // Each slot sees some twice in a row, and some again after others.
+    // Each slot sees some contents twice in a row, and some again after others.
     let order =
         [&first, &first, &first, &second, &first, &second, &longer, &second, &second, &first, &second];
     let frames: Vec<_> = order
@@ -94,7 +94,7 @@ fn the_same_words_may_come_again_and_others_in_between() {
         let given = words(given);
         assert_eq!(row(&mut vulkan, frame), [given[0], given[1], given.len() as u32]);
     }
-    // What a slot's buffer holds is kept from changing: the words are not shared with any other slot here.
+    // A slot's buffer is shared, not copied, so it cannot be modified; no other slot holds these words.
     let mut last = order[9].clone();
     drop((first, second, longer));
     assert!(Arc::get_mut(&mut last).is_none(), "the slot holds what it will not copy again");
@@ -107,7 +107,7 @@ fn equal_words_in_another_allocation_are_other_words() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(1));
     for index in 0..8 {
-        // Freed when the slot holds the next, so that an address may come back.
+        // It is freed when the slot holds the next one, so its address may be reused.
         assert_eq!(shown(&mut vulkan, &given(&[index])), [index, 1]);
     }
     finish(vulkan);
@@ -168,7 +168,7 @@ fn a_buffer_that_is_longer_than_a_binding_may_be_is_a_limit() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(1));
     let most = vulkan.info().facts.max_storage_bytes;
-    // Zeros that nobody looks at take no memory, however many.
+    // Zeros that the shader never reads, at the maximum length.
     let long = vec![0; most as usize / 4 * 4 + 4];
     let error = vulkan.submit(&giving(BufferContents::Bytes(Arc::new(long))));
     assert!(matches!(error, Err(BackendError::Limit(_))), "{error:?}");
@@ -191,7 +191,7 @@ layout(set = 0, binding = 0) buffer Count { uint count; };
 void main() { atomicAdd(count, 1); }",
     );
     build.dispatch_indirect("count", shader, (args, 0), &[(count, 0, BOTH)]);
-    // Instance i covers pixel i. The draw also binds what its arguments come from.
+    // Instance i covers pixel i. The draw also binds the buffer of its arguments.
     let vertex = build.shader(
         "pixel.vert",
         "#version 460

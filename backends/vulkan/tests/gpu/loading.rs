@@ -1,4 +1,4 @@
-//! Loading: uploads, what is kept between plans, and what is refused.
+//! Loading: uploads, resources kept between plans, and refusals.
 
 use crate::build::*;
 use splatgraph_api::{BackendError, Device, FrameInputs, Progress};
@@ -6,7 +6,7 @@ use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::sync::atomic::Ordering;
 
-/// Shows the scene's attribute `numbers`, plus a constant.
+/// Outputs the scene's attribute `numbers`, plus a constant.
 fn numbers(count: u64, constant: u32) -> Plan {
     let mut build = Build::new();
     let source = build.scene("numbers", 2, 4, count);
@@ -49,7 +49,7 @@ fn another_plan_may_be_loaded_while_frames_are_in_flight_and_keeps_the_scenes_pl
     for frame in pending {
         assert_eq!(words(&vulkan.wait(frame).unwrap().output.unwrap().bytes), [105, 106, 107]);
     }
-    // Other data comes under another identity.
+    // Other data has another identity.
     let second = scene(2, &[8, 8, 8]);
     vulkan.load(numbers(3, 200), &second, &mut |_| {}).unwrap();
     assert_eq!(shown(&mut vulkan), [208, 208, 208]);
@@ -59,7 +59,7 @@ fn another_plan_may_be_loaded_while_frames_are_in_flight_and_keeps_the_scenes_pl
 
 #[test]
 fn a_large_attribute_arrives_whole_and_tells_its_progress() {
-    // More than two chunks, and not a whole number of them.
+    // More than two chunks, and not a whole number of chunks.
     let values: Vec<u32> = (0..10_000_000u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
     let large = scene(1, &values);
     let mut build = Build::new();

@@ -1,9 +1,9 @@
-//! hand-made plans, run on a real device (lavapipe will do) with synchronization validation on.
+//! Hand-made plans, run on a real device (lavapipe suffices) with synchronization validation.
 //!
-//! Every test opens a device of its own and ends with [`build::finish`], which closes it and wants no message: not of
-//! the frames, and not of the closing. Those of windows ([`screen`]) start an X server besides.
+//! Every test opens its own device and ends with [`build::finish`], which closes it and fails on any message, including
+//! about closing. Tests of windows ([`screen`]) also start an X server.
 //!
-//! Not on Apple's systems, which have no lavapipe.
+//! Not for Apple's systems, which have no lavapipe.
 #![cfg(not(target_vendor = "apple"))]
 
 mod bounds;

@@ -1,4 +1,4 @@
-//! Several executors on one device, and the pictures that they give one another.
+//! Several executors on one device that share their outputs.
 
 use crate::build::*;
 use splatgraph_api::{BackendError, BufferContents, Device, FrameId, FrameInputs, Picture};
@@ -6,7 +6,7 @@ use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 
-/// A row of this many pixels, which all have the value of `frame.value`.
+/// Outputs a row of this many pixels, all equal to `frame.value`.
 fn plain(width: u32) -> Plan {
     let mut build = Build::new();
     let value = build.given("frame.value", 4, 1);
@@ -23,7 +23,7 @@ void main() { imageStore(row, ivec2(gl_WorkGroupID.x, 0), uvec4(value)); }",
     build.export(image)
 }
 
-/// For each of two rows: the first pixel, how many pixels there are, and how many of them are as the first.
+/// For each of two rows, outputs the first pixel, the number of pixels, and the number equal to the first.
 fn compare() -> Plan {
     let mut build = Build::new();
     let rows = ["frame.left", "frame.right"].map(|name| build.given(name, 4, 1));
@@ -53,7 +53,7 @@ fn value(value: u32) -> FrameInputs {
     FrameInputs { buffers: [("frame.value".to_string(), bytes)].into(), ..Default::default() }
 }
 
-/// Draws a frame of [`plain`] that is shown.
+/// Draws and shows a frame of [`plain`].
 fn draw(vulkan: &mut Vulkan, pixels: u32) -> Picture {
     vulkan.submit(&FrameInputs { show: true, ..value(pixels) }).expect("the frame is submitted");
     vulkan.picture().expect("it was shown")
@@ -88,7 +88,7 @@ fn a_third_executor_reads_what_two_others_drew_frame_after_frame() {
     let mut seen = draw(&mut right, 1000);
     for frame in 0..40 {
         if frame % 8 == 0 {
-            // Larger, smaller, and larger again, with frames of the size before in flight.
+            // Larger, smaller, and larger again, with frames of the previous size in flight.
             width = [300, 7, 2000, 2, 90][frame as usize / 8];
             load(&mut left, plain(width));
         }
@@ -103,7 +103,7 @@ fn a_third_executor_reads_what_two_others_drew_frame_after_frame() {
     for (frame, expected) in frames {
         assert_eq!(row(&mut window, frame), expected);
     }
-    // In whatever order they go.
+    // The order of closing does not matter.
     assert_eq!(left.close(), Vec::<String>::new());
     assert_eq!(window.close(), Vec::<String>::new());
     finish(right);
@@ -150,7 +150,7 @@ fn a_picture_stays_until_another_size_is_shown_and_only_frames_that_are_shown_ch
     assert_eq!(scene.picture(), Some(first));
     let seen = frame(&mut window, &pictures(first, first)).output.expect("it was asked for");
     assert_eq!(words(&seen.bytes)[..3], [2, 3, 3]);
-    // Another plan of the same size continues with the same picture; one of another size has none before it is shown.
+    // Another plan of equal size continues with this picture; one of another size has none before it shows a frame.
     load(&mut scene, plain(3));
     assert_eq!(draw(&mut scene, 5), first);
     load(&mut scene, plain(4));
@@ -185,7 +185,7 @@ fn a_picture_that_is_gone_cannot_be_given_and_frames_that_were_given_it_read_it_
     refused(&mut window, second);
     assert_eq!(row(&mut window, pending), [1, 9, 9, 1, 9, 9]);
     assert_eq!(row(&mut window, mixed), [2, 2, 2, 2, 2, 2]);
-    // One that is told to be of another size is another.
+    // A picture with a false size is refused.
     let mut scene = new_context(&window);
     load(&mut scene, plain(2));
     let third = draw(&mut scene, 3);
@@ -246,7 +246,7 @@ fn executors_have_frames_and_results_of_their_own() {
     assert_eq!(row(&mut first, three), [3]);
     assert_eq!(row(&mut first, one), [1]);
     assert_eq!(second.info(), first.info());
-    // The first may go before what was opened beside it.
+    // The first executor may be dropped before the others on its device.
     drop(first);
     assert_eq!(words(&frame(&mut second, &shown(4)).output.expect("it was asked for").bytes), [4, 4]);
     finish(second);
@@ -262,7 +262,7 @@ fn a_picture_is_its_executors_memory_until_it_has_another_and_then_of_the_frames
     let words_ = BufferContents::Bytes(Arc::new(vec![0; 4]));
     let buffers = ["frame.left", "frame.right"].map(|name| (name.to_string(), words_.clone()));
     for _ in 0..2 {
-        // Both slots have memory for words now.
+        // Both slots now have memory for words.
         frame(&mut window, &FrameInputs { buffers: buffers.clone().into(), ..with_output() });
     }
     let before = total(&window);
@@ -283,7 +283,7 @@ fn a_picture_is_its_executors_memory_until_it_has_another_and_then_of_the_frames
     finish(window);
 }
 
-/// 2,900 x 2,900 pixels of 16 bytes are a little more than the 128 MiB that lavapipe, and every device, can bind.
+/// 2,900 x 2,900 pixels of 16 bytes exceed 128 MiB, the binding limit of lavapipe and the minimum of every device.
 #[test]
 fn a_picture_larger_than_a_storage_binding_is_read_by_its_rows() {
     const SIDE: u32 = 2900;
@@ -327,12 +327,12 @@ void main() {
     let picture = scene.picture().expect("it was shown");
     let give =
         |contents| FrameInputs { buffers: [("frame.rows".to_string(), contents)].into(), ..with_output() };
-    // As a whole it is more than this device can bind, and nothing else has failed.
+    // The whole picture exceeds the device's binding limit, and nothing else failed.
     if window.info().facts.max_storage_bytes < 16 * u64::from(SIDE) * u64::from(SIDE) {
         let error = window.submit(&give(BufferContents::Picture(picture)));
         assert!(matches!(error, Err(BackendError::Limit(_))), "{error:?}");
     }
-    // A row is 181.25 times the alignment, so that every sixteenth can be the first.
+    // A row is 181.25 times the alignment, so every fourth can be the first.
     let last = give(BufferContents::Rows { picture, first: 2896, count: 4 });
     let seen = frame(&mut window, &last).output.expect("it was asked for");
     let floats = [0.25f32, 0.5, 0.75, 1.0].map(f32::to_bits);

@@ -1,4 +1,5 @@
-//! Frames in windows, on an X server of the tests' own. What the server says that a window shows is compared with what was drawn.
+//! Frames in windows, on an X server started by the tests. The window's contents, as the server reports them, are
+//! compared with the frame.
 
 use crate::build::*;
 use crate::x11::{Server, Window};
@@ -9,7 +10,7 @@ use std::sync::Arc;
 
 const SIZE: (u32, u32) = (48, 32);
 
-/// On the only device that tests count on: others may have no way into a window of a server without a display.
+/// Opens lavapipe: other devices may be unable to present on a server without a display.
 fn open_in(window: &Arc<Window>, size: (u32, u32)) -> Vulkan {
     let options = Options {
         device: Some("llvmpipe".to_string()),
@@ -20,8 +21,8 @@ fn open_in(window: &Arc<Window>, size: (u32, u32)) -> Vulkan {
         .expect("these tests need lavapipe and the Khronos validation layer")
 }
 
-/// Draws a picture of `SIZE` in which no two pixels have the same colour: red grows to the right, green downwards, blue is what
-/// the frame says.
+/// Outputs a picture of `SIZE` whose pixels all differ: red grows to the right, green downwards, blue comes with the
+/// frame.
 fn gradients(format: Format) -> Plan {
     let (width, height) = SIZE;
     let mut build = Build::new();
@@ -46,9 +47,9 @@ void main() {{
     build.export(image)
 }
 
-/// The same picture in a window of the given size.
+/// Computes the expected contents of a window of the given size.
 fn drawn(blue: u8, (width, height): (u32, u32)) -> Vec<[u8; 3]> {
-    // Interpolated between the centres of pixels, and not beyond the outermost.
+    // Interpolated between pixel centres, and clamped at the outermost.
     let along = |at: u32, of: u32, pixels: u32| {
         let place = (at as f64 + 0.5) * pixels as f64 / of as f64 - 0.5;
         (4.0 * place.clamp(0.0, pixels as f64 - 1.0)).round() as u8
@@ -62,7 +63,7 @@ fn inputs(blue: u8, present: bool) -> FrameInputs {
     FrameInputs { live, present, ..with_output() }
 }
 
-/// A frame in the window.
+/// Draws and presents a frame.
 fn show(vulkan: &mut Vulkan, blue: u8) {
     let result = frame(vulkan, &inputs(blue, true));
     let output = result.output.expect("the output was asked for");
@@ -84,7 +85,7 @@ fn frames_are_shown_to_the_pixel_one_after_another() {
             window.expect(&drawn(blue, SIZE), 0);
         }
     }
-    // More of them than the window has images, and none waited for.
+    // More frames than the window has images, without waiting for any.
     let frames: Vec<_> = (100..120).map(|blue| vulkan.submit(&inputs(blue, true)).unwrap()).collect();
     window.expect(&drawn(119, SIZE), 0);
     assert!(vulkan.wait(*frames.last().unwrap()).is_ok());
@@ -120,12 +121,12 @@ fn what_is_shown_has_the_windows_size_also_after_that_changes() {
     window.expect(&drawn(1, SIZE), 0);
     for (index, size) in [(96, 64), (97, 31), (640, 480), (5, 3), SIZE].into_iter().enumerate() {
         window.resize(size.0, size.1);
-        // Frames are in flight while the window changes, and the first of them may be shown in its old size.
+        // Frames are in flight while the window changes; the first may be presented in its old size.
         vulkan.submit(&inputs(0, true)).unwrap();
         vulkan.resize_window(size.0, size.1);
         let blue = 10 * index as u8 + 9;
         show(&mut vulkan, blue);
-        // A device counts fractions of a pixel in 256ths or finer.
+        // A device's interpolation has at least 8 fractional bits.
         if (size.0 >= SIZE.0 / 2) && (size.1 >= SIZE.1 / 2) {
             window.expect(&drawn(blue, size), 1);
         }
@@ -141,7 +142,7 @@ fn a_window_that_changes_by_itself_is_followed_by_what_the_window_system_says() 
     let mut vulkan = open_in(&window, SIZE);
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     show(&mut vulkan, 1);
-    // The device is not told.
+    // The device is not told about the resize.
     window.resize(96, 64);
     for _ in 0..3 {
         show(&mut vulkan, 2);
@@ -171,7 +172,7 @@ fn vsync_can_be_switched_off_and_on_while_frames_are_shown() {
 fn a_window_without_pixels_shows_nothing_and_frames_are_drawn_all_the_same() {
     let server = Server::start();
     let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    // From the beginning, and later.
+    // At the beginning, and later.
     let mut vulkan = open_in(&window, (0, 0));
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     show(&mut vulkan, 11);
@@ -276,7 +277,7 @@ fn the_window_is_the_executors_that_was_opened_in_it_and_others_draw_on_without(
         other.submit(&FrameInputs { show: true, ..inputs(99, true) }).unwrap();
     }
     window.expect(&drawn(25, SIZE), 0);
-    // The other is left with the device, which keeps the window.
+    // The device keeps the other one's window.
     assert_eq!(vulkan.close(), Vec::<String>::new());
     show(&mut other, 7);
     assert_eq!(window.pixels(), drawn(25, SIZE));

@@ -1,4 +1,4 @@
-//! Blocks: resources that are never alive at the same time and share memory.
+//! Blocks: resources that are never alive at once and share memory.
 
 use crate::build::*;
 use splatgraph_api::{Device, FrameInputs, Inspect};
@@ -22,8 +22,8 @@ layout(set = 0, binding = 0, r32ui) readonly uniform uimage2D source;
 layout(set = 0, binding = 1) writeonly buffer Target { uint target[]; };
 void main() { uint i = gl_WorkGroupID.x; target[i] = imageLoad(source, ivec2(i, 0)).x; }";
 
-/// `first` is filled and copied to `kept`, then `second` takes what `kept` has; the image `third` continues from there, and
-/// back to `kept`, which is shown.
+/// `first` is filled and copied to `kept`, then `second` is copied from `kept`. The image `third` continues from there,
+/// and back to `kept`, which is the output.
 struct Aliases {
     build: Build,
     aliases: [ResourceId; 3],
@@ -47,7 +47,7 @@ fn aliases() -> Aliases {
     dispatch("second to kept", copy, second, kept);
     dispatch("kept to third", to_image, kept, third);
     dispatch("third to kept", from_image, third, kept);
-    // Declared last, and moved to the front: the frame begins with it.
+    // Declared last and moved to the front: the frame begins with it.
     build.fill(Run::Frame, "fill", first, 5);
     build.plan.passes.rotate_right(1);
     Aliases { build, aliases: [first, second, third], kept }
@@ -79,7 +79,7 @@ fn tenants_of_a_block_all_work_and_the_memory_shows_what_is_saved() {
     let (together, sum_together) = run(true);
     let names: Vec<&str> = together.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names, ["first + second + third", "kept", "row", "output readback"]);
-    // The block is as large as its largest alias, and the other two are saved. (Drivers round images up.)
+    // The block is as large as its largest alias; the memory of the other two is saved. (Drivers round image sizes up.)
     let bytes_of = |name: &str| apart.iter().find(|(n, _)| n == name).map(|(_, bytes)| *bytes).unwrap();
     let mut aliases = [bytes_of("first"), bytes_of("second"), bytes_of("third")];
     aliases.sort();
@@ -90,7 +90,7 @@ fn tenants_of_a_block_all_work_and_the_memory_shows_what_is_saved() {
 
 #[test]
 fn tenants_of_a_block_stand_in_the_same_memory() {
-    // What is written to one is found in the other. (No plan that is solved does this: the other's time is over.)
+    // Writing one changes the other. (A solved plan never reads it: the other's lifetime is over.)
     let mut build = Build::new();
     let [one, other, shown] = ["one", "other", "shown"].map(|name| build.words(name, 4));
     build.share(&[one, other]);

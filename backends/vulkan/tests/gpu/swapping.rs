@@ -1,12 +1,13 @@
-//! From one plan to the next: frames in flight of the one before, and histories that carry over.
+//! Swapping plans: frames in flight of the previous plan, and histories that carry over.
 
 use crate::build::*;
 use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 
-/// The first word of a buffer and every pixel of an image of this width, both with a history, grow by `step` in every frame. The
-/// statistic `name` is the word, the output the image. `alter` is called before the plan is finished, with the two.
+/// A plan that adds `step` every frame to the first word of a buffer, and to every pixel of an image of this width.
+/// Both have a history. The statistic `name` is the word, the output the image. `alter` changes the plan before it is
+/// finished.
 pub fn growing_with(
     name: &str,
     step: u32,
@@ -46,7 +47,7 @@ pub fn submit(vulkan: &mut Vulkan) -> FrameId {
     vulkan.submit(&with_output()).expect("the frame is submitted")
 }
 
-/// The name of the statistic and its value, which every pixel must have as well.
+/// Returns the name and value of the statistic, after checking that every pixel has this value.
 pub fn grown(vulkan: &mut Vulkan, frame: FrameId) -> (String, u32) {
     let result = vulkan.wait(frame).expect("the frame is done");
     let [(name, value)] = result.stats.try_into().expect("one statistic");
@@ -55,7 +56,7 @@ pub fn grown(vulkan: &mut Vulkan, frame: FrameId) -> (String, u32) {
     (name, value)
 }
 
-/// The value after one more frame.
+/// Returns the value after one more frame.
 pub fn grow(vulkan: &mut Vulkan) -> u32 {
     let frame = submit(vulkan);
     grown(vulkan, frame).1
@@ -68,7 +69,7 @@ fn histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight
     let slow = [submit(&mut vulkan), submit(&mut vulkan)];
     load(&mut vulkan, growing("fast", 10));
     let fast = [submit(&mut vulkan), submit(&mut vulkan), submit(&mut vulkan)];
-    // And back, with another frame in between.
+    // Swaps back, with another frame in between.
     load(&mut vulkan, growing("slow again", 1));
     let again = [submit(&mut vulkan), submit(&mut vulkan)];
     let values: Vec<_> =
@@ -77,7 +78,7 @@ fn histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight
     let expected = expected.into_iter().chain([("slow again", 33), ("slow again", 34)]);
     assert_eq!(values, expected.map(|(name, value)| (name.to_string(), value)).collect::<Vec<_>>());
     finish(vulkan);
-    // The barriers between the plans are between submissions.
+    // Barriers between plans are between submissions.
     again_comparing_submissions(
         "swapping::histories_go_on_in_the_next_plan_while_frames_of_the_one_before_are_in_flight",
     );
@@ -93,12 +94,12 @@ fn a_plan_sees_its_history_however_the_one_before_wrote_it() {
         let output = build.image("output", Format::R32Uint, 1, 1, Usage::STORAGE);
         build.export(output)
     };
-    // The first ends with a dispatch that writes the words...
+    // The first plan ends with a dispatch that writes the words...
     let adds = plan(|build, count| {
         let shader = build.shader("add.comp", &add(7));
         build.dispatch(Run::Frame, "add", shader, 1, &[(count, 0, BOTH)]);
     });
-    // ... and the second, which copies them, waits for nothing but its own start.
+    // ... and the second, which copies them, waits only for its own history's start.
     let shows = plan(|build, count| build.stat("count", count, 0));
     let mut barriers = barriers_everywhere(&shows);
     let fill = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
@@ -156,7 +157,7 @@ void main() { target = source; }";
         build.dispatch(Run::Once, "copy", shader, 1, &binds);
         build.stat("target", constants[1], 0);
     });
-    // The copy's barrier moves to the start before it.
+    // Moves the copy's barrier to the history's start, before it.
     let [.., start, copy] = plan.prologue[..] else { panic!("a start and a copy") };
     let mut barriers = barriers_everywhere(&plan);
     let fill = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
@@ -174,7 +175,7 @@ void main() { target = source; }";
 
 #[test]
 fn a_start_leaves_zeros_whatever_was_there() {
-    // The prologue writes to both before they start.
+    // The prologue writes both before their histories start.
     let mut build = Build::new();
     let count = build.words("count", 1);
     let trail = build.image("trail", Format::R32Uint, 1, 1, Usage::STORAGE);
@@ -197,7 +198,7 @@ fn a_history_of_another_shape_starts_from_zeros() {
     let mut vulkan = open();
     load(&mut vulkan, growing("count", 1));
     assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
-    // As after a resize: the image starts anew, and the buffer goes on.
+    // As after a resize: the image starts anew, and the buffer continues.
     load(&mut vulkan, growing_with("count", 1, 3, |_, _, _| {}));
     let result = frame(&mut vulkan, &with_output());
     assert_eq!(result.stats[0].1, 3);
@@ -207,7 +208,7 @@ fn a_history_of_another_shape_starts_from_zeros() {
 
 #[test]
 fn a_history_starts_from_zeros_where_it_cannot_go_on() {
-    /// A plan whose history must be its own.
+    /// Returns a plan whose history must not be shared.
     fn apart(alter: impl FnOnce(&mut Build, ResourceId, ResourceId)) -> Plan {
         growing_with("count", 1, 2, alter)
     }
@@ -222,7 +223,7 @@ fn a_history_starts_from_zeros_where_it_cannot_go_on() {
     };
     for plan in [apart(rename), apart(crowd)] {
         let mut vulkan = open();
-        // On the way there, and on the way back.
+        // Checked in both directions.
         load(&mut vulkan, growing("count", 1));
         assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
         load(&mut vulkan, plan);
@@ -231,7 +232,7 @@ fn a_history_starts_from_zeros_where_it_cannot_go_on() {
         assert_eq!(grow(&mut vulkan), 1);
         finish(vulkan);
     }
-    // Another scene.
+    // With another scene.
     let mut vulkan = open();
     load(&mut vulkan, growing("count", 1));
     assert_eq!(grow(&mut vulkan), 1);
@@ -263,7 +264,7 @@ fn an_image_that_the_next_plan_uses_for_more_than_it_was_made_for_starts_from_ze
     });
     load(&mut vulkan, more);
     let result = frame(&mut vulkan, &with_output());
-    // Buffers with a history are made for anything.
+    // Buffers with a history are created for every use.
     assert_eq!(result.stats[0].1, 2);
     assert_eq!(words(&result.output.unwrap().bytes), [1, 1]);
     finish(vulkan);
@@ -288,7 +289,7 @@ fn a_plan_is_kept_until_its_frames_in_flight_are_done() {
     load(&mut vulkan, large("second"));
     let second = submit(&mut vulkan);
     load(&mut vulkan, large("third"));
-    // Both former plans' large buffers; what the three have in common is the third's.
+    // The large buffers of both former plans; resources common to all three plans belong to the third.
     let held = rest(&vulkan).expect("two plans are in flight");
     assert!((2 << 20..(2 << 20) + 4096).contains(&held), "{held}");
     assert_eq!(grown(&mut vulkan, second), ("second".to_string(), 2));
@@ -311,7 +312,7 @@ fn many_swaps_do_not_grow_the_memory() {
         frames.push(submit(&mut vulkan));
         most.push(bytes(&vulkan));
         if swap == 9 {
-            // Without any frame, nothing is kept of a plan.
+            // Without a frame, nothing of a plan is kept.
             load(&mut vulkan, plans[0].clone());
             let before = bytes(&vulkan);
             for plan in plans.iter().rev().cycle().take(20) {
@@ -320,7 +321,7 @@ fn many_swaps_do_not_grow_the_memory() {
             assert_eq!(bytes(&vulkan), before);
         }
     }
-    // From the third on, the frames of two former plans at most are in flight.
+    // From the third plan on, at most two former plans have frames in flight.
     assert!(most[2..].iter().all(|&bytes| bytes <= most[2]), "{most:?}");
     for (index, frame) in frames.into_iter().enumerate() {
         assert_eq!(grown(&mut vulkan, frame).1, index as u32 + 1);

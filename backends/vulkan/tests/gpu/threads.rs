@@ -1,4 +1,4 @@
-//! Plans that are made ready beside the frames, and executors of one device in several threads.
+//! Plans prepared while frames are drawn, and executors of one device on several threads.
 
 use crate::build::*;
 use crate::swapping::{grow, growing, growing_with, grown, submit};
@@ -9,12 +9,12 @@ use std::sync::Barrier as Meeting;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
-/// Makes a plan ready that reads nothing of a scene.
+/// Prepares a plan that reads no scene.
 fn prepare(loader: Loader, plan: Plan) -> Ready {
     loader.prepare(plan, &Scene::default(), &mut |_| {}).expect("the plan is made ready")
 }
 
-/// Shows the attribute `numbers` of the scene.
+/// Outputs the attribute `numbers` of the scene.
 fn numbers(count: u64) -> Plan {
     let mut build = Build::new();
     let numbers = build.scene("numbers", 0, 4, count);
@@ -33,7 +33,7 @@ fn shown(vulkan: &mut Vulkan) -> Vec<u32> {
 fn a_plan_is_made_ready_on_another_thread_and_goes_on_from_frames_that_were_drawn_meanwhile() {
     let mut vulkan = open();
     load(&mut vulkan, growing("slow", 1));
-    // Before the first frame, when there is no history yet.
+    // Before the first frame there is no history.
     let loader = vulkan.loader();
     let done = AtomicBool::new(false);
     let mut frames = Vec::new();
@@ -49,7 +49,7 @@ fn a_plan_is_made_ready_on_another_thread_and_goes_on_from_frames_that_were_draw
         thread.join().expect("it ends well")
     });
     let slow = frames.len() as u32;
-    // Two frames of the one before are in flight.
+    // Two frames of the previous plan are in flight.
     vulkan.swap(ready).expect("it becomes the current plan");
     frames.extend([submit(&mut vulkan), submit(&mut vulkan)]);
     let last = frames.split_off(frames.len() - 4);
@@ -68,11 +68,11 @@ fn a_plan_goes_on_from_the_one_that_is_current_when_it_is_swapped_in() {
     let mut vulkan = open();
     load(&mut vulkan, growing("narrow", 1));
     assert_eq!((grow(&mut vulkan), grow(&mut vulkan)), (1, 2));
-    // Both are made for what comes after the narrow one.
+    // Both are prepared for swapping in after the narrow plan.
     let (first, second) = (prepare(vulkan.loader(), wide(10)), prepare(vulkan.loader(), wide(100)));
     let back = vulkan.loader();
     vulkan.swap(first).expect("it becomes the current plan");
-    // The image is of another shape and starts anew; the word goes on.
+    // The image has another shape and starts anew; the word continues.
     let result = frame(&mut vulkan, &with_output());
     assert_eq!(
         (result.stats[0].1, words(&result.output.expect("it was asked for").bytes)),
@@ -80,11 +80,11 @@ fn a_plan_goes_on_from_the_one_that_is_current_when_it_is_swapped_in() {
     );
     submit(&mut vulkan);
     vulkan.swap(second).expect("it becomes the current plan");
-    // The word and the image are those of the plan in between.
+    // The word and the image continue from the plan in between.
     let result = frame(&mut vulkan, &with_output());
     let pixels = words(&result.output.expect("it was asked for").bytes);
     assert_eq!((result.stats[0].1, pixels), (122, vec![120; 3]));
-    // And back, with a loader of long ago: the image of that time is gone.
+    // Swaps back, with an old loader: the image of that time is gone.
     submit(&mut vulkan);
     vulkan.swap(prepare(back, growing("narrow", 1))).expect("it becomes the current plan");
     let result = frame(&mut vulkan, &with_output());
@@ -107,19 +107,19 @@ fn a_plan_that_was_made_ready_in_vain_leaves_nothing_behind() {
         scope.spawn(|| drop(loader.prepare(numbers(3), &data, &mut |_| {}).expect("it is made ready")));
     });
     let ready = prepare(vulkan.loader(), growing("count", 10));
-    // It is on the device, and no executor's yet.
+    // The plan is on the device, but no executor has it yet.
     assert!(vulkan.memory() == before.0 && vulkan.device_memory().used > before.1);
     assert!(vulkan.device_memory().reserved >= vulkan.device_memory().used);
     drop(ready);
     assert_eq!(bytes(&vulkan), before);
     assert_eq!(pending.map(|frame| grown(&mut vulkan, frame).1), [1, 2]);
     assert_eq!(grow(&mut vulkan), 3);
-    // What was uploaded for it went with it.
+    // Its uploads were dropped with it.
     assert_eq!(data.asked(), 1);
     vulkan.load(numbers(3), &data, &mut |_| {}).expect("the plan loads");
     assert_eq!(data.asked(), 2);
     assert_eq!(shown(&mut vulkan), [1, 2, 3]);
-    // One that outlives every executor keeps the device, and nothing more.
+    // A loader that outlives all executors keeps the device, and nothing else.
     let rest = vulkan.loader().prepare(numbers(3), &data, &mut |_| {}).expect("it is made ready");
     assert_eq!(vulkan.close(), Vec::<String>::new());
     drop(rest);
@@ -150,7 +150,7 @@ fn what_executors_read_of_a_scene_is_on_the_device_once() {
     second.load(numbers(3), &data, again).expect("the plan loads");
     assert_eq!(data.asked(), 1);
     assert_eq!((shown(&mut first), shown(&mut second)), (vec![4, 5, 6], vec![4, 5, 6]));
-    // Each lists it, and it is there as long as one of them reads it.
+    // Both list it, as long as one of them reads it.
     assert!([&first, &second].iter().all(|v| v.memory().iter().any(|(name, _)| name == "numbers")));
     first.submit(&with_output()).expect("the frame is submitted");
     drop(first);
@@ -167,7 +167,7 @@ fn plans_that_are_made_ready_at_the_same_time_upload_what_they_share_once() {
     const THREADS: usize = 4;
     let values: Vec<u32> = (0..1 << 20).collect();
     let data = scene(&values);
-    // Of a large plane, the last word.
+    // The last word of a large plane.
     let plan = {
         let mut build = Build::new();
         let numbers = build.scene("numbers", 0, 4, values.len() as u64);
@@ -207,7 +207,7 @@ void main() { last = numbers[numbers.length() - 1]; }",
     finish(vulkan);
 }
 
-/// A scene whose data cannot be had.
+/// A scene that cannot supply its data.
 struct Broken {
     panics: bool,
 }
@@ -233,7 +233,7 @@ fn an_upload_that_fails_does_not_block_others() {
     let thread =
         thread::spawn(move || loader.prepare(numbers(2), &Broken { panics: true }, &mut |_| {}).map(drop));
     assert!(thread.join().is_err(), "the thread panics");
-    // The same scene, by its identity: nothing of the attempts before is taken for it.
+    // An equal identity: nothing of the failed attempts is reused.
     let data = scene(&[8, 9]);
     vulkan.load(numbers(2), &data, &mut |_| {}).expect("the plan loads");
     assert_eq!((data.asked(), shown(&mut vulkan)), (1, vec![8, 9]));
@@ -273,7 +273,7 @@ fn executors_draw_in_threads_of_their_own_while_plans_are_made_ready_in_others()
 
 #[test]
 fn executors_in_several_threads_take_turns_on_the_queue() {
-    // Frames of next to nothing, so that the threads meet at the queue: the validation layer says so if two use it at a time.
+    // Tiny frames, so that the threads meet at the queue: the validation layer reports concurrent use.
     let vulkan = open();
     let meeting = Meeting::new(4);
     let executors: Vec<Vulkan> = thread::scope(|scope| {

@@ -14,7 +14,7 @@ use x11rb::connection::Connection;
 use x11rb::protocol::xproto::*;
 use x11rb::xcb_ffi::XCBConnection;
 
-/// An X server of the test's own, until it is dropped.
+/// An X server for one test; dropping it stops the server.
 pub struct Server {
     process: Child,
     display: CString,
@@ -22,7 +22,7 @@ pub struct Server {
 
 impl Server {
     pub fn start() -> Server {
-        // It looks for a display number that is free, and writes it to its standard output.
+        // It picks a free display number and writes it to its standard output.
         let mut process = Command::new("Xvfb")
             .args(["-displayfd", "1", "-screen", "0", "640x480x24", "-nolisten", "tcp", "-noreset"])
             .stdout(Stdio::piped())
@@ -35,13 +35,13 @@ impl Server {
         let output = process.stdout.take().expect("the output is a pipe");
         let read = BufReader::new(output).read_line(&mut number);
         let server = |number: &str| CString::new(format!(":{}", number.trim())).expect("digits");
-        // From here on it is stopped also if something panics.
+        // From here on it is stopped even after a panic.
         let server = Server { process, display: server(&number) };
         assert!(read.is_ok() && !number.trim().is_empty(), "Xvfb ended before it had a display");
         server
     }
 
-    /// A window that is on the screen.
+    /// Opens a mapped window.
     pub fn window(&self, width: u16, height: u16) -> Arc<Window> {
         let (connection, screen) = XCBConnection::connect(Some(&self.display)).expect("the server answers");
         let root = &connection.setup().roots[screen];
@@ -76,26 +76,26 @@ pub struct Window {
 }
 
 impl Window {
-    /// When this returns, the window has its new size.
+    /// Resizes the window, and waits until it has its new size.
     pub fn resize(&self, width: u32, height: u32) {
         let size = ConfigureWindowAux::new().width(width).height(height);
         let sent = self.connection.configure_window(self.id.get(), &size).expect("the request is sent");
         sent.check().expect("the window is resized");
     }
 
-    /// When this returns, there is no window any more.
+    /// Closes the window, and waits until it is gone.
     pub fn close(&self) {
         let sent = self.connection.destroy_window(self.id.get()).expect("the request is sent");
         sent.check().expect("the window is closed");
     }
 
-    /// Red, green and blue of every pixel, row 0 at the top.
+    /// Reads red, green and blue of every pixel, row 0 at the top.
     pub fn pixels(&self) -> Vec<[u8; 3]> {
         let size = self.connection.get_geometry(self.id.get()).expect("asked").reply().expect("answered");
         let (format, all) = (ImageFormat::Z_PIXMAP, u32::MAX);
         let image = self.connection.get_image(format, self.id.get(), 0, 0, size.width, size.height, all);
         let image = image.expect("asked").reply().expect("answered");
-        // 32 bits per pixel at depth 24, as every server of today has it.
+        // 32 bits per pixel at depth 24, as on every current server.
         let pixels: Vec<[u8; 3]> = match self.connection.setup().image_byte_order {
             ImageOrder::LSB_FIRST => image.data.chunks_exact(4).map(|p| [p[2], p[1], p[0]]).collect(),
             _ => image.data.chunks_exact(4).map(|p| [p[1], p[2], p[3]]).collect(),
@@ -104,8 +104,7 @@ impl Window {
         pixels
     }
 
-    /// Waits until the window shows these pixels, which takes the window system a moment after they were presented. Each
-    /// value may be `off` by so much.
+    /// Waits until the window shows these pixels, each value within `off`: presented images arrive after a delay.
     pub fn expect(&self, expected: &[[u8; 3]], off: u8) {
         let close = |a: &[u8; 3], b: &[u8; 3]| a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) <= off);
         let mut shown = self.pixels();
@@ -146,7 +145,7 @@ impl HasDisplayHandle for Window {
 impl HasWindowHandle for Window {
     fn window_handle(&self) -> Result<WindowHandle<'_>, HandleError> {
         let handle = RawWindowHandle::Xcb(XcbWindowHandle::new(self.id));
-        // SAFETY: the window is on the connection's server for as long as the connection is open.
+        // SAFETY: the window exists as long as the server's connection is open.
         Ok(unsafe { WindowHandle::borrow_raw(handle) })
     }
 }

@@ -1,8 +1,8 @@
-//! Dispatches, fills and indirect arguments that share a buffer, or the memory under two.
+//! Dispatches, fills and indirect arguments on one buffer, or on two that alias.
 
 use super::*;
 
-/// Two passes one after the other on one buffer.
+/// Two successive passes on one buffer.
 fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
     let mut build = Build::new();
     let words = build.words("words", 4);
@@ -11,7 +11,7 @@ fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, Res
     case(build)
 }
 
-/// The same, on two buffers that share their memory.
+/// Two successive passes on two buffers that alias.
 fn aliased(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
     let mut build = Build::new();
     let aliases = [build.words("alias", 4), build.words("other alias", 4)];
@@ -25,7 +25,7 @@ fn fills(build: &mut Build, name: &str, buffer: ResourceId) {
     build.fill(Run::Frame, name, buffer, 1);
 }
 
-/// A dispatch takes its size from words that a dispatch wrote.
+/// A dispatch with indirect arguments that another dispatch wrote.
 fn indirect() -> Case {
     let mut build = Build::new();
     let args = build.words("args", 4);
@@ -36,7 +36,7 @@ fn indirect() -> Case {
     case(build).between("second", COMPUTE_WRITES, (Stages::INDIRECT, Accesses::INDIRECT_READ))
 }
 
-/// A buffer that a dispatch wrote is read as a uniform block.
+/// A buffer written by a dispatch and read as a uniform block.
 fn uniform() -> Case {
     let mut build = Build::new();
     let (words, sink) = (build.words("words", 4), build.words("sink", 4));
@@ -83,7 +83,7 @@ fn every_bit_missing_from_a_barrier_for_read_after_write_is_caught() {
         let exact = exact.between("second", source, target);
         exact.caught(cleared("second", access(source.1), NOTHING), RAW);
         exact.caught(cleared("second", NOTHING, access(target.1)), RAW);
-        // A stage goes with its accesses: an access without a stage that has it is an error of another kind.
+        // The access goes with the stage: an access without a stage that can make it is another kind of error.
         exact.caught(cleared("second", source, NOTHING), RAW);
         exact.caught(cleared("second", NOTHING, target), RAW);
     }
@@ -140,7 +140,7 @@ fn write_after_write_is_caught_where_one_of_the_two_is_a_fill() {
 #[test]
 fn write_after_write_between_dispatches_is_not_seen() {
     two(Build::writes, Build::writes).not_seen(removed("second"));
-    // Not even where the second reads what the first wrote, if it writes there as well.
+    // This holds even if the second pass reads the first one's data, when it writes there as well.
     two(Build::writes, Build::changes).not_seen(removed("second"));
     two(Build::changes, Build::writes).not_seen(removed("second"));
     two(Build::changes, Build::changes).not_seen(removed("second"));
@@ -161,11 +161,11 @@ fn a_binding_with_atomics_alone_counts_as_a_read() {
     exact.not_seen(cleared("second", NOTHING, access(WRITE)));
     two(Build::writes, Build::counts).caught(removed("second"), RAW);
     two(Build::changes, Build::counts).caught(removed("second"), RAW);
-    // It is never seen as what wrote...
+    // The layer never sees an atomic as the writer...
     two(Build::counts, Build::reads).not_seen(removed("second"));
     two(Build::reads, Build::counts).not_seen(removed("second"));
     two(Build::counts, Build::counts).not_seen(removed("second"));
-    // ... so that what follows must wait for it, and need not see anything of it.
+    // ... so a later pass must wait for it, but needs no memory dependency.
     let exact = two(Build::counts, fills).between("second", COMPUTE_DOES_BOTH, FILLS);
     exact.caught(removed("second"), WAR);
     exact.not_seen(cleared("second", access(WRITE), NOTHING));

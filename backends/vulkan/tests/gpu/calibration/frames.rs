@@ -1,13 +1,12 @@
-//! From one frame to the next, to copies and to the host.
+//! Hazards between frames, with copies and with the host.
 //!
-//! Two frames are submitted one after the other, and neither is waited for. The layer compares submissions with one another
-//! only if its environment asks it to ([`again_comparing_submissions`]): so each of these tests runs as it is, and once
-//! more where that is set.
+//! Two frames are submitted without waiting for either. The layer compares submissions only if its environment requests
+//! it ([`again_comparing_submissions`]), so each of these tests runs without and with that setting.
 
 use super::*;
 
-/// A mistake that is caught between two frames if the layer compares submissions, and otherwise not seen. `test` is the
-/// name of the test that says so, in this file.
+/// Checks that the layer catches a mistake between two frames if and only if it compares submissions. `test` is the
+/// calling test's name in this file.
 fn caught_between_submissions(
     test: &str,
     case: impl Fn() -> Case,
@@ -23,7 +22,7 @@ fn caught_between_submissions(
     }
 }
 
-/// Two passes on one buffer, in each frame one after the other, with exactly this barrier between them.
+/// Two successive passes on one buffer per frame, with exactly this barrier between them.
 fn two(
     first: fn(&mut Build, &str, ResourceId),
     second: fn(&mut Build, &str, ResourceId),
@@ -40,7 +39,7 @@ fn fills(build: &mut Build, name: &str, buffer: ResourceId) {
     build.fill(Run::Frame, name, buffer, 1);
 }
 
-/// A buffer that every frame fills, and whose first word is a statistic.
+/// A buffer that every frame fills, with its first word as a statistic.
 fn statistic() -> Case {
     let mut build = Build::new();
     let words = build.words("words", 4);

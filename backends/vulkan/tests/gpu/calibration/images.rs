@@ -15,7 +15,7 @@ layout(location = 0) out vec4 color;
 void main() { color = vec4(0.5); }";
 
 impl Build {
-    /// A dispatch that writes the pixel of an image.
+    /// Adds a dispatch that writes the pixel of an image.
     fn writes_image(&mut self, name: &str, image: ResourceId) {
         let shader = self.shader(
             "writes_image.comp",
@@ -27,7 +27,7 @@ void main() { imageStore(image, ivec2(0), vec4(1)); }",
         self.dispatch(Run::Frame, name, shader, 1, &[(image, 0, WRITE)]);
     }
 
-    /// A dispatch that reads the pixel of an image, and writes to a buffer of its own.
+    /// Adds a dispatch that reads the pixel of an image and writes a buffer of its own.
     fn reads_image(&mut self, name: &str, image: ResourceId) {
         let sink = self.words(&format!("sink of {name}"), 4);
         let shader = self.shader(
@@ -41,7 +41,7 @@ void main() { sink = imageLoad(image, ivec2(0)); }",
         self.dispatch(Run::Frame, name, shader, 1, &[(image, 0, READ), (sink, 1, WRITE)]);
     }
 
-    /// A draw whose vertices read a buffer.
+    /// Adds a draw whose vertex shader reads a buffer.
     fn draws(&mut self, name: &str, image: ResourceId, load: Load, blend: Blend, corners: ResourceId) {
         let shaders = [self.shader("corners.vert", VERTEX), self.shader("half.frag", FRAGMENT)];
         let call = DrawCall::Direct { vertices: 3, instances: 1 };
@@ -55,7 +55,7 @@ void main() { sink = imageLoad(image, ivec2(0)); }",
 
 const CLEARED: Load = Load::Clear(0.0, 0.0, 0.0, 0.0);
 
-/// Two dispatches on one image, which stays in its layout.
+/// Two dispatches on one image that stays in its layout.
 fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, ResourceId)) -> Case {
     let mut build = Build::new();
     let image = build.picture();
@@ -66,7 +66,7 @@ fn two(first: fn(&mut Build, &str, ResourceId), second: fn(&mut Build, &str, Res
     case
 }
 
-/// A draw into an image that a dispatch then reads.
+/// A draw into an image, then a dispatch that reads it.
 fn drawn_then_read() -> Case {
     let mut build = Build::new();
     let (image, corners) = (build.picture(), build.words("corners", 4));
@@ -75,7 +75,7 @@ fn drawn_then_read() -> Case {
     case(build).at_change("second", DRAWN, COMPUTE_READS)
 }
 
-/// A dispatch writes an image that a draw then continues with.
+/// A dispatch that writes an image, then a draw that loads it.
 fn stored_then_drawn() -> Case {
     let mut build = Build::new();
     let (image, corners) = (build.picture(), build.words("corners", 4));
@@ -84,7 +84,7 @@ fn stored_then_drawn() -> Case {
     case(build).at_change("second", COMPUTE_WRITES, BLENDS)
 }
 
-/// An image that the host wants to have: its export is the second pass.
+/// An image for the host: its export is the second pass.
 fn exported(first: impl FnOnce(&mut Build, ResourceId), source: Side) -> Case {
     let mut build = Build::new();
     let image = build.picture();
@@ -93,7 +93,7 @@ fn exported(first: impl FnOnce(&mut Build, ResourceId), source: Side) -> Case {
     case.at_change("export", source, COPIED)
 }
 
-/// The transition before a pass, which has only that.
+/// Finds the layout transition before a pass, its only barrier.
 fn transition<'a>(case: &'a mut Case, pass: &str) -> &'a mut Transition {
     let [change] = &mut case.before(pass)[..] else { panic!("one change of a layout") };
     change.image.as_mut().expect("a change of a layout")
@@ -124,7 +124,7 @@ fn a_wrong_layout_of_a_storage_image_is_caught() {
     case.caught(removed("second"), "imageLayout");
     case.caught(|case| transition(case, "second").new = Layout::TransferSource, "imageLayout");
     case.caught(|case| transition(case, "second").old = Layout::TransferSource, "oldLayout");
-    // Which loses what was drawn, and breaks no rule.
+    // This discards what was drawn, but breaks no rule.
     case.not_seen(|case| transition(case, "second").old = Layout::Undefined);
 }
 
@@ -142,7 +142,7 @@ fn the_layout_of_a_color_attachment_is_not_looked_at() {
 
 #[test]
 fn a_layout_changes_after_what_was_stored_and_before_what_is_read() {
-    // The change itself is a write, and both sides of its barrier are looked at.
+    // The transition itself is a write, and the layer checks both sides of its barrier.
     let exported = exported(|build, image| build.writes_image("first", image), COMPUTE_WRITES);
     exported.caught(cleared("export", access(WRITE), NOTHING), WAW);
     exported.caught(cleared("export", COMPUTE_WRITES, NOTHING), WAW);
@@ -166,7 +166,7 @@ fn a_layout_that_changes_while_a_dispatch_reads_is_caught() {
 
 #[test]
 fn the_order_that_an_images_barrier_gives_holds_for_buffers_too() {
-    // `second` may write the buffer that `first` reads, since it waits for its image. (The layer must be told twice.)
+    // `second` may write the buffer that `first` reads, because it waits for its image. (The layer needs both stages.)
     let mut build = Build::new();
     let (image, words) = (build.picture(), build.words("words", 4));
     build.reads("first", words);

@@ -1,17 +1,17 @@
-//! Missing synchronization that the validation layer does and does not report, tried on plans with one mistake each:
-//! without this, "no message" would mean nothing.
+//! Calibrates the validation layer: which missing synchronization it reports, on plans with one mistake each. Without
+//! this, "no message" would mean nothing.
 //!
-//! Every test writes down what is, for Khronos validation 1.3.239 with synchronization validation: a test that fails after
-//! an update of the layer says that the layer sees more (or less) than it did. Each case is first run without its mistake,
-//! and must then be silent.
+//! The tests record the behaviour of Khronos validation 1.3.239 with synchronization validation. A test that fails
+//! after an update of the layer shows that the layer now reports more (or less). Each case first runs without its
+//! mistake, and must then give no message.
 //!
-//! Not reported, in short: writes of shaders after writes of shaders; the writing half of atomics (a binding
-//! counts as a write if the shader stores to it, else as a read, and never as both); all that colour attachments do, and
-//! the layout that they are in; what one submission does to the next, unless it is asked to look; the host. The files:
+//! In short, the layer does not report: write-after-write hazards between shaders; the writing half of atomics (a
+//! binding counts as a write if the shader stores to it, else as a read, and never as both); colour attachment
+//! accesses, and their layout; hazards between submissions, unless requested; the host. The files:
 //!
-//! - [`buffers`]: dispatches, fills and indirect arguments that share a buffer, or the memory under two;
+//! - [`buffers`]: dispatches, fills and indirect arguments on one buffer, or on two that alias;
 //! - [`images`]: layouts, storage images and colour attachments;
-//! - [`frames`]: from one frame to the next, and to the host.
+//! - [`frames`]: between frames, and with the host.
 
 mod buffers;
 mod frames;
@@ -30,22 +30,22 @@ const COMPUTE_WRITES: Side = (Stages::COMPUTE, Accesses::STORAGE_WRITE);
 const COMPUTE_DOES_BOTH: Side = (Stages::COMPUTE, BOTH);
 const FILLS: Side = (Stages::CLEAR, Accesses::TRANSFER_WRITE);
 
-/// The layer's message about a hazard.
+/// The layer's name for a read-after-write hazard.
 const RAW: &str = "SYNC-HAZARD-READ-AFTER-WRITE";
 const WAR: &str = "SYNC-HAZARD-WRITE-AFTER-READ";
 const WAW: &str = "SYNC-HAZARD-WRITE-AFTER-WRITE";
 
-/// A sound plan, and how it is run.
+/// A correct plan, and how to run it.
 #[derive(Clone)]
 struct Case {
     plan: Plan,
     barriers: Barriers,
-    /// Frames that are submitted before the first is waited for.
+    /// Number of frames submitted before the first is waited for.
     frames: usize,
     read_output: bool,
 }
 
-/// Ends a plan with an output that has nothing to do with the rest.
+/// Finishes a plan with an unrelated output.
 fn case(mut build: Build) -> Case {
     let output = build.image("output", Format::R32Uint, 1, 1, Usage::STORAGE);
     Case::of(build.export(output))
@@ -56,7 +56,7 @@ impl Case {
         Case { barriers: barriers_everywhere(&plan), plan, frames: 1, read_output: false }
     }
 
-    /// Finds the barriers before the pass of this name.
+    /// Finds the pass of this name.
     fn at(&self, pass: &str) -> Option<PassId> {
         let index = self.plan.passes.iter().position(|p| p.name == pass).expect("a pass");
         Some(PassId(index as u32))
@@ -66,7 +66,7 @@ impl Case {
         self.barriers.at_mut(self.at(pass))
     }
 
-    /// Replaces the barrier on all memory before a pass by this one.
+    /// Replaces the barrier before a pass by a memory barrier with these sides.
     fn between(mut self, pass: &str, source: Side, target: Side) -> Case {
         let call = self.before(pass);
         call.retain(|b| b.image.is_some());
@@ -74,7 +74,7 @@ impl Case {
         self
     }
 
-    /// Leaves before a pass only the changes of layouts, with these sides.
+    /// Keeps only the layout transitions before a pass, with these sides.
     fn at_change(mut self, pass: &str, source: Side, target: Side) -> Case {
         let call = self.before(pass);
         call.retain(|b| b.image.is_some());
@@ -84,18 +84,18 @@ impl Case {
         self
     }
 
-    /// The mistake is a message that contains this.
+    /// Checks that the layer reports the mistake with a message that contains `expected`.
     fn caught(&self, mistake: impl FnOnce(&mut Case), expected: &str) {
         let said = self.said(mistake);
         assert!(said.iter().any(|text| text.contains(expected)), "expected {expected} in {said:#?}");
     }
 
-    /// The layer says nothing about the mistake.
+    /// Checks that the layer does not report the mistake.
     fn not_seen(&self, mistake: impl FnOnce(&mut Case)) {
         assert_eq!(self.said(mistake), Vec::<String>::new(), "the layer sees what it did not see before");
     }
 
-    /// Returns the layer's messages about the plan with a mistake. Without the mistake there must be none.
+    /// Returns the layer's messages about the plan with a mistake. Without the mistake, there must be none.
     fn said(&self, mistake: impl FnOnce(&mut Case)) -> Vec<String> {
         assert_eq!(self.messages(), Vec::<String>::new(), "the plan without the mistake");
         let mut wrong = self.clone();
@@ -104,7 +104,7 @@ impl Case {
         wrong.messages()
     }
 
-    /// Returns the layer's messages while frames of the plan are submitted, one after another, and completed.
+    /// Returns the layer's messages about submitting frames of the plan and completing them.
     fn messages(&self) -> Vec<String> {
         let inputs = FrameInputs { read_output: self.read_output, ..Default::default() };
         let mut vulkan = open();
@@ -117,12 +117,12 @@ impl Case {
     }
 }
 
-/// Takes out all barriers before a pass.
+/// Removes all barriers before a pass.
 fn removed(pass: &'static str) -> impl FnOnce(&mut Case) {
     move |case| case.before(pass).clear()
 }
 
-/// Clears bits of the barriers before a pass: of the source's stages and accesses, and of the target's.
+/// Clears bits in the barriers before a pass: stages and accesses of the source and of the target.
 fn cleared(pass: &'static str, source: Side, target: Side) -> impl FnOnce(&mut Case) {
     move |case| {
         for barrier in case.before(pass) {
@@ -136,18 +136,18 @@ fn cleared(pass: &'static str, source: Side, target: Side) -> impl FnOnce(&mut C
 
 const NOTHING: Side = (Stages::empty(), Accesses::empty());
 
-/// These accesses and no stage.
+/// A barrier side with these accesses and no stage.
 fn access(accesses: Accesses) -> Side {
     (Stages::empty(), accesses)
 }
 
-/// This stage and no access.
+/// A barrier side with this stage and no access.
 fn stage(stages: Stages) -> Side {
     (stages, Accesses::empty())
 }
 
 impl Build {
-    /// A dispatch that reads all of a buffer, and writes to one of its own.
+    /// Adds a dispatch that reads all of a buffer and writes its own.
     fn reads(&mut self, name: &str, buffer: ResourceId) {
         let sink = self.words(&format!("sink of {name}"), 4);
         let shader = self.shader(
@@ -161,7 +161,7 @@ void main() { uint i = gl_WorkGroupID.x; sink[i] = source[i]; }",
         self.dispatch(Run::Frame, name, shader, 4, &[(buffer, 0, READ), (sink, 1, WRITE)]);
     }
 
-    /// A dispatch that writes all of a buffer.
+    /// Adds a dispatch that writes all of a buffer.
     fn writes(&mut self, name: &str, buffer: ResourceId) {
         let shader = self.shader(
             "writes.comp",
@@ -173,13 +173,13 @@ void main() { words[gl_WorkGroupID.x] = gl_WorkGroupID.x; }",
         self.dispatch(Run::Frame, name, shader, 4, &[(buffer, 0, WRITE)]);
     }
 
-    /// A dispatch that reads and writes all of a buffer.
+    /// Adds a dispatch that reads and writes all of a buffer.
     fn changes(&mut self, name: &str, buffer: ResourceId) {
         let shader = self.shader("add.comp", &add(1));
         self.dispatch(Run::Frame, name, shader, 4, &[(buffer, 0, BOTH)]);
     }
 
-    /// A dispatch that adds to the first word of a buffer, atomically.
+    /// Adds a dispatch that increments the first word of a buffer atomically.
     fn counts(&mut self, name: &str, buffer: ResourceId) {
         let shader = self.shader(
             "counts.comp",
