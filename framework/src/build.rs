@@ -1,4 +1,4 @@
-//! From a graph's name to a plan, in one call.
+//! Builds a plan from a graph's name, in one call.
 
 use crate::ir::Request;
 use crate::plan::Plan;

@@ -1,14 +1,15 @@
 //! The plan: the input of a backend, as plain data.
 //!
-//! A [`Plan`] names every resource with its size and its memory, every pass with its bindings, and two sequences of passes:
-//! the prologue, which runs once after the plan or the scene changed, and the frame, which runs every time.
+//! A [`Plan`] lists every resource with its size and memory, every pass with its bindings, and two sequences of passes:
+//! the prologue, which runs once after the plan or the scene changes, and the frame, which runs every time.
 //!
 //! The order of passes is a list of [`Dependency`]s; changes of image layouts are a list of [`LayoutChange`]s. `solve`
-//! makes both from the accesses of the passes, and nothing else looks for conflicts. Each backend lowers these lists to commands of
-//! its API, as plain data: `sync` in `backends/vulkan` to barriers, `sync` in `backends/metal` to encoders, fences and barriers.
+//! derives both from the accesses of the passes; no other code looks for conflicts. Each backend lowers these lists to
+//! commands of its API, as plain data: `sync` in `backends/vulkan` to barriers, `sync` in `backends/metal` to encoders,
+//! fences and barriers.
 //!
-//! Stages and accesses have the names of Vulkan's synchronization2, the finer of the models. Metal maps them to the two stages of a
-//! draw.
+//! Stages and accesses have the names of Vulkan's synchronization2, the finer model. Metal maps them to the two stages
+//! of a draw.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -21,9 +22,9 @@ use crate::ir::{
 };
 use crate::source::Diagnostic;
 
-/// Holds everything that a backend executes. See the module's documentation.
+/// Everything that a backend executes. See the module's documentation.
 ///
-/// The default is empty: the start of a plan that is made by hand.
+/// The default is empty, as a start for hand-made plans.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
     /// The requested name: a preset's name or a path.
@@ -48,27 +49,27 @@ pub struct Plan {
     pub passes: Vec<Pass>,
     /// Memory of the transient resources. Resources with disjoint lifetimes can share a block.
     pub blocks: Vec<Block>,
-    /// Pairs of passes that must run in order, sorted by the ids of the later passes: see [`Plan::dependencies_of`].
+    /// Pairs of passes that must run in order, sorted by the ids of the later passes; see [`Plan::dependencies_of`].
     pub dependencies: Vec<Dependency>,
     /// Layout changes of images: in the prologue, the handover, and the frame.
     pub layout_changes: Vec<LayoutChange>,
     /// Passes that run once after the plan or the scene changed, in order.
     pub prologue: Vec<PassId>,
-    /// Passes that run every frame, in order. The first frame follows the prologue. Between the two is the *handover*: images come to
-    /// the layouts that they have between frames.
+    /// Passes that run every frame, in order. The first frame follows the prologue. Between the two is the *handover*,
+    /// which brings images to the layouts that they have between frames.
     pub frame: Vec<PassId>,
-    /// Passes of the file that are not in the plan: nothing reads their results, or their `when` is false.
+    /// Passes of the graph that are not in the plan: nothing reads their results, or their `when` is false.
     pub culled: Vec<Culled>,
     /// Constructs of the graph that are allowed but probably unintended.
     pub warnings: Vec<Warning>,
     /// The image that is shown or saved. A [`Work::Export`](crate::ir::Work::Export) pass at the end of the frame leaves it in
     /// [`Layout::TransferSource`], readable by [`Stages::COPY`].
     pub output: ResourceId,
-    /// Images that were asked for besides the output; the same pass leaves them in the same layout.
+    /// Images requested besides the output; the export leaves them in the same layout.
     pub outputs: Vec<Output>,
-    /// Numbers computed on the GPU for the host: 32-bit words of buffers. The export copies them in order to the resource
-    /// with [`Source::Readback`], where the host reads them in the last pass of the frame, [`Work::Host`](crate::ir::Work::Host).
-    /// Without statistics a plan has neither.
+    /// Numbers computed on the GPU for the host: 32-bit words of buffers. The export copies them in order to the
+    /// resource with [`Source::Readback`]. The host reads them there in the last pass of the frame,
+    /// [`Work::Host`](crate::ir::Work::Host). A plan without statistics has neither that resource nor that pass.
     pub stats: Vec<Stat>,
 }
 
@@ -93,16 +94,16 @@ impl Plan {
         self.resources.iter().position(|r| r.name == name).map(|i| ResourceId(i as u32))
     }
 
-    /// Returns the name of the graph or preset that is drawn.
-    ///
-    /// It is the requested graph or its fallback.
+    /// Returns the name of the drawn graph or preset: the requested one or its fallback.
     pub fn drawn(&self) -> &str {
         self.fallbacks.last().map_or(&self.name, |fallback| &fallback.taken)
     }
 
-    /// Lists the choices that follow from facts: `rasteriser = serial and sorter = serial, because device.subgroup_size = 8`.
+    /// Lists the choices that follow from facts: `rasteriser = serial and sorter = serial, because device.subgroup_size
+    /// = 8`.
     ///
-    /// These are the constant choices and bools whose value is an expression over facts. Values with equal reasons share a line.
+    /// These are the constant choices and bools whose value is an expression over facts. Values with equal reasons
+    /// share a line.
     pub fn decisions(&self) -> Vec<String> {
         let mut found: Vec<(&Reason, Vec<String>)> = Vec::new();
         for param in &self.params {
@@ -143,7 +144,7 @@ impl Plan {
         phases
     }
 
-    /// Describes the effect of a parameter in a sentence: which passes depend on it, or why it has none.
+    /// Describes the effect of a parameter in a sentence: the passes that depend on it, or the reason why none does.
     pub fn effect_text(&self, parameter: &str) -> Option<String> {
         let effect = self.effect(parameter)?;
         if let Some(why) = &effect.none {
@@ -158,13 +159,13 @@ impl Plan {
         Some(format!("`{parameter}` {}", parts.join(" and ")))
     }
 
-    /// Encodes the live uniform block from the plan's own values; empty if no pass reads it. A choice is the index of its
-    /// name, a bool 0 or 1.
+    /// Encodes the live uniform block from the plan's own values; empty if no pass reads it. A choice is the index of
+    /// its option, a bool 0 or 1.
     pub fn live_bytes(&self) -> Vec<u8> {
         self.live_bytes_of(&self.params)
     }
 
-    /// Encodes the live uniform block from `params`: the plan's own, with other values of live ones.
+    /// Encodes the live uniform block from `params`: the plan's parameters, with other values for live ones.
     pub fn live_bytes_of<'a>(&self, params: impl IntoIterator<Item = &'a Param>) -> Vec<u8> {
         let size = self.resources.iter().find(|r| r.source == Source::Live).map_or(0, Resource::bytes);
         let mut bytes = vec![0; size as usize];
@@ -186,20 +187,20 @@ impl Plan {
         bytes
     }
 
-    /// Sums the bytes of the memory blocks. A device may round images up.
+    /// Returns the total bytes of the memory blocks. A device may round images up.
     pub fn transient_bytes(&self) -> u64 {
         let largest = |block: &Block| block.aliases.iter().map(|id| self.resource(*id).bytes()).max();
         self.blocks.iter().filter_map(largest).sum()
     }
 
-    /// Sums the bytes of the transient resources as if none shared memory.
+    /// Returns the total bytes of the transient resources if none shared memory.
     pub fn unshared_bytes(&self) -> u64 {
         self.resources.iter().filter(|r| r.source == Source::Transient).map(Resource::bytes).sum()
     }
 
-    /// Lists the buffers that passes of the prologue alone use: a device can free them once the prologue has run.
+    /// Lists the buffers that only the prologue uses: a device can free them once the prologue has run.
     ///
-    /// They are planes of the scene, and buffers of the graph that have no history and share no memory.
+    /// They are planes of the scene, and buffers of the graph that have no history and do not alias.
     pub fn used_once(&self) -> BTreeSet<ResourceId> {
         let used = |passes: &[PassId]| -> BTreeSet<ResourceId> {
             passes.iter().flat_map(|pass| self.pass(*pass).resources()).collect()
@@ -208,7 +209,7 @@ impl Plan {
         let ends = |id: &ResourceId| {
             let resource = self.resource(*id);
             let alone = match &resource.source {
-                // Two includes can import one plane.
+                // Two includes can import the same plane.
                 Source::Scene { .. } => {
                     !later.iter().any(|other| self.resource(*other).source == resource.source)
                 }
@@ -228,7 +229,7 @@ impl Plan {
         self.prologue.iter().chain(&self.frame).copied()
     }
 
-    /// Iterates over the layout changes just before a pass; those of the handover for `None`.
+    /// Iterates over the layout changes just before a pass, or in the handover for `None`.
     pub fn layout_changes_at(&self, at: Option<PassId>) -> impl Iterator<Item = &LayoutChange> + Clone + '_ {
         let is_here = move |change: &&LayoutChange| match at {
             Some(pass) => !change.handover && change.before == pass,
@@ -237,7 +238,7 @@ impl Plan {
         self.layout_changes.iter().filter(is_here)
     }
 
-    /// Lists the dependencies whose later pass this is.
+    /// Lists the dependencies on earlier passes.
     pub fn dependencies_of(&self, pass: PassId) -> &[Dependency] {
         let from = self.dependencies.partition_point(|dependency| dependency.second < pass);
         let count = self.dependencies[from..].partition_point(|dependency| dependency.second == pass);
@@ -256,7 +257,7 @@ impl Plan {
 pub struct Warning {
     /// The message, with its places in the files that the plan was built from.
     pub diagnostic: Diagnostic,
-    /// The place that it is about.
+    /// The place of the construct.
     pub origin: Origin,
 }
 
@@ -274,17 +275,18 @@ pub struct Resource {
     /// The memory of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
     /// The name under which its contents persist from frame to frame, and to the next plan with a history of the same
-    /// name and shape, unless a pass of the prologue writes it. (For a ping-pong resource, only the final front has it.)
+    /// name and shape, unless a pass of the prologue writes it. (In a ping-pong resource, only the final front has the
+    /// name.)
     pub history: Option<String>,
     /// The declaration.
     pub origin: Origin,
 }
 
-/// Describes a piece of memory, as large as its largest resource.
+/// A memory block, as large as its largest resource.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// Resources at the block's start. Of several, only one is alive at any time: from its first use in a frame,
-    /// before which its contents are undefined, to its last.
+    /// Resources at the block's start. Only one is alive at any time, from its first use in a frame to its last; its
+    /// contents are undefined before.
     pub aliases: Vec<ResourceId>,
 }
 
@@ -297,17 +299,17 @@ impl Resource {
 
 /// Orders an access of a later pass after an access of an earlier pass, and makes its writes visible.
 ///
-/// A read depends on the last write. A write depends on all reads since the last write, or on that write if nothing has
-/// read it. All other order follows from chains of dependencies.
+/// A read depends on the last write. A write depends on all reads since the last write, or on that write if there are
+/// none. All other order follows from chains of dependencies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dependency {
-    /// The kind of conflict; [`Hazard::LayoutChange`] if only the change of an image's layout waits, and not the pass itself.
+    /// The kind of conflict; [`Hazard::LayoutChange`] if only the image's layout change waits, and not the pass itself.
     pub hazard: Hazard,
     /// The earlier pass.
     pub first: PassId,
     /// The later pass.
     pub second: PassId,
-    /// The run of the earlier pass.
+    /// Which run of the earlier pass.
     pub since: Since,
     /// The resource that the later pass accesses.
     pub resource: ResourceId,
@@ -323,7 +325,7 @@ pub struct Dependency {
     pub changes_layout: bool,
 }
 
-/// Stages of a pass, and accesses in these stages.
+/// Pipeline stages of a pass, and accesses in these stages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Scope {
     /// The stages.
@@ -332,7 +334,7 @@ pub struct Scope {
     pub accesses: Accesses,
 }
 
-/// Selects the run of the earlier pass that a later one depends on.
+/// The run of the earlier pass on which a later one depends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Since {
     /// Both run in the prologue, or in one frame.
@@ -345,8 +347,8 @@ pub enum Since {
 
 /// A change of an image's layout before a pass.
 ///
-/// APIs without layouts ignore it. For others it is a write of the whole image just before the pass. It waits for the dependencies
-/// with [`Dependency::changes_layout`]; there are none if the image was never accessed.
+/// APIs without layouts ignore it. For others it is a write of the whole image just before the pass. It waits for the
+/// dependencies with [`Dependency::changes_layout`]; there are none if the image was never accessed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LayoutChange {
     /// The image.
@@ -357,7 +359,7 @@ pub struct LayoutChange {
     pub new: Layout,
     /// The pass that needs it.
     pub before: PassId,
-    /// True in the handover: it transitions the image to its layout between frames; `before` is the
-    /// first pass of the frame that accesses the image.
+    /// True in the handover, which transitions the image to its layout between frames; `before` is the first pass of
+    /// the frame that accesses the image.
     pub handover: bool,
 }

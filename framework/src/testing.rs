@@ -1,10 +1,10 @@
-//! For the tests of this crate: a compiler whose shaders are lists of accesses, so that graphs can be tested by the
-//! thousand and without C++.
+//! A compiler for the tests of this crate. Its shaders are lists of accesses, so that graphs can be tested by the
+//! thousand, without C++.
 //!
-//! A shader's text is a line for each block: `r Keys 4` (reads a storage buffer with elements of 4 bytes), `w`, `rw`, `rwa` (by atomics), `uniform Camera
-//! 256`, `image r Color rgba16f`, `push shift`, `out color`, `in 0 vec4`, `varying 0 vec4`,
-//! `live stop` (a live parameter). The text depends on every word, but for those of lines that begin with `#if 0`.
-//! `local 8 4 1` is the size of a workgroup, 64 in x without it. Anything else is ignored.
+//! A shader's text has a line for each block: `r Keys 4` (reads a storage buffer with elements of 4 bytes), `w`, `rw`,
+//! `rwa` (by atomics), `uniform Camera 256`, `image r Color rgba16f`, `push shift`, `out color`, `in 0 vec4`, `varying
+//! 0 vec4`, `live stop` (a live parameter). The text depends on every word, except in lines that begin with `#if 0`.
+//! `local 8 4 1` is the workgroup size, by default 64 in x. Anything else is ignored.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -42,7 +42,7 @@ impl ShaderCompiler for ListCompiler {
             let lines = text.lines().filter(|line| skipped || !line.starts_with("#if 0"));
             lines.flat_map(str::split_whitespace).map(str::to_string).collect()
         };
-        // A draw's two stages share their bindings: number the fragment shader's from 16.
+        // A draw's two stages share their bindings: the fragment shader's are numbered from 16.
         let path = files.path(request.file);
         let first = if path.ends_with(".frag") && !path.ends_with("count.frag") { 16 } else { 0 };
         for line in text.lines() {
@@ -153,12 +153,12 @@ pub fn catalog() -> Catalog {
     }
 }
 
-/// Builds `graph.ron` from files in memory. An error is as a user would read it.
+/// Builds `graph.ron` from files in memory. An error is formatted as for a user.
 pub fn plan_of(files: &[(&str, &str)], set: &[(&str, &str)]) -> Result<Plan, String> {
     plan_with(files, set, &[], true)
 }
 
-/// [`plan`], with the least values of parameters that grow.
+/// [`plan`], with minimum values for growing parameters.
 pub fn plan_with_capacities(
     graph: &str,
     set: &[(&str, &str)],
@@ -191,7 +191,7 @@ fn plan_with(
     build(&request, &mut map, &mut ListCompiler).map_err(|e| render(&map, &e, false))
 }
 
-/// Returns a graph whose resources, passes and rest are given, over 32-bit buffers `a` to `f` and the image `image`.
+/// Returns a graph with the given parameters and passes, over 32-bit buffers `a` to `f` and the image `image`.
 pub fn graph(params: &str, passes: &str) -> String {
     let buffers: String = ('a'..='f').map(|c| format!("\"{c}\": Buffer(stride: 4, count: 64),\n")).collect();
     format!(
@@ -210,7 +210,7 @@ pub fn graph(params: &str, passes: &str) -> String {
     )
 }
 
-/// Shaders for [`graph`]: compute shaders named after what they do to blocks `In`, `In2`, `Out`, `Image`.
+/// Shaders for [`graph`]: compute shaders named after their accesses to blocks `In`, `In2`, `Out`, `Image`.
 pub const SHADERS: &[(&str, &str)] = &[
     ("make.comp", "w Out 4"),
     ("copy.comp", "r In 4\nw Out 4"),

@@ -1,7 +1,7 @@
 //! Compares two dumps, to show the effect of a parameter or another graph.
 //!
 //! Passes and resources are matched by name, barriers by the pass after them and their image.
-//! Places of declarations and barrier numbers do not affect execution and are not compared.
+//! Places of declarations and barrier numbers do not affect execution, so they are not compared.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -18,17 +18,17 @@ pub struct Diff {
     pub a: DiffSide,
     /// The second dump.
     pub b: DiffSide,
-    /// Those whose values differ.
+    /// Parameters with different values.
     pub parameters: Vec<PropertyChange>,
-    /// Those that differ.
+    /// Facts with different values.
     pub facts: Vec<PropertyChange>,
-    /// All of them, including equal ones.
+    /// All totals, including equal ones.
     pub totals: Vec<TotalChange>,
-    /// Names in the lists of what only one side has.
+    /// Passes. The one-sided lists hold names.
     pub passes: Differences<String, NamedChange>,
-    /// Barriers, in full on the sides of what only one has.
+    /// Barriers. The one-sided lists hold them in full.
     pub barriers: Differences<DumpBarrier, BarrierChange>,
-    /// Resources, with their sizes where only one side has them.
+    /// Resources. The one-sided lists hold their sizes.
     pub resources: Differences<ResourceSize, NamedChange>,
 }
 
@@ -108,7 +108,7 @@ pub struct BarrierChange {
 }
 
 impl Diff {
-    /// Returns true if the two plans do the same in the same memory.
+    /// Returns true if the two plans execute the same passes in the same memory.
     pub fn is_empty(&self) -> bool {
         fn none<T, C>(d: &Differences<T, C>) -> bool {
             d.only_a.is_empty() && d.only_b.is_empty() && d.changed.is_empty()
@@ -158,7 +158,7 @@ pub fn diff(a: &Dump, b: &Dump) -> Diff {
     }
 }
 
-/// Pairs the elements of two lists that have the same key (which is unique in each list).
+/// Pairs the elements of two lists by key, which is unique in each list.
 fn match_up<E, K: Ord, T, C>(
     a: &[E],
     b: &[E],
@@ -182,7 +182,7 @@ fn named(name: &str, changes: Vec<PropertyChange>) -> Option<NamedChange> {
     (!changes.is_empty()).then(|| NamedChange { name: name.into(), changes })
 }
 
-/// Properties by name, in the order in which a reader wants them.
+/// Names and values of properties, in reading order.
 type Properties = Vec<(String, String)>;
 
 fn changes(a: &Properties, b: &Properties) -> Vec<PropertyChange> {
@@ -200,7 +200,7 @@ fn total(name: &str, a: u64, b: u64) -> TotalChange {
     TotalChange { name: name.into(), a, b, change: b as i64 - a as i64 }
 }
 
-/// Returns the names of byte counts end with `bytes`.
+/// Returns the totals of a dump. Names of byte counts end with `bytes`.
 fn totals(dump: &Dump) -> Vec<(&'static str, u64)> {
     let t = &dump.totals;
     let count = |n: usize| n as u64;
@@ -237,7 +237,7 @@ fn pass_properties(pass: &DumpPass) -> Properties {
         all.push((format!("target {i}"), value));
     }
     for (i, shader) in pass.shaders.iter().enumerate() {
-        // A draw has two shaders, and both may have a define of the same name.
+        // A draw has two shaders, which may have defines of equal name.
         let of = if i == 0 { String::new() } else { format!(" of {}", shader.file) };
         all.push((format!("shader {i}"), shader.file.clone()));
         all.push((format!("workgroup{of}"), format!("{:?}", shader.local_size)));

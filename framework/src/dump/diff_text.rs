@@ -7,10 +7,10 @@ use super::form::DumpBarrier;
 use super::repeats::single_index;
 use super::text::{bytes, cause_line, mask_text, subject};
 
-/// Limits the values of a property that one line lists.
+/// Maximum number of values of a property on one line.
 const MAX_VALUES: usize = 4;
 
-/// Returns the comparison, to read.
+/// Formats a comparison.
 pub fn diff_text(diff: &Diff) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
@@ -77,7 +77,7 @@ fn write_only(out: &mut String, side: &str, names: &[String]) -> fmt::Result {
     writeln!(out, "  only in {side} ({count}): {}", ranges(names).join(", "))
 }
 
-/// One line for all iterations of a member whose same properties changed.
+/// Writes one line for all iterations of a member with the same changed properties.
 fn write_changed(out: &mut String, changed: &[NamedChange]) -> fmt::Result {
     let mut lines: Vec<(String, Vec<&str>, Vec<&NamedChange>)> = Vec::new();
     for change in changed {
@@ -108,7 +108,7 @@ fn write_changed(out: &mut String, changed: &[NamedChange]) -> fmt::Result {
     Ok(())
 }
 
-/// Lists barriers that only one side has; those of different iterations that differ only in indices are one entry.
+/// Lists one-sided barriers. Barriers that differ only in iteration indices are one entry.
 fn write_barriers(out: &mut String, side: &str, barriers: &[DumpBarrier]) -> fmt::Result {
     let mut entries: Vec<(Vec<String>, Vec<&DumpBarrier>)> = Vec::new();
     for barrier in barriers {
@@ -132,7 +132,7 @@ fn write_barriers(out: &mut String, side: &str, barriers: &[DumpBarrier]) -> fmt
     Ok(())
 }
 
-/// `before sort.scan[0], on all memory`.
+/// Formats a barrier's place: `before sort.scan[0], on all memory`.
 fn place(barrier: &DumpBarrier) -> String {
     let before = barrier.before.as_ref().map_or("the first frame", |place| &place.name);
     format!("before {before}, {}", subject(barrier))
@@ -153,7 +153,7 @@ fn arrow(change: &PropertyChange) -> String {
     format!("{} -> {}", text(&change.a), text(&change.b))
 }
 
-/// `sort.scan[3]` becomes `sort.scan[]`.
+/// Removes the indices: `sort.scan[3]` becomes `sort.scan[]`.
 fn without_indices(line: &str) -> String {
     let mut out = String::new();
     let mut inside = false;
@@ -167,9 +167,9 @@ fn without_indices(line: &str) -> String {
     out
 }
 
-/// Lists names, with successive indices merged: `sort.scan[0..3]`.
+/// Lists names, with consecutive indices merged: `sort.scan[0..3]`.
 fn ranges(names: &[String]) -> Vec<String> {
-    // For each: the text before and after the index, and the range so far.
+    // For each run: the text before and after the index, and the index range so far.
     let mut runs: Vec<(String, u32, u32)> = Vec::new();
     let mut out: Vec<Option<String>> = Vec::new();
     for name in names {

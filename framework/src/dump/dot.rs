@@ -5,9 +5,11 @@ use super::text::{cause_line, subject};
 use crate::ir::Hazard;
 use std::collections::HashMap;
 
-/// Returns a DOT graph. Edges are the dependencies of barriers, from the passes that are waited for to the one that waits;
-/// dashed ones only keep passes apart, or come from the previous frame. Who reads what a barrier made visible to an earlier
-/// pass has no edge of its own.
+/// Returns a DOT graph.
+///
+/// Edges are the dependencies of barriers, from the earlier passes to the one that waits. Dashed edges are execution
+/// dependencies, or come from the previous frame. There is no edge for a read of data that an earlier barrier has
+/// already made visible.
 pub fn dot(dump: &Dump) -> String {
     let mut out = format!(
         "digraph {} {{\n  rankdir=TB;\n  node [shape=box, style=\"rounded,filled\", fontname=\"sans-serif\"];\n  edge [fontname=\"sans-serif\", fontsize=9];\n",
@@ -17,7 +19,7 @@ pub fn dot(dump: &Dump) -> String {
     for pass in &dump.passes {
         let next = phases.len();
         let phase = *phases.entry(&pass.phase).or_insert(next);
-        // Hues at multiples of the golden angle stay distinguishable, however many there are.
+        // Hues at multiples of the golden angle stay distinct for any count.
         let hue = (phase as f64 * 0.381_966).fract();
         let mut lines = vec![pass.name.clone(), format!("{} {}", pass.kind, pass.size).trim_end().into()];
         lines.extend(pass.gpu_ms.map(|ms| format!("{ms:.3} ms")));
@@ -38,7 +40,7 @@ fn write_edges(out: &mut String, barrier: &DumpBarrier) {
         for after in &dependency.after {
             let kept_apart = dependency.hazard != Hazard::ReadAfterWrite;
             let style = if kept_apart || dependency.previous_frame { "dashed" } else { "solid" };
-            // An edge from the frame before must not turn the picture upside down.
+            // An edge from the previous frame must not reverse the layout.
             let constraint = if dependency.previous_frame { ", constraint=false" } else { "" };
             let tip =
                 format!("barrier {} {}\n{}", barrier.id, subject(barrier), cause_line(barrier, dependency));
@@ -53,7 +55,7 @@ fn write_edges(out: &mut String, barrier: &DumpBarrier) {
     }
 }
 
-/// Returns a DOT string, with line breaks as in labels.
+/// Quotes a DOT string, with line breaks as in labels.
 fn quote(s: &str) -> String {
     format!("\"{}\"", s.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n"))
 }

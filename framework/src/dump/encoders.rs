@@ -1,6 +1,6 @@
-//! Formats the encoders that a backend added to a dump, beside the plan's own barriers.
+//! Formats the encoders that a backend added to a dump, beside its barriers.
 //!
-//! The framework only shows them: a backend that divides plans into encoders (Metal's) fills them in.
+//! The framework only displays them. A backend that divides plans into encoders (Metal's) fills them in.
 
 use std::fmt::{self, Write};
 
@@ -11,7 +11,7 @@ use super::form::{
 use super::text::hazard_words;
 use crate::ir::Run;
 
-/// Writes the encoders of a dump, with their reasons, beside the plan's own barriers, which are Vulkan's.
+/// Formats a dump's encoders with their reasons, beside its barriers, which are Vulkan's.
 ///
 /// Returns `None` if it has no encoders.
 pub fn encoders_text(dump: &Dump) -> Option<String> {
@@ -22,7 +22,7 @@ pub fn encoders_text(dump: &Dump) -> Option<String> {
     Some(out)
 }
 
-/// Columns of the passes and of the encoders.
+/// Column widths for passes and for encoders.
 const COLUMNS: (usize, usize) = (26, 44);
 
 fn row(out: &mut String, pass: &str, encoder: &str, plan: &str) -> fmt::Result {
@@ -89,7 +89,7 @@ fn write_encoders(
     })
 }
 
-/// `barriers 28 on all memory, 29 on image color`, of one call.
+/// Formats the barriers of one call: `barriers 28 on all memory, 29 on image color`.
 fn plan_barriers(barriers: &[DumpBarrier]) -> String {
     let one = |barrier: &DumpBarrier| match &barrier.image {
         Some(change) => format!("{} on image {}", barrier.id, change.image),

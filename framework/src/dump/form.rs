@@ -8,7 +8,7 @@ use crate::ir::{
 };
 use crate::plan::Since;
 
-/// Numbers the JSON form; raised when a field changes its meaning or is removed.
+/// Version of the JSON form; raised when a field changes its meaning or is removed.
 pub const DUMP_VERSION: u32 = 4;
 
 /// Holds a plan with names in place of numbers.
@@ -20,7 +20,7 @@ pub struct Dump {
     pub graph: String,
     /// One line that describes the graph.
     pub summary: String,
-    /// The graphs and presets that it is based on, as these name each other.
+    /// The graphs and presets that it is based on, in the order of reference.
     ///
     /// The graph is last; empty for a graph.
     #[serde(default)]
@@ -28,7 +28,7 @@ pub struct Dump {
     /// The graphs of a choice that are passed over, in order.
     #[serde(default)]
     pub fallbacks: Vec<Fallback>,
-    /// In the order of the file.
+    /// Parameters, in the order of the file.
     pub parameters: Vec<DumpParameter>,
     /// Facts of the scene, the device and the viewport.
     pub facts: BTreeMap<String, Value>,
@@ -38,28 +38,28 @@ pub struct Dump {
     pub blocks: Vec<DumpBlock>,
     /// Buffers and images.
     pub resources: Vec<DumpResource>,
-    /// In the order in which each comes first.
+    /// Phases, in the order of their first passes.
     pub phases: Vec<DumpPhase>,
-    /// Passes that one repeat of the graph made, and that run one after another.
+    /// Runs of consecutive passes that come from one repeat of the graph.
     pub repeats: Vec<DumpRepeat>,
-    /// The prologue's passes, then the frame's, as they run.
+    /// The prologue's passes, then the frame's, in execution order.
     pub passes: Vec<DumpPass>,
-    /// Recorded once, as one call, between the prologue and the first frame.
+    /// Barriers recorded in one call between the prologue and the first frame.
     pub handover: Vec<DumpBarrier>,
     /// Passes of the graph that are not in the plan.
     pub left_out: Vec<DumpLeftOut>,
-    /// What is allowed in the graph, and probably not meant.
+    /// Constructs of the graph that are allowed but probably unintended.
     pub warnings: Vec<DumpWarning>,
     /// The image that is shown or saved.
     pub output: String,
-    /// The images that were asked for besides it, by the names of these outputs.
+    /// The images requested besides the output, by output name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub outputs: BTreeMap<String, String>,
     /// Numbers that the host reads after each frame.
     pub stats: Vec<DumpStat>,
-    /// Milliseconds that the frame's passes take on the GPU, in sum. Filled in by [`Dump::with_times`].
+    /// Total GPU milliseconds of the frame's passes. Filled in by [`Dump::with_times`].
     pub gpu_ms: Option<f64>,
-    /// The encoders of an API that has these. Filled in by its backend.
+    /// The encoders, for an API that has them. Filled in by its backend.
     #[serde(default)]
     pub encoders: Option<DumpEncoders>,
 }
@@ -71,23 +71,23 @@ pub struct DumpParameter {
     pub name: String,
     /// Value in use.
     pub value: Value,
-    /// Value in use if none is set.
+    /// Default value.
     pub default: Value,
-    /// Why it has the value, where an expression of a file gave it: the default's, or that of a preset.
+    /// The reason for the value, if it is from an expression: of the default, or of a preset.
     pub reason: Option<Reason>,
     /// The value that costs no accuracy, where the graph names one.
     pub exact: Option<Value>,
     /// The statistic that the value grows with: a frame whose statistic exceeds the value was incomplete.
     pub grows: Option<String>,
-    /// It can be changed between frames; others are baked into the plan.
+    /// True if it can be changed between frames; otherwise it is baked into the plan.
     pub live: bool,
     /// The passes that depend on it, in the order of [`Dump::passes`].
     #[serde(default)]
     pub affects: Vec<String>,
-    /// It decides which passes there are: a condition, the count of a repeat or a swap depends on it.
+    /// True if it decides which passes exist: a condition, the count of a repeat, or a swap depends on it.
     #[serde(default)]
     pub shape: bool,
-    /// The reason, where nothing in the plan depends on it: a phrase.
+    /// The reason why nothing in the plan depends on it, a phrase; `None` if something does.
     #[serde(default)]
     pub no_effect: Option<String>,
     /// Position of its declaration.
@@ -109,44 +109,44 @@ pub struct Totals {
     pub handover: BarrierTotals,
     /// Barriers of each frame.
     pub frame: BarrierTotals,
-    /// Bytes of the memory blocks, which the plan itself owns.
+    /// Bytes of the memory blocks, which the plan owns.
     pub transient_bytes: u64,
-    /// Bytes of the same resources without sharing.
+    /// Bytes of the transient resources if none shared memory.
     pub unshared_bytes: u64,
-    /// The difference.
+    /// Bytes saved by sharing: `unshared_bytes - transient_bytes`.
     pub saved_bytes: u64,
     /// Bytes of the scene's attributes that the plan reads.
     pub scene_bytes: u64,
     /// Bytes of attributes and of memory blocks that are freed once the prologue has run.
     #[serde(default)]
     pub freed_bytes: u64,
-    /// Bytes that the host writes or reads, for each frame in flight.
+    /// Bytes that the host writes or reads, per frame in flight.
     pub host_bytes: u64,
 }
 
 /// Counts the barriers of one part of a plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BarrierTotals {
-    /// Barriers that are recorded together are one call.
+    /// Number of calls; barriers recorded together are one call.
     pub calls: usize,
     /// Number of all barriers.
     pub barriers: usize,
-    /// Number of barriers on all memory.
+    /// Number of memory barriers.
     pub memory_barriers: usize,
-    /// Number of layout changes of one image.
+    /// Number of image barriers, which change a layout.
     pub image_barriers: usize,
     /// Number of dependencies that the barriers enforce.
     pub dependencies: usize,
 }
 
-/// A piece of memory, as large as its largest alias.
+/// A memory block, as large as its largest alias.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpBlock {
     /// Number that [`DumpResource::block`] refers to.
     pub id: u32,
     /// Size in bytes.
     pub bytes: u64,
-    /// Resources that stand in it, of which only one is alive at any time.
+    /// Resources in it. Only one is alive at any time.
     pub aliases: Vec<String>,
 }
 
@@ -157,30 +157,31 @@ pub struct DumpResource {
     pub name: String,
     /// `transient`, `scene`, `frame`, `live` or `readback`.
     pub source: String,
-    /// The scene's attribute, or the uniform block or buffer that comes with every frame.
+    /// The scene's attribute, or the uniform block or buffer that comes with each frame.
     pub from: Option<String>,
     /// For buffers `count x stride`, for images `width x height format`.
     pub shape: String,
-    /// The same, for programs.
+    /// The shape as data.
     pub dimensions: Shape,
     /// Size in bytes.
     pub bytes: u64,
     /// For instance `STORAGE`, `INDIRECT`.
     pub usage: Vec<String>,
-    /// The block that a transient resource stands in, which names the others in it.
+    /// The block of a transient resource; it lists the resource's aliases.
     pub block: Option<u32>,
-    /// `None` for what lives longer than a frame.
+    /// `None` for a resource that outlives the frame.
     pub lifetime: Option<Lifetime>,
-    /// Passes that run once alone use it: it is freed after them.
+    /// True if only passes that run once use it: it is freed after them.
     #[serde(default)]
     pub freed: bool,
-    /// Name under which its contents are kept from frame to frame and from plan to plan.
+    /// Name under which its contents persist from frame to frame and from plan to plan.
     pub history: Option<String>,
     /// Position of its declaration.
     pub declared: Origin,
 }
 
-/// Indices into [`Dump::passes`]. Before the first of them the contents are undefined, after the last they are not read.
+/// First and last use, as indices into [`Dump::passes`]. The contents are undefined before the first and unused after
+/// the last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lifetime {
     /// Index of the first pass that accesses the resource.
@@ -194,22 +195,22 @@ pub struct Lifetime {
 pub struct DumpPhase {
     /// Name in the graph.
     pub name: String,
-    /// A phase with passes in the prologue and in the frame appears twice.
+    /// When its passes run. A phase with passes in the prologue and in the frame appears twice.
     pub run: Run,
     /// Number of passes.
     pub passes: usize,
-    /// Milliseconds, in sum; `None` where a pass has no time.
+    /// Total GPU milliseconds; `None` if a pass has no time.
     pub gpu_ms: Option<f64>,
 }
 
-/// A run of passes that a repeat made.
+/// A run of passes from one repeat.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpRepeat {
     /// Common prefix of the passes' names, or the first pass's name if there is none; unique.
     pub name: String,
     /// Runs of the body, multiplied over nested repeats.
     pub iterations: usize,
-    /// Index into [`Dump::passes`].
+    /// Index of its first pass in [`Dump::passes`].
     pub first: usize,
     /// Number of passes.
     pub passes: usize,
@@ -222,7 +223,7 @@ pub struct DumpPass {
     pub name: String,
     /// Group that its time is summed in.
     pub phase: String,
-    /// Runs once, in the prologue, or in every frame.
+    /// Prologue or frame.
     pub run: Run,
     /// `dispatch`, `draw`, `fill`, `start`, `export` or `host`.
     pub kind: String,
@@ -244,12 +245,12 @@ pub struct DumpPass {
     pub bindings: Vec<DumpBinding>,
     /// Push constants.
     pub push: Vec<DumpPush>,
-    /// Its dependencies: the passes that it comes after, and why.
+    /// Dependencies on earlier passes, with reasons.
     #[serde(default)]
     pub dependencies: Vec<DumpDependency>,
-    /// Recorded as one call before the pass.
+    /// Barriers recorded in one call before the pass.
     pub barriers: Vec<DumpBarrier>,
-    /// Milliseconds on the GPU. Filled in by [`Dump::with_times`].
+    /// GPU milliseconds. Filled in by [`Dump::with_times`].
     pub gpu_ms: Option<f64>,
     /// Position of its declaration.
     pub declared: Origin,
@@ -260,7 +261,7 @@ pub struct DumpPass {
 pub struct Iteration {
     /// The [repeat](DumpRepeat::name).
     pub group: String,
-    /// The pass's name without indices: the same in every iteration.
+    /// The pass's name without indices, equal in every iteration.
     pub member: String,
     /// The indices, outermost first.
     pub index: Vec<u32>,
@@ -295,11 +296,11 @@ pub struct DumpTarget {
     pub image: String,
     /// Contents before the draw: kept or cleared.
     pub load: Load,
-    /// Blending of the fragments with the target.
+    /// Blending of fragments with the target.
     pub blend: Blend,
 }
 
-/// Describes one access of a pass to a resource.
+/// One access of a pass to a resource.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpTouch {
     /// Name of the resource.
@@ -310,7 +311,7 @@ pub struct DumpTouch {
     pub accesses: Vec<String>,
     /// The layout that an image must be in.
     pub layout: Option<Layout>,
-    /// Nothing of the previous contents is needed.
+    /// True if the previous contents are not needed.
     pub discards: bool,
 }
 
@@ -332,15 +333,15 @@ pub struct DumpBinding {
 /// A push constant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpPush {
-    /// Name of the member, if the shader has one here.
+    /// Name of the member, if the shader has one at this offset.
     pub name: Option<String>,
-    /// Bytes.
+    /// Offset in bytes.
     pub offset: usize,
     /// The number, as the shader reads it.
     pub value: Value,
 }
 
-/// A resource or a pass, and where the graph declares it.
+/// A resource or a pass, with its declaration in the graph.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Declared {
     /// Name of the resource or pass, as in the dump.
@@ -349,38 +350,38 @@ pub struct Declared {
     pub declared: Origin,
 }
 
-/// Something that a pass comes after: an access of an earlier pass to the same memory.
+/// A dependency of a pass: an access of an earlier pass to the same memory.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpDependency {
-    /// Kind of conflict; [`Hazard::LayoutChange`] where only the change of the image's layout waits.
+    /// Kind of conflict; [`Hazard::LayoutChange`] if only the change of the image's layout waits.
     pub hazard: Hazard,
     /// The earlier pass.
     pub pass: Declared,
-    /// Which run of it: in the same frame, the prologue or the frame before.
+    /// The run of the earlier pass: same frame, prologue or previous frame.
     pub since: Since,
     /// The resource that the later pass accesses.
     pub resource: Declared,
-    /// The resource that the earlier pass accessed, where it is another one in the same memory.
+    /// The resource that the earlier pass accessed, if it is another one in the same memory.
     pub alias: Option<Declared>,
     /// First byte of the resource in the conflict.
     pub start: u64,
     /// End of these bytes, exclusive.
     pub end: u64,
-    /// The layout of the image changes between the two.
+    /// True if the layout of the image changes between the two.
     pub changes_layout: bool,
     /// Stages and accesses of both passes.
     #[serde(flatten)]
     pub masks: Masks,
 }
 
-/// Order and memory between what came before and what comes after, with Vulkan's meaning.
+/// A barrier between earlier and later commands, with Vulkan's meaning.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpBarrier {
     /// Counts from 1 in the order of recording: prologue, handover, frame.
     pub id: u32,
     /// The pass that follows it; `None` in the handover.
     pub before: Option<Declared>,
-    /// The image that changes its layout; `None` for a barrier on all memory.
+    /// The image whose layout changes; `None` for a memory barrier.
     pub image: Option<DumpTransition>,
     /// Stages and accesses: the union over all dependencies.
     #[serde(flatten)]
@@ -394,7 +395,7 @@ pub struct DumpBarrier {
 pub struct DumpTransition {
     /// Name of the image resource.
     pub image: String,
-    /// Layout before; undefined if the contents are not needed.
+    /// Layout before; undefined if the contents are discarded.
     pub old: Layout,
     /// Layout after.
     pub new: Layout,
@@ -418,14 +419,14 @@ pub struct Masks {
 pub struct DumpCause {
     /// Kind of conflict.
     pub hazard: Hazard,
-    /// The pass that needs it: the one after the barrier, or a later one that would otherwise need its own call. (It may
-    /// be one at the start of the next frame that depends on the last call of this one.)
+    /// The pass that needs it: the one after the barrier, or a later one that would otherwise need its own call. (It
+    /// may be a pass at the start of the next frame that depends on the last call of this one.)
     pub before: Declared,
     /// The resource that this pass accesses.
     pub resource: Declared,
-    /// The passes that are waited for. Empty where an image was never touched.
+    /// The earlier passes. Empty if the image was never accessed before.
     pub after: Vec<Declared>,
-    /// They ran in the frame before that of `before`.
+    /// True if they ran in the previous frame.
     pub previous_frame: bool,
     /// The resource that they accessed, if it is another one in the same memory.
     pub alias: Option<Declared>,
@@ -445,14 +446,14 @@ pub struct DumpLeftOut {
     pub declared: Origin,
 }
 
-/// Something in the graph that is allowed, and probably not meant.
+/// A construct of the graph that is allowed but probably unintended.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpWarning {
-    /// A sentence.
+    /// The message, a sentence.
     pub message: String,
-    /// What to do about it.
+    /// Suggestions.
     pub help: Vec<String>,
-    /// Position of what it is about.
+    /// Position of the construct.
     pub declared: Origin,
 }
 
@@ -463,7 +464,7 @@ pub struct DumpStat {
     pub name: String,
     /// Name of the buffer that holds the word.
     pub buffer: String,
-    /// Bytes.
+    /// Byte offset of the word.
     pub offset: u64,
 }
 
@@ -472,7 +473,7 @@ pub struct DumpStat {
 pub struct DumpEncoders {
     /// Encoders that run once.
     pub prologue: Vec<DumpEncoder>,
-    /// Reasons for the event between the prologue and the first frame; there is none without any.
+    /// Reasons for the event between the prologue and the first frame; empty if there is none.
     pub handover: Vec<DumpReason>,
     /// Encoders that run every frame.
     pub frame: Vec<DumpEncoder>,
@@ -480,7 +481,7 @@ pub struct DumpEncoders {
     pub prologue_totals: EncoderTotals,
     /// Sums over a frame.
     pub frame_totals: EncoderTotals,
-    /// Sums over a frame where each pass has its own encoder, as it must to have its own time.
+    /// Sums over a frame in which each pass has its own encoder, as timing requires.
     pub timed_totals: EncoderTotals,
 }
 
@@ -502,7 +503,7 @@ pub struct DumpEncoder {
 pub struct DumpWait {
     /// Number of the fence.
     pub fence: u32,
-    /// The stage of draws that waits: `vertex` (and so all) or `fragment`.
+    /// The stage of draws that waits: `vertex` (so both stages wait) or `fragment`.
     pub stage: Option<String>,
     /// The conflicts behind it.
     pub reasons: Vec<DumpReason>,
@@ -513,7 +514,7 @@ pub struct DumpWait {
 pub struct DumpUpdate {
     /// Number of the fence.
     pub fence: u32,
-    /// The stage of draws after which it is updated: `vertex` or `fragment` (and so all).
+    /// The stage of draws after which it is updated: `vertex`, or `fragment` (so after both stages).
     pub stage: Option<String>,
 }
 
@@ -529,7 +530,7 @@ pub struct EncodedPass {
 /// A barrier within an encoder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EncoderBarrier {
-    /// The kinds of resources that it is for: `buffers`, `textures`.
+    /// The kinds of resources that it covers: `buffers`, `textures`.
     pub scope: Vec<String>,
     /// The conflicts behind it.
     pub reasons: Vec<DumpReason>,
@@ -546,18 +547,18 @@ pub struct DumpReason {
     pub resource: Declared,
     /// The passes that are waited for.
     pub after: Vec<Declared>,
-    /// They ran in the frame before that of `before`.
+    /// True if they ran in the previous frame.
     pub previous_frame: bool,
     /// The resource that they accessed, if it is another one in the same memory.
     pub alias: Option<Declared>,
 }
 
-/// Counts what orders the passes of a part of a plan.
+/// Counts of the synchronization in one part of a plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EncoderTotals {
     /// Number of encoders.
     pub encoders: usize,
-    /// Number of different fences.
+    /// Number of distinct fences.
     pub fences: usize,
     /// Number of waits for fences.
     pub waits: usize,
@@ -568,8 +569,8 @@ pub struct EncoderTotals {
 }
 
 impl Dump {
-    /// Adds the times of a run, in milliseconds by pass name, and returns the number of passes that got one. Unknown names are
-    /// ignored.
+    /// Adds the times of a run, in milliseconds by pass name, and returns the number of passes that got one. Unknown
+    /// names are ignored.
     pub fn with_times(mut self, times: &[(String, f64)]) -> (Dump, usize) {
         let by_name: BTreeMap<&str, f64> = times.iter().map(|(name, ms)| (name.as_str(), *ms)).collect();
         for pass in &mut self.passes {
@@ -588,8 +589,10 @@ impl Dump {
         (self, found)
     }
 
-    /// Adds the barriers of an API that has them: a call before each pass in their order, with the handover between the prologue's
-    /// passes and the frame's. Their ids are counted here.
+    /// Adds the barriers of an API that has them, and numbers them.
+    ///
+    /// There is one call before each pass in execution order, with the handover between the prologue's passes and the
+    /// frame's.
     pub fn with_barriers(mut self, calls: impl IntoIterator<Item = Vec<DumpBarrier>>) -> Dump {
         let Dump { passes, totals, handover, .. } = &mut self;
         let (mut calls, mut next) = (calls.into_iter(), 1);
@@ -626,13 +629,13 @@ impl Dump {
 }
 
 impl DumpPass {
-    /// Returns true if a run may have no time for it: no work on the device, or work that a backend may skip.
+    /// Returns true if a run may have no time for it: it has no work on the device, or work that a backend may skip.
     pub fn needs_no_time(&self) -> bool {
         matches!(self.kind.as_str(), "export" | "host" | "start")
     }
 }
 
-/// Returns the sum of their times, if there is something to add and no time is missing.
+/// Sums the passes' times; `None` if there are no passes or a time is missing.
 fn sum<'a>(passes: impl Iterator<Item = &'a DumpPass>) -> Option<f64> {
     let times = passes.filter(|p| p.gpu_ms.is_some() || !p.needs_no_time()).map(|p| p.gpu_ms);
     times.reduce(|a, b| Some(a? + b?)).flatten()

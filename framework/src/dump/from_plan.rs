@@ -1,4 +1,4 @@
-//! From the plan to its dump: names for numbers, sums, lifetimes.
+//! Converts a plan to its dump: names for numbers, sums, lifetimes.
 
 use super::form::{
     DUMP_VERSION, Declared, Define, Dump, DumpBinding, DumpBlock, DumpDependency, DumpLeftOut, DumpParameter,
@@ -15,9 +15,9 @@ use std::collections::HashMap;
 
 /// Returns the plan with names in place of numbers.
 ///
-/// It has no barriers: these are an API's, and its backend adds them with [`Dump::with_barriers`].
+/// It has no barriers: they belong to an API, and its backend adds them with [`Dump::with_barriers`].
 pub fn dump(plan: &Plan) -> Dump {
-    // Passes in the order in which they run.
+    // Passes in execution order.
     let mut passes: Vec<DumpPass> = plan.order().map(|id| pass_of(plan, id)).collect();
     let repeats = repeats::find(&mut passes);
     let lifetimes = lifetimes(plan);
@@ -62,7 +62,7 @@ pub fn dump(plan: &Plan) -> Dump {
     }
 }
 
-/// Returns the canonical form.
+/// Returns the canonical JSON form.
 pub fn json(dump: &Dump) -> serde_json::Value {
     serde_json::to_value(dump).expect("a dump is plain data with string keys")
 }
@@ -163,8 +163,10 @@ fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>], free
     }
 }
 
-/// Returns the span of the frame from the first pass that touches each resource to the last. What the prologue touches, what has a history,
-/// and what the frame finds already written, lives longer.
+/// Returns each resource's first and last use in the frame.
+///
+/// `None` for resources that live longer: used by the prologue, with a history, or already written when the frame
+/// begins.
 fn lifetimes(plan: &Plan) -> Vec<Option<Lifetime>> {
     let mut found: Vec<Option<Lifetime>> = vec![None; plan.resources.len()];
     let mut longer: Vec<bool> =
@@ -172,7 +174,7 @@ fn lifetimes(plan: &Plan) -> Vec<Option<Lifetime>> {
     let prologue = plan.prologue.iter().flat_map(|pass| &plan.pass(*pass).uses);
     prologue.for_each(|touch| longer[touch.resource.index()] = true);
     for (at, pass) in plan.frame.iter().enumerate() {
-        // In the dump the prologue's passes are in front.
+        // In the dump, the prologue's passes come first.
         let at = plan.prologue.len() + at;
         let uses = &plan.pass(*pass).uses;
         for touch in uses {
@@ -273,7 +275,7 @@ fn shader_of(plan: &Plan, id: ShaderId) -> DumpShader {
     }
 }
 
-/// Returns the touches with at least one of the wanted accesses, reduced to them.
+/// Returns the touches with any of the wanted accesses, reduced to them.
 fn touched(plan: &Plan, pass: &Pass, wanted: Accesses) -> Vec<DumpTouch> {
     let touch = |t: &crate::ir::Use| DumpTouch {
         resource: plan.resource(t.resource).name.clone(),
@@ -285,7 +287,7 @@ fn touched(plan: &Plan, pass: &Pass, wanted: Accesses) -> Vec<DumpTouch> {
     pass.uses.iter().filter(|t| t.accesses.intersects(wanted)).map(touch).collect()
 }
 
-/// Returns the words of the push constants, each as the shader that has a member there reads it.
+/// Returns the push constants as words, in the types of the shader that declares them.
 fn push(plan: &Plan, pass: &Pass, shaders: &[ShaderId]) -> Vec<DumpPush> {
     let blocks = shaders.iter().filter_map(|id| plan.shader(*id).reflection.push.as_ref());
     let members: Vec<_> = blocks.flat_map(|block| &block.members).collect();
@@ -294,7 +296,7 @@ fn push(plan: &Plan, pass: &Pass, shaders: &[ShaderId]) -> Vec<DumpPush> {
         let word = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
         let member = members.iter().find(|m| m.offset as usize == offset);
         let value = match member.map(|m| m.kind) {
-            // JSON has no word for infinities.
+            // JSON cannot represent infinities.
             Some(MemberKind::Float) if f32::from_bits(word).is_finite() => {
                 Value::Float(f32::from_bits(word).into())
             }
@@ -334,7 +336,7 @@ impl Declared {
 }
 
 impl Masks {
-    /// Names the stages and accesses of two sides.
+    /// Names the stages and accesses of both sides.
     pub fn new(source: Scope, target: Scope) -> Masks {
         Masks {
             source_stages: flags(source.stages.iter_names()),
@@ -350,12 +352,12 @@ fn flags<T>(names: impl Iterator<Item = (&'static str, T)>) -> Vec<String> {
 }
 
 impl DumpPass {
-    /// Returns the resources that it reads, each once.
+    /// Lists the names of the resources that it reads, each once.
     pub fn read_names(&self) -> Vec<&str> {
         names(&self.reads)
     }
 
-    /// Returns the resources that it writes, each once.
+    /// Lists the names of the resources that it writes, each once.
     pub fn written_names(&self) -> Vec<&str> {
         names(&self.writes)
     }

@@ -1,7 +1,7 @@
-//! The dump as a page: one file with everything in it, to open in any browser, with no network and no other file.
+//! The dump as an HTML page: a single file for any browser, without network access.
 //!
-//! The page holds the dump's JSON as it is, and a script (`page/page.js`) draws the timeline from it; nothing is computed
-//! here, so the page can show nothing that the JSON does not say.
+//! The page embeds the dump's JSON unchanged, and a script (`page/page.js`) draws the timeline from it. Nothing is
+//! computed here, so the page can show nothing beyond the JSON.
 
 use super::form::Dump;
 use super::from_plan::json;
@@ -15,15 +15,17 @@ const SCRIPTS: [&str; 4] = [
     include_str!("page/main.js"),
 ];
 
-/// Returns the page, as the text of an HTML file. `#barrier=3`, `#pass=NAME`, `#resource=NAME`, `#unfold=REPEAT` (or `*`) and
-/// `#fold=REPEAT` behind its address, joined by `&`, open it at a place.
+/// Returns the text of the HTML file.
+///
+/// `#barrier=3`, `#pass=NAME`, `#resource=NAME`, `#unfold=REPEAT` (or `*`) and `#fold=REPEAT` after its address, joined
+/// by `&`, open it at a place.
 pub fn html(dump: &Dump) -> String {
-    // In a script element nothing is a character reference, but `</script>` and `<!--` end or change it: with no `<` in it,
-    // the JSON is the same and neither can occur.
+    // In a script element, `</script>` and `<!--` are special and character references are not. Escaping every `<`
+    // leaves the JSON's meaning unchanged and removes both.
     let data = json(dump).to_string().replace('<', "\\u003c");
     let title = dump.graph.replace('&', "&amp;").replace('<', "&lt;");
     let mut page = String::with_capacity(PAGE.len() + STYLE.len() + data.len() + 64 * 1024);
-    // One pass over the template, because the inserted texts may contain placeholders.
+    // One pass over the template: inserted texts may contain placeholders.
     let mut rest = PAGE;
     while let Some((before, after)) = rest.split_once("{{") {
         page += before;

@@ -1,10 +1,11 @@
 //! Writes plans for people and programs.
 //!
-//! [`Dump`] is the plan with names in place of numbers. Its JSON ([`json`]) is the canonical form, and every other form is
-//! made from it alone: [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to
-//! compare two dumps. It lists the passes in their order with the resources that each accesses; the memory and the lifetime
-//! of each resource; and what each pass comes after. A backend adds the commands of its API: for every barrier the hazards, the passes and
-//! the lines of the graph behind it ([`Dump::with_barriers`]), or encoders ([`DumpEncoders`]; [`encoders_text`] shows these).
+//! [`Dump`] is the plan with names in place of numbers. Its JSON ([`json`]) is the canonical form, and the only source
+//! of the others: [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to
+//! compare two dumps. A dump lists the passes in execution order with the resources that each accesses, the memory and
+//! the lifetime of each resource, and the dependencies of each pass. A backend adds the commands of its API. These are
+//! either barriers ([`Dump::with_barriers`]), each with its hazards, its passes and the lines of the graph behind it,
+//! or encoders ([`DumpEncoders`], shown by [`encoders_text`]).
 //!
 //! The fields are documented here, in `docs/dump.md`, and for programs in `docs/dump.schema.json`; a test keeps the three
 //! consistent.

@@ -1,8 +1,8 @@
-//! Which passes a repeat made.
+//! Finds the passes of each repeat.
 //!
-//! The plan is flat: a repeat's body appears as often as it runs, with the index in the passes' names, like
-//! `sort.scatter[3]`, or `level[1].blur[0]` where the body is an include, or `tile[0][2]` for a repeat in a repeat. Reading that
-//! back here keeps repeats out of what a backend must know.
+//! The plan is flat: a repeat's body appears once per iteration. Pass names contain the index, like `sort.scatter[3]`,
+//! or `level[1].blur[0]` if the body is an include, or `tile[0][2]` for nested repeats. Recovering the repeats from the
+//! names keeps them out of the backends' input.
 
 use super::form::{DumpPass, DumpRepeat, Iteration};
 use std::collections::{BTreeSet, HashMap};
@@ -10,15 +10,15 @@ use std::collections::{BTreeSet, HashMap};
 /// The parts of a pass's name.
 #[derive(Debug, PartialEq, Eq)]
 struct Parts<'a> {
-    /// The text before the last dot before the first index: the include that holds the repeat.
+    /// The text up to the last dot before the first index: the include that contains the repeat.
     scope: &'a str,
     /// The name without indices.
     member: String,
-    /// The indices, in the order of the name.
+    /// The indices, in name order.
     index: Vec<u32>,
 }
 
-/// `None` for a name without an index.
+/// Splits a pass's name; `None` without an index.
 fn parts(name: &str) -> Option<Parts<'_>> {
     let (before, _) = name.split_once('[')?;
     let scope = before.rsplit_once('.').map_or("", |(scope, _)| scope);
@@ -34,7 +34,7 @@ fn parts(name: &str) -> Option<Parts<'_>> {
     Some(Parts { scope, member: member + rest, index })
 }
 
-/// Returns the name with its only index taken out, as in `sort.scan[]`, and the index; `None` for names with none or with several.
+/// Returns the name without its only index, as in `sort.scan[]`, and the index. `None` for no or several indices.
 pub fn single_index(name: &str) -> Option<(String, u32)> {
     let (before, rest) = name.split_once('[')?;
     let (number, after) = rest.split_once(']')?;
@@ -44,10 +44,10 @@ pub fn single_index(name: &str) -> Option<(String, u32)> {
     Some((format!("{before}[]{after}"), number.parse().ok()?))
 }
 
-/// Notes in each pass which repeat it belongs to, and lists the repeats.
+/// Records in each pass the repeat that it belongs to, and lists the repeats.
 ///
-/// Passes belong together that stand next to each other, in the same part of the plan, in the same scope, while the outermost
-/// index does not fall: where it does, another repeat of the same scope has begun. What runs only once is no repeat.
+/// A repeat is a run of consecutive passes in one part of the plan and one scope, during which the outermost index does
+/// not fall. A falling index starts another repeat of the scope. A single iteration does not count as a repeat.
 pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
     let mut repeats: Vec<DumpRepeat> = Vec::new();
     let mut taken = HashMap::new();
@@ -87,7 +87,7 @@ pub fn find(passes: &mut [DumpPass]) -> Vec<DumpRepeat> {
 
 /// Makes a name unique: `sort`, or `sort (2)` if `sort` exists.
 ///
-/// `taken` has the names so far, each with the number that the next one of the name is tried with.
+/// `taken` maps each name so far to the next number to try.
 fn unique(wanted: String, taken: &mut HashMap<String, u32>) -> String {
     let mut name = wanted.clone();
     while taken.contains_key(&name) {

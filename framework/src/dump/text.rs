@@ -1,4 +1,4 @@
-//! The dump as text, to read in a terminal or to compare in a test.
+//! Formats a dump as text, for a terminal or a test.
 
 use std::fmt::{self, Write};
 
@@ -9,7 +9,7 @@ use super::form::{
 use crate::ir::{Hazard, Run};
 use crate::plan::Since;
 
-/// Bytes with a unit, three significant digits.
+/// Formats bytes with a unit and three significant digits.
 pub fn bytes(n: u64) -> String {
     match n {
         0..1024 => format!("{n} B"),
@@ -19,7 +19,7 @@ pub fn bytes(n: u64) -> String {
     }
 }
 
-/// Returns the whole dump: resources, passes in order with their barriers, and what was left out.
+/// Formats the whole dump: resources, passes in execution order with their barriers, and culled passes.
 pub fn text(dump: &Dump) -> String {
     let mut out = String::new();
     // Writing to a string cannot fail.
@@ -157,9 +157,10 @@ fn write_pass(out: &mut String, pass: &DumpPass) -> fmt::Result {
     Ok(())
 }
 
-/// `project (visible, splats), draw and export of the previous frame (color in the memory of depth)`.
+/// Formats earlier passes: `project (visible, splats), draw and export of the previous frame (color in the memory of
+/// depth)`.
 pub(super) fn comes_after(pass: &DumpPass) -> String {
-    // Of each earlier pass, and in which run, the resources.
+    // For each earlier pass and its run, the resources.
     let mut passes: Vec<((&str, Since), Vec<String>)> = Vec::new();
     for dependency in &pass.dependencies {
         let (earlier, resource) = ((dependency.pass.name.as_str(), dependency.since), subject_of(dependency));
@@ -194,20 +195,21 @@ fn when(since: Since) -> &'static str {
     }
 }
 
-/// `color in the memory of depth`.
+/// Formats the resource: `color in the memory of depth`.
 fn subject_of(dependency: &DumpDependency) -> String {
     let alias = dependency.alias.as_ref().map(|alias| format!(" in the memory of {}", alias.name));
     format!("{}{}", dependency.resource.name, alias.unwrap_or_default())
 }
 
-/// `write after read on color in the memory of depth, after compose of the previous frame: COMPUTE STORAGE_READ -> ...`.
+/// Formats a dependency: `write after read on color in the memory of depth, after compose of the previous frame:
+/// COMPUTE STORAGE_READ -> ...`.
 pub fn dependency_line(dependency: &DumpDependency) -> String {
     let DumpDependency { hazard, pass, since, masks, .. } = dependency;
     let (hazard, resource) = (hazard_words(*hazard), subject_of(dependency));
     format!("{hazard} on {resource}, after {}{}: {}", pass.name, when(*since), mask_text(masks))
 }
 
-/// `splat.vert + splat.frag`.
+/// Formats the shader files: `splat.vert + splat.frag`.
 pub(super) fn shader_files(pass: &DumpPass) -> String {
     let files: Vec<&str> = pass.shaders.iter().map(|s| s.file.as_str()).collect();
     files.join(" + ")
@@ -218,11 +220,11 @@ fn write_barrier(out: &mut String, barrier: &DumpBarrier) -> fmt::Result {
     barrier.dependencies.iter().try_for_each(|d| writeln!(out, "    |   {}", cause_line(barrier, d)))
 }
 
-/// `15 passes left out: 13 (nothing reads what it writes), 2 (its condition is false)`.
+/// Formats the counts: `15 passes left out: 13 (nothing reads what it writes), 2 (its condition is false)`.
 pub fn left_out_counts(dump: &Dump) -> String {
     let mut reasons: Vec<(&str, usize)> = Vec::new();
     for left_out in &dump.left_out {
-        // Not the condition itself, which the list shows.
+        // Without the condition itself, which the list shows.
         let why = left_out.why.split(": ").next().unwrap_or_default();
         match reasons.iter_mut().find(|(known, _)| *known == why) {
             Some((_, count)) => *count += 1,
@@ -237,7 +239,7 @@ pub fn left_out_counts(dump: &Dump) -> String {
     format!("{} left out: {}", count(dump.left_out.len()), reasons.join(", "))
 }
 
-/// `14 barriers (12 on all memory, 2 on images) in 12 calls, for 20 dependencies`.
+/// Formats the counts: `14 barriers (12 on all memory, 2 on images) in 12 calls, for 20 dependencies`.
 pub(super) fn barrier_counts(t: &BarrierTotals) -> String {
     format!(
         "{} barriers ({} on all memory, {} on images) in {} calls, for {} dependencies",
@@ -245,13 +247,13 @@ pub(super) fn barrier_counts(t: &BarrierTotals) -> String {
     )
 }
 
-/// `barrier 3 on all memory: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ`, or `barrier 9 on image color, General ->
-/// ColorTarget: ...`.
+/// Formats a barrier: `barrier 3 on all memory: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ`, or `barrier 9 on image
+/// color, General -> ColorTarget: ...`.
 pub fn barrier_line(b: &DumpBarrier) -> String {
     format!("barrier {} {}: {}", b.id, subject(b), mask_text(&b.masks))
 }
 
-/// `on all memory`, or `on image color, General -> ColorTarget`.
+/// Formats a barrier's scope: `on all memory`, or `on image color, General -> ColorTarget`.
 pub(super) fn subject(b: &DumpBarrier) -> String {
     match &b.image {
         Some(t) => format!("on image {}, {:?} -> {:?}", t.image, t.old, t.new),
@@ -259,8 +261,10 @@ pub(super) fn subject(b: &DumpBarrier) -> String {
     }
 }
 
-/// `read after write on keys#1, after sort.scatter[0]: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ`. A pass other than the one
-/// that the barrier stands before is named.
+/// Formats a reason: `read after write on keys#1, after sort.scatter[0]: COMPUTE STORAGE_WRITE -> COMPUTE
+/// STORAGE_READ`.
+///
+/// Names the pass that needs it, unless it is the one right after the barrier.
 pub fn cause_line(barrier: &DumpBarrier, d: &DumpCause) -> String {
     let mut line = format!("{} on {}", hazard_words(d.hazard), d.resource.name);
     if let Some(alias) = &d.alias {
@@ -277,7 +281,7 @@ pub fn cause_line(barrier: &DumpBarrier, d: &DumpCause) -> String {
     line + ": " + &mask_text(&d.masks)
 }
 
-/// Describes one access of a pass.
+/// Names the kind of conflict.
 pub(super) fn hazard_words(hazard: Hazard) -> &'static str {
     match hazard {
         Hazard::ReadAfterWrite => "read after write",
@@ -287,7 +291,7 @@ pub(super) fn hazard_words(hazard: Hazard) -> &'static str {
     }
 }
 
-/// `COMPUTE STORAGE_WRITE -> INDIRECT | COMPUTE INDIRECT_READ | STORAGE_READ`.
+/// Formats masks: `COMPUTE STORAGE_WRITE -> INDIRECT | COMPUTE INDIRECT_READ | STORAGE_READ`.
 pub(super) fn mask_text(m: &Masks) -> String {
     let half = |stages: &[String], accesses: &[String]| match (stages, accesses) {
         ([], _) => "NONE".to_owned(),

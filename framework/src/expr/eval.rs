@@ -1,5 +1,4 @@
-//! Evaluates expressions. Where C would wrap, truncate or be undefined, evaluation fails with the place of the
-//! operand.
+//! Evaluates expressions. If C would wrap, truncate or be undefined, evaluation fails with the place of the operand.
 
 use super::tree::{BinaryOp, ExprError, Function, Node, NodeKind, Scope, UnaryOp};
 use crate::ir::Value;
@@ -60,7 +59,7 @@ fn binary(node: &Node, op: BinaryOp, operands: &[Node; 2], scope: &dyn Scope) ->
     let a = eval(left, scope)?;
     if let BinaryOp::And | BinaryOp::Or = op {
         let a = truth(left, a, &symbol)?;
-        // A false x decides `x && y`, a true x decides `x || y`.
+        // False decides `x && y`; true decides `x || y`.
         let decided = a == (op == BinaryOp::Or);
         return Ok(Value::Bool(if decided { a } else { truth(right, eval(right, scope)?, &symbol)? }));
     }
@@ -81,7 +80,7 @@ fn binary(node: &Node, op: BinaryOp, operands: &[Node; 2], scope: &dyn Scope) ->
             (Number::Int(a), Number::Int(b)) => Some(a.cmp(&b)),
             _ => a.to_float().partial_cmp(&b.to_float()),
         };
-        // Comparisons with NaN, which a scope may hold, are false as in C.
+        // Comparisons with NaN, which a scope may contain, are false, as in C.
         return Ok(Value::Bool(match op {
             BinaryOp::Less => order.is_some_and(|o| o.is_lt()),
             BinaryOp::LessEqual => order.is_some_and(|o| o.is_le()),
@@ -251,7 +250,7 @@ fn division_by_zero(divisor: &Node) -> ExprError {
     ExprError::new("division by zero", divisor.place())
 }
 
-/// `who` names the user of the value in messages.
+/// Requires a number; `who` names the user of the value in messages.
 fn number(node: &Node, value: Value, who: &str) -> Result<Number, ExprError> {
     match value {
         Value::Int(v) => Ok(Number::Int(v)),
@@ -292,7 +291,7 @@ fn type_name(value: &Value) -> &'static str {
     }
 }
 
-/// Maximum number of names to list in an error if none is near.
+/// Maximum number of names that an error lists if none is similar.
 const MAX_LISTED_NAMES: usize = 16;
 
 fn unknown_name(node: &Node, name: &str, scope: &dyn Scope) -> ExprError {

@@ -1,13 +1,11 @@
-//! Small expressions that a graph may contain in place of numbers: `"ceil_div(n, 4096)"`, `"blend == 'over'"`.
+//! Expressions that a graph may contain in place of numbers: `"ceil_div(n, 4096)"`, `"blend == 'over'"`.
 //!
-//! An [`Expr`] is parsed once, when the graph is read, and evaluated for every plan against a [`Scope`] that
-//! knows the parameters, the facts and the `let`s. There are four types, those of [`Value`]: 64-bit integers,
-//! floats, bools and texts. The only implicit conversion is from an integer to a float, beside a
-//! float.
+//! An [`Expr`] is parsed once, when the graph is read, and evaluated for each plan against a [`Scope`] of parameters,
+//! facts and `let`s. There are four types, the variants of [`Value`]: 64-bit integers, floats, bools and texts. The
+//! only implicit conversion is from integer to float, if the other operand is a float.
 //!
-//! Nothing wraps around, nothing is rounded silently and nothing becomes infinite. A size that overflows is a
-//! mistake in the graph, so every such case is an [`ExprError`] that carries the place of the operand or
-//! operation at fault.
+//! Nothing wraps, rounds silently or becomes infinite. A size that overflows is a mistake in the graph, so every such
+//! case is an [`ExprError`] with the place of the operand or operation.
 //!
 //! ```text
 //! condition ? a : b          right to left            lowest precedence
@@ -48,8 +46,7 @@ impl Expr {
         Ok(Expr { root: parse::parse(text)? })
     }
 
-    /// Lists every use of a name from the scope, in the order of the text, with its place. Functions are not
-    /// included.
+    /// Lists every use of a name from the scope, in text order, with its place. Functions are not included.
     pub fn names(&self) -> impl Iterator<Item = (&str, Range<usize>)> {
         let mut names = Vec::new();
         self.root.collect_names(&mut names);

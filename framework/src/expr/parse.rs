@@ -41,8 +41,8 @@ const SYMBOLS: [&str; 21] = [
     ")", ",",
 ];
 
-/// A tree with its height (at most [`MAX_DEPTH`]) and its place, enclosing parentheses included: errors about an
-/// operation on `(a + b)` underline them, errors about the sum itself do not.
+/// A tree with its height (at most [`MAX_DEPTH`]) and its place, which includes enclosing parentheses. An error about
+/// an operation on `(a + b)` underlines the parentheses; an error about the sum itself does not.
 struct Tree {
     node: Node,
     height: usize,
@@ -50,7 +50,7 @@ struct Tree {
 }
 
 impl Tree {
-    /// Extends from the start of `self` to the end of `other`.
+    /// Returns the range from the start of `self` to the end of `other`.
     fn through(&self, other: &Tree) -> Range<usize> {
         self.place.start..other.place.end
     }
@@ -71,7 +71,7 @@ struct Parser<'a> {
 }
 
 impl Parser<'_> {
-    /// `a || b ? c : d`
+    /// Parses `a || b ? c : d`.
     fn expression(&mut self) -> Result<Tree, ExprError> {
         self.enter()?;
         let condition = self.binary(1)?;
@@ -308,7 +308,7 @@ impl Parser<'_> {
         }
     }
 
-    /// `rest` starts with a digit, or with a point and a digit.
+    /// Reads a number; `rest` starts with a digit, or with a point and a digit.
     fn number(&self, rest: &str) -> Result<(Token, usize), ExprError> {
         let bytes = rest.as_bytes();
         let hexadecimal = rest.starts_with("0x") || rest.starts_with("0X");

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::ir::Value;
 
-/// Describes a mistake in an expression, and its place: a range of bytes in the text.
+/// An error in an expression, with its place: a byte range of the text.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct ExprError {

@@ -1,16 +1,17 @@
 //! Pipeline stages, memory accesses, image layouts and hazards.
 //!
-//! Names and meanings are those of Vulkan's synchronization2, which is finer than Metal's model. Dependencies of a plan use them.
-//! Vulkan maps them one to one, Metal to the two stages of a draw.
+//! Names and meanings are from Vulkan's synchronization2, which is finer than Metal's model. The dependencies of a plan
+//! use them. Vulkan maps them one to one; Metal maps them to the two stages of a draw.
 
 use bitflags::bitflags;
 use serde::{Deserialize, Serialize};
 
 bitflags! {
-    /// Lists pipeline stages, after `VkPipelineStageFlagBits2`.
+    /// Pipeline stages, after `VkPipelineStageFlagBits2`.
     ///
-    /// Stages of one pipeline are ordered: `INDIRECT`, `VERTEX`, `FRAGMENT`, `COLOR_OUTPUT` for draws, and `INDIRECT`, `COMPUTE` for
-    /// dispatches. (`INDIRECT` of a draw is not before `COMPUTE`.) `COPY`, `CLEAR` and `HOST` have no order among them.
+    /// The stages of one pipeline are ordered: `INDIRECT`, `VERTEX`, `FRAGMENT`, `COLOR_OUTPUT` for draws, and
+    /// `INDIRECT`, `COMPUTE` for dispatches. (`INDIRECT` of a draw is not before `COMPUTE`.) `COPY`, `CLEAR` and `HOST`
+    /// are unordered.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Stages: u32 {
         /// Reads the arguments of indirect commands.
@@ -31,7 +32,7 @@ bitflags! {
         const HOST = 1 << 7;
     }
 
-    /// Lists kinds of memory access, after `VkAccessFlagBits2`.
+    /// Kinds of memory access, after `VkAccessFlagBits2`.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Accesses: u32 {
         /// Reads arguments of an indirect command.

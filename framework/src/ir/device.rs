@@ -4,7 +4,7 @@ use serde::{Serialize, Serializer};
 
 use super::{Features, Value};
 
-/// Describes a device to graphs and to the linker. By default all limits are 0 and all features absent.
+/// Device facts for graphs and the linker. By default all limits are 0 and all features absent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceFacts {
     /// Lanes of a subgroup in compute shaders.
@@ -21,11 +21,11 @@ pub struct DeviceFacts {
     pub shared_bytes: u32,
     /// Maximum number of invocations of a workgroup.
     pub max_invocations: u32,
-    /// Blending to half-precision floats rounds to nearest. Otherwise it truncates.
+    /// True if blending to half-precision floats rounds to nearest. Otherwise it truncates.
     pub rounds_half: bool,
-    /// `fma` in shaders rounds once. Otherwise it also rounds the product.
+    /// True if `fma` in shaders rounds once. Otherwise it also rounds the product.
     pub fused_fma: bool,
-    /// Optional features that the device was opened with, or would be.
+    /// Optional features that the device was, or would be, opened with.
     pub features: Features,
 }
 

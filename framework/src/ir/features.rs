@@ -4,10 +4,10 @@ use bitflags::bitflags;
 use std::fmt;
 
 bitflags! {
-    /// Lists optional features that a shader uses, or that a device was opened with.
+    /// Optional features that a shader uses, or with which a device was opened.
     ///
-    /// Each stands for the Vulkan features that [`Features::LIST`] names beside it. Features that every device of Vulkan 1.3 has are
-    /// not listed, nor are features that no backend enables: shaders that need those are refused when compiled.
+    /// [`Features::LIST`] names the Vulkan features behind each. It omits features that every Vulkan 1.3 device has,
+    /// and features that no backend enables: shaders that need the latter are refused at compilation.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Features: u64 {
         /// `int16_t`, `uint16_t`
@@ -156,7 +156,7 @@ impl Features {
 }
 
 impl fmt::Display for Features {
-    /// Writes for instance `64-bit floats (shaderFloat64), votes of subgroups (VK_SUBGROUP_FEATURE_VOTE_BIT)`.
+    /// Formats for instance `64-bit floats (shaderFloat64), votes of subgroups (VK_SUBGROUP_FEATURE_VOTE_BIT)`.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let listed = Features::LIST.iter().filter(|(feature, ..)| self.contains(*feature));
         for (index, (_, words, name)) in listed.enumerate() {

@@ -22,7 +22,7 @@ impl Format {
     pub const ALL: [Format; 5] =
         [Format::Rgba8Unorm, Format::Rgba16Float, Format::Rgba32Float, Format::R32Uint, Format::R32Float];
 
-    /// Returns GLSL's name of the format, which graphs use too.
+    /// Returns GLSL's name of the format, which graphs use as well.
     pub fn name(self) -> &'static str {
         match self {
             Format::Rgba8Unorm => "rgba8",
@@ -33,7 +33,7 @@ impl Format {
         }
     }
 
-    /// Finds the format with this name in another API: `Rgba16Float`, `R16G16B16A16_SFLOAT`, `RGBA16F`.
+    /// Finds the format by its name in another API: `Rgba16Float`, `R16G16B16A16_SFLOAT`, `RGBA16F`.
     pub fn meant_by(name: &str) -> Option<Format> {
         let kept = |text: &str| -> String {
             text.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
@@ -64,9 +64,9 @@ impl Format {
 /// Names the primitives of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Topology {
-    /// Three vertices for each triangle.
+    /// Three vertices per triangle.
     TriangleList,
-    /// One vertex for each triangle after the first two.
+    /// One vertex per triangle after the first two.
     TriangleStrip,
 }
 
@@ -75,7 +75,7 @@ pub enum Topology {
 pub enum Load {
     /// Fills the target with red, green, blue and alpha.
     Clear(f32, f32, f32, f32),
-    /// Keeps the earlier contents.
+    /// Keeps the previous contents.
     Keep,
 }
 

@@ -1,4 +1,4 @@
-//! Places in the files of a graph.
+//! Places in graph files.
 
 use serde::{Deserialize, Serialize};
 

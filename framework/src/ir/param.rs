@@ -1,4 +1,4 @@
-//! Parameters of a graph: their values, their ways to the shaders, and their effects on the plan.
+//! Parameters of a graph: their values, their path to the shaders, and their effects on the plan.
 
 use std::collections::BTreeSet;
 
@@ -21,20 +21,20 @@ pub struct Param {
     pub default: Value,
     /// The reason for the value, if it is from an expression: of the default, or of a preset.
     pub reason: Option<Reason>,
-    /// The value that costs no accuracy, if the graph names one.
+    /// The value at which the result is exact, if the graph names one.
     pub exact: Option<Value>,
     /// The statistic that the value grows with: a frame whose statistic exceeds the value is incomplete.
     pub grows: Option<String>,
     /// The values that it may take.
     pub domain: Domain,
-    /// Way to the shaders.
+    /// The path to the shaders.
     pub binding: ParamBinding,
     /// The declaration.
     pub origin: Origin,
 }
 
 impl Param {
-    /// Raises the value of a growing parameter to the minimum in `capacities`, at most to the end of its range.
+    /// Raises a growing parameter's value to its minimum in `capacities`, but not above its range.
     pub fn with_room(&self, value: Value, capacities: &[(String, i64)]) -> Value {
         let least = capacities.iter().filter(|(name, _)| self.grows.is_some() && *name == self.name);
         match (value, &self.domain) {
@@ -71,7 +71,7 @@ pub enum Domain {
     Choice(Vec<String>),
 }
 
-/// Says how a parameter reaches the shaders.
+/// The path of a parameter to the shaders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParamBinding {
     /// A constant of the plan and a define of the shaders.
@@ -83,19 +83,20 @@ pub enum ParamBinding {
     },
 }
 
-/// A set of indices into the list of a graph's parameters.
+/// A set of parameters: indices into the graph's list.
 pub type ParamSet = BTreeSet<usize>;
 
-/// Says which part of a plan depends on a parameter.
+/// The parts of a plan that depend on a parameter.
 ///
 /// A part depends on a parameter if it used the parameter's value, directly or through other parameters, `let`s and
-/// parameters of included graphs: evaluating an expression read the value, the compiled text of a shader depends on it as a
-/// define, or a compiled shader reads it as a live parameter. Expressions that were not evaluated (a branch of `?:`, a
-/// short-circuited operand) and code that was not compiled (a branch of an `#if`, a pass whose `when` is false) do not count.
+/// parameters of included graphs: evaluating an expression read the value, the compiled text of a shader depends on it
+/// as a define, or a compiled shader reads it as a live parameter. Expressions that were not evaluated (a branch of
+/// `?:`, a short-circuited operand) and code that was not compiled (a branch of an `#if`, a pass whose `when` is false)
+/// do not count.
 ///
-/// Without an effect, every value of the parameter with which the graph builds gives the same passes, shaders, memory and
-/// barriers, and shaders read the same bytes, as long as the other parameters stay unchanged. A condition that reads the
-/// parameter is an effect, even if it gives the same result for all values.
+/// Without an effect, every value of the parameter with which the graph builds gives the same passes, shaders, memory
+/// and barriers, and shaders read the same bytes, as long as the other parameters stay unchanged. A condition that
+/// reads the parameter is an effect, even if it gives the same result for all values.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Effect {
     /// The passes that depend on it, in the plan's order.

@@ -10,7 +10,7 @@ use super::{Accesses, Blend, Layout, Load, Origin, ResourceId, ShaderId, Stages,
 /// The pass at the end of a frame that makes the output readable by copies.
 pub const EXPORT: &str = "export";
 
-/// The step after the frame in which the host reads the statistics.
+/// The pass after the frame in which the host reads the statistics.
 pub const HOST: &str = "host";
 
 /// Says how often a pass runs.
@@ -73,7 +73,8 @@ pub enum Work<R = ResourceId, S = ShaderId> {
         /// The number of workgroups.
         groups: Groups<R>,
     },
-    /// Draws into `targets`, which have equal sizes, with a full-size viewport and scissor, without depth test or face culling.
+    /// Draws into `targets`, all of one size, with a full-size viewport and scissor, without depth test or face
+    /// culling.
     Draw {
         /// The vertex shader.
         vertex: S,
@@ -93,24 +94,27 @@ pub enum Work<R = ResourceId, S = ShaderId> {
         /// The word.
         value: u32,
     },
-    /// Zeroes a resource with a history, in the prologue, so that the first frame finds zeros. If the history of an earlier plan
-    /// continues, a backend omits this pass together with the barrier on its image (not the other barriers of its step), and
-    /// transitions the image to the layout that the pass would have left.
+    /// Zeroes a resource with a history, in the prologue, so that the first frame finds zeros.
+    ///
+    /// If the history of an earlier plan continues, a backend omits this pass and the barrier on its image (but not its
+    /// other barriers), and transitions the image to the layout that the pass would have left.
     ClearHistory {
         /// The resource.
         resource: R,
     },
     /// Copies the statistics, and makes the output readable by copies.
     Export,
-    /// Stands for the host's reading of the statistics; does nothing on the device.
+    /// Represents the host's reading of the statistics; does nothing on the device.
     Host,
 }
 
 /// Counts the workgroups of a dispatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Groups<R = ResourceId> {
-    /// Workgroups in x, y, z, within the device's limits. An excess in x is folded into y: shaders compute
-    /// their index as `gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x` and ignore indices beyond the end.
+    /// Workgroups in x, y, z, within the device's limits.
+    ///
+    /// An excess in x is folded into y: shaders compute their index as `gl_WorkGroupID.y * gl_NumWorkGroups.x +
+    /// gl_WorkGroupID.x` and ignore indices beyond the end.
     Direct([u32; 3]),
     /// Three words of a buffer.
     Indirect {
@@ -158,7 +162,7 @@ pub struct Binding<R = ResourceId> {
     pub name: String,
     /// The binding number in set 0.
     pub binding: u32,
-    /// Index in an array of descriptors, otherwise 0.
+    /// Index in an array of descriptors, else 0.
     pub element: u32,
     /// The type of the descriptor.
     pub kind: DescriptorKind,
@@ -192,7 +196,7 @@ pub struct Use<R = ResourceId> {
     pub discards: bool,
 }
 
-/// Names a pass of the file that is not in the plan.
+/// A pass of the graph that is not in the plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Culled {
     /// The pass's name.
@@ -203,16 +207,16 @@ pub struct Culled {
     pub origin: Origin,
 }
 
-/// Names an image that a frame leaves besides the picture.
+/// An image that a frame produces besides the picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Output<R = ResourceId> {
-    /// The name for people: `depth`.
+    /// The name for users: `depth`.
     pub name: String,
     /// The image.
     pub image: R,
 }
 
-/// Names a 32-bit word of a buffer that is read back after each frame.
+/// A 32-bit word of a buffer that is read back after each frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stat<R = ResourceId> {
     /// The name.

@@ -1,4 +1,4 @@
-//! Reasons: the values behind a parameter's value or an unmet requirement.
+//! Reasons: the values that explain a parameter's value or an unmet requirement.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ use super::Value;
 pub struct Reason {
     /// The expression, as in the file.
     pub expression: String,
-    /// The facts, parameters and `let`s that its evaluation reached, with their values.
+    /// The facts, parameters and `let`s that its evaluation read, with their values.
     pub values: BTreeMap<String, Value>,
 }
 
@@ -33,7 +33,7 @@ impl fmt::Display for Reason {
     }
 }
 
-/// Describes an unmet requirement of a graph.
+/// An unmet requirement of a graph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Unmet {
     /// The requirement in words, as in the file.
@@ -70,7 +70,8 @@ impl Fallback {
 }
 
 impl fmt::Display for Fallback {
-    /// Writes for instance: `splat` stands in for `tiled`, which needs workgroups of 256 invocations (device.max_invocations = 128)
+    /// Writes for instance: `splat` stands in for `tiled`, which needs workgroups of 256 invocations
+    /// (device.max_invocations = 128)
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let needs: Vec<String> = self.unmet.iter().map(Unmet::to_string).collect();
         write!(f, "`{}` stands in for `{}`, which needs {}", self.taken, self.wanted, needs.join(" and "))

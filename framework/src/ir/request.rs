@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::{DeviceFacts, Value};
 
-/// The prefix of the facts that ask for outputs besides the picture, such as `outputs.depth`. A missing one is false.
+/// The prefix of facts that request outputs besides the picture, such as `outputs.depth`. A missing one is false.
 pub const OUTPUTS: &str = "outputs.";
 
 /// Values that expressions can use.
@@ -46,7 +46,7 @@ pub struct Catalog {
 pub struct HostBuffer {
     /// Bytes of an element.
     pub stride: u64,
-    /// Its minimum number of elements.
+    /// Minimum number of elements.
     pub least: u64,
 }
 
@@ -61,20 +61,20 @@ pub struct Attribute {
     pub planes: u32,
 }
 
-/// Requests a plan: a graph and everything that the plan depends on.
+/// A request for a plan: a graph and everything that the plan depends on.
 #[derive(Clone, Copy, Debug)]
 pub struct Request<'a> {
     /// A preset's name or a file's path.
     pub graph: &'a str,
-    /// Names and values (as text) of parameters that differ from their defaults; the last entry of a name wins.
+    /// Names and values (as text) of parameters to set; the last entry of a name wins.
     pub set: &'a [(String, String)],
-    /// Minimum values of growing parameters, as earlier frames needed; entries for other parameters are ignored.
+    /// Minimum values of growing parameters, from earlier frames; entries for other parameters are ignored.
     pub capacities: &'a [(String, i64)],
     /// Known values of scene, device and viewport.
     pub facts: &'a Facts,
     /// Importable data.
     pub catalog: &'a Catalog,
     /// Lets resources with disjoint lifetimes share memory. Otherwise every resource keeps its contents to the end of
-    /// the frame, so that it can be inspected after any pass.
+    /// the frame and can be inspected after any pass.
     pub share_memory: bool,
 }

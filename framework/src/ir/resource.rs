@@ -38,13 +38,13 @@ impl Shape {
     }
 }
 
-/// Selects the owner of a resource's memory and the writer of its contents.
+/// The owner of a resource's memory and the writer of its contents.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// Owned by the plan, written by its passes. One copy, for any number of frames in flight.
+    /// Owned by the plan, written by its passes. One copy for all frames in flight.
     Transient,
-    /// An attribute of the scene, uploaded before the prologue runs and never written by a pass. Attributes larger
-    /// than the largest storage binding are split into planes.
+    /// An attribute of the scene, uploaded before the prologue runs and never written by a pass. An attribute that
+    /// exceeds the largest storage binding is split into planes.
     Scene {
         /// The attribute's full name.
         attribute: String,
@@ -56,15 +56,16 @@ pub enum Source {
         /// The block's full name.
         uniform: String,
     },
-    /// A storage buffer that the host supplies with every frame, of varying length: words of the host, or the image
-    /// that another plan drew on the same device. No pass writes it. Its shape has the minimum length.
+    /// A storage buffer that the host supplies with every frame, of varying length: words from the host, or another
+    /// plan's output on the same device. No pass writes it. Its shape has the minimum length.
     HostBuffer {
         /// The buffer's full name.
         buffer: String,
     },
     /// The uniform block of the live parameters, written by the host for every frame.
     Live,
-    /// Host memory for the statistics: the export writes it, the host reads it after the frame, one copy per frame in flight.
+    /// Host memory for the statistics: the export writes it, the host reads it after the frame. One copy per frame in
+    /// flight.
     Readback,
 }
 

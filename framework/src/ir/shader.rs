@@ -9,9 +9,9 @@ use super::{Features, Format};
 /// Holds a compiled shader module and the defines that it was compiled with.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shader {
-    /// Path as the graph names it, for instance `sort/scatter.comp`.
+    /// Path, as in the graph: for instance `sort/scatter.comp`.
     pub name: String,
-    /// Names and values of the defines that occur in its text.
+    /// Names and values of the defines that its text mentions.
     pub defines: Vec<(String, String)>,
     /// SPIR-V words.
     pub spirv: Arc<Vec<u32>>,
@@ -21,37 +21,39 @@ pub struct Shader {
     pub msl: Option<Arc<Msl>>,
 }
 
-/// Holds a shader in the Metal Shading Language, and the indices of its arguments.
+/// A shader in the Metal Shading Language, and the indices of its arguments.
 ///
-/// Each stage has argument tables of its own: one for buffers, one for textures.
+/// Each stage has its own argument tables: one for buffers, one for textures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Msl {
-    /// Source text of a library with one function.
+    /// Source text of a library with a single function.
     pub source: String,
     /// The function's name.
     pub entry: String,
-    /// Places of the bindings that the code can reach, sorted by binding and element.
+    /// Argument indices of the reachable bindings, sorted by binding and element.
     pub arguments: Vec<MslArgument>,
-    /// Index in the table of buffers for the push constants' bytes.
+    /// Index in the table of buffers for the push constants.
     pub push: Option<u32>,
     /// Index in the table of buffers for the sizes in bytes of buffers whose length the code queries.
     ///
-    /// They are 32-bit words, by buffer index.
+    /// The sizes are 32-bit words, by buffer index.
     pub sizes: Option<u32>,
 }
 
 impl Msl {
-    /// Buffers of a function, push constants and sizes among them.
+    /// Maximum number of buffers of a function, including push constants and sizes.
     ///
-    /// Apple, "Metal Feature Set Tables", "Maximum number of entries in the buffer argument table, per graphics or kernel function".
+    /// Apple, "Metal Feature Set Tables", "Maximum number of entries in the buffer argument table, per graphics or
+    /// kernel function".
     pub const MOST_BUFFERS: u32 = 31;
 
-    /// Textures of a function.
+    /// Maximum number of textures of a function.
     ///
-    /// Apple, "Metal Feature Set Tables", "Maximum number of entries in the texture argument table, per graphics or kernel function".
+    /// Apple, "Metal Feature Set Tables", "Maximum number of entries in the texture argument table, per graphics or
+    /// kernel function".
     pub const MOST_TEXTURES: u32 = 128;
 
-    /// Bytes of push constants, which Metal copies with the command (`setBytes`).
+    /// Maximum bytes of push constants, which Metal copies with the command (`setBytes`).
     ///
     /// Apple, documentation of `setBytes:length:atIndex:`: "data smaller than 4 KB".
     pub const MOST_PUSH_BYTES: u32 = 4095;
@@ -62,7 +64,7 @@ impl Msl {
 pub struct MslArgument {
     /// Number of the binding in set 0.
     pub binding: u32,
-    /// Index in an array of descriptors, otherwise 0.
+    /// Index in an array of descriptors, else 0.
     pub element: u32,
     /// True for the table of textures (storage images), false for the table of buffers.
     pub texture: bool,
@@ -82,7 +84,7 @@ pub enum ShaderStage {
 }
 
 impl ShaderStage {
-    /// Returns the stage that a file's extension names.
+    /// Returns the stage for a file's extension.
     pub fn of_file(name: &str) -> Option<ShaderStage> {
         match name.rsplit_once('.')?.1 {
             "vert" => Some(ShaderStage::Vertex),
@@ -98,17 +100,17 @@ impl ShaderStage {
 pub struct Reflection {
     /// The stage of its entry point.
     pub stage: ShaderStage,
-    /// Invocations of a workgroup in x, y, z; `[1, 1, 1]` for all but compute shaders.
+    /// Workgroup size in x, y, z; `[1, 1, 1]` for all but compute shaders.
     pub local_size: [u32; 3],
     /// Bytes of shared memory.
     pub shared_bytes: u32,
-    /// The bindings that the entry point's code can reach, sorted by number.
+    /// The bindings that the entry point can reach, sorted by number.
     pub bindings: Vec<ReflectedBinding>,
     /// The push constants.
     pub push: Option<PushBlock>,
-    /// Stage inputs with a location, sorted by it.
+    /// Stage inputs with a location, sorted by location.
     pub inputs: Vec<Varying>,
-    /// Stage outputs with a location, sorted by it.
+    /// Stage outputs with a location, sorted by location.
     pub outputs: Vec<Varying>,
     /// True if the module uses subgroup operations (any GroupNonUniform capability).
     pub subgroups: bool,
@@ -125,7 +127,7 @@ pub struct ReflectedBinding {
     pub set: u32,
     /// Number of the binding in its set.
     pub binding: u32,
-    /// Length of the descriptor array, otherwise 1.
+    /// Length of the descriptor array, else 1.
     pub count: u32,
     /// Type and layout.
     pub kind: ReflectedKind,
@@ -135,7 +137,7 @@ pub struct ReflectedBinding {
     pub writes: bool,
     /// True if every load and store is atomic, so that invocations may overlap.
     pub atomics_only: bool,
-    /// True if the first access in the code is a plain store, as in a shader that clears counters before it uses them.
+    /// True if the first access in the code is a plain store, as in a shader that clears counters before use.
     pub writes_first: bool,
 }
 
@@ -144,9 +146,9 @@ pub struct ReflectedBinding {
 pub enum ReflectedKind {
     /// A storage buffer.
     StorageBuffer {
-        /// Bytes of an element of the runtime array at the block's end, if it has one.
+        /// Bytes per element of the runtime array at the block's end, if there is one.
         stride: Option<u32>,
-        /// Bytes before that array, or of the whole block if there is none.
+        /// Bytes before that array, or of the whole block without one.
         fixed_bytes: u32,
     },
     /// A uniform block.

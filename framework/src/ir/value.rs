@@ -14,7 +14,7 @@ pub enum Value {
     Int(i64),
     /// A double-precision float.
     Float(f64),
-    /// A name or another text.
+    /// A name or other text.
     Text(String),
 }
 

@@ -1,4 +1,4 @@
-//! Checks of blocks, images and push constants against the graph's `bind` and `push`.
+//! Checks blocks, images and push constants against the graph's `bind` and `push`.
 
 use super::linker::{Linker, ShaderHandle, describe, touch};
 use crate::ir::{
@@ -91,7 +91,7 @@ impl Linker<'_> {
             pass.span,
             "in this pass",
         );
-        // An entry of `bind` without a block may be meant for this one.
+        // An entry of `bind` that names no block may be meant for this one.
         let stray: Vec<&str> = pass.bind.iter().map(|b| b.block.as_str()).filter(|b| !known(b)).collect();
         let near = nearest(&block.name, stray.iter().copied()).or(match stray[..] {
             [only] => Some(only),
@@ -112,15 +112,15 @@ impl Linker<'_> {
             || self.shaders[shader.index()].reflection.bindings.iter().any(used)
     }
 
-    /// Returns true if the host writes new contents of one of these for every frame.
+    /// Returns true if the host rewrites one of these for every frame.
     pub(super) fn changes_every_frame(&self, resources: &[ResourceHandle]) -> bool {
         resources.iter().any(|id| self.resource(*id).source.is_per_frame())
     }
 
     /// Reports an entry of `bind` that no shader of the pass uses.
     ///
-    /// If a shader declares the block but does not use it with the current constants, that is no error, and nothing
-    /// is bound.
+    /// It is no error if a shader declares the block but does not use it with the current constants; nothing is bound
+    /// then.
     fn unknown(&mut self, stages: &[(ShaderHandle, Stages)], bind: &LoweredBind) {
         if stages.iter().any(|(shader, _)| self.declares(*shader, &bind.block)) {
             return;
@@ -372,7 +372,7 @@ impl Linker<'_> {
     }
 }
 
-/// Reports a pass of the prologue that reads what the host writes for every frame.
+/// Reports a pass of the prologue that reads per-frame data from the host.
 pub(super) fn once_every_frame(pass: &LoweredPass, span: Span, label: impl Into<String>) -> Diagnostic {
     let message = format!("`{}` runs once, and reads what changes with every frame", pass.name);
     Diagnostic::new(message, span, label).with_help("let it run every frame, or give it constants")

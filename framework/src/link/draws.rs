@@ -7,7 +7,7 @@ use crate::source::Diagnostic;
 
 impl Linker<'_> {
     /// Checks that every input of the fragment shader is an output of the vertex shader, of the same type. The two are
-    /// compiled separately, so no other check would notice.
+    /// compiled separately, so the compiler does not check this.
     pub(super) fn interface(&mut self, vertex: ShaderHandle, fragment: ShaderHandle, span: Span) {
         let (from, to) = (&self.shaders[vertex.index()], &self.shaders[fragment.index()]);
         for input in &to.reflection.inputs {
@@ -70,7 +70,7 @@ impl Linker<'_> {
                     describe(&image),
                 ));
             }
-            // A cleared target is only written: blending reads what the pass itself wrote.
+            // A cleared target is only written: blending reads the pass's own output.
             let (accesses, discards) = match target.load {
                 Load::Clear(..) => (Accesses::COLOR_WRITE, true),
                 Load::Keep => (Accesses::COLOR_READ | Accesses::COLOR_WRITE, false),
@@ -80,7 +80,7 @@ impl Linker<'_> {
     }
 }
 
-/// Reports a draw whose fragment shader does not have one output for each target, or that has neither.
+/// Reports a draw whose fragment shader does not have exactly one output per target, or a draw with no targets.
 fn outputs_and_targets(shader: &str, outputs: usize, targets: usize, pass: Span) -> Diagnostic {
     let counted = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     let expected = match targets {
@@ -90,7 +90,7 @@ fn outputs_and_targets(shader: &str, outputs: usize, targets: usize, pass: Span)
     let (outputs_found, targets_found) = (counted(outputs, "output"), counted(targets, "target"));
     let message = format!("expected {expected}, found {outputs_found}");
     let error = Diagnostic::new(message, pass, format!("this pass has {targets_found}"));
-    // Point at the side with fewer.
+    // Points at the side with fewer.
     if outputs < targets.max(1) {
         error.with_help(format!(
             "an output is a line of the shader: `layout(location = {outputs}) out vec4 colour;`"

@@ -1,4 +1,4 @@
-//! Finds the parameters that each pass depends on through its shaders, also for passes that were removed.
+//! Finds the parameters that each pass depends on through its shaders, including removed passes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -38,8 +38,8 @@ fn behind<'a>(
     constants.iter().filter(|(name, _)| names.contains(*name)).flat_map(|(_, params)| params)
 }
 
-/// Lists, for each removed pass, the parameters that its shaders mention. Empty if every parameter has an effect, because
-/// only parameters without one need a reason.
+/// Lists, for each removed pass, the parameters that its shaders mention. Empty if every parameter has an effect,
+/// because the list only explains parameters without one.
 pub(super) fn mentioned(
     lowered: &Lowered,
     passes: &[LinkedPass],
@@ -51,7 +51,7 @@ pub(super) fn mentioned(
     if used.len() == lowered.params.len() {
         return Vec::new();
     }
-    // Including it names the block, and uses no parameter by itself.
+    // Including the file names the block, but uses no parameter by itself.
     let generated = [("live.glsl".to_string(), LIVE_BLOCK.to_string())];
     let mut known: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
     let mut of_shader = |removed: &RemovedPass, name: &String| -> ParamSet {

@@ -1,4 +1,4 @@
-//! The linked passes, and the state of the linker.
+//! The linked passes, and the linker's state.
 
 use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
@@ -9,18 +9,18 @@ use crate::lower::{Lowered, LoweredResource, ResourceHandle};
 use crate::shader::ShaderCompiler;
 use crate::source::{Diagnostic, SourceMap};
 
-/// Holds a graph whose passes fit their shaders.
+/// A graph whose passes match their shaders.
 #[derive(Clone, Debug)]
 pub struct Linked {
     /// Resources, parameters and names of the graph.
     pub lowered: Lowered,
     /// Compiled shaders, one per file and set of defines.
     pub shaders: Vec<Shader>,
-    /// Passes in the order of the file, of the prologue and of the frame mixed.
+    /// Passes in file order, prologue and frame mixed.
     pub passes: Vec<LinkedPass>,
 }
 
-/// Holds a pass with its accesses, over handles of the lowered graph.
+/// A pass with its accesses, over handles of the lowered graph.
 #[derive(Clone, Debug)]
 pub struct LinkedPass {
     /// The pass.
@@ -33,7 +33,7 @@ pub struct LinkedPass {
     pub params: PassParams,
 }
 
-/// Indexes [`Linked::shaders`].
+/// Index into [`Linked::shaders`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ShaderHandle(pub u32);
 
@@ -44,10 +44,10 @@ impl ShaderHandle {
     }
 }
 
-/// The parameters that a pass depends on, without those behind the sizes and formats of its resources.
+/// The parameters that a pass depends on, except those that its resources' sizes and formats depend on.
 #[derive(Clone, Debug, Default)]
 pub struct PassParams {
-    /// All of them.
+    /// All parameters.
     pub all: ParamSet,
     /// Parameters that decide whether the pass exists, and which resources it uses and how. They can affect other passes.
     pub structure: ParamSet,
@@ -67,13 +67,13 @@ pub(super) struct Linker<'a> {
     pub compiler: &'a mut dyn ShaderCompiler,
     pub generated: Vec<(String, String)>,
     pub shaders: Vec<Shader>,
-    /// Names of the blocks that each shader declares: see [`Compiled::declared`].
+    /// Names of the blocks that each shader declares; see [`Compiled::declared`].
     pub declared: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
-    /// Names that each shader depends on: see [`Compiled::reached`].
+    /// Names that each shader depends on; see [`Compiled::reached`].
     pub reached: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
-    /// Shaders compiled so far, by file and list of defines; the passes of a repeat share theirs.
+    /// Shaders compiled so far, by file and defines; the iterations of a repeat share them.
     pub compiled: HashMap<(FileId, Rc<Defines>), ShaderHandle>,
-    /// Files of shaders, by the graph that names them and their name there.
+    /// Shader files, by the graph that names them and the name there.
     pub found: HashMap<(FileId, String), FileId>,
     pub errors: Vec<Diagnostic>,
 }

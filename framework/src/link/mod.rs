@@ -1,8 +1,8 @@
 //! Linking: compiles the shaders of each pass and checks the graph against them.
 //!
-//! Every block that a shader uses must be bound, every entry of `bind` and `push` must exist in a shader, and kinds, strides,
-//! sizes and formats must match. Linking also derives the accesses of each pass ([`Use`]) from the compiled code, so that no
-//! hand-kept list can go stale. The result is the list of passes, still in the order of the file.
+//! Every block that a shader uses must be bound, every entry of `bind` and `push` must exist in a shader, and kinds,
+//! strides, sizes and formats must match. Linking also derives the accesses of each pass ([`Use`]) from the compiled
+//! code, so no list has to be maintained by hand. The result is the list of passes, still in file order.
 
 mod bindings;
 mod draws;
@@ -47,7 +47,7 @@ pub fn link(
         if let Some(pass) = linker.pass(pass) {
             passes.push(pass);
         }
-        // Report a mistake in a repeated pass or a shared include once.
+        // Report each mistake in a repeated pass or a shared include once.
         if linker.errors.len() >= 20 {
             break;
         }
@@ -68,7 +68,7 @@ pub fn link(
         });
         return Err(errors);
     }
-    // Shaders that are not compiled only affect messages: the plan does not depend on their files.
+    // Uncompiled shaders only affect messages: the plan does not depend on their files.
     let mentioned = files.aside(|files| effects::mentioned(&lowered, &passes, files, compiler));
     lowered.removed.iter_mut().zip(mentioned).for_each(|(removed, params)| removed.named.extend(params));
     Ok(Linked { lowered, shaders, passes })

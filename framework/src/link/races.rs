@@ -1,14 +1,14 @@
-//! Checks for races inside one pass.
+//! Checks for data races inside a pass.
 //!
-//! Barriers order passes. Two accesses within one pass have no order, so if one of them writes, no plan can be correct. These
-//! passes are refused:
+//! Barriers order passes. Two accesses within one pass have no order, so if one of them writes, no plan can be correct.
+//! These passes are refused:
 //!
 //! - a resource that is written and bound twice, or drawn to and bound;
-//! - a dispatch or a draw that writes the buffer of its own arguments;
-//! - a draw in which one stage accesses what the other writes, unless all accesses are atomic.
+//! - a dispatch or a draw that writes its own indirect arguments;
+//! - a draw in which one stage accesses data that the other writes, unless all accesses are atomic.
 //!
-//! The invocations of one stage have no order either. The shader is responsible for it: by atomics, by a workgroup barrier, or by
-//! accessing disjoint elements. Its accesses do not show whether it does.
+//! The invocations of one stage have no order either. That is the shader's responsibility: by atomics, by a workgroup
+//! barrier, or by accessing disjoint elements. Its accesses do not show whether it is safe.
 
 use super::linker::{Linker, ShaderHandle};
 use crate::ir::{DrawCall, ReflectedBinding, Span, Stages, Use};
@@ -85,8 +85,8 @@ impl Linker<'_> {
         }
     }
 
-    /// Refuses a command whose shaders write its own arguments. Which words a shader writes is unknown, so this
-    /// covers the whole buffer.
+    /// Refuses a command whose shaders write its own arguments. The written words are unknown, so this covers the whole
+    /// buffer.
     fn arguments(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) {
         let Some((buffer, span)) = arguments(pass) else { return };
         for bind in &pass.bind {
@@ -108,7 +108,7 @@ impl Linker<'_> {
         }
     }
 
-    /// Refuses a draw in which one stage writes what the other accesses: stages of different primitives overlap.
+    /// Refuses a draw in which one stage writes data that the other accesses: stages of different primitives overlap.
     fn between_stages(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) {
         if stages.len() < 2 {
             return;
@@ -158,7 +158,7 @@ impl Linker<'_> {
     }
 }
 
-/// Returns the buffer of a pass's indirect arguments, and the place that names it.
+/// Returns the buffer of a pass's indirect arguments, and where the graph names it.
 pub(super) fn arguments(pass: &LoweredPass) -> Option<(ResourceHandle, Span)> {
     match &pass.work {
         LoweredWork::Dispatch { size: LoweredSize::Indirect { buffer, .. }, size_span, .. } => {

@@ -1,4 +1,4 @@
-//! Compiles the shaders of a pass, and checks their features, workgroups and numbers of workgroups against the device.
+//! Compiles the shaders of a pass, and checks their features and workgroups against the device.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use crate::lower::{Extent, LoweredPass, LoweredSize, LoweredWork, ResourceHandle
 use crate::shader::{Compiled, ShaderRequest};
 use crate::source::{Diagnostic, Kind};
 
-/// Refuses a graph that needs too many different compilations, before the first one.
+/// Refuses a graph that needs too many distinct compilations, before the first one.
 pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagnostic>> {
     let mut different = HashSet::new();
     let mut passed = None;
@@ -34,7 +34,7 @@ pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagn
 }
 
 impl Linker<'_> {
-    /// Compiles a shader, or finds it among those compiled for other passes.
+    /// Compiles a shader, or reuses one compiled for another pass.
     pub(super) fn shader(
         &mut self,
         pass: &LoweredPass,
@@ -85,7 +85,7 @@ impl Linker<'_> {
                 let id = ShaderHandle(at as u32);
                 self.features(id, name.span);
                 self.declared.insert(id, declared);
-                // Texts that differ only in code that is not compiled give one shader.
+                // Texts that differ only in uncompiled code give one shader.
                 let known = self.reached.entry(id).or_insert_with(|| reached.clone());
                 if *known != reached {
                     Arc::make_mut(known).extend(reached.iter().cloned());
@@ -195,8 +195,8 @@ impl Linker<'_> {
             ));
             return None;
         }
-        // Indices of invocations, or of groups where groups are counted, are `uint`s in shaders: in one dimension all of them, in
-        // several those of each.
+        // Indices of invocations (or of groups, if groups are counted) are `uint`s in shaders: all of them in one
+        // dimension, else per dimension.
         let counted = match dimensions {
             1 => (groups[0] * groups[1]).saturating_mul(each[0]),
             _ => (0..3).map(|axis| groups[axis].saturating_mul(each[axis])).max().unwrap_or(0),

@@ -1,4 +1,4 @@
-//! Removes passes and includes whose `when` is false, and records what they would have used.
+//! Removes passes and includes whose `when` is false, and records the uses removed with them.
 
 use super::lowered::{RemovedPass, RemovedUse};
 use super::lowering::{Handle, Level, Lowering};
@@ -18,7 +18,7 @@ struct False<'a> {
 }
 
 impl Lowering<'_> {
-    /// Evaluates the `when` of a pass or an include. If it is false, the pass is listed as culled.
+    /// Evaluates the `when` of a pass or an include. If it is false, lists the pass as culled.
     pub(super) fn wanted(
         &mut self,
         level: &Level,
@@ -59,7 +59,7 @@ impl Lowering<'_> {
         Ok(())
     }
 
-    /// Lists a pass as culled, with the uses that are removed with it.
+    /// Lists a pass as culled, with its removed uses.
     fn leave_out(&mut self, level: &Level, pass: &PassDecl, place: &Place, why: &False) {
         let Some(Parts { name, users, numbers, shaders }) = Parts::of(pass) else { return };
         let name = format!("{}{name}{}", level.prefix, level.suffix);

@@ -1,8 +1,9 @@
 //! The parameters of a graph: its own, and the exposed parameters of included graphs.
 //!
-//! An exposed parameter belongs to the includer, as if it were declared after the includer's own; the included graph uses its value.
-//! Its expressions can name parameters of the included graph: exposed ones have the includer's value, and those in `set` have that
-//! value ([`Around`]). All other names are the includer's. Includes that expose the same declaration share the parameter.
+//! An exposed parameter belongs to the includer, as if declared after the includer's own; the included graph uses its
+//! value. Its expressions can name parameters of the included graph: exposed ones have the includer's value, and those
+//! in `set` have the value from there ([`Around`]). All other names are the includer's. Includes that expose one
+//! declaration share the parameter.
 
 use indexmap::IndexMap;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -23,8 +24,8 @@ pub(super) struct Declared {
     graph: Rc<Graph>,
     /// The declaration.
     pub place: Place,
-    /// Replaces the declared default: the value of a preset of an included graph, or of the includer's `set`; with the
-    /// number of includes in `around` outside of which it was written.
+    /// Replaces the declared default: a value from an included graph's preset, or from the includer's `set`. Comes with
+    /// the number of includes in `around` outside of which it was written.
     pub default: Option<(Setting, usize)>,
     /// The include that exposes it; `None` for the graph's own.
     pub part: Option<String>,
@@ -37,7 +38,7 @@ pub(super) struct Declared {
 pub(super) struct Around {
     /// Parameters in `set`, with their values over the includer's names.
     pub set: BTreeMap<String, Given>,
-    /// Parameters with their defaults, with the places of their declarations.
+    /// Parameters with default values, and the places of their declarations.
     hidden: BTreeMap<String, Span>,
 }
 
@@ -45,7 +46,7 @@ pub(super) struct Around {
 #[derive(Debug)]
 pub(super) struct Given {
     pub setting: Setting,
-    /// The parameter that it is for.
+    /// The parameter's graph.
     graph: Rc<Graph>,
     name: String,
 }
@@ -73,7 +74,8 @@ impl Declared {
         &self.graph.params[&self.name]
     }
 
-    /// Collects the names in its expressions and in `setting`, which replaces its default, through the includes around it.
+    /// Collects the names in its expressions and in `setting`, which replaces its default, through the includes around
+    /// it.
     pub fn reach(&self, setting: Option<&Setting>) -> Reach {
         let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = self.declaration();
         let mut open: Vec<(usize, String)> = Vec::new();
@@ -115,7 +117,8 @@ impl Declared {
         reach
     }
 
-    /// Lists the values of `set` that its expressions depend on. Two includes that share a parameter must agree in them.
+    /// Lists the values of `set` that its expressions depend on. Two includes that share a parameter must have equal
+    /// ones.
     fn values_around(&self) -> Vec<(usize, String, &Number)> {
         let set = self.reach(None).set.into_iter();
         set.map(|(level, name)| {
@@ -131,7 +134,7 @@ impl Declared {
     }
 }
 
-/// Lists the names in the expression of a parameter's value. In a choice, a text that is one of its names is a literal.
+/// Lists the names in a parameter's value. In a choice, a string equal to one of its options is a literal, not a name.
 fn names_in(number: &Number, kind: &ParamKind) -> Vec<String> {
     let is_text = |text| matches!(kind, ParamKind::Choice { of, .. } if of.contains(text));
     match number {
@@ -158,7 +161,8 @@ pub(super) struct Parameters {
 impl Parameters {
     /// Sorts parameters topologically, with ties in declaration order; returns their indices.
     ///
-    /// `settings` replace defaults. Parameters on a cycle, and their dependants, are left out, with the error for one cycle.
+    /// `settings` replace defaults. Parameters on a cycle, and their dependants, are left out, with the error for one
+    /// cycle.
     pub fn order(&self, settings: &IndexMap<String, Setting>) -> (Vec<usize>, Option<Diagnostic>) {
         let known: BTreeMap<&str, usize> =
             self.names().enumerate().map(|(index, name)| (name, index)).collect();
@@ -197,7 +201,7 @@ impl Parameters {
         )
     }
 
-    /// Makes the error for a circle of parameters, starting at one of them.
+    /// Returns the error for a cycle of parameters, starting at one of them.
     fn circle(&self, first: usize, next: impl Fn(usize) -> usize) -> Diagnostic {
         let mut way = vec![first];
         let start = loop {
@@ -219,7 +223,7 @@ impl Parameters {
         circle[1..].iter().fold(error, |error, index| error.with_label(key(*index), "needed on the way"))
     }
 
-    /// Makes the error for a name that no parameter has.
+    /// Returns the error for a name that no parameter has.
     pub fn unknown(&self, name: &str, span: Span, label: &str) -> Diagnostic {
         let all: Vec<_> = self.names().map(|known| format!("`{known}`")).collect();
         let otherwise = match all[..] {
@@ -239,7 +243,7 @@ impl Parameters {
     }
 }
 
-/// Caches parameters by the file of their graph, because parts may be included several times.
+/// Caches parameters by graph file, because a part may be included several times.
 pub(super) type Known = HashMap<FileId, Rc<Parameters>>;
 
 /// Lists the parameters of a graph.
@@ -288,7 +292,7 @@ impl Collect<'_, '_> {
             around: Vec::new(),
         });
         let mut found = Parameters { all: own.collect(), ..Parameters::default() };
-        // The walk reports circular includes, with more detail.
+        // The walk over the passes reports circular includes in more detail.
         if self.around.contains(&opened.file) || self.around.len() > MAX_DEPTH {
             return Ok(Rc::new(found));
         }
@@ -362,7 +366,7 @@ impl Collect<'_, '_> {
         let around = Rc::new(around);
         for declared in inner.all.iter().filter(|inner| is_exposed(&inner.name)) {
             let name_of = &declared.name;
-            // A value in `set` uses this graph's names, a value of a preset those of the included graph.
+            // A value in `set` uses this graph's names; a preset's value uses the included graph's.
             let level = declared.around.len();
             let default = (given(name_of).map(|setting| (setting, level + 1)))
                 .or_else(|| Some((chosen.opened.set.get(name_of)?.clone(), level)))

@@ -5,20 +5,20 @@ use std::collections::BTreeMap;
 use super::scope::Names;
 use crate::ir::{Domain, Param, ParamSet, Value, to_f32};
 
-/// The constants of a graph by their names in shaders, in capitals.
+/// The constants of a graph, by their names in shaders (in capitals).
 #[derive(Debug, Default)]
 pub(super) struct Constants {
     /// Names and texts of constants that are 32-bit literals.
     pub defines: Vec<(String, String)>,
     /// Names and values of numbers beyond 32 bits. A shader that mentions one is an error.
     pub unfit: Vec<(String, String)>,
-    /// The parameters behind each name, also of texts, which have no define.
+    /// The parameters behind each name, including names of texts, which have no define.
     pub params: BTreeMap<String, ParamSet>,
 }
 
 /// Lists every constant by its name in capitals.
 ///
-/// The names of a choice become constants too, so that a shader can write `#if BLEND == BLEND_BACK_TO_FRONT`.
+/// The options of a choice become constants as well, so that a shader can write `#if BLEND == BLEND_BACK_TO_FRONT`.
 pub(super) fn defines(names: &Names, params: &[Param]) -> Constants {
     let capital = |name: &str| -> String {
         name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()

@@ -62,7 +62,7 @@ pub(super) fn find(files: &mut SourceMap, name: &str) -> Result<FileId, Vec<Diag
 
 /// Reads a file and follows presets and choices to the possible graphs, in order of preference.
 ///
-/// All of them are read, so that mistakes are found on every device.
+/// Reads all of them, so that mistakes are found on every device.
 pub(super) fn follow(files: &mut SourceMap, file: FileId) -> Result<Vec<Opened>, Vec<Diagnostic>> {
     Follow { files, chain: Vec::new(), found: 0 }.file(file)
 }
@@ -70,7 +70,7 @@ pub(super) fn follow(files: &mut SourceMap, file: FileId) -> Result<Vec<Opened>,
 /// State of the walk from a file to its graphs.
 struct Follow<'a> {
     files: &'a mut SourceMap,
-    /// Presets and choices on the way, and the place where each names the next.
+    /// Presets and choices on the path, each with the place where it names the next.
     chain: Vec<(FileId, Span)>,
     /// Graphs so far.
     found: usize,
@@ -152,7 +152,7 @@ impl Follow<'_> {
         }
     }
 
-    /// Follows a preset's or a choice's reference at `at`. `circle` is the error message for a cycle.
+    /// Follows the reference of a preset or a choice at `at`. `circle` is the error message for a cycle.
     fn next(
         &mut self,
         file: FileId,
@@ -191,7 +191,7 @@ fn requirements(
     needs.iter().enumerate().map(requirement).collect()
 }
 
-/// Reads one file, without following anything.
+/// Reads one file, without following references.
 pub(super) fn parse(files: &SourceMap, file: FileId) -> Result<(Document, Rc<Outline>), Vec<Diagnostic>> {
     let text = files.text(file);
     // The outline comes first because it limits the nesting, on which the RON parser recurses.

@@ -16,7 +16,7 @@ use crate::source::{Diagnostic, Kind, Path};
 /// The name of an included graph's output.
 const PICTURE: &str = "picture";
 
-/// Makes the error for a name of an included graph that collides with its output.
+/// Returns the error for a name in an included graph that collides with its output.
 fn hides_the_output(inner: &Level) -> Diagnostic {
     let Graph { imports, resources, .. } = &*inner.graph;
     let list = match () {
@@ -169,8 +169,8 @@ impl Lowering<'_> {
 
     /// Gives the includer the names of an included graph's resources: `include.resource`.
     ///
-    /// Names have the meaning that they have at the end of the included graph: the front of a ping-pong buffer is the half left in
-    /// front. A constant that holds the name of a resource works, too, and the output is `picture`.
+    /// Names have their meaning at the end of the included graph: the front of a ping-pong buffer is the half left in
+    /// front. A constant that holds the name of a resource works as well, and the output is `picture`.
     fn give(&mut self, level: &mut Level, include: &str, inner: &Level) {
         let ports = &inner.graph.ports;
         let own = inner.handles.iter().filter(|(name, _)| !ports.contains_key(*name));

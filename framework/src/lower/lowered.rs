@@ -41,7 +41,7 @@ pub struct Lowered {
     pub output: ResourceHandle,
     /// The output's name in the file.
     pub output_span: Span,
-    /// Images that are asked for besides the output.
+    /// Images requested besides the output.
     pub outputs: Vec<Output<ResourceHandle>>,
     /// Words to read back.
     pub stats: Vec<Stat<ResourceHandle>>,
@@ -62,7 +62,7 @@ pub struct Lowered {
 pub struct SkippedUse {
     /// The parameters that were not read.
     pub params: ParamSet,
-    /// The name that has the expression.
+    /// The name of the `let` or parameter.
     pub name: String,
     /// Its place in the file.
     pub span: Span,
@@ -76,7 +76,7 @@ impl Lowered {
         &self.resources[handle.index()]
     }
 
-    /// Returns the handle that owns the memory of `handle`: a different one for the previous frame's contents.
+    /// Returns the handle that owns the memory: `handle` itself, unless it is a previous frame's contents.
     pub fn real(&self, handle: ResourceHandle) -> ResourceHandle {
         self.resource(handle).previous_frame_of.unwrap_or(handle)
     }
@@ -104,8 +104,8 @@ pub struct LoweredResource {
     pub source: Source,
     /// The name under which its contents persist from frame to frame.
     pub history: Option<String>,
-    /// Set for `last(name)`, whose readers run before the writers of this frame: the resource itself; of a ping-pong resource,
-    /// the half that is the front when the frame ends.
+    /// For `last(name)`, the resource itself, or for a ping-pong resource the half in front at the end of the frame.
+    /// Readers of `last(name)` run before this frame's writers.
     pub previous_frame_of: Option<ResourceHandle>,
     /// The declaration.
     pub span: Span,
@@ -113,16 +113,16 @@ pub struct LoweredResource {
     pub params: ParamSet,
 }
 
-/// Describes a graph that was included.
+/// An included graph.
 #[derive(Clone, Debug)]
 pub struct LoweredInclude {
     /// Unique in the graph.
     pub name: String,
     /// Its `name` in the file.
     pub span: Span,
-    /// The include that it stands in, as an index into [`Lowered::includes`].
+    /// The include that contains it, as an index into [`Lowered::includes`].
     pub parent: Option<usize>,
-    /// The name and the resources of each port; both halves of a ping-pong buffer.
+    /// The name of each port and its resources, both halves for a ping-pong buffer.
     pub given: Vec<(String, Vec<ResourceHandle>)>,
 }
 
@@ -140,11 +140,11 @@ pub struct RemovedUse {
 /// A removed pass, include, or pass of a repeat.
 #[derive(Clone, Debug)]
 pub struct RemovedPass {
-    /// Its `when`, or that of its repeat.
+    /// Its `when`, or its repeat's.
     pub condition: String,
     /// The condition in the file.
     pub when: Span,
-    /// The reason why it is false; `None` without names.
+    /// The reason why it is false; `None` if it uses no names.
     pub reason: Option<Reason>,
     /// Parameters that the condition depends on.
     pub decided: ParamSet,
@@ -167,7 +167,7 @@ pub struct LoweredPass {
     pub phase: String,
     /// Prologue or frame.
     pub run: Run,
-    /// The graph file that declares it: shaders are looked for beside it.
+    /// The graph file that declares it: shaders are searched beside it.
     pub file: FileId,
     /// Its `name` in the file.
     pub span: Span,
@@ -181,11 +181,11 @@ pub struct LoweredPass {
     pub push: Vec<LoweredPush>,
     /// Names and values of the defines: the constants of the scope.
     pub defines: Rc<Vec<(String, String)>>,
-    /// Names (as of defines) and values of constants that are numbers beyond 32 bits.
+    /// Names (in capitals) and values of constants beyond 32 bits.
     pub unfit: Rc<Vec<(String, String)>>,
     /// Parameters that decide whether the pass exists, and which resources it uses.
     pub decided: ParamSet,
-    /// Parameters that its numbers depend on: size, push constants, offsets, the word of a fill.
+    /// Parameters that its numbers depend on: size, push constants, offsets, fill word.
     pub read: ParamSet,
     /// Parameters behind the constants that shaders can use.
     pub constants: Rc<BTreeMap<String, ParamSet>>,
@@ -252,12 +252,12 @@ pub enum LoweredSize {
     },
 }
 
-/// Numbers in x, y and z.
+/// Counts in x, y and z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Extent {
-    /// The numbers; 1 in the dimensions that are not given.
+    /// The counts; 1 in dimensions that are not given.
     pub size: [u64; 3],
-    /// The number of dimensions that are given, 1 to 3.
+    /// The number of given dimensions, 1 to 3.
     ///
     /// A single dimension may be folded into y.
     pub dimensions: usize,

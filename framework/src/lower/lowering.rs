@@ -1,4 +1,4 @@
-//! The state of the walk over the passes, and of each graph file in it.
+//! The state of the walk over the passes, and of each graph file on it.
 
 use indexmap::IndexMap;
 use std::collections::BTreeMap;
@@ -62,14 +62,14 @@ pub(super) struct Level {
     pub graph: Rc<Graph>,
     pub outline: Rc<Outline>,
     pub names: Names,
-    /// Its own parameters and the exposed ones of its parts.
+    /// Its own parameters and those exposed by its parts.
     pub params: Vec<Param>,
     pub exposed: Exposed,
     /// `None` for an invalid declaration.
     pub handles: IndexMap<String, Option<Handle>>,
-    /// Parameters that decide which resource of an include a name means.
+    /// Parameters that decide which resource of an include a name refers to.
     pub given: BTreeMap<String, ParamSet>,
-    /// Includes without resources: removed by the condition at a place, or invalid.
+    /// Includes without resources: removed by the condition at this place, or invalid.
     pub absent: BTreeMap<String, Option<Span>>,
     /// Prefix for the names of passes and resources.
     pub prefix: String,
@@ -77,7 +77,7 @@ pub(super) struct Level {
     pub suffix: String,
     /// Index into [`Lowering::included`]; `None` for the root.
     pub include: Option<usize>,
-    /// Parameters that the includes and repeats around the present pass depend on.
+    /// Parameters that the includes and repeats around the current pass depend on.
     pub around: ParamSet,
     pub defines: Rc<Vec<(String, String)>>,
     pub unfit: Rc<Vec<(String, String)>>,
@@ -86,7 +86,7 @@ pub(super) struct Level {
 }
 
 impl Level {
-    /// Notes the parameters that decide which resource of an include a name means.
+    /// Records the parameters that decide which resource of an include a name refers to.
     pub fn note_given(&self, name: &str) {
         if let Some(params) = self.given.get(name) {
             self.names.note_decided(params);
@@ -209,7 +209,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Counts work. Returns false beyond the limit, the first time with an error at `place`.
+    /// Counts work. Returns false beyond the limit; the first time, adds an error at `place`.
     pub(super) fn count(&mut self, steps: usize, place: &Place) -> bool {
         let before = self.steps;
         self.steps = before.saturating_add(steps);

@@ -1,14 +1,15 @@
 //! Lowering: turns the tree of a graph file into a flat list of passes.
 //!
-//! A graph may be a preset of another, include graphs, repeat passes, omit passes and swap ping-pong resources. Lowering
-//! walks the tree once, in the order of the file, and resolves all of these: the result ([`Lowered`]) has only dispatches,
-//! draws and fills over numbered resources, every expression has a value, and `front(keys)` is one definite buffer. Lowering
-//! does not read shaders; linking checks the names under `bind`.
+//! A graph may be a preset of another, include graphs, repeat passes, omit passes and swap ping-pong resources.
+//! Lowering walks the tree once, in file order, and resolves all of these. The result ([`Lowered`]) has only
+//! dispatches, draws and fills over numbered resources; every expression has a value, and `front(keys)` is one definite
+//! buffer. Lowering does not read shaders; linking checks the names under `bind`.
 //!
-//! Files: `document` loads files and follows presets and choices; `require` takes the first graph of a choice whose requirements hold;
-//! `declared` lists a graph's parameters, `params` gives them values, and `defines` turns them into preprocessor defines; `scope`
-//! evaluates expressions; `resources` numbers buffers and images; `passes` walks the passes, `conditions` removes some of them,
-//! and `include` lowers included graphs; `results` finds the output and the statistics.
+//! Files: `document` loads files and follows presets and choices; `require` takes the first graph of a choice whose
+//! requirements hold; `declared` lists a graph's parameters, `params` gives them values, and `defines` turns them into
+//! preprocessor defines; `scope` evaluates expressions; `resources` numbers buffers and images; `passes` walks the
+//! passes, `conditions` removes some of them, and `include` lowers included graphs; `results` finds the output and the
+//! statistics.
 
 mod conditions;
 mod declared;
@@ -146,7 +147,7 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
     Ok((folded(&chosen.opened.summary), controls))
 }
 
-/// Holds the names that a graph's expressions can use, with their values: facts, constant parameters and `let`s.
+/// The names that a graph's expressions can use, with values: facts, constant parameters and `let`s.
 #[derive(Clone, Debug, Default)]
 pub struct ExpressionNames(Values);
 
@@ -161,16 +162,16 @@ impl ExpressionNames {
         self.0.iter().map(|(name, value)| (name.as_str(), value))
     }
 
-    /// Evaluates an expression; `None` if it is none, or uses another name, such as the variable of a repeat.
+    /// Evaluates an expression; `None` if it is invalid or uses another name, such as the variable of a repeat.
     pub fn evaluate(&self, expression: &str) -> Option<Value> {
         Expr::parse(expression).ok()?.eval(&self.0).ok()
     }
 }
 
-/// Evaluates a graph's parameters and `let`s, without lowering its passes: for editors. A `let` in error is left out.
+/// Evaluates a graph's parameters and `let`s without lowering its passes, for editors. An invalid `let` is left out.
 ///
 /// # Errors
-/// Those of the graph's file, its parameters, and the files that it leads to.
+/// Errors of the graph's file, its parameters, and the files that it refers to.
 pub fn expression_names(
     request: &Request,
     files: &mut SourceMap,
@@ -207,7 +208,7 @@ pub struct Standing {
 /// Checks a graph's `require` against the facts, without lowering the graph.
 ///
 /// # Errors
-/// Those of the graph's file, of its `require`, and of the files that it leads to.
+/// Errors of the graph's file, its `require`, and the files that it refers to.
 pub fn standing(request: &Request, files: &mut SourceMap) -> Result<Standing, Vec<Diagnostic>> {
     let chosen = Choices::new(request).standing(files)?;
     Ok(Standing { fallbacks: chosen.fallbacks.clone(), unmet: chosen.unmet.clone() })

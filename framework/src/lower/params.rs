@@ -1,4 +1,4 @@
-//! Parameters: from their declarations, presets and `--set` to values.
+//! Computes the values of parameters from their declarations, presets and `--set`.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -65,7 +65,7 @@ pub(super) fn resolve(
         let declared = &parameters.all[index];
         let name = &declared.name;
         if declared.reach(root.set.get(name)).names.iter().any(|name| failed.contains(name.as_str())) {
-            // A further error would only be a consequence of that one.
+            // Another error would only be a consequence of that one.
             failed.insert(name);
             continue;
         }
@@ -77,10 +77,10 @@ pub(super) fn resolve(
                 param.grows = grows;
                 let value = param.with_room(param.value.clone(), request.capacities);
                 if request.capacities.iter().any(|(capacities, _)| capacities == name) {
-                    // It ends at the range's end.
+                    // It is limited by the range's end.
                     behind.extend(&range);
                 }
-                // Growth is no reason in the file.
+                // The file gives no reason for growth.
                 param.reason.take_if(|_| value != param.value);
                 param.value = value;
                 if !others.is_empty() {
@@ -108,14 +108,14 @@ pub(super) fn resolve(
     Resolved { params, names, live_bytes: live_bytes(parameters.all.len()), live, skipped }
 }
 
-/// A parameter with the parameters of the root graph that it depends on, besides itself.
+/// A parameter, with the other parameters of the root graph that it depends on.
 struct Made {
     param: Param,
     /// Parameters behind its value.
     params: ParamSet,
     /// Parameters behind its range.
     range: ParamSet,
-    /// Parameters that the expression of its value names and did not read.
+    /// Parameters that the value's expression names but did not read.
     skipped: ParamSet,
 }
 
@@ -212,7 +212,7 @@ fn around<'a>(
     Ok(all)
 }
 
-/// Returns the domain of all values of a kind of parameter, without its range.
+/// Returns the domain of all values of a kind, ignoring its range.
 fn any(kind: &ParamKind) -> Domain {
     match kind {
         ParamKind::Bool { .. } => Domain::Bool,
@@ -222,7 +222,7 @@ fn any(kind: &ParamKind) -> Domain {
     }
 }
 
-/// Returns the statistic that a parameter grows with, of the graph that declares it.
+/// Returns the name of the statistic that a parameter grows with; the declaring graph must have it.
 fn grows(declared: &Declared) -> Result<Option<String>, Diagnostic> {
     let declaration = declared.declaration();
     let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = declaration;
@@ -265,7 +265,7 @@ fn domain(
 ) -> Result<(Domain, Value, Option<Value>), Diagnostic> {
     let value =
         |number: &Number, field: &str, domain: &Domain| given(number, domain, names, &place.field(field));
-    // Parameters reach shaders as 32-bit numbers, so their ranges do.
+    // Parameters reach shaders as 32-bit numbers, so ranges must fit.
     let too_wide = |at: Place, v: &dyn std::fmt::Display, kind: &str, from: &str, to: &str| {
         at.error(format!("a parameter is {kind} of 32 bits"), format!("expected {from} to {to}, found {v}"))
     };
@@ -321,7 +321,7 @@ fn domain(
             };
             Domain::Float { min, max, step }
         }
-        // A name of the list, or an expression that gives one.
+        // A name from the list, or an expression with that value.
         ParamKind::Choice { of, .. } => Domain::Choice(of.clone()),
     };
     let default = given(default, &domain, default_names, default_at)?;
@@ -329,7 +329,7 @@ fn domain(
     Ok((domain, default, exact))
 }
 
-/// Evaluates a value that a file gives to a parameter. In a choice, a string that is one of its names is a literal.
+/// Evaluates a parameter's value in a file. In a choice, a string equal to one of its options is a literal.
 pub(super) fn given(
     number: &Number,
     domain: &Domain,
@@ -347,8 +347,8 @@ pub(super) fn given(
     within(value, domain).map_err(|m| at.error("this value does not fit the parameter", m))
 }
 
-/// Returns the reason for a value of [`given`], the parameters that it depends on, and further parameters that its expression
-/// names; nothing for a literal.
+/// Returns the reason for a value of [`given`], the parameters that it depends on, and further parameters that its
+/// expression names. Empty for a literal.
 fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, ParamSet, ParamSet) {
     match (number, domain) {
         (Number::Literal(_), _) => Default::default(),
@@ -363,7 +363,7 @@ fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, P
     }
 }
 
-/// Converts a value to the domain's type, or describes what is wrong with it.
+/// Converts a value to the domain's type, or describes why it does not fit.
 fn within(value: Value, domain: &Domain) -> Result<Value, String> {
     match (domain, value) {
         (Domain::Bool, Value::Bool(v)) => Ok(Value::Bool(v)),
@@ -409,7 +409,8 @@ fn wanted(domain: &Domain) -> String {
     }
 }
 
-/// Reads a value as typed on a command line or kept by the viewer: `true` or `false`, an integer, a number, or one of the names.
+/// Parses a value from a command line or the viewer's settings: `true` or `false`, an integer, a number, or one of the
+/// names.
 ///
 /// The error has the form `expected X, found Y`.
 pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
@@ -422,8 +423,8 @@ pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
     within(parsed.ok_or_else(|| format!("is not {}", wanted(domain)))?, domain)
 }
 
-/// Evaluates a parameter of an included graph, with the parameters of the root graph behind it. `given` is the includer's
-/// setting, its scope, and its place.
+/// Evaluates a parameter of an included graph, and finds the parameters of the root graph behind it. `given` is the
+/// includer's setting, its scope, and its place.
 pub(super) fn included(
     declared: &Declared,
     setting: Option<&Setting>,
@@ -445,7 +446,7 @@ pub(super) fn is_identifier(name: &str) -> bool {
         && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
-/// Generates `live.glsl`: one uniform block with the live parameters, in their order.
+/// Generates `live.glsl`: one uniform block with the live parameters, in order.
 pub(super) fn live_glsl(params: &[Param]) -> String {
     let members: Vec<String> = params
         .iter()

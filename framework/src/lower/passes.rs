@@ -15,7 +15,7 @@ use crate::source::Diagnostic;
 /// Maximum length of a pass's name in the file, in bytes.
 const LONGEST_NAME: usize = 256;
 
-/// Maximum number of errors before the walk ends.
+/// Maximum number of errors before the walk stops.
 const MAX_ERRORS: usize = 20;
 
 /// The fields that all kinds of passes share.
@@ -214,8 +214,8 @@ impl Lowering<'_> {
         self.words(level, named, (bytes, &what), at)
     }
 
-    /// Resolves a buffer and the byte offset of words in it, whose names are at `at`. `what` describes the words in
-    /// errors.
+    /// Resolves a buffer and the byte offset of words in it; `at` is the place of their names. `what` describes the
+    /// words in errors.
     pub(super) fn words(
         &self,
         level: &Level,

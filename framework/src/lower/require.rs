@@ -1,4 +1,4 @@
-//! Checks the requirements of graphs against the facts, and chooses between graphs accordingly.
+//! Checks the requirements of graphs against the facts, and chooses a graph accordingly.
 
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -9,11 +9,11 @@ use crate::ir::{Fallback, FileId, Reason, Request, Unmet, Value};
 use crate::schema::{Number, PassDecl, folded};
 use crate::source::{Diagnostic, Kind, SourceMap};
 
-/// A graph of a choice, or the only one.
+/// The chosen graph, or the only one.
 #[derive(Debug)]
 pub(super) struct Chosen {
     pub opened: Rc<Opened>,
-    /// The graphs before it.
+    /// The graphs passed over.
     pub fallbacks: Vec<Fallback>,
     /// Unmet requirements; empty unless no graph suits the facts.
     pub unmet: Vec<Unmet>,
@@ -35,7 +35,7 @@ impl<'a> Choices<'a> {
         Choices { request, known: HashMap::new() }
     }
 
-    /// Opens the graph that the request names; for a choice, the first graph whose requirements hold.
+    /// Opens the requested graph; for a choice, the first graph whose requirements hold.
     ///
     /// If no graph suits the facts, the error lists the unmet requirements.
     pub fn root(&mut self, files: &mut SourceMap) -> Result<Rc<Chosen>, Vec<Diagnostic>> {
@@ -124,12 +124,12 @@ impl<'a> Choices<'a> {
     }
 }
 
-/// Unmet requirements of a graph, each with its error for the case that there is no fallback.
+/// Unmet requirements of a graph, each with its error in case there is no fallback.
 #[derive(Default)]
 struct Needs {
     unmet: Vec<Unmet>,
     errors: Vec<Diagnostic>,
-    /// Returns true if all of them are preferences of a choice.
+    /// True if all of them are preferences of a choice.
     preference: bool,
 }
 

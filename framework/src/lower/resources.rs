@@ -45,7 +45,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Records the parameters of a declaration with the resources that it added, starting at `first`.
+    /// Records the parameters of a declaration with the resources that it added, from `first` on.
     fn note(&mut self, level: &Level, first: usize) {
         let params = level.names.take_notes().all();
         self.resources[first..].iter_mut().for_each(|resource| resource.params = params.clone());
@@ -231,7 +231,7 @@ impl Lowering<'_> {
 
     pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceHandle {
         let id = ResourceHandle(self.resources.len() as u32);
-        // The name of the block of live parameters is taken.
+        // The name of the live block is reserved.
         if let Some(first) = self.resource_names.insert(name.clone(), span) {
             self.errors.push(
                 Diagnostic::new(format!("two resources are called `{name}`"), span, "the second")
@@ -252,7 +252,7 @@ impl Lowering<'_> {
         id
     }
 
-    /// Returns the resources of the reference at `place` at this point of the walk, or `Ok(None)` if the name is
+    /// Returns the resources that the reference at `place` means at this point of the walk. `Ok(None)` if the name is
     /// known but its declaration is invalid.
     pub(super) fn look_up(
         &self,
@@ -261,7 +261,7 @@ impl Lowering<'_> {
         place: &Place,
     ) -> Result<Option<Vec<ResourceHandle>>, Diagnostic> {
         let Reference { text, name, choice } = reference;
-        // A constant can hold a name too, where no resource has the constant's name.
+        // A constant can hold a resource's name, unless a resource has the constant's name.
         let constant = level.names.values.get(text).filter(|_| !level.handles.contains_key(text));
         let chosen = match (choice, constant) {
             (Some(choice), _) => level.names.deciding(|| level.names.expression(choice, place))?,
@@ -283,7 +283,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Looks a parsed name up; `span` is its place.
+    /// Looks up a parsed name; `span` is its place.
     pub(super) fn look_up_name(
         &self,
         level: &Level,
@@ -328,7 +328,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Like [`Self::look_up`], for places that take one resource only.
+    /// Like [`Self::look_up`], for places that take a single resource.
     pub(super) fn look_up_one(
         &self,
         level: &Level,
@@ -392,7 +392,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Checks an includer's resource against a port that takes an image.
+    /// Checks an includer's resource against an image port.
     fn image_port(
         &self,
         name: &str,

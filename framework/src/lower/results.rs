@@ -1,4 +1,4 @@
-//! Resolves the output, the other outputs that are asked for, and the statistics of a graph and its parts.
+//! Resolves the output, the other requested outputs, and the statistics of a graph and its parts.
 
 use super::lowered::ResourceHandle;
 use super::lowering::{Level, Lowering};
@@ -7,7 +7,7 @@ use crate::ir::{OUTPUTS, Output, Shape, Span, Stat, Value};
 use crate::schema::Reference;
 use crate::source::{Diagnostic, Path};
 
-/// Returns the message of the error for an output that is asked for and that the graph does not have.
+/// Returns the error message for a requested output that the graph does not have.
 pub fn no_output(name: &str) -> String {
     format!("this graph has no output `{name}`")
 }
@@ -27,7 +27,7 @@ impl<'a> Lowering<'a> {
         Some((self.output_image(level, name, &at)?, at.span()))
     }
 
-    /// Refuses outputs that are asked for, by facts such as `outputs.depth`, and that the graph does not have.
+    /// Refuses outputs, requested by facts such as `outputs.depth`, that the graph does not have.
     pub(super) fn check_outputs(&mut self, level: &Level) {
         let known = || level.graph.outputs.keys().map(String::as_str);
         for name in self.asked().filter(|name| known().all(|other| other != *name)).collect::<Vec<_>>() {
@@ -40,7 +40,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Finds the images of the outputs besides the picture, and returns those that are asked for.
+    /// Finds the images of the outputs besides the picture, and returns the requested ones.
     pub(super) fn outputs(&mut self, level: &Level) -> Vec<Output<ResourceHandle>> {
         let root = Place::new(&level.outline, Path::root());
         let mut found = Vec::new();
@@ -55,13 +55,13 @@ impl<'a> Lowering<'a> {
         found
     }
 
-    /// Lists the outputs that are asked for.
+    /// Lists the requested outputs.
     fn asked(&self) -> impl Iterator<Item = &'a str> + use<'a> {
         let asked = self.request.facts.host.iter().filter(|(_, value)| **value == Value::Bool(true));
         asked.filter_map(|(name, _)| name.strip_prefix(OUTPUTS))
     }
 
-    /// Finds the image of an output, whose name stands at `at`.
+    /// Finds the image of an output; `at` is the place of its name.
     fn output_image(&mut self, level: &Level, name: &Reference, at: &Place) -> Option<ResourceHandle> {
         match self.look_up_one(level, name, at).and_then(|id| self.of_this_frame(id, at)) {
             Ok(Some(id)) if matches!(self.resources[id.index()].shape, Shape::Image { .. }) => Some(id),

@@ -15,14 +15,13 @@ pub(super) type Values = BTreeMap<String, Value>;
 
 /// Names visible to the expressions of one graph: facts, constant parameters, `let`s and repeat variables.
 ///
-/// Every evaluation records the parameters of the root graph that it read. Lowering a statement takes these
-/// records.
+/// Every evaluation records the parameters of the root graph that it read. Lowering a statement takes these records.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Names {
     pub values: Values,
     /// Live parameters, which have no value when the plan is built.
     pub live: BTreeSet<String>,
-    /// The parameters of the root graph behind each name, for names with such parameters.
+    /// The parameters of the root graph behind each name; names without any are absent.
     pub params: BTreeMap<String, ParamSet>,
     notes: RefCell<Notes>,
 }
@@ -37,7 +36,7 @@ pub(super) struct Notes {
 }
 
 impl Notes {
-    /// Returns the parameters of both kinds.
+    /// Returns both kinds.
     pub fn all(mut self) -> ParamSet {
         self.read.append(&mut self.decided);
         self.read
@@ -49,7 +48,7 @@ impl Scope for Names {
         if let Some(params) = self.params.get(name) {
             self.notes.borrow_mut().read.extend(params);
         }
-        // An output that nobody asks for.
+        // An output that was not requested.
         let unasked = || name.starts_with(OUTPUTS).then_some(Value::Bool(false));
         self.values.get(name).cloned().or_else(unasked)
     }
@@ -59,7 +58,7 @@ impl Scope for Names {
     }
 }
 
-/// An element of a file: its outline and its place in it.
+/// An element of a file: the file's outline, and the path.
 #[derive(Clone, Debug)]
 pub(super) struct Place {
     pub outline: Rc<Outline>,
@@ -84,7 +83,7 @@ impl Place {
         self.outline.value(&self.path)
     }
 
-    /// Returns the name of the field or the key that it is the value of.
+    /// Returns the span of the element's field name or key.
     pub fn key(&self) -> Span {
         self.outline.key(&self.path)
     }
@@ -107,14 +106,14 @@ impl Names {
         }
     }
 
-    /// Replaces the meaning of a name.
+    /// Redefines a name.
     pub fn shadow(&mut self, name: &str, value: Value, params: ParamSet) {
         self.live.remove(name);
         self.params.remove(name);
         self.define(name, value, params);
     }
 
-    /// Takes a parameter over from the includer's names.
+    /// Takes over a parameter from the includer's names.
     pub fn adopt(&mut self, name: &str, from: &Names) {
         if let Some(value) = from.values.get(name) {
             self.define(name, value.clone(), from.params.get(name).cloned().unwrap_or_default());
@@ -130,14 +129,14 @@ impl Names {
         self.notes.take()
     }
 
-    /// Evaluates without recording, and returns the result with what was read.
+    /// Evaluates without recording, and returns the result and the parameters read.
     pub fn traced<T>(&self, evaluate: impl FnOnce() -> T) -> (T, ParamSet) {
         let outer = self.notes.take();
         let result = evaluate();
         (result, self.notes.replace(outer).all())
     }
 
-    /// Evaluates a count or a choice of a resource.
+    /// Evaluates a count or a choice of a resource, and records its parameters as decisive.
     pub fn deciding<T>(&self, evaluate: impl FnOnce() -> T) -> T {
         let (result, read) = self.traced(evaluate);
         self.note_decided(&read);
@@ -149,7 +148,7 @@ impl Names {
         self.notes.borrow_mut().decided.extend(params);
     }
 
-    /// Returns the parameters behind all names in a number, whether its evaluation reads them or not.
+    /// Returns the parameters behind all names in a number, even if its evaluation does not read them.
     pub fn named_by(&self, number: &Number) -> ParamSet {
         match number {
             Number::Literal(_) => ParamSet::new(),
@@ -157,7 +156,7 @@ impl Names {
         }
     }
 
-    /// Returns the parameters behind all names of a choice of a resource.
+    /// Returns the parameters behind all names in a choice of a resource.
     pub fn named_by_choice(&self, reference: &Reference) -> ParamSet {
         match &reference.choice {
             Some(choice) => self.named(choice),
@@ -165,7 +164,7 @@ impl Names {
         }
     }
 
-    /// Returns the parameters behind all names of an expression.
+    /// Returns the parameters behind all names in an expression.
     pub fn named(&self, expression: &Expression) -> ParamSet {
         let names = expression.parsed.iter().flat_map(|expr| expr.names());
         names.filter_map(|(name, _)| self.params.get(name)).flatten().copied().collect()
@@ -206,7 +205,7 @@ impl Names {
 
     /// Returns the reason for an expression's value: the names that its evaluation read.
     ///
-    /// `None` without a value, or without names.
+    /// `None` if it has no value or reads no names.
     pub fn reason(&self, expression: &Expression) -> Option<Reason> {
         let reached = Reached { names: self, values: RefCell::default() };
         expression.parsed.as_ref().ok()?.eval(&reached).ok()?;

@@ -1,17 +1,18 @@
 //! Translates SPIR-V to the Metal Shading Language with SPIRV-Cross, which is linked in.
 //!
-//! Each shader's SPIR-V becomes the text of a library with one function, which Metal compiles when the pipeline is made. Vulkan
-//! numbers a shader's bindings freely. Metal has argument tables, one for buffers and one for textures; `places` assigns the
-//! indices, and SPIRV-Cross generates the function with them.
+//! Each shader's SPIR-V becomes the text of a library with one function, which Metal compiles when the pipeline is
+//! created. Vulkan numbers a shader's bindings freely. Metal has argument tables, one for buffers and one for textures;
+//! `places` assigns the indices, and SPIRV-Cross generates the function with them.
 //!
 //! The function requires of the executor:
 //!
 //! - `MTLCompileOptions` of [`VERSION`] without fast math, because keys and culling depend on exact rounding;
-//! - a pipeline whose `threadExecutionWidth` is the subgroup width that the plan was built for, a constant of the text;
+//! - a pipeline whose `threadExecutionWidth` is the plan's subgroup size, a constant of the text;
 //! - buffers with the push constants and sizes at the indices [`Msl::push`] and [`Msl::sizes`];
-//! - nothing for the y axis: the vertex function returns positions with y upwards, as in Metal's clip space.
+//! - no flip of the y axis: the vertex function returns positions with y upwards, as in Metal's clip space.
 //!
-//! SPIRV-Cross is C++ and throws on what it cannot translate; its C interface, which the crate calls, turns exceptions into errors.
+//! SPIRV-Cross is C++ and throws if it cannot translate a construct. Its C interface, used here, turns exceptions into
+//! errors.
 
 #[cfg(all(test, feature = "glslang"))]
 mod tests;
@@ -44,7 +45,7 @@ pub struct MslError {
 
 /// Translates all shaders of a plan.
 ///
-/// Translates all others if a shader fails, and returns one error per failed shader.
+/// If a shader fails, translates the others, and returns one error per failed shader.
 pub fn add_msl(plan: &mut Plan) -> Result<(), Vec<MslError>> {
     let lanes = match plan.facts.get("device.subgroup_size") {
         Some(Value::Int(lanes)) => u32::try_from(*lanes).unwrap_or(0),
@@ -68,7 +69,7 @@ struct Places {
     free: u32,
 }
 
-/// Numbers the arguments of a shader: buffers in the order of their bindings, then push constants; textures separately.
+/// Assigns argument indices: buffers in binding order, then push constants; textures separately.
 fn places(reflection: &Reflection) -> Places {
     let (mut buffers, mut textures) = (0, 0);
     let mut arguments = Vec::new();
@@ -130,7 +131,7 @@ fn translate(shader: &Shader, lanes: u32) -> Result<Msl, String> {
     })
 }
 
-/// Calls SPIRV-Cross. Returns the text, the function's name, and whether it asks for the sizes of buffers.
+/// Calls SPIRV-Cross. Returns the text, the function's name, and whether it needs the sizes of buffers.
 fn call(
     spirv: &[u32],
     stage: ExecutionModel,
@@ -138,7 +139,7 @@ fn call(
     lanes: u32,
 ) -> Result<(String, String, bool), SpirvCrossError> {
     let mut compiler = Compiler::<targets::Msl>::new(Module::from_words(spirv))?;
-    // SPIRV-Cross would give unused arguments indices that other arguments have.
+    // SPIRV-Cross would give unused arguments the indices of other arguments.
     let used = compiler.active_interface_variables()?;
     compiler.set_enabled_interface_variables(used)?;
     // An array of descriptors is one binding with a count, at the index of its first element.
@@ -157,7 +158,7 @@ fn call(
         compiler.add_resource_binding(stage, ResourceBinding::PushConstantBuffer, &target)?;
     }
     let done = compiler.compile(&options(places.free, lanes))?;
-    // Metal functions cannot be called `main`.
+    // Metal functions cannot be named `main`.
     let entry = done.cleansed_entry_point_name("main", stage)?;
     let entry = entry
         .ok_or_else(|| SpirvCrossError::InvalidSpirv("expected an entry point `main`".to_string()))?
@@ -166,26 +167,26 @@ fn call(
     Ok((done.to_string(), entry, sizes))
 }
 
-/// Chooses how SPIRV-Cross translates.
+/// Returns the options for SPIRV-Cross.
 fn options(sizes: u32, lanes: u32) -> CompilerOptions {
     let mut options = targets::Msl::options();
     options.version = MslVersion::from(VERSION);
     options.platform = MetalPlatform::MacOS;
-    // A plan is built for one width of subgroups, and its shaders hold it as a constant.
+    // A plan is built for one subgroup size, and its shaders contain it as a constant.
     options.fixed_subgroup_size = lanes;
     options.buffer_size_buffer_index = sizes;
     // Vulkan's clip space has y downwards, Metal's upwards. Depth has the same range in both.
     options.common.flip_vertex_y = true;
     options.common.fixup_clipspace = false;
-    // Comparisons and minima with NaN are those of the SPIR-V: degenerate splats are culled by them.
+    // Comparisons and minima with NaN must behave as in the SPIR-V: they cull degenerate splats.
     options.common.relax_nan_checks = false;
     // Products and sums may be contracted unless the SPIR-V forbids it (`precise`), as in Vulkan.
     options.invariant_fp_math = false;
     // A fragment function must return as many components as its target has.
     options.pad_fragment_output_components = true;
-    // No topology has points.
+    // Graphs have no point topology.
     options.enable_point_size_builtin = false;
-    // On some devices, stores of discarded fragments would take effect.
+    // On some devices, stores of discarded fragments would otherwise take effect.
     options.check_discarded_frag_stores = true;
     options
 }

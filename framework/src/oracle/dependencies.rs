@@ -1,26 +1,27 @@
 //! Checks a plan's dependencies and layout changes against the accesses of its passes.
 //!
-//! The solver walks over the passes once, with a state of memory. This check has no state: of each cell it lists the passes that
-//! access it, in the prologue and in three frames, and looks back from each access to those next before it. Every such pair must be in
-//! a dependency, and every stage and access of a dependency must be in such a pair.
+//! The solver walks over the passes once, with a state of memory. This check has no state. For each memory cell it
+//! lists the passes that access it, in the prologue and in three frames, and looks back from each access to its
+//! immediate predecessors. Every such pair must be in a dependency, and every stage and access of a dependency must be
+//! in such a pair.
 
 use super::trace::{Access, Trace};
 use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Stages};
 use crate::plan::{Dependency, LayoutChange, Plan, Since};
 use std::collections::HashSet;
 
-/// `A | B` of a set's named members.
+/// Formats a set's named members: `A | B`.
 pub fn flag_names<T>(names: impl Iterator<Item = (&'static str, T)>) -> String {
     names.map(|(name, _)| name).collect::<Vec<_>>().join(" | ")
 }
 
-/// Frames that are listed: enough for one to follow a frame that followed one.
+/// Number of frames listed: enough for a frame whose predecessor has a predecessor.
 const FRAMES: u32 = 3;
 
-/// Names a mistake in a plan's dependencies or layout changes.
+/// A mistake in a plan's dependencies or layout changes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Objection {
-    /// Two accesses conflict, and no dependency has both.
+    /// Two accesses conflict, and no dependency covers them.
     Missing {
         /// The kind of conflict: after a write, after a read, or of a layout change.
         hazard: Hazard,
@@ -35,14 +36,14 @@ pub enum Objection {
         /// The later stage and access; empty for a layout change.
         target: (Stages, Accesses),
     },
-    /// A dependency, or a part of one, is for no conflict; a sentence.
+    /// A dependency, or a part of one, without a conflict.
     Needless {
         /// Its index in [`Plan::dependencies`].
         dependency: usize,
-        /// The part.
+        /// The part, as a sentence.
         what: String,
     },
-    /// A pass finds an image in another layout than it needs, or a layout change finds another than it says.
+    /// An image is in another layout than a pass needs, or than a layout change assumes.
     Layout {
         /// The pass.
         pass: PassId,
@@ -97,14 +98,14 @@ impl Objection {
     }
 }
 
-/// A pass in the prologue (`None`) or a frame.
+/// A pass in the prologue (`None`) or in a frame.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Occurrence {
     frame: Option<u32>,
     pass: PassId,
 }
 
-/// Event of a cell.
+/// An event in the history of a cell.
 enum Event<'a> {
     Pass(Occurrence, Vec<&'a Access>),
     Change,
@@ -127,13 +128,13 @@ struct Check<'a> {
     /// Events so far, by cell.
     cells: Vec<Vec<Event<'a>>>,
     layouts: Vec<Layout>,
-    /// The stages and accesses of each dependency that were needed, and whether its layout change was.
+    /// For each dependency, the stages and accesses that were needed, and whether its layout change was.
     used: Vec<(Dependency, bool)>,
     found: Vec<Objection>,
     seen: HashSet<String>,
 }
 
-/// Lists what is missing from a plan's dependencies and layout changes, and what is needless.
+/// Lists missing and needless parts of a plan's dependencies and layout changes.
 pub fn dependencies(plan: &Plan) -> Vec<Objection> {
     let trace = Trace::new(plan, 1);
     let nothing = |dependency: &Dependency| Dependency {
@@ -199,7 +200,8 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Demands the accesses next before one of a pass: for a read the last write, for a write the reads since or else that write.
+    /// Demands a dependency on the preceding accesses: for a read the last write; for a write the reads since it, or
+    /// else that write.
     fn look_back(&mut self, cell: usize, now: Occurrence, target: &'a Access) {
         let mut pairs = Vec::new();
         let events = self.cells[cell].iter().rev();
@@ -223,7 +225,7 @@ impl<'a> Check<'a> {
         pairs.into_iter().for_each(|pair| self.demand(pair));
     }
 
-    /// Requires dependencies of a layout change: on the reads since the last write or change, or else on that write.
+    /// Demands dependencies of a layout change: on the reads since the last write or change, or else on that write.
     fn change(&mut self, change: &LayoutChange, now: Occurrence) {
         let LayoutChange { image, old, new, .. } = *change;
         let found = self.layouts[image.index()];
@@ -258,7 +260,7 @@ impl<'a> Check<'a> {
         pairs.into_iter().for_each(|pair| self.demand(pair));
     }
 
-    /// Marks the dependencies that order two accesses; there must be one.
+    /// Marks the dependencies that order two accesses; adds an objection if there is none.
     fn demand(&mut self, pair: Pair) {
         let Pair { first, source, second, resource, target } = pair;
         let since = match (first.frame, second.frame) {
@@ -330,7 +332,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Lists dependencies, and parts of them, that no two accesses require.
+    /// Lists dependencies, and parts of them, that no pair of accesses requires.
     fn needless(&mut self) {
         for (index, (dependency, (used, change))) in self.plan.dependencies.iter().zip(&self.used).enumerate()
         {
@@ -345,7 +347,7 @@ impl<'a> Check<'a> {
             if dependency.changes_layout && !change {
                 say("the layout change", String::new());
             }
-            // The target of a layout change is what its pass does to the image.
+            // The target of a layout change is its pass's access to the image.
             let change_alone = dependency.hazard == Hazard::LayoutChange;
             let sides =
                 [("source", &dependency.source, &used.source), ("target", &dependency.target, &used.target)];
@@ -363,7 +365,7 @@ impl<'a> Check<'a> {
 
 /// Returns true if the pass of a read does not also write at that stage.
 ///
-/// Otherwise the order after the write holds for the read as well.
+/// Otherwise the order after the write covers the read as well.
 fn is_apart(read: &Access, accesses: &[&Access]) -> bool {
     !accesses.iter().any(|other| other.writes() && other.stage == read.stage)
 }

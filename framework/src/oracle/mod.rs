@@ -1,11 +1,12 @@
 //! Checks the dependencies of a plan against the accesses of its passes.
 //!
-//! The solver walks over the passes with a state of memory. [`dependencies()`] has no state: it lists for each byte the passes that access
-//! it, and looks back from each access. The two share nothing but [`crate::plan`], so that a mistake has to be made twice to go unnoticed.
-//! A backend checks what it makes of the dependencies by a model of its API's rules.
+//! The solver walks over the passes with a state of memory. [`dependencies()`] has no state: it lists for each byte the
+//! passes that access it, and looks back from each access. The two share nothing but [`crate::plan`], so a mistake goes
+//! unnoticed only if it is made twice. A backend checks its lowering of the dependencies with a model of its API's
+//! rules.
 //!
-//! The files: `stages` says which accesses a pipeline stage performs; [`trace`] lists the accesses of each pass by their bytes;
-//! `dependencies` is the check.
+//! The files: `stages` has the accesses that a pipeline stage performs; [`trace`] lists the accesses of each pass by
+//! their bytes; `dependencies` is the check.
 
 mod dependencies;
 pub mod stages;

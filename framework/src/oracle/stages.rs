@@ -1,8 +1,8 @@
 //! The logical order of pipeline stages, and the accesses that each performs.
 //!
-//! Vulkan 1.3, 7.1.2 "Pipeline Stages": a source stage mask also stands for the logically earlier stages and a target
-//! stage mask for the logically later ones, but only for the order of execution. Memory accesses are in a barrier's
-//! scope only at stages that it names.
+//! Vulkan 1.3, 7.1.2 "Pipeline Stages": a source stage mask includes the logically earlier stages, and a target stage
+//! mask the logically later ones, but only for the execution dependency. Memory accesses are in a barrier's scope only
+//! at stages that it names.
 
 use crate::ir::{Accesses, Stages};
 
@@ -21,12 +21,12 @@ pub fn with_later(stages: Stages) -> Stages {
     scope
 }
 
-/// Returns the stages that stand for what a command did at `stage` if a source mask names one: that stage, and the later ones
-/// of the command's own pipeline.
+/// Returns the stages whose presence in a source mask covers a command's work at `stage`: that stage, and the later
+/// ones of the command's own pipeline.
 ///
-/// `INDIRECT` is the one stage that two pipelines have. That a later stage stands for it is said of the pipeline that a command
-/// runs; whether `COMPUTE` stands for the reading of a draw's arguments is open, and a driver with queues of its own for
-/// dispatches and draws (PanVK) does not wait for it. So it does not count.
+/// `INDIRECT` is the only stage of two pipelines. The specification says that a later stage covers an earlier one of
+/// the pipeline that a command runs. Whether `COMPUTE` covers reading a draw's arguments is open: a driver with
+/// separate queues for dispatches and draws (PanVK) does not wait for it. So it does not count here.
 pub fn stood_for_by(stage: Stages, dispatch: bool) -> Stages {
     match stage {
         Stages::INDIRECT if dispatch => Stages::INDIRECT | Stages::COMPUTE,

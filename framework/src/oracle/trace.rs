@@ -1,7 +1,8 @@
-//! Lists the accesses of each pass by their bytes, without the barriers.
+//! Lists the accesses of each pass by their bytes, ignoring barriers.
 //!
 //! Memory is cut into cells at every boundary of an access, so that an access always covers whole cells. Blocks come
-//! first, then the memory of the resources outside blocks. Resources that the host accesses have their cells once per copy.
+//! first, then the memory of the resources outside blocks. Resources that the host accesses have one set of cells per
+//! copy.
 
 use std::ops::Range;
 
@@ -14,21 +15,21 @@ use crate::plan::Plan;
 /// Describes one kind of access at one stage.
 #[derive(Clone)]
 pub struct Access {
-    /// The resource that is accessed.
+    /// The accessed resource.
     pub resource: ResourceId,
     /// The pipeline stage.
     pub stage: Stages,
-    /// Stages that stand for it in a source mask.
+    /// Stages that cover it in a source mask.
     pub named_by: Stages,
     /// The kind of access, one bit.
     pub access: Accesses,
-    /// It reads data written before the pass.
+    /// True if it reads data written before the pass.
     pub needs_contents: bool,
-    /// Every access of the shader to the resource is an atomic.
+    /// True if all accesses of the shader to the resource are atomic.
     atomic: bool,
-    /// In the first copy.
+    /// The cells in the first copy.
     cells: Range<usize>,
-    /// From one copy to the next; 0 where there is one.
+    /// Cells from one copy to the next; 0 for a single copy.
     stride: usize,
 }
 
@@ -45,17 +46,17 @@ impl Access {
     }
 }
 
-/// Pairs two accesses of one pass to the same memory which no barrier can order: through different resources, or at different
+/// Two accesses of one pass to the same memory that no barrier can order: through different resources, or at different
 /// stages.
 #[derive(Clone)]
 pub struct Clash {
-    /// One of the two.
+    /// One access.
     pub first: Access,
-    /// The other.
+    /// The other access.
     pub second: Access,
 }
 
-/// Lists what a pass does to memory.
+/// A pass's effects on memory.
 #[derive(Default)]
 pub struct Actions {
     /// Every access at every stage.
@@ -68,17 +69,17 @@ pub struct Actions {
 
 /// Locates a resource in the cells.
 pub struct ResourceCells {
-    /// All cells of its memory, and its own, in the first copy.
+    /// All cells of its memory, and its own cells, in the first copy.
     all: Range<usize>,
     own: Range<usize>,
     stride: usize,
     /// Images that lose their layout when this resource is written.
     pub alias_images: Vec<ResourceId>,
-    /// Reads must find data of the same frame: nothing keeps it from one frame to the next.
+    /// True if reads must find data of the same frame: the contents do not persist between frames.
     pub fresh: bool,
-    /// A uniform block, which the host writes for every frame.
+    /// True for a uniform block, which the host writes for every frame.
     pub host_writes: bool,
-    /// An attribute of the scene: filled before the replay.
+    /// True for an attribute of the scene: it is filled before the replay.
     pub uploaded: bool,
 }
 
@@ -89,19 +90,19 @@ impl ResourceCells {
         self.own.start + offset..self.own.end + offset
     }
 
-    /// Returns true if there is a copy for each frame in flight.
+    /// Returns true if each frame in flight has a copy.
     pub fn per_frame(&self) -> bool {
         self.stride != 0
     }
 }
 
-/// Holds the accesses of all passes, and the cells that memory is cut into.
+/// The accesses of all passes, and the cells of memory.
 pub struct Trace {
     /// By pass.
     pub passes: Vec<Actions>,
     /// By resource.
     pub resources: Vec<ResourceCells>,
-    /// Bytes that a cell covers, from the start of its memory.
+    /// Byte range of each cell, from the start of its memory.
     pub cells: Vec<Range<u64>>,
 }
 
@@ -116,7 +117,7 @@ struct Extent {
 }
 
 impl Trace {
-    /// Lists the accesses of a plan. `copies` counts the copies of resources that the host accesses.
+    /// Lists the accesses of a plan. `copies` is the number of copies of resources that the host accesses.
     pub fn new(plan: &Plan, copies: u32) -> Trace {
         let extents: Vec<Extent> =
             plan.passes.iter().enumerate().flat_map(|(index, _)| extents(plan, index)).collect();
@@ -153,18 +154,18 @@ impl Trace {
         Trace { passes, resources: places, cells }
     }
 
-    /// Returns what a pass does.
+    /// Returns the actions of a pass.
     pub fn actions(&self, pass: PassId) -> &Actions {
         &self.passes[pass.index()]
     }
 
-    /// Returns where a resource stands.
+    /// Returns the cells of a resource.
     pub fn resource(&self, id: ResourceId) -> &ResourceCells {
         &self.resources[id.index()]
     }
 }
 
-/// Returns the cells among `of` that lie in `bytes`.
+/// Returns the cells in `of` that lie in `bytes`.
 fn covered(cells: &[Range<u64>], of: &Range<usize>, bytes: &Range<u64>) -> Range<usize> {
     let own = &cells[of.clone()];
     let start = own.partition_point(|cell| cell.start < bytes.start);
@@ -175,7 +176,7 @@ fn covered(cells: &[Range<u64>], of: &Range<usize>, bytes: &Range<u64>) -> Range
 /// Lists each stage and access of a pass with its bytes.
 fn extents(plan: &Plan, index: usize) -> Vec<Extent> {
     let pass = &plan.passes[index];
-    // A shader may read what the same pass wrote, and orders that itself.
+    // A shader may read what its own pass wrote; it orders that itself.
     let storage_written: Vec<ResourceId> = (pass.uses.iter())
         .filter(|touch| touch.accesses.contains(Accesses::STORAGE_WRITE))
         .map(|touch| touch.resource)
@@ -202,7 +203,7 @@ fn extents(plan: &Plan, index: usize) -> Vec<Extent> {
     extents
 }
 
-/// Returns the bytes of a resource that one access covers: all of them, unless the work limits them.
+/// Returns the byte ranges that one access covers: the whole resource, unless the work limits them.
 fn ranges(plan: &Plan, work: &Work, touch: &Use, access: Accesses) -> Vec<Range<u64>> {
     const WORD: u64 = 4;
     let words = |offset: u64, count: u64| offset..offset.saturating_add(WORD * count);
@@ -229,7 +230,7 @@ fn ranges(plan: &Plan, work: &Work, touch: &Use, access: Accesses) -> Vec<Range<
         }
         _ => vec![],
     };
-    // The output is exported whole, and is no statistic.
+    // The output, and not a statistic: it is exported whole.
     if narrow.is_empty() { vec![whole] } else { narrow }
 }
 
@@ -256,7 +257,7 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<ResourceCells>, Vec
 
     let mut cells: Vec<Range<u64>> = Vec::new();
     let mut starts = Vec::new();
-    // Of each memory, the resources in it.
+    // For each memory, its resources.
     let mut tenants: Vec<Vec<usize>> = vec![Vec::new(); memories];
     memory_of.iter().enumerate().for_each(|(resource, memory)| tenants[*memory].push(resource));
     for (memory, bounds) in bounds.iter_mut().enumerate() {
@@ -293,7 +294,7 @@ fn cut(plan: &Plan, extents: &[Extent], copies: u32) -> (Vec<ResourceCells>, Vec
     (places, cells)
 }
 
-/// Returns true if the shader of an access makes every access to the resource by an atomic, under each name that it is bound to.
+/// Returns true if the shader accesses the resource only by atomics, through every binding of it.
 fn is_atomic(plan: &Plan, extent: &Extent) -> bool {
     let pass = &plan.passes[extent.pass];
     let shader = match (&pass.work, extent.stage) {
@@ -309,8 +310,7 @@ fn is_atomic(plan: &Plan, extent: &Extent) -> bool {
     shader.reflection.bindings.iter().filter(|block| bound(block.binding)).all(|block| block.atomics_only)
 }
 
-/// Finds accesses of one pass that meet in memory, one of them a write: through different resources, or at different stages, except
-/// by atomics.
+/// Finds conflicting accesses of one pass: through different resources, or at different stages, unless both are atomic.
 fn clashes(accesses: &[Access]) -> Vec<Clash> {
     let mut clashes = Vec::new();
     for (index, first) in accesses.iter().enumerate() {

@@ -1,12 +1,12 @@
 //! Keeps the last good product, and the error of a newer attempt, while files are being edited.
 //!
-//! This is a small state machine; the caller passes the time in. The picture depends on the newest attempt that succeeded. An error
-//! right after a change is delayed ([`GRACE`]), because the file may be half written. If the other half arrives in time,
-//! the next attempt begins and the error is never shown.
+//! This is a small state machine; the caller passes the time in. The picture depends on the newest attempt that
+//! succeeded. An error right after a change is delayed ([`GRACE`]), because the file may be half written. If the rest
+//! arrives in time, the next attempt begins and the error is never shown.
 
 use std::time::{Duration, Instant};
 
-/// Delays errors after a change of a file.
+/// Delay of errors after a file change.
 pub const GRACE: Duration = Duration::from_millis(200);
 
 /// Identifies one build, to be passed back with its outcome.
@@ -15,16 +15,16 @@ pub struct Attempt {
     number: u64,
 }
 
-/// Holds the newest product `P`, and the error `E` of a newer attempt.
+/// The newest product `P`, and the error `E` of a newer attempt.
 #[derive(Clone, Debug)]
 pub struct LastGood<P, E> {
     good: Option<P>,
-    /// The attempt that `good` came from.
+    /// The attempt that produced `good`.
     good_attempt: u64,
     newest: Attempt,
-    /// Earliest time to show an error of the newest attempt. `None`: at once.
+    /// Earliest time to show an error of the newest attempt; `None` to show it at once.
     patient_until: Option<Instant>,
-    /// The error to show, also while newer attempts are running.
+    /// The visible error, kept while newer attempts are running.
     shown: Option<E>,
     /// Error of the newest attempt, delayed until `patient_until`.
     kept_back: Option<E>,
@@ -55,8 +55,8 @@ impl<P, E> LastGood<P, E> {
         self.begin(now, Some(now + GRACE))
     }
 
-    /// Begins an attempt for another reason (the start, a parameter). Its error is shown at once, unless a file
-    /// changed just before.
+    /// Begins an attempt for another reason (the start, a parameter). Its error is shown at once, unless a file has
+    /// just changed.
     pub fn asked(&mut self, now: Instant) -> Attempt {
         self.begin(now, self.patient_until)
     }
@@ -126,7 +126,7 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    /// Makes one that shows "first", and the time.
+    /// Returns a state that shows "first", and the time.
     fn working() -> (Shown, Instant) {
         let mut shown = Shown::new();
         let now = Instant::now();

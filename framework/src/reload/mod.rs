@@ -2,19 +2,19 @@
 //!
 //! It has three independent parts:
 //!
-//! 1. a [`Watcher`] watches the files that a build read ([`SourceMap::wanted`](crate::source::SourceMap::wanted)) and reports
-//!    changed contents;
-//! 2. a [`Rebuilder`] builds on a thread, so that drawing continues; of several waiting jobs it runs the newest;
+//! 1. a [`Watcher`] watches the files that a build read ([`SourceMap::wanted`](crate::source::SourceMap::wanted)) and
+//!    reports changed contents;
+//! 2. a [`Rebuilder`] builds on a thread while drawing continues; of several waiting jobs it runs the newest;
 //! 3. [`LastGood`] keeps the last good product, and decides when to show an error.
 //!
 //! A viewer connects them in a loop: take a [`FileChange`], begin an [`Attempt`], submit a job with it; poll for
-//! outputs, pass them to [`LastGood`], and pass the build's files to the watcher. Each build reads its files through a new
-//! source map and may keep its compiler, which knows unchanged shaders by their texts.
+//! outputs, pass them to [`LastGood`], and pass the build's files to the watcher. Each build reads its files through a
+//! new source map and may keep its compiler, which caches shaders by their texts.
 //!
-//! Editors save a file in several steps: they empty it first, remove and create it again, or write it in parts. There are therefore
-//! three delays. The watcher waits until a file stops changing (20 ms), and longer if it is empty or missing
-//! ([`watch::GONE`]). An error right after a change is shown later ([`last_good::GRACE`]), because half a file is seldom a
-//! valid graph.
+//! Editors save a file in several steps: they empty it first, remove and create it again, or write it in parts. There
+//! are therefore three delays. The watcher waits until a file stops changing (20 ms), and longer if it is empty or
+//! missing ([`watch::GONE`]). An error right after a change is shown later ([`last_good::GRACE`]), because half a file
+//! is seldom a valid graph.
 
 pub mod last_good;
 pub mod rebuild;

@@ -1,9 +1,9 @@
 //! Builds on a separate thread, so that drawing never waits.
 //!
-//! At most one job waits: a newer one replaces it. A running job is finished if it takes less than [`PATIENCE`], even if a newer one
-//! waits. Every output is returned, in order, because an older one may be the last without an error. A longer job is asked to end,
-//! through the [`Cancel`] passed to its function, once a newer job waits here, once the owner has one
-//! ([`Rebuilder::set_outdated`]), or when the rebuilder is dropped.
+//! At most one job waits: a newer one replaces it. A running job gets at least [`PATIENCE`], even if a newer one waits.
+//! After that, it is cancelled through the [`Cancel`] passed to its function once a newer job waits here, or once the
+//! owner has one ([`Rebuilder::set_outdated`]). It is also cancelled when the rebuilder is dropped. Every output is
+//! returned, in order, because an older one may be the last without an error.
 
 use std::any::Any;
 use std::collections::VecDeque;
@@ -14,11 +14,10 @@ use std::time::{Duration, Instant};
 
 use crate::shader::Cancel;
 
-/// Minimum time that a job gets, even if a newer one waits: enough for most plans, so that a moving slider shows progress.
+/// Minimum time for a job, even if a newer one waits: enough for most plans, so that a moving slider shows progress.
 pub const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Builds on a separate thread. Dropping it asks the running job to end and waits for it. A waiting job is
-/// discarded.
+/// Builds on a separate thread. Dropping it cancels the running job, waits for it, and discards a waiting job.
 #[derive(Debug)]
 pub struct Rebuilder<Job, Output> {
     shared: Arc<Shared<Job, Output>>,
@@ -36,7 +35,7 @@ pub struct Panicked {
 #[derive(Debug)]
 struct Shared<Job, Output> {
     state: Mutex<State<Job, Output>>,
-    /// Signalled when a job waits, or the thread should end.
+    /// Signalled when a job waits or the thread should end.
     called: Condvar,
 }
 
@@ -96,7 +95,7 @@ impl<Job, Output> Rebuilder<Job, Output> {
         before
     }
 
-    /// Returns true if the owner holds a newer job than all queued ones, and waits for these to end.
+    /// Sets whether the owner holds a newer job than all queued ones, and waits for these to end.
     pub fn set_outdated(&self, outdated: bool) {
         self.shared.state().outdated = outdated;
     }
@@ -177,7 +176,7 @@ mod tests {
 
     use super::*;
 
-    /// Returns a rebuilder, and what its `wake` sends.
+    /// Returns a rebuilder, and a receiver of its `wake`s.
     fn started<Job: Send + 'static, Output: Send + 'static, Build: FnMut(Job) -> Output>(
         mut make: impl FnMut() -> Build + Send + 'static,
     ) -> (Rebuilder<Job, Output>, Receiver<()>) {
@@ -299,12 +298,12 @@ mod tests {
         begins.recv().expect("begun");
         rebuilder.submit(2);
         wakes.recv().expect("woken");
-        // A job's time begins somewhat before the job looks at its clock.
+        // A job's time begins slightly before the job reads its clock.
         let least = PATIENCE / 2;
         let (job, took) = rebuilder.poll().expect("an output").expect("no panic");
         assert!(job == 1 && took >= least && took < Duration::from_secs(60), "{took:?}");
         begins.recv().expect("begun");
-        // One whose owner keeps the newer job to himself.
+        // The owner has a newer job and has not submitted it.
         rebuilder.set_outdated(true);
         wakes.recv().expect("woken");
         let (job, took) = rebuilder.poll().expect("an output").expect("no panic");

@@ -1,7 +1,7 @@
 //! Expressions and references to resources in a graph's strings, parsed once when a file is read.
 //!
-//! A string with a syntax error keeps the error. It is reported at the string's place in the file when the graph needs the value,
-//! because whether a string is an expression can depend on the parameter that it is for.
+//! A string with a syntax error keeps the error. It is reported at the string's place in the file when the graph needs
+//! the value, because the parameter can decide whether a string is an expression.
 
 use std::ops::Range;
 
@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use crate::expr::{Expr, ExprError};
 
-/// Holds an expression as written and as parsed.
+/// An expression, as written and as parsed.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(from = "String")]
 pub struct Expression {
@@ -37,7 +37,7 @@ pub fn folded(text: &str) -> String {
     text.lines().map(str::trim).collect::<Vec<_>>().join(" ")
 }
 
-/// Refers to a resource: a name, a half, the previous contents, or an expression that chooses one of these.
+/// A reference to a resource: a name, a half, the previous contents, or an expression that chooses one of these.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(from = "String")]
 pub struct Reference {

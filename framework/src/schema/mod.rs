@@ -18,8 +18,8 @@ use crate::ir::{Blend, Load, Run, Topology, Value};
 /// The version of the graph language that this framework reads.
 pub const GRAPH_VERSION: u32 = 1;
 
-/// Holds one graph file, such as those of `pipelines/`.
-// Short-lived and a few kilobytes large, so the size of variants does not matter.
+/// The contents of a graph file, such as those in `pipelines/`.
+// It is short-lived and a few kilobytes large, so the sizes of the variants do not matter.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 pub enum Document {
@@ -35,7 +35,7 @@ impl Document {
     /// Parses the text of a graph file.
     ///
     /// # Errors
-    /// Those of the `ron` crate: syntax, unknown fields and variants, with line and column.
+    /// Syntax errors, unknown fields and unknown variants from the `ron` crate, with line and column.
     pub fn parse(text: &str) -> Result<Document, ron::error::SpannedError> {
         let options = ron::Options::default()
             .with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME);
@@ -43,7 +43,7 @@ impl Document {
     }
 }
 
-/// Changes the defaults of a graph.
+/// A preset: a graph with other defaults.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Preset {
@@ -58,7 +58,7 @@ pub struct Preset {
     pub require: Vec<(Expression, String)>,
 }
 
-/// Lists graphs in order of preference: the first whose requirements hold is drawn.
+/// A choice: graphs in order of preference. The first whose requirements hold is drawn.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename = "Choice")]
 pub struct GraphChoice {
@@ -68,7 +68,7 @@ pub struct GraphChoice {
     pub of: Vec<Candidate>,
 }
 
-/// Names a graph of a choice.
+/// A graph of a choice.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Candidate {
@@ -79,18 +79,18 @@ pub struct Candidate {
     pub require: Vec<(Expression, String)>,
 }
 
-/// Describes a graph: the body of `Graph(...)`.
+/// A graph: the body of `Graph(...)`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Graph {
     /// The version of the language, [`GRAPH_VERSION`].
     pub version: u32,
-    /// One line that says what this renderer does.
+    /// One line that describes the renderer.
     pub summary: String,
     /// Requirements of the graph: conditions over facts, each with a description.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
-    /// Parameters, in the order of panels. They may use each other, but not in a circle.
+    /// Parameters, in the order of panels. They may use each other, but not in a cycle.
     #[serde(default)]
     pub params: IndexMap<String, ParamDecl>,
     /// Named expressions over parameters, facts and earlier entries.
@@ -107,18 +107,18 @@ pub struct Graph {
     pub resources: IndexMap<String, ResourceDecl>,
     /// Passes, in order.
     pub passes: Vec<PassDecl>,
-    /// 32-bit words to read back after each frame: buffer and byte offset. An includer has them, too.
+    /// 32-bit words to read back after each frame: buffer and byte offset. An includer inherits them.
     #[serde(default)]
     pub stats: IndexMap<String, (Reference, Number)>,
     /// The output image; `include.picture` for an includer. Parts of a renderer have none.
     #[serde(default)]
     pub output: Option<Reference>,
-    /// More images of a frame, by name. Each is there where it is asked for: see [`crate::ir::OUTPUTS`].
+    /// More images of a frame, by name, produced on request: see [`crate::ir::OUTPUTS`].
     #[serde(default)]
     pub outputs: IndexMap<String, Reference>,
 }
 
-/// Holds a number or a bool, or an expression in quotes.
+/// A number or a bool, or an expression in quotes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Number {
     /// A literal number or bool.
@@ -179,9 +179,9 @@ pub enum ParamDecl {
 pub enum ParamKind {
     /// A parameter that is true or false.
     Bool {
-        /// Value if none is set.
+        /// Default value.
         default: Number,
-        /// Value that costs no accuracy.
+        /// Value at which the result is exact.
         #[serde(default)]
         exact: Option<Number>,
         /// Short text for the control; empty by default.
@@ -193,14 +193,14 @@ pub enum ParamKind {
     },
     /// A 64-bit integer.
     Int {
-        /// Value if none is set.
+        /// Default value.
         default: Number,
-        /// Inclusive.
+        /// Minimum and maximum, inclusive.
         range: (Number, Number),
-        /// Value that costs no accuracy.
+        /// Value at which the result is exact.
         #[serde(default)]
         exact: Option<Number>,
-        /// Statistic of the graph that the value grows with; only of a constant.
+        /// Statistic of the graph that the value grows with; only for constants.
         #[serde(default)]
         grows: Option<String>,
         /// Short text for the control; empty by default.
@@ -212,14 +212,14 @@ pub enum ParamKind {
     },
     /// A floating-point number.
     Float {
-        /// Value if none is set.
+        /// Default value.
         default: Number,
-        /// Inclusive.
+        /// Minimum and maximum, inclusive.
         range: (Number, Number),
         /// The step of the slider; a hundredth of the range by default.
         #[serde(default)]
         step: Option<Number>,
-        /// Value that costs no accuracy.
+        /// Value at which the result is exact.
         #[serde(default)]
         exact: Option<Number>,
         /// Short text for the control; empty by default.
@@ -231,11 +231,11 @@ pub enum ParamKind {
     },
     /// One of several names.
     Choice {
-        /// One of the names, or an expression that comes to one.
+        /// One of the names, or an expression with such a value.
         default: Expression,
         /// Names to choose from; their indices are the values in shaders.
         of: Vec<String>,
-        /// Name of the choice that costs no accuracy.
+        /// Option at which the result is exact.
         #[serde(default)]
         exact: Option<Expression>,
         /// Short text for the control; empty by default.
@@ -248,7 +248,7 @@ pub enum ParamKind {
 }
 
 impl ParamKind {
-    /// Returns the default as it stands in the file.
+    /// Returns the default as written.
     pub fn default(&self) -> Number {
         match self {
             ParamKind::Bool { default, .. }
@@ -258,7 +258,7 @@ impl ParamKind {
         }
     }
 
-    /// Returns the value that costs no accuracy, as it stands in the file.
+    /// Returns the value at which the result is exact, as written.
     pub fn exact(&self) -> Option<Number> {
         match self {
             ParamKind::Bool { exact, .. } | ParamKind::Int { exact, .. } | ParamKind::Float { exact, .. } => {
@@ -273,7 +273,7 @@ impl ParamKind {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Import {
-    /// `scene.*` or `frame.*`.
+    /// Full name of the data: `scene.*` or `frame.*`.
     pub from: String,
     /// Number of planes to bind as an array of blocks.
     #[serde(default)]
@@ -304,7 +304,7 @@ pub enum Port {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Expose {
-    /// Every parameter that `set` does not name.
+    /// Every parameter that is not in `set`.
     All,
     /// These parameters, with values in `set` as their defaults.
     Only(Vec<String>),
@@ -323,23 +323,23 @@ pub enum ResourceDecl {
         /// Makes two buffers, front and back, which `Swap` exchanges. Each frame starts with the same front.
         #[serde(default)]
         ping_pong: bool,
-        /// Keeps the contents from frame to frame: `last(name)` reads those of the previous frame. Initially zeros.
+        /// Keeps the contents from frame to frame: `last(name)` reads the previous frame's. Initially zeros.
         #[serde(default = "no")]
         history: Number,
     },
     /// A two-dimensional image.
     Image {
-        /// GLSL's name of a format (`rgba16f`), or an expression that comes to one.
+        /// GLSL's name of a format (`rgba16f`), or an expression with such a value.
         format: Expression,
         /// Width and height in pixels.
         size: (Number, Number),
-        /// As for buffers. A resized image starts from zeros.
+        /// Keeps the contents, as for buffers. A resized image starts from zeros.
         #[serde(default = "no")]
         history: Number,
     },
 }
 
-// See `Document` for why.
+// For the lint, see `Document`.
 /// Declares a pass, or a construct that makes passes.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
@@ -381,7 +381,7 @@ pub enum PassDecl {
         when: Option<Number>,
         /// File name of the vertex shader, or an expression that chooses one.
         vertex: Expression,
-        /// As `vertex`, of the fragment shader.
+        /// File name of the fragment shader, or an expression that chooses one.
         fragment: Expression,
         /// Primitive type that the vertices form.
         topology: Topology,
@@ -451,7 +451,7 @@ fn every_frame() -> Run {
     Run::Frame
 }
 
-// See `Document` for why.
+// For the lint, see `Document`.
 /// Counts the workgroups of a dispatch.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
@@ -518,7 +518,7 @@ pub struct TargetDecl {
     pub load: Load,
     /// The blend mode.
     pub blend: Blend,
-    /// Removes the attachment where it is false.
+    /// Removes the attachment if false.
     #[serde(default)]
     pub when: Option<Number>,
 }

@@ -1,4 +1,4 @@
-//! A compiler of shaders, as linking sees it: requests, results, and builds that can be cancelled.
+//! The shader compiler's interface for linking: requests, results and cancellation.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -13,13 +13,12 @@ pub struct ShaderRequest<'a> {
     pub file: FileId,
     /// The stage of the shader.
     pub stage: ShaderStage,
-    /// Names and values of all defines of the graph. Only those whose name occurs as an identifier in the
-    /// shader or its includes are used and listed in [`Compiled::defines`].
+    /// Names and values of the graph's defines. Only defines that the shader or its includes mention are used and
+    /// listed in [`Compiled::defines`].
     pub defines: &'a [(String, String)],
-    /// Names and values of constants beyond 32 bits, which have no define. A shader that mentions one is an
-    /// error.
+    /// Names and values of constants beyond 32 bits, which have no define. A shader that mentions one is an error.
     pub unfit: &'a [(String, String)],
-    /// Names and texts of files in memory, which `#include` finds first (`live.glsl`).
+    /// Names and texts of in-memory files, which `#include` finds first (`live.glsl`).
     pub generated: &'a [(String, String)],
 }
 
@@ -28,21 +27,23 @@ pub struct ShaderRequest<'a> {
 pub struct Compiled {
     /// SPIR-V words.
     pub spirv: Arc<Vec<u32>>,
-    /// The defines that occur in the text, name and value.
+    /// Name and value of the defines that the text mentions.
     pub defines: Vec<(String, String)>,
-    /// Identifiers that the compiled text depends on: of lines in active branches of `#if`s, and of conditions.
+    /// Identifiers that the compiled text depends on: those in active branches of `#if`s, and in conditions.
     ///
     /// Other defines do not change the SPIR-V.
     pub reached: Arc<BTreeSet<String>>,
     /// Declarations and accesses.
     pub reflection: Reflection,
-    /// Names of all blocks and images that the texts declare, in any branch of an `#if`. [`Reflection::bindings`] has the
-    /// used ones.
+    /// Names of all blocks and images that the texts declare, in any branch of an `#if`. [`Reflection::bindings`] has
+    /// only the used ones.
     pub declared: Arc<BTreeSet<String>>,
 }
 
-/// Compiles shaders, and caches the results. `Glslang` (feature `glslang`) is the only implementation; other tests of
-/// the framework use hand-made reflections.
+/// Compiles shaders, and caches the results.
+///
+/// `Glslang` (feature `glslang`) is the only implementation; most tests of the framework use hand-made reflections
+/// instead.
 pub trait ShaderCompiler {
     /// Returns a compiled shader, from the cache if possible.
     fn compile(
@@ -65,9 +66,10 @@ pub trait ShaderCompiler {
     }
 }
 
-/// Keeps SPIR-V from one run of a program to the next.
+/// Stores SPIR-V between runs of a program.
 ///
-/// Its contents are trusted: a store returns only words stored under the same key by the same build of the program.
+/// Its contents are trusted: a store must return only words that the same build of the program stored under the same
+/// key.
 pub trait SpirvStore: Send + Sync + std::fmt::Debug {
     /// Returns the words stored under a key, if they are present and undamaged.
     fn load(&self, key: &[u8]) -> Option<Vec<u32>>;
@@ -84,7 +86,7 @@ pub const CANCELLED: &str = "the build was cancelled";
 pub struct Cancel(Option<Arc<dyn Fn() -> bool + Send + Sync>>);
 
 impl Cancel {
-    /// Creates a cancellation from `wanted_no_more`, which is called often and from any thread.
+    /// Creates a cancellation. `wanted_no_more` is called often, from any thread.
     pub fn new(wanted_no_more: impl Fn() -> bool + Send + Sync + 'static) -> Cancel {
         Cancel(Some(Arc::new(wanted_no_more)))
     }

@@ -1,8 +1,8 @@
 //! Compiles GLSL to SPIR-V, and reflects the result.
 //!
-//! This module compiles a shader file with defines for the graph's constants, resolves its `#include`s, and reflects the
-//! SPIR-V: bindings by block name, array strides, push constants, workgroup size,
-//! and which bindings the code loads from and stores to. `link` checks the graph against this.
+//! This module compiles a shader file with defines for the graph's constants, resolves its `#include`s, and reflects
+//! the SPIR-V: bindings by block name, array strides, push constants, workgroup size, and the bindings that the code
+//! loads from and stores to. `link` checks the graph against this.
 
 #[cfg(feature = "glslang")]
 mod compile;

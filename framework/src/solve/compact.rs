@@ -91,7 +91,7 @@ impl Ids<'_> {
     }
 }
 
-/// Makes a plan of these passes, in this order, that has no memory, no steps and no usage yet.
+/// Builds a plan of these passes, in this order, without memory, dependencies or usage yet.
 pub(super) fn compact(
     lowered: Lowered,
     shaders: Vec<crate::ir::Shader>,
@@ -161,7 +161,7 @@ pub(super) fn compact(
     }
 }
 
-/// Counts up over the used ones.
+/// Numbers the used ones consecutively.
 fn number(used: &[bool]) -> impl Iterator<Item = Option<u32>> {
     let mut next = 0;
     used.iter().map(move |used| {

@@ -1,20 +1,20 @@
 //! Finds the dependencies: pairs of accesses whose order matters.
 //!
-//! The module walks the prologue and two frames, and keeps for every cell of memory the last pass that wrote it and all reads since.
-//! A read depends on the last write; a write depends on the reads since the last write, or on that write if nothing has read it. The
-//! second frame follows a frame like itself, so its dependencies hold for every frame. The first frame adds dependencies on
-//! the prologue.
+//! The module walks the prologue and two frames, and keeps for every memory cell the last pass that wrote it and all
+//! reads since. A read depends on the last write; a write depends on the reads since the last write, or on that write
+//! if there are none. The second frame follows a frame like itself, so its dependencies hold for every frame. The first
+//! frame adds dependencies on the prologue.
 //!
-//! Layouts come first, because they follow from the order of the passes. A layout change is a write of the image for an API
-//! with layouts, and nothing for others. Each dependency therefore says whether the change waits for it, and a dependency of the
-//! change only has the hazard [`Hazard::LayoutChange`].
+//! Layouts come first, because they follow from the order of the passes. For an API with layouts, a layout change is a
+//! write of the image; for others it is nothing. Each dependency therefore tells whether the change waits for it. A
+//! dependency of the change only has the hazard [`Hazard::LayoutChange`].
 
 use super::extents::{Extents, Group};
 use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Run, Source, Use};
 use crate::plan::{Dependency, LayoutChange, Plan, Scope, Since};
 use std::ops::Range;
 
-/// Lists the layout changes and the dependencies of a plan that has its resources, its passes in order, and its blocks.
+/// Lists the layout changes and the dependencies of a plan that has resources, ordered passes, and blocks.
 pub(super) fn dependencies(plan: &Plan) -> (Vec<LayoutChange>, Vec<Dependency>) {
     let (prologue, frame) = (&plan.prologue, &plan.frame);
     let extents = Extents::of(plan);
@@ -28,7 +28,7 @@ pub(super) fn dependencies(plan: &Plan) -> (Vec<LayoutChange>, Vec<Dependency>) 
     };
     for (part, passes) in [(Part::Prologue, prologue), (Part::First, frame), (Part::Second, frame)] {
         walk.part = part;
-        // Every frame in flight has its own copy of what the host reads.
+        // Every frame in flight has its own copy of resources that the host reads.
         for (resource, cells) in plan.resources.iter().zip(&extents.resources) {
             if resource.source == Source::Readback {
                 walk.cells[cells.clone()].fill(Cell::default());
@@ -41,14 +41,14 @@ pub(super) fn dependencies(plan: &Plan) -> (Vec<LayoutChange>, Vec<Dependency>) 
     (changes, dependencies)
 }
 
-/// Lists the layout changes from the uses alone: those of the prologue, of the handover, and of every frame.
+/// Lists the layout changes in the prologue, the handover and every frame, from the uses.
 fn layout_changes(
     plan: &Plan,
     extents: &Extents,
     prologue: &[PassId],
     frame: &[PassId],
 ) -> Vec<LayoutChange> {
-    // Resources whose contents a frame finds: of a `Once` pass, or a history.
+    // Resources whose contents a frame finds: written by a `Once` pass, or with a history.
     let mut kept: Vec<bool> = plan.resources.iter().map(|r| r.history.is_some()).collect();
     for touch in plan.passes.iter().filter(|p| p.run == Run::Once).flat_map(|p| &p.uses) {
         kept[touch.resource.index()] |= touch.accesses.writes();
@@ -65,7 +65,7 @@ fn layout_changes(
                 let first = !std::mem::replace(&mut touched[at], true);
                 let uses = || group.accesses.iter().map(|access| &access.touch);
                 let Some(new) = uses().find_map(|touch| touch.layout) else { continue };
-                // An alias that was used since the last frame has left the image without a layout.
+                // An alias used since the last frame has left the image without a layout.
                 let lost = first && shared[at] && !kept[at];
                 if new == layouts[at] && !lost {
                     continue;
@@ -90,7 +90,7 @@ fn layout_changes(
     let mut steady = vec![Layout::Undefined; plan.resources.len()];
     walk(&mut steady, frame);
     let of_frame = walk(&mut steady.clone(), frame);
-    // Images that the frame expects in the layout in which the frame before left them.
+    // Images that a frame expects in the layout left by the previous frame.
     let mut met = vec![false; plan.resources.len()];
     for before in frame {
         for group in &extents.passes[before.index()] {
@@ -110,7 +110,7 @@ fn layout_changes(
     changes
 }
 
-/// The images that change their layouts before each pass, in the prologue or the frame and in the handover.
+/// The layout changes of images before each pass, in the prologue or the frame, and in the handover.
 struct Changes {
     by_pass: Vec<Vec<ResourceId>>,
     handover: Vec<Vec<ResourceId>>,
@@ -127,7 +127,7 @@ impl Changes {
     }
 }
 
-/// The parts of a plan in the walk.
+/// The parts of a plan on the walk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     Prologue,
@@ -135,13 +135,13 @@ enum Part {
     Second,
 }
 
-/// An access that later ones may conflict with.
+/// An access that a later one may conflict with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Mark {
     part: Part,
     pass: PassId,
     touch: Use,
-    /// True if the layout of the image has changed since.
+    /// True if the image's layout has changed since.
     settled: bool,
 }
 
@@ -151,7 +151,7 @@ impl Mark {
     }
 }
 
-/// The last write to a piece of memory, and the reads since.
+/// The last write to a cell, and the reads since.
 #[derive(Clone, Debug, Default)]
 struct Cell {
     /// Accesses of one pass, which may write in several stages.
@@ -180,7 +180,7 @@ impl Walk<'_> {
             }
         }
         self.found.append(&mut found);
-        // All of the pass's accesses were compared with those before it.
+        // All accesses of the pass were compared with earlier ones.
         for group in &self.extents.passes[pass.index()] {
             self.record(pass, group);
         }
@@ -197,7 +197,7 @@ impl Walk<'_> {
                     let target = Scope { stages: touch.stages, accesses };
                     self.add(found, hazard, first, (pass, group.resource), target, number, false);
                 };
-                // After the reads of a write, a write comes after the write as well.
+                // A write after reads also comes after the write before them.
                 let is_read = cell.writes.iter().any(|w| cell.reads.iter().any(|r| !r.is_of(w)));
                 let seen = if is_read { read } else { touch.accesses };
                 let hazard = match read.is_empty() || touch.discards {
@@ -214,7 +214,8 @@ impl Walk<'_> {
         }
     }
 
-    /// Adds the dependencies of the layout change before a pass: on the reads since the last write or change, or on that write.
+    /// Adds the dependencies of the layout change before a pass: on the reads since the last write or change, or else
+    /// on that write.
     fn change(&mut self, pass: PassId, group: &Group, found: &mut Vec<Dependency>) {
         let mut target = Scope::default();
         for access in &group.accesses {
@@ -236,7 +237,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Adds a dependency on an access to a cell, or the cell to the one that is known.
+    /// Adds a dependency on an access to a cell, or adds the cell to a known dependency.
     #[expect(clippy::too_many_arguments)]
     fn add(
         &self,
@@ -252,7 +253,7 @@ impl Walk<'_> {
             (Part::Prologue, Part::Prologue) | (Part::Second, Part::Second) => Since::Same,
             (Part::First, Part::Second) => Since::PreviousFrame,
             (Part::Prologue, Part::First) => Since::Prologue,
-            // The same as of the second frame, and as of the first.
+            // Found in the second frame, and already in the first.
             _ => return,
         };
         let accesses = match hazard {
@@ -266,7 +267,7 @@ impl Walk<'_> {
         let from = |d: &Dependency| {
             (d.first, d.since, d.resource, d.alias, d.source) == (first.pass, since, resource, alias, source)
         };
-        // A change comes with the accesses of its pass where these wait for the same.
+        // A change is part of its pass's dependency if both wait for the same accesses.
         let same = |d: &&mut Dependency| {
             from(d)
                 && (changes_layout && d.hazard != Hazard::LayoutChange
@@ -294,7 +295,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Records the pass.
+    /// Records the pass's accesses.
     fn record(&mut self, pass: PassId, group: &Group) {
         let mark = |touch| Mark { part: self.part, pass, touch, settled: false };
         let all = || group.accesses.iter().map(|access| (mark(access.touch), &access.cells));
@@ -316,7 +317,7 @@ impl Walk<'_> {
     }
 }
 
-/// Returns the smallest range that holds both.
+/// Returns the smallest range that contains both.
 fn hull(one: &Range<u64>, other: &Range<u64>) -> Range<u64> {
     one.start.min(other.start)..one.end.max(other.end)
 }

@@ -1,7 +1,7 @@
 //! Effects: the parts of the plan that depend on each parameter, or the reason why none does.
 //!
-//! Lowering and linking found the parameters behind each pass and each resource of the graph. This module collects them for the
-//! passes of the plan. The accesses of a culled pass count, too: it still separates the passes before and
+//! Lowering and linking found the parameters behind each pass and each resource of the graph. This module collects them
+//! for the passes of the plan. The accesses of a culled pass count as well: it still separates the passes before and
 //! after it, and with other accesses it could be needed.
 
 use std::collections::BTreeMap;

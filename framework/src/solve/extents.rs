@@ -1,8 +1,8 @@
 //! Computes the byte ranges of accesses.
 //!
-//! Memory is cut into cells at every boundary: of an alias of a block, of the arguments of an indirect command, of the word of a
-//! statistic. Dependencies are found per cell, so that the export of one word of a buffer does not affect its other words, and the
-//! next alias of a block does not affect bytes beyond its own end.
+//! Memory is cut into cells at every boundary: of an alias of a block, of the arguments of an indirect command, of the
+//! word of a statistic. Dependencies are found per cell, so exporting one word of a buffer does not affect its other
+//! words, and a new alias of a block does not affect bytes beyond its end.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -10,7 +10,7 @@ use std::ops::Range;
 use crate::ir::{Accesses, DrawCall, Groups, Pass, ResourceId, Stages, Use, Work};
 use crate::plan::{Plan, Resource};
 
-/// An access, with its cells.
+/// An access and its cells.
 pub(super) struct Access {
     pub touch: Use,
     pub cells: Vec<Range<usize>>,
@@ -33,7 +33,7 @@ pub(super) struct Extents {
 
 impl Extents {
     pub fn of(plan: &Plan) -> Extents {
-        // One piece of memory for each block, and for each resource without a block.
+        // One memory per block, and per resource without a block.
         let mut pieces = plan.blocks.len();
         let mut piece_of = |resource: &Resource| match resource.block {
             Some(block) => block.index(),
@@ -70,7 +70,7 @@ impl Extents {
         let group = |pass: &Pass| {
             let mut groups: Vec<Group> = Vec::new();
             for touch in &pass.uses {
-                // Uniform blocks are written by the host before the frame is submitted, which needs no barrier.
+                // The host writes uniform blocks before the frame is submitted, which needs no barrier.
                 if touch.accesses == Accesses::UNIFORM_READ {
                     continue;
                 }
@@ -94,8 +94,8 @@ impl Extents {
     }
 }
 
-/// Returns the bytes of a resource that an access covers: all, except for reads by a command itself.
-#[allow(clippy::single_range_in_vec_init)] // A list that mostly has one range.
+/// Returns the bytes of a resource that an access covers: all, except for reads by the command itself.
+#[allow(clippy::single_range_in_vec_init)] // Usually a list of a single range.
 fn bytes(plan: &Plan, pass: &Pass, touch: &Use) -> Vec<Range<u64>> {
     let arguments = |buffer: ResourceId, offset: u64, bytes: u64| {
         (buffer == touch.resource && touch.stages == Stages::INDIRECT).then(|| vec![offset..offset + bytes])

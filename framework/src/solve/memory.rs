@@ -1,23 +1,23 @@
-//! Memory sharing: places transient resources with disjoint lifetimes in the same block.
+//! Memory sharing: places transient resources with disjoint lifetimes in one block.
 //!
-//! A resource is alive from its first use in the frame to its last; its contents are undefined before and unused after. A resource
-//! that outlives the frame (written by a `Once` pass, or with a history) has its own block. Resources share whole blocks
-//! instead of offsets into one heap because only the device knows how many bytes an image takes: a block is as large as its
-//! largest alias.
+//! A resource is alive from its first use in the frame to its last; its contents are undefined before and unused after.
+//! A resource that outlives the frame (written by a `Once` pass, or with a history) has its own block. Resources share
+//! whole blocks rather than offsets into one heap, because only the device knows the size of an image: a block is as
+//! large as its largest alias.
 //!
-//! Sharing must not cost time. The next alias waits for the previous one, which would add a call if there is no barrier between
-//! the two anyway. An alias therefore only follows one whose last pass is on a lower level; the level of a pass is the length of
-//! the longest chain of dependent passes before it.
+//! Sharing must not cost time. The next alias waits for the previous one, which would add a barrier call if there is
+//! none between the two anyway. An alias therefore only follows one whose last pass is on a lower level; the level of a
+//! pass is the length of the longest chain of dependent passes before it.
 //!
-//! The packing is greedy: the largest resource first, each into the smallest block that is free for its lifetime (first fit by
-//! decreasing size, as in register allocation over intervals; optimal packing is NP-hard).
+//! The packing is greedy: the largest resource first, each into the smallest block that is free for its lifetime (first
+//! fit by decreasing size, as in register allocation over intervals; optimal packing is NP-hard).
 
 use std::collections::BTreeMap;
 
 use crate::ir::{BlockId, Pass, PassId, ResourceId, Run, Shape, Source, Use};
 use crate::plan::{Block, Resource};
 
-/// Maximum number of blocks to try for each resource, from the smallest that fits up, so that packing takes linear time.
+/// Maximum number of blocks tried per resource, from the smallest that fits up, so that packing takes linear time.
 /// Hand-written graphs stay far below it.
 const MOST_TRIED: usize = 64;
 
@@ -53,11 +53,11 @@ pub(super) fn place(
     for i in by_size {
         let image = matches!(resources[i].shape, Shape::Image { .. });
         let life = lives[i].filter(|_| share);
-        // Blocks were opened in descending size: the last are the smallest.
+        // Blocks were created in descending size: the last are the smallest.
         let found = life.and_then(|life| {
             open.iter_mut().rev().take(MOST_TRIED).find(|(_, aliases, images)| {
-                // A change of layout cannot wait for writes that went through another resource: an image only follows
-                // aliases whose contents were read.
+                // A layout change cannot wait for writes through another resource: an image only follows aliases whose
+                // contents were read.
                 let written = life.ends_written || aliases.values().any(|l| l.ends_written);
                 is_free(aliases, life) && !((image || *images) && written)
             })
@@ -81,7 +81,7 @@ pub(super) fn place(
     blocks
 }
 
-/// Returns the lifetimes of the transient resources that do not outlive a frame.
+/// Returns the lifetimes of transient resources; `None` for those that outlive a frame.
 fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Option<Life>> {
     let mut lives: Vec<Option<Life>> = vec![None; resources.len()];
     let levels = levels(passes, frame, resources.len());
@@ -111,7 +111,7 @@ fn lives(passes: &[Pass], frame: &[PassId], resources: &[Resource]) -> Vec<Optio
 
 /// Computes the level of each position in the frame: the longest chain of dependent passes before it.
 fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
-    // Per resource, the level after which it can be read, and after which it can be written.
+    // Per resource, the level after which it can be read, and the level after which it can be written.
     let mut ready = vec![(0, 0); resources];
     let level = |id: &PassId| {
         let uses = &passes[id.index()].uses;
@@ -134,7 +134,7 @@ fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
 
 /// Returns true if no alias is alive during `life`, or so close to it that a pass would have to wait.
 fn is_free(aliases: &BTreeMap<usize, Life>, life: Life) -> bool {
-    // They are disjoint, so only the neighbours in time can overlap.
+    // They are disjoint, so only the immediate neighbours in time can overlap.
     let before = aliases.range(..=life.last).next_back();
     let after = aliases.range(life.last + 1..).next();
     before.is_none_or(|(_, other)| other.last < life.first && other.levels.1 < life.levels.0)

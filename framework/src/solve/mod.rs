@@ -1,12 +1,11 @@
 //! The solver: turns linked passes into a plan with an order, memory and dependencies.
 //!
 //! Each step has a file. `order` builds the dependency graph (petgraph; read-after-write, write-after-read and
-//! write-after-write), culls passes whose results are unused, and sorts the rest; ties follow the order of the file, so that
-//! the same file always gives the same plan. `compact` drops the resources that no remaining pass uses and numbers the others
-//! with the plan's ids; `usage` records the uses of each. `effects` says which
-//! passes depend on each parameter. `memory` lets resources share blocks. `dependencies` walks the sorted
-//! passes with the state of every piece of memory (cut by `extents`) and lists which accesses must be ordered. `warnings` reports
-//! constructs that are probably unintended.
+//! write-after-write), culls passes whose results are unused, and sorts the rest. Ties follow the order of the file, so
+//! a file always gives the same plan. `compact` drops unused resources and numbers the others with the plan's ids;
+//! `usage` records the uses of each. `effects` finds the passes that depend on each parameter. `memory` lets resources
+//! share blocks. `dependencies` walks the sorted passes with the state of every memory cell (cut by `extents`) and
+//! lists the accesses that must be ordered. `warnings` reports constructs that are probably unintended.
 
 mod compact;
 mod dependencies;
@@ -25,7 +24,7 @@ use crate::lower::{Lowered, LoweredResource, ResourceHandle};
 use crate::plan::{Plan, Resource};
 use crate::source::{Diagnostic, SourceMap};
 
-/// Orders and culls the passes, places memory (shared where `share_memory`), and lists the dependencies.
+/// Orders and culls the passes, places memory (shared if `share_memory`), and lists the dependencies.
 pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
     let Linked { mut lowered, shaders, mut passes } = linked;
     passes.extend(end(&mut lowered, files));
@@ -35,7 +34,7 @@ pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Pl
     let warnings = warnings::warnings(&passes, &shaders, &order, &lowered, files);
     let causes = effects::Causes::new(&lowered, &passes, &order, files);
     lowered.culled.extend(order.culled);
-    // The plan holds the passes as they run: the prologue's first.
+    // The plan holds the passes in execution order: the prologue first.
     let sorted: Vec<&LinkedPass> = order.once.iter().chain(&order.frame).map(|i| &passes[*i]).collect();
     forget_overwritten(&sorted, &mut lowered);
     let mut plan = compact::compact(lowered, shaders, &sorted, files);
@@ -53,12 +52,12 @@ pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Pl
     Ok(plan)
 }
 
-/// Returns the plan with the passes of its frame in another order, and with the memory and the dependencies of this order.
+/// Returns the plan with its frame in another order, and with the memory and dependencies of this order.
 ///
-/// Conflicting passes must keep their order: two passes that use the same resource, one of them writing it.
+/// Conflicting passes (two passes that use a resource, one of them writing it) must keep their order.
 ///
 /// # Panics
-/// Panics if `frame` is not a permutation of the passes of the plan's frame.
+/// Panics if `frame` is not a permutation of the plan's frame.
 pub fn reorder(plan: &Plan, frame: &[PassId], share_memory: bool) -> Plan {
     let sorted = |mut ids: Vec<PassId>| {
         ids.sort();
@@ -76,12 +75,13 @@ fn place(plan: &mut Plan, share_memory: bool) {
     add_dependencies(plan);
 }
 
-/// Lists the dependencies and the layout changes of a plan, also of a hand-made one, from the accesses of its passes.
+/// Lists the dependencies and layout changes of a plan, even a hand-made one, from the accesses of its passes.
 pub fn add_dependencies(plan: &mut Plan) {
     (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan);
 }
 
-/// Makes the last passes of a frame: the outputs and the statistics become readable by copies, and the host reads the statistics.
+/// Creates the last passes of a frame: the export makes outputs and statistics readable by copies, and the host pass
+/// reads the statistics.
 fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     let span = lowered.output_span;
     let touch =
@@ -131,11 +131,11 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     vec![pass(EXPORT, Work::Export, uses), pass(HOST, Work::Host, vec![read])]
 }
 
-/// Drops histories whose contents cannot matter: no pass reads them by `last(name)`, no `Once` pass uses them, and every frame
-/// first overwrites them completely.
+/// Drops histories whose contents cannot matter: no pass reads them by `last(name)`, no `Once` pass uses them, and
+/// every frame first overwrites them completely.
 ///
-/// A fill and a cleared target overwrite everything; a shader is never assumed to. All other histories
-/// keep their contents.
+/// A fill and a cleared target overwrite everything; a shader is never assumed to. All other histories keep their
+/// contents.
 fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
     let mut users: Vec<Vec<&LinkedPass>> = vec![Vec::new(); lowered.resources.len()];
     let mut used_once = vec![false; lowered.resources.len()];
@@ -156,7 +156,7 @@ fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
         let Some(real) = lowered.resource(previous).previous_frame_of else { continue };
         let writes = |p: &&&LinkedPass| p.pass.uses.iter().any(|t| t.resource == real && t.accesses.writes());
         let mut writers = users[real.index()].iter().filter(writes);
-        // A single writer runs first, wherever it is in the file.
+        // The only writer runs first, wherever it is in the file.
         let first = match (writers.next(), writers.next()) {
             (Some(only), None) => Some(only),
             _ => users[real.index()].first(),
@@ -175,7 +175,8 @@ fn writes_all(pass: &LinkedPass, resource: ResourceHandle) -> bool {
     uses.all(|touch| !touch.accesses.reads() && (fills || touch.discards))
 }
 
-/// Returns the passes that zero histories. A `Once` pass that writes one runs after them, because it may write a part only.
+/// Returns the passes that zero histories. A `Once` pass that writes one runs after them, because it may write only a
+/// part.
 fn starts(resources: &[Resource]) -> Vec<Pass> {
     let mut starts = Vec::new();
     for (index, resource) in resources.iter().enumerate() {

@@ -1,8 +1,8 @@
 //! Orders passes by the resources that they read and write.
 //!
-//! The only writer of a resource runs before its readers, wherever they are in the file. If several passes
-//! write a resource, all passes that use it keep the order of the file. `Once` passes run before every frame, so they
-//! precede all others. The result is a directed graph; a cycle is an error that names its passes.
+//! The only writer of a resource runs before its readers, wherever they are in the file. If several passes write a
+//! resource, all its users keep the order of the file. `Once` passes run before every frame, so they precede all
+//! others. The result is a directed graph; a cycle is an error that names its passes.
 
 use petgraph::Direction;
 use petgraph::algo::kosaraju_scc;
@@ -16,7 +16,7 @@ use crate::link::LinkedPass;
 use crate::lower::{Lowered, ResourceHandle};
 use crate::source::{Diagnostic, SourceMap};
 
-/// Indices into the passes, as they run.
+/// Indices into the list of passes, in execution order.
 pub(super) struct Order {
     pub once: Vec<usize>,
     pub frame: Vec<usize>,
@@ -27,10 +27,10 @@ pub(super) struct Order {
     pub unwritten: Vec<(usize, ResourceHandle)>,
 }
 
-/// A graph of passes, with the resource that orders two of them at each edge.
+/// A graph of passes; each edge has the resource that orders its passes.
 type Needs = DiGraph<usize, ResourceHandle>;
 
-/// Orders the passes. The last of them are the roots of culling: the export and the host's step.
+/// Orders the passes. The last of them are the roots of culling: the export and the host pass.
 pub(super) fn order(
     passes: &[LinkedPass],
     lowered: &Lowered,
@@ -135,18 +135,18 @@ fn needs(
             }
             continue;
         }
-        // Every pass waits for the last write, and so for all earlier writes.
+        // Every pass waits for the last write, and thus for all earlier writes.
         let mut written: Option<usize> = None;
         let mut read: Vec<usize> = Vec::new();
         for User { pass, accesses } in users {
             if accesses.reads() {
-                // Shaders may read what they wrote themselves; a kept target is read first.
+                // Shaders may read their own writes; a kept target is read first.
                 let needs_contents = !accesses.writes() || accesses.contains(Accesses::COLOR_READ);
-                // A history starts from zeros, and keeps what plans with other settings wrote. It is a mistake all the same if no
-                // pass of the graph ever writes to it.
+                // A history starts from zeros, and keeps data written by plans with other settings. It is still a
+                // mistake if no pass of the graph ever writes it.
                 let left_out = || lowered.unwritten.iter().any(|removed| removed.resource == id);
                 let found = written.is_some() || history && (!writers.is_empty() || left_out());
-                // A pass that runs once, and reads what only frames write, is refused above.
+                // A `Once` pass that reads data written only in frames was refused above.
                 let early = passes[*pass].pass.run == Run::Once && !writers.is_empty() && !writes_once;
                 if !found && needs_contents && !early {
                     errors.push(never_written(*pass, id, &writers, passes, lowered));
@@ -218,7 +218,7 @@ fn never_written(
     diagnostic
 }
 
-/// Finds the passes that the end of the frame needs, directly or not.
+/// Finds the passes that the end of the frame depends on, directly or not.
 fn live(passes: &[LinkedPass], users: &[Vec<User>], lowered: &Lowered) -> Vec<bool> {
     // For each resource, the writers whose data can reach a reader.
     let mut sources: Vec<Sources> = users.iter().map(|users| Sources::of(users, passes)).collect();
@@ -261,7 +261,7 @@ impl Sources {
         Sources { writers, carried, followed }
     }
 
-    /// Adds to `open` the passes that wrote what `pass` reads, in this frame or, if `last`, in the previous one.
+    /// Adds to `open` the writers of what `pass` reads, in this frame or, if `last`, in the previous one.
     fn found_by(
         &mut self,
         pass: usize,
@@ -275,7 +275,7 @@ impl Sources {
         let at = at.filter(|_| self.writers.len() > 1 && !last);
         let mut before = match at {
             Some(at) => self.writers.partition_point(|w| *w < at),
-            // A single writer comes first, wherever the reader is in the file.
+            // The only writer comes first, wherever the reader is in the file.
             None => self.writers.len(),
         };
         // Every earlier write may contribute: two passes may fill two halves of a buffer.
@@ -284,12 +284,12 @@ impl Sources {
             let writer = users[self.writers[before]];
             open.push(writer.pass);
             if writer.accesses.reads() {
-                // Whoever needs this pass also needs everything that it read.
+                // A pass that needs this one also needs everything that it read.
                 break;
             }
         }
         if self.carried && (last || passes[pass].pass.run == Run::Frame) {
-            // Contents left by passes of the previous frame, wherever they are in the file.
+            // Contents left by the previous frame's passes, wherever they are in the file.
             let writers = self.writers.iter().map(|w| users[*w].pass);
             open.extend(writers.filter(|w| passes[*w].pass.run == Run::Frame));
             self.carried = false;

@@ -1,4 +1,4 @@
-//! Collects the uses of each resource, for which a backend creates it.
+//! Collects the uses of each resource; a backend creates the resource for these.
 
 use crate::ir::{Accesses, DescriptorKind, Usage};
 use crate::plan::Plan;

@@ -1,8 +1,8 @@
 //! Warnings about constructs that are allowed but probably unintended.
 //!
-//! A pass that reads and writes a resource in place finds undefined contents if nothing wrote the resource before. And the work
-//! of an included graph may be culled: if it leaves its result in the half of a ping-pong buffer that no pass reads, the reader
-//! gets the contents from before the include.
+//! A pass that modifies a resource in place finds undefined contents if nothing wrote the resource before. And the work
+//! of an included graph may be culled: if it leaves its result in the half of a ping-pong buffer that no pass reads,
+//! the reader gets the contents from before the include.
 
 use super::order::Order;
 use crate::ir::{Shader, Span, Work};
@@ -12,7 +12,7 @@ use crate::plan::Warning;
 use crate::source::{Diagnostic, SourceMap};
 use std::collections::{HashMap, HashSet};
 
-/// Lists the warnings about passes that are in the plan, and about includes that are not.
+/// Lists the warnings about passes in the plan, and about culled includes.
 pub(super) fn warnings(
     passes: &[LinkedPass],
     shaders: &[Shader],
@@ -70,7 +70,7 @@ fn first_touch(pass: &LinkedPass, resource: ResourceHandle, lowered: &Lowered) -
         )
 }
 
-/// Describes includes with culled passes although another pass reads the resource that they should write.
+/// Describes includes with culled passes whose intended result another pass reads.
 fn idle_includes(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Diagnostic> {
     // For each include, its culled passes, including those of nested includes.
     let mut idle: Vec<Vec<usize>> = vec![Vec::new(); lowered.includes.len()];
@@ -121,7 +121,7 @@ fn idle_includes(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec
     found
 }
 
-/// Returns the include that a pass comes from, and those around it.
+/// Returns the include that a pass comes from, and the includes around it.
 fn includes_of(pass: &LinkedPass, lowered: &Lowered) -> impl Iterator<Item = usize> {
     std::iter::successors(pass.include, |include| lowered.includes[*include].parent)
 }

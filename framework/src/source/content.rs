@@ -1,17 +1,17 @@
-//! Hashes of the contents of paths, which show later whether a build would read the same again.
+//! Content hashes of paths, to tell later whether a build would read the same contents.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::hash::{DefaultHasher, Hasher};
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-/// Maximum size of a file that is read: graphs and shaders are smaller, and other files must not fill the memory.
+/// Maximum size of a file to read: graphs and shaders are smaller, and other files must not fill the memory.
 pub(super) const LARGEST_FILE: u64 = 16 << 20;
 
 /// Identifies the contents of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Content {
-    /// No file. A folder counts as none: it does not end a search either.
+    /// No file. A folder counts as none, and does not end a search either.
     Missing,
     /// An unreadable entry, a special file (a pipe, a device), or a file that is too large.
     Unusable,
@@ -24,7 +24,7 @@ pub enum Content {
     },
 }
 
-/// A path on disk that a build read, and its contents. A build has the same result while none of them changes.
+/// A path on disk that a build read, and its contents. A build gives the same result while all of them stay unchanged.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Wanted {
     /// The path as opened, relative to the working directory or absolute.
@@ -41,7 +41,7 @@ impl Content {
         Content::Bytes { length: bytes.len() as u64, hash: hasher.finish() }
     }
 
-    /// Identifies the contents of `path`. Links are followed.
+    /// Identifies the contents of `path`, following links.
     pub fn at(path: &Path) -> Content {
         let read = open(path).and_then(|found| match found {
             Found::Nothing => Ok(Content::Missing),
@@ -51,7 +51,7 @@ impl Content {
         read.unwrap_or(Content::Unusable)
     }
 
-    /// Returns true for a missing or empty file, as editors leave for a moment while they save.
+    /// Returns true for a missing or empty file, which editors leave for a moment while they save.
     pub fn is_empty(self) -> bool {
         matches!(self, Content::Missing | Content::Bytes { length: 0, .. })
     }
@@ -67,7 +67,7 @@ pub(super) enum Found {
     Other(&'static str),
 }
 
-/// Opens a regular file, and nothing else: a pipe would wait for its other end, and opening a device can have effects.
+/// Opens a regular file only: opening a pipe would wait for its other end, and opening a device can have effects.
 pub(super) fn open(path: &Path) -> std::io::Result<Found> {
     let looked = |result: std::io::Result<Metadata>| match result {
         Ok(metadata) if metadata.is_file() => Ok(None),
@@ -116,7 +116,7 @@ pub(super) fn read(file: File) -> std::io::Result<Option<Vec<u8>>> {
     Ok((bytes.len() as u64 <= LARGEST_FILE).then_some(bytes))
 }
 
-/// Returns true for errors that mean that the file does not exist, rather than that it cannot be read.
+/// Returns true for errors that mean that the file does not exist, rather than that it is unreadable.
 fn is_missing(kind: ErrorKind) -> bool {
     matches!(
         kind,

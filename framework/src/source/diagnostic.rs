@@ -13,7 +13,7 @@ pub struct Label {
     pub text: String,
 }
 
-/// Describes an error in a file, or a warning about one.
+/// An error in a file, or a warning about one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
     /// The message: a sentence in lower case without a full stop.
@@ -69,13 +69,14 @@ impl fmt::Display for Diagnostic {
 
 impl std::error::Error for Diagnostic {}
 
-/// Maximum length of names to compare: longer ones are no typing mistakes, and comparing them takes long.
+/// Maximum length of names to compare: a longer one is no typing mistake, and comparing it would take long.
 const LONGEST_NAME: usize = 256;
 
-/// Returns the candidate that was probably meant by `name`: one that differs only in case, or else the first of the nearest
-/// by Damerau-Levenshtein distance (changes, insertions, removals and swaps of neighbours count one). `None` if more than a
-/// third of the name, and more than one character, would have to change,
-/// or if no character would stay.
+/// Returns the candidate that `name` was probably meant to be: one that differs only in case, or else the nearest by
+/// Damerau-Levenshtein distance (changes, insertions, deletions and transpositions count one), the first of several.
+///
+/// `None` if more than a third of the name, and more than one character, would have to change, or if no character would
+/// stay.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let length = name.chars().count();
     if length > LONGEST_NAME {
@@ -84,7 +85,7 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     let limit = (length / 3).max(1);
     let mut best: Option<(usize, &str)> = None;
     for candidate in candidates {
-        // Equal but for case.
+        // Equal except for case.
         if candidate != name && candidate.to_lowercase() == name.to_lowercase() {
             return Some(candidate);
         }

@@ -1,12 +1,12 @@
 //! Finds files by name, and keeps their texts, into which spans point.
 //!
-//! A name is looked for in three places, in this order: in memory (texts of tests and editors), on disk, and
-//! among the files built into the binary. In memory and in the binary, paths are those of the repository:
-//! graphs in `pipelines/`, shaders in `shaders/`. On disk, the two folders are looked for around the referring
-//! file, so that a graph finds its shaders wherever the two folders were copied to.
+//! A name is searched in three places, in this order: in memory (texts of tests and editors), on disk, and among the
+//! files built into the binary. In memory and in the binary, paths are the repository's: graphs in `pipelines/`,
+//! shaders in `shaders/`. On disk, the two folders are searched around the referring file, so that a graph finds its
+//! shaders wherever the two folders were copied to.
 //!
-//! Graphs are untrusted, and the files that they name are read and quoted in diagnostics. With links followed, these files must
-//! therefore be in the graph's own folders ([`Roots`]), or in one of [`Library::include_roots`].
+//! Graphs are untrusted, and the files that they name are read and quoted in diagnostics. With links followed, these
+//! files must therefore be in the graph's own folders ([`Roots`]), or in one of [`Library::include_roots`].
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -52,16 +52,16 @@ pub struct Library {
     pub builtin: &'static [(&'static str, &'static str)],
     /// Paths and texts of files in memory, which take precedence over the disk.
     pub memory: BTreeMap<String, String>,
-    /// Further folders on disk that graphs may name files in.
+    /// Additional folders on disk from which graphs may use files.
     pub include_roots: Vec<PathBuf>,
     /// Unsaved texts of an editor for files that exist on disk, by their paths.
     pub unsaved: BTreeMap<PathBuf, String>,
 }
 
-/// The folders, with links followed, that may contain the files of a graph.
+/// The folders, with links followed, that may contain a graph's files.
 type Roots = Arc<Vec<PathBuf>>;
 
-/// Finds files by name, and keeps those that were opened. See the module's documentation for the search.
+/// Finds files by name, and keeps the opened ones. See the module's documentation for the search.
 ///
 /// ```
 /// use splatgraph_framework::source::{Kind, Library, SourceMap};
@@ -77,13 +77,13 @@ pub struct SourceMap {
     library: Library,
     files: Vec<File>,
     known: HashMap<Identity, FileId>,
-    /// Every path on disk that was looked at, with its contents at the first look.
+    /// Every path on disk that was tried, with its contents at the first look.
     looked: BTreeMap<PathBuf, Content>,
 }
 
 #[derive(Debug)]
 struct File {
-    /// The path for messages; for files on disk, it can also be opened.
+    /// The path for messages. For files on disk, it can be opened.
     path: String,
     text: Cow<'static, str>,
     /// Offset at which each line starts; the first is 0.
@@ -97,11 +97,11 @@ struct File {
 struct OnDisk {
     /// The content read.
     content: Content,
-    /// Folders of the files that it names, as for the graph that led to it.
+    /// Folders of the files that it may name, inherited from its graph.
     roots: Roots,
 }
 
-/// The identity of a file, independent of the name that led to it.
+/// A file's identity, independent of the name used to find it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Identity {
     /// In memory: the normalised path.
@@ -119,16 +119,16 @@ pub struct NotFound {
     pub name: String,
     /// The kind of file.
     pub kind: Kind,
-    /// The paths that were tried, in order.
+    /// The paths tried, in order.
     pub tried: Vec<String>,
     /// The nearest existing name.
     pub nearest: Option<String>,
-    /// The reason why the last of `tried`, which exists, cannot be read.
+    /// The reason why the last of `tried` exists but cannot be read.
     pub why: Option<String>,
 }
 
 impl NotFound {
-    /// Converts to a diagnostic at the name in the referring file.
+    /// Converts it to a diagnostic at the name in the referring file.
     pub fn at(&self, span: Span) -> Diagnostic {
         if self.why.is_some() {
             return Diagnostic::new(self.to_string(), span, "");
@@ -177,23 +177,22 @@ impl SourceMap {
         SourceMap { library, ..SourceMap::default() }
     }
 
-    /// Adds a text without a file. Every call makes a new file, whatever its path, and
-    /// [`SourceMap::find`] does not find it. Names in it are resolved as if it were in memory at that
-    /// path.
+    /// Adds a text without a file. Every call creates a new file, whatever its path, and [`SourceMap::find`] does not
+    /// find it. Names in it are resolved as if it were in memory at that path.
     pub fn add(&mut self, path: impl Into<String>, text: impl Into<String>) -> FileId {
         self.insert(path.into(), Cow::Owned(text.into()), None)
     }
 
-    /// Finds the file that `from`, or the command line if `None`, calls `name`, and reads it if necessary. The first
-    /// of these that exists:
+    /// Finds the file that `from`, or the command line if `None`, calls `name`, and reads it if necessary. It is the
+    /// first of these that exists:
     ///
     /// 1. in memory: beside `from`, at exactly `name`, in the folder of its kind;
-    /// 2. on disk, if `from` is: beside `from`, then in the folder of its kind (`pipelines` or `shaders`)
-    ///    beside the one that `from` is in. Without a `from`: at `name`, then in that folder;
+    /// 2. on disk, if `from` is: beside `from`, then in the folder of its kind (`pipelines` or `shaders`) beside the
+    ///    one that `from` is in. Without a `from`: at `name`, then in that folder;
     /// 3. built in, with the same paths as in memory.
     ///
-    /// The extension `.ron` of a graph is optional. A file that exists but cannot be read, is not UTF-8, or is outside of the
-    /// graph's folders, ends the search.
+    /// The extension `.ron` of a graph is optional. The search ends at a file that exists but cannot be read, is not
+    /// UTF-8, or is outside the graph's folders.
     pub fn find(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Result<FileId, NotFound> {
         let mut tried = Vec::new();
         for spelling in spellings(name, kind) {
@@ -210,7 +209,7 @@ impl SourceMap {
         Err(NotFound { name: name.to_string(), kind, tried, nearest, why: None })
     }
 
-    /// Returns the path of a file, as it was found.
+    /// Returns the path at which a file was found.
     pub fn path(&self, file: FileId) -> &str {
         self.file(file).map_or("<unknown file>", |f| &f.path)
     }
@@ -220,7 +219,7 @@ impl SourceMap {
         self.file(file).map_or("", |f| &f.text)
     }
 
-    /// Returns the line and the column at which a span starts. Both count from 1, columns in characters.
+    /// Returns the line and column of a span's start. Both count from 1, columns in characters.
     pub fn line_column(&self, span: Span) -> (u32, u32) {
         let Some(file) = self.file(span.file) else { return (1, 1) };
         let start = span.start.min(file.text.len());
@@ -236,21 +235,20 @@ impl SourceMap {
         Origin { file: self.path(span.file).to_string(), line, column }
     }
 
-    /// Lists every opened file with its path, and whether it is on disk, where it can change.
+    /// Lists every opened file with its path, and true if it is on disk, where it can change.
     pub fn opened(&self) -> impl Iterator<Item = (FileId, &str, bool)> {
         self.files.iter().enumerate().map(|(i, f)| (FileId(i as u32), f.path.as_str(), f.disk.is_some()))
     }
 
-    /// Returns every path on disk that [`SourceMap::find`] looked at, sorted: files that were read, files that could not be
-    /// read, and places without a file. Files are read once, so each build needs a new map.
-    /// See [`crate::reload`].
+    /// Returns every path on disk that [`SourceMap::find`] tried, sorted: files that were read, files that could not be
+    /// read, and places without a file. Files are read once, so each build needs a new map. See [`crate::reload`].
     pub fn wanted(&self) -> Vec<Wanted> {
         self.looked.iter().map(|(path, content)| Wanted { path: path.clone(), content: *content }).collect()
     }
 
-    /// Runs `read`, and forgets the files that it finds, because the build does not depend on them.
+    /// Runs `read`, and forgets the files that it opens: the build does not depend on them.
     ///
-    /// Their ids are not valid afterwards.
+    /// Their ids are invalid afterwards.
     pub fn aside<T>(&mut self, read: impl FnOnce(&mut SourceMap) -> T) -> T {
         let (count, looked) = (self.files.len(), self.looked.clone());
         let result = read(self);
@@ -270,7 +268,7 @@ impl SourceMap {
         FileId(self.files.len() as u32 - 1)
     }
 
-    /// Looks one spelling of a name up in all places. The error says why an existing file cannot be used.
+    /// Looks up one spelling of a name in all places. The error tells why an existing file cannot be used.
     fn find_spelling(
         &mut self,
         from: Option<FileId>,
@@ -320,8 +318,7 @@ impl SourceMap {
         if let Some(from) = from {
             let folder = parent(self.path(from));
             push_new(&mut paths, joined(folder, name));
-            // A file on disk in `/home/me/shaders/sort` has what the library keeps in `shaders/sort` beside
-            // it.
+            // A file in `/home/me/shaders/sort` on disk corresponds to one in the library's `shaders/sort`.
             if let Some((_, rest)) = root_and_rest(folder) {
                 push_new(&mut paths, joined(rest, name));
             }
@@ -406,7 +403,7 @@ impl SourceMap {
         roots.iter().chain(&self.library.include_roots).any(|root| path.starts_with(root))
     }
 
-    /// Finds the existing name that is most like `name`.
+    /// Finds the existing name most similar to `name`.
     fn nearest_name(&self, from: Option<FileId>, name: &str, kind: Kind) -> Option<String> {
         let mut candidates: Vec<String> = Vec::new();
         let mut offer = |path: &str| {
@@ -425,7 +422,7 @@ impl SourceMap {
             }
         }
         for folder in self.disk_folders(from, kind) {
-            // Names with folders in them are compared with what is in those folders.
+            // A name with a folder is compared with the names in that folder.
             let within = name.rsplit_once('/').map(|(within, _)| within);
             let listed = within.map_or(PathBuf::from(&folder), |within| Path::new(&folder).join(within));
             let listed = if listed.as_os_str().is_empty() { Path::new(".") } else { &listed };
@@ -445,7 +442,7 @@ impl SourceMap {
         if let Some(near) = nearest(name, candidates.iter().map(String::as_str)) {
             return Some(near.to_string());
         }
-        // A file of the right name in another folder.
+        // A file with the right name in another folder.
         let last = |path: &str| path.rsplit('/').next().unwrap_or_default().to_string();
         candidates.into_iter().find(|candidate| !name.is_empty() && last(candidate) == last(name))
     }
@@ -461,8 +458,8 @@ fn spellings(name: &str, kind: Kind) -> Vec<String> {
         return vec![name.to_string()];
     }
     let full = format!("{name}.ron");
-    // `splat` means `splat.ron` first, even if a file or a program called `splat` exists. `splat.old`
-    // is a complete name.
+    // `splat` means `splat.ron` first, even if a file or a program called `splat` exists. `splat.old` is a complete
+    // name.
     if last.contains('.') { vec![name.to_string(), full] } else { vec![full, name.to_string()] }
 }
 
@@ -471,7 +468,7 @@ fn canonical(path: &Path) -> PathBuf {
     fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
 }
 
-/// Returns the folders for files of the graph at `path`, its own first: those that [`SourceMap::find`] searches.
+/// Returns the folders for the files of the graph at `path`, its own first: those that [`SourceMap::find`] searches.
 fn own_roots(path: &Path) -> Vec<PathBuf> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),

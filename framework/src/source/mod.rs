@@ -3,16 +3,16 @@
 //! Everything that this crate reads (graphs, presets, shaders and their includes) is text, and every error has a place
 //! in such a text. This module has four parts:
 //!
-//! - a [`SourceMap`] finds files by name (in memory, on disk, built into the binary), reads each once and
-//!   hands out a [`FileId`](crate::ir::FileId) for it. A [`Span`](crate::ir::Span) is a range of bytes in one such file;
-//! - an [`Outline`] has the span of every element of a RON text. `serde` builds the typed tree without spans;
-//!   when an element turns out to be wrong later, the outline returns its span by [`Path`];
-//! - a [`Diagnostic`] says what is wrong, where, and what to do about it. [`render`] formats a list of them
-//!   as a compiler would, and [`nearest`] finds the name that was probably meant;
+//! - a [`SourceMap`] finds files by name (in memory, on disk, built into the binary), reads each once and assigns it a
+//!   [`FileId`](crate::ir::FileId). A [`Span`](crate::ir::Span) is a byte range in one such file;
+//! - an [`Outline`] has the span of every element of a RON text. `serde` builds the typed tree without spans; if an
+//!   element later turns out to be wrong, the outline returns its span by [`Path`];
+//! - a [`Diagnostic`] is an error with its place and suggestions. [`render`] formats a list of them as a compiler
+//!   would, and [`nearest`] finds the name that was probably meant;
 //! - [`ron_error`] converts errors of the `ron` crate to diagnostics.
 //!
-//! The map records all paths on disk that a build looked at as [`Wanted`]: while each has the same
-//! [`Content`], another build would give the same result.
+//! The map records all paths on disk that a build tried as [`Wanted`]: while each has the same [`Content`], another
+//! build would give the same result.
 
 mod content;
 mod diagnostic;

@@ -1,8 +1,8 @@
 //! Byte spans of every element of a RON text.
 //!
-//! `serde` and the `ron` crate turn the text into typed values, with places for syntax errors only. The outline parses the
-//! text again, into a tree of spans without values. A [`Path`] selects an element: the way from the root, by fields, keys
-//! and indices.
+//! `serde` and the `ron` crate turn the text into typed values, with places for syntax errors only. The outline parses
+//! the text again, into a tree of spans without values. A [`Path`] selects an element: the steps from the root, by
+//! fields, keys and indices.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -13,12 +13,11 @@ use super::token::{Text, Token, TokenKind, tokens};
 use super::{Diagnostic, Label};
 use crate::ir::{FileId, Span};
 
-/// The way from the root of a RON text to one of its elements.
+/// The path from the root of a RON text to one of its elements.
 ///
-/// A step is a field of a struct, a key of a map (equal names make equal steps) or an index of a list, a tuple
-/// or a variant's parentheses. In `params: {"x": Const(Int(default:
-/// 8))}` the 8 is at `root().field("params").key("x").index(0).field("default")`. `Some(x)` counts as `x`,
-/// without a step.
+/// A step is a field of a struct, a key of a map (equal names make equal steps) or an index of a list, a tuple or a
+/// variant's parentheses. In `params: {"x": Const(Int(default: 8))}` the 8 is at
+/// `root().field("params").key("x").index(0).field("default")`. `Some(x)` counts as `x`, without a step.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Path(Arc<[Step]>);
 
@@ -89,7 +88,7 @@ pub(super) struct Node {
 
 #[derive(Clone, Debug)]
 pub(super) enum Content {
-    /// A number, a character, a byte string, or a name alone.
+    /// A number, a character, a byte string, or a bare name.
     Scalar,
     Text(Text),
     /// `(a, b)`, `Name(a, b)`, `[a, b]`
@@ -118,26 +117,26 @@ impl Outline {
         Ok(Outline { file, nodes: parser.nodes, root })
     }
 
-    /// Returns the span of the element at `path`; of a string, without its quotes. If there is no such element,
+    /// Returns the span of the element at `path`; for a string, without its quotes. If there is no such element,
     /// returns the span of the nearest enclosing one.
     pub fn value(&self, path: &Path) -> Span {
         self.span(self.walk(path).0.inside())
     }
 
-    /// Returns the span of the field's name or the map's key of the element at `path`; of a string, without
-    /// its quotes. Returns the span of the element itself if it has neither, or does not exist.
+    /// Returns the span of the field name or map key of the element at `path`; for a string, without its quotes. If it
+    /// has neither, or does not exist, returns the span of the element itself.
     pub fn key(&self, path: &Path) -> Span {
         let (node, found) = self.walk(path);
         self.span(node.key.clone().filter(|_| found).unwrap_or(node.inside()))
     }
 
-    /// Like [`Outline::value`], but for a struct, a variant or a list only the name or the bracket that it
-    /// starts with, to point at when something is missing in it.
+    /// Like [`Outline::value`], but for a struct, a variant or a list returns only its name or opening bracket. Use it
+    /// to report that something is missing in the element.
     pub fn head(&self, path: &Path) -> Span {
         self.span(self.walk(path).0.shallow())
     }
 
-    /// Returns the file offset of byte `offset_in_value` of the string at `path`, after its escapes are resolved.
+    /// Returns the file offset of byte `offset_in_value` of the string at `path`, counted after escapes are resolved.
     /// Falls back to the nearest place if the string is missing or shorter.
     pub fn string_offset(&self, path: &Path, offset_in_value: usize) -> usize {
         let node = self.walk(path).0;
@@ -147,8 +146,8 @@ impl Outline {
         }
     }
 
-    /// Returns the span of a byte range of the string at `path` after its escapes are resolved, for errors of
-    /// expressions in it. Returns the whole element if it is not a string.
+    /// Returns the span of a byte range of the string at `path`, counted after escapes are resolved, for errors in
+    /// expressions. Returns the whole element if it is not a string.
     pub fn within_string(&self, path: &Path, range: Range<usize>) -> Span {
         if !matches!(self.walk(path).0.content, Content::Text(_)) {
             return self.value(path);
@@ -157,7 +156,7 @@ impl Outline {
         self.span(start..end.max(start))
     }
 
-    /// Returns an error for every duplicate name in a struct or a map. (Maps would silently keep the last one.)
+    /// Returns an error for every duplicate name in a struct or a map. (A map would silently keep the last one.)
     pub fn duplicates(&self) -> Vec<Diagnostic> {
         let mut errors = Vec::new();
         for node in &self.nodes {
@@ -189,7 +188,7 @@ impl Outline {
             let child = match (&node.content, step) {
                 (Content::List { children, .. }, Step::Index(index)) => children.get(*index).copied(),
                 (Content::Record { children, .. }, Step::Name(name)) => {
-                    // Of a map's duplicate keys the last one counts.
+                    // Of duplicate keys in a map, the last one counts.
                     children.iter().rev().find(|(n, _)| **n == **name).map(|(_, child)| *child)
                 }
                 // With `unwrap_variant_newtypes`, `Const(Int(default: 8))` may be written `Const(default:
@@ -211,7 +210,7 @@ impl Outline {
 
     /// Returns the element that starts at `offset`, if any.
     pub(super) fn starting_at(&self, offset: usize) -> Option<&Node> {
-        // No two elements start at the same place, because lists start with a bracket.
+        // No two elements start at one place, because lists start with a bracket.
         self.nodes.iter().find(|node| node.place.start == offset)
     }
 
@@ -248,7 +247,7 @@ impl Outline {
 }
 
 impl Node {
-    /// Returns the span of the element, without the quotes of a string.
+    /// Returns the element's span, without the quotes of a string.
     pub fn inside(&self) -> Range<usize> {
         match &self.content {
             Content::Text(text) => text.inside.clone(),
@@ -341,7 +340,7 @@ impl<'a> Parser<'a> {
         let closer = closing(bracket);
         let is_record = match bracket {
             '{' => true,
-            // A quoted name is a mistake that `key` explains.
+            // A quoted name is a mistake that `key` reports.
             '(' => {
                 matches!(self.peek_kind(0), Some(TokenKind::Identifier | TokenKind::Text(_)))
                     && self.peek_kind(1) == Some(&TokenKind::Colon)
@@ -384,8 +383,7 @@ impl<'a> Parser<'a> {
         let Some(token) = self.peek(0) else { return Err(self.expected("a name")) };
         let (name, place) = match &token.kind {
             TokenKind::Identifier if bracket == '(' && self.peek_kind(1) == Some(&TokenKind::Open('(')) => {
-                // Most likely this is the next element of a list, and a closing parenthesis is missing before
-                // it.
+                // This is probably the next element of a list, and a closing parenthesis is missing before it.
                 let name = &self.text[token.start..token.end];
                 let message = format!("expected a field `name: value`, found `{name}(`");
                 let mut error = self.error(token.start..token.end, message, "not expected here");
@@ -460,7 +458,7 @@ impl<'a> Parser<'a> {
         }
         let error = self.error(end..end, "a comma is missing", &format!("expected `,` or `{closer}` here"));
         let is_text = |token: &Token| matches!(token.kind, TokenKind::Text(_));
-        // `name: "a, shader: "b"`: the second quote was meant to open a text, and closed one.
+        // `name: "a, shader: "b"`: the second quote, meant to open a text, closed one.
         if before.end == next.start && (is_text(before) || is_text(next)) {
             return Box::new(error.with_help("or a quote is missing or too many, here or before"));
         }
@@ -503,7 +501,7 @@ impl<'a> Parser<'a> {
         if let Some(error) = self.lexical_error.take() {
             return Box::new(error);
         }
-        // After the last token, because there may be no line after it to point at.
+        // After the last token: there may be no later line to point at.
         let end = self.text.trim_end().len();
         if let Some(opener) = self.open.last() {
             let opened = &self.text[opener.start..opener.end];

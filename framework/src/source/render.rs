@@ -18,8 +18,8 @@ use crate::ir::{FileId, Span};
 ///    |                               ^^^^^ did you mean `shader`?
 /// ```
 ///
-/// Invalid spans (beyond the text, inside a character, reversed) are moved to the nearest valid place. `colour`
-/// adds ANSI escapes.
+/// Invalid spans (beyond the text, inside a character, reversed) are moved to the nearest valid place. `colour` adds
+/// ANSI escapes.
 pub fn render(files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
     render_as(Level::ERROR, files, diagnostics, colour)
 }
@@ -78,9 +78,9 @@ fn render_one(
     renderer.render(&[group])
 }
 
-/// Replaces characters that terminals interpret and `annotate_snippets` keeps: C1 control characters (for some terminals,
-/// U+009B begins an escape sequence), and characters that change the direction of text or break lines.
-/// Replacements have as many bytes, so that places stay valid.
+/// Replaces characters that terminals interpret and `annotate_snippets` keeps: C1 control characters (for some
+/// terminals, U+009B begins an escape sequence), and characters that change the text direction or break lines.
+/// Replacements have equal lengths in bytes, so places stay valid.
 fn harmless(text: &str) -> Cow<'_, str> {
     let replaced = |c: char| match c {
         '\u{80}'..='\u{9f}' | '\u{61c}' => Some('\u{bf}'),
@@ -93,7 +93,7 @@ fn harmless(text: &str) -> Cow<'_, str> {
     text.chars().map(|c| replaced(c).unwrap_or(c)).collect()
 }
 
-/// Converts a text to one line, without characters that terminals interpret.
+/// Joins the lines of a text, and replaces characters that terminals interpret.
 fn one_line(text: &str) -> String {
     normalize_untrusted_str(&harmless(text)).replace('\n', "\u{240a}")
 }

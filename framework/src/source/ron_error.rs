@@ -1,9 +1,8 @@
 //! Converts errors of the `ron` crate to diagnostics.
 //!
-//! The crate reports the position of its cursor. Depending on the error this is before an unexpected value, after an unknown
-//! name, or at the end of a struct that lacks a field. This module finds the element that a person would point at, with the
-//! [`Outline`]. For unbalanced brackets, the outline's own error is better, because it knows which bracket
-//! was opened where.
+//! The crate reports the position of its cursor. Depending on the error this is before an unexpected value, after an
+//! unknown name, or at the end of a struct that lacks a field. This module finds the element at fault with the
+//! [`Outline`]. For unbalanced brackets it uses the outline's own error, which tells where the bracket was opened.
 
 use std::ops::Range;
 
@@ -15,7 +14,7 @@ use crate::ir::{FileId, Span};
 
 /// Converts an error of the `ron` crate (0.12) to a diagnostic at the place of the mistake.
 ///
-/// `text` is the text that was read. Unknown fields and variants come with the nearest name that exists.
+/// `text` is the text that was parsed. Unknown fields and variants come with the nearest existing name.
 pub fn ron_error(file: FileId, text: &str, error: &SpannedError) -> Diagnostic {
     let outline = match Outline::parse(file, text) {
         Ok(outline) => Some(outline),
@@ -270,7 +269,7 @@ fn is_name(text: &str) -> bool {
 
 const NAME: &str = "a name";
 
-/// Names the expected text, for errors that give nothing else.
+/// Describes what was expected, for errors without more information.
 fn wanted(error: &Error) -> Option<String> {
     let wanted = match error {
         Error::ExpectedArray => "a list `[...]`",

@@ -1,6 +1,5 @@
-//! Splits RON into tokens with places. Numbers, characters and identifiers are only delimited, because the `ron`
-//! crate parses the values. Strings are parsed completely, because
-//! errors point into them.
+//! Splits RON into tokens with places. Numbers, characters and identifiers are only delimited, because the `ron` crate
+//! parses the values. Strings are parsed completely, because errors point into them.
 
 use std::ops::Range;
 
@@ -37,7 +36,7 @@ pub(super) struct Text {
     pub value: String,
     /// The bytes between the quotes.
     pub inside: Range<usize>,
-    /// Pairs of (offset in the value, offset in the file), in step up to the next pair.
+    /// Pairs of (offset in the value, offset in the file), in step until the next pair.
     pub steps: Vec<(usize, usize)>,
 }
 
@@ -52,7 +51,7 @@ impl Text {
     }
 }
 
-/// Reads all tokens. An error comes with the tokens before it.
+/// Reads all tokens. An error is returned with the tokens before it.
 pub(super) fn tokens(file: FileId, text: &str) -> (Vec<Token>, Option<Diagnostic>) {
     let mut lexer = Lexer { file, text, at: 0 };
     let mut tokens = Vec::new();

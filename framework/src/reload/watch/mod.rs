@@ -1,14 +1,14 @@
 //! Reports changed contents of the files that a build read.
 //!
-//! Events of the operating system only say *when* to look. They come in bursts, differ between systems and editors, and
-//! are often spurious, so each event makes the watcher read all wanted files and compare hashes of their contents. It
-//! watches folders rather than files, because most editors save by replacing the file. For each wanted path these are all folders
-//! along it, also through symlinks (module `symlink_path`), so that the watcher notices folders that appear and disappear,
-//! and links that are redirected.
+//! Events of the operating system only tell *when* to look. They come in bursts, differ between systems and editors,
+//! and are often spurious. So each event makes the watcher read all wanted files and compare hashes of their contents.
+//! It watches folders rather than files, because most editors save by replacing the file. For each wanted path it
+//! watches all folders along it, including through symlinks (module `symlink_path`), so that it notices folders that
+//! appear and disappear, and links that are redirected.
 //!
-//! The watcher has a thread. Besides events it looks at regular intervals ([`ROUNDS`]), because some network and virtual file systems
-//! send no events for writes by other machines. Without any events, it looks more often ([`POLLING`]). (`notify`'s own polling
-//! would list whole folders.)
+//! The watcher has a thread. It also looks at regular intervals ([`ROUNDS`]), because some network and virtual file
+//! systems send no events for writes by other machines. Without any events, it looks more often ([`POLLING`]).
+//! (`notify`'s own polling would list whole folders.)
 //!
 //! The constants below are the delays for files that are being written.
 
@@ -32,23 +32,23 @@ use crate::source::{Content, Wanted};
 use subject::{Patience, Subject};
 use symlink_path::Walk;
 
-/// Delays a change until the file has not changed for this long.
+/// Delay of a change since the file's last write.
 pub const QUIET: Duration = Duration::from_millis(20);
-/// Limits the delay of a file that keeps changing.
+/// Maximum delay of a file that keeps changing.
 pub const MOVING: Duration = Duration::from_secs(1);
-/// Delays the change of a missing or empty file: a save may have just begun.
+/// Delay of a missing or empty file: a save may have just begun.
 pub const GONE: Duration = Duration::from_secs(1);
-/// Delays a change while other files are changing, so that files saved together are one change.
+/// Maximum delay of a change while other files are changing, so that files saved together are one change.
 pub const GATHER: Duration = Duration::from_millis(100);
-/// Sets the interval of looking at all files, with events.
+/// Interval of looking at all files, with events.
 pub const ROUNDS: Duration = Duration::from_secs(2);
-/// Sets the interval of looking at all files, without events.
+/// Interval of looking at all files, without events.
 pub const POLLING: Duration = Duration::from_millis(200);
 
 /// Files that changed since they were built or reported.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileChange {
-    /// Sorted paths, as in [`Wanted::path`], including those of missing and new files.
+    /// Sorted paths, as in [`Wanted::path`], including missing and new files.
     pub files: Vec<PathBuf>,
     /// Time of the first event: close to the moment of saving.
     pub first_seen: Instant,
@@ -62,7 +62,7 @@ pub enum WatchError {
     Thread(#[from] std::io::Error),
 }
 
-/// The way in which a watcher notices changes.
+/// How a watcher notices changes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum WatchKind {
     /// The system sends events.
@@ -88,17 +88,17 @@ pub struct Watcher {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Holds the results of the thread.
+/// The thread's results.
 #[derive(Debug)]
 struct Shared {
     kind: WatchKind,
     found: Option<Found>,
 }
 
-/// Holds a change that was not taken yet.
+/// A change that was not taken yet.
 #[derive(Debug)]
 struct Found {
-    /// Contents of each file.
+    /// New contents of each file.
     files: BTreeMap<PathBuf, Content>,
     first_seen: Instant,
 }
@@ -107,7 +107,7 @@ enum Message {
     Event(Instant, notify::Result<notify::Event>),
     Watch(Vec<Wanted>),
     Stop,
-    /// Answered once all earlier messages have been handled.
+    /// Acknowledged once all earlier messages have been handled.
     #[cfg(test)]
     Answer(Sender<()>),
 }
@@ -116,8 +116,8 @@ type Native = Box<dyn notify::Watcher + Send>;
 type Handler = Box<dyn FnMut(notify::Result<notify::Event>) + Send>;
 
 impl Watcher {
-    /// Starts a watcher without files. `wake` is called, on the watcher's thread, when there is a change to take and when the
-    /// [kind](Watcher::kind) changes.
+    /// Starts a watcher without files. `wake` is called on the watcher's thread when there is a change to take, and
+    /// when the [kind](Watcher::kind) changes.
     pub fn new(wake: impl Fn() + Send + 'static) -> Result<Watcher, WatchError> {
         let native =
             |handler| -> notify::Result<Native> { Ok(Box::new(notify::recommended_watcher(handler)?)) };
@@ -139,7 +139,7 @@ impl Watcher {
         let native = native(Box::new(move |event| {
             // Ignore reads, most of which are the watcher's own.
             if !event.as_ref().is_ok_and(|event| is_reading(&event.kind)) {
-                // The watcher has been or will be dropped.
+                // This fails only if the watcher is being dropped.
                 let _ = events.send(Message::Event(Instant::now(), event));
             }
         }));
@@ -165,7 +165,8 @@ impl Watcher {
     }
 
     /// Replaces the watched paths. Call it after each build, successful or not, with all files that the build read. A
-    /// file that changed since then is reported at once. A path may occur several times, with the contents of several builds.
+    /// file that has changed since is reported at once. A path may occur several times, with the contents of several
+    /// builds.
     pub fn watch(&mut self, wanted: &[Wanted]) {
         let mut shared = lock(&self.shared);
         if let Some(found) = &mut shared.found {
@@ -188,7 +189,7 @@ impl Watcher {
         Some(FileChange { files: files.into_keys().collect(), first_seen })
     }
 
-    /// Returns the way changes are noticed currently.
+    /// Returns how changes are currently noticed.
     pub fn kind(&self) -> WatchKind {
         lock(&self.shared).kind.clone()
     }
@@ -209,7 +210,7 @@ const PATIENCE: Patience =
 
 const ON_DEMAND: &str = "that is wanted";
 
-/// Maximum number of messages to read before looking at the files again.
+/// Maximum number of messages read before the next look at the files.
 const MOST_AT_ONCE: usize = 1000;
 /// Maximum number of attempts to find the folders to watch, which may change meanwhile.
 const MOST_WALKS: usize = 8;
@@ -223,7 +224,7 @@ fn is_reading(kind: &EventKind) -> bool {
     matches!(kind, EventKind::Access(access) if *access != AccessKind::Close(AccessMode::Write))
 }
 
-/// Describes why there are no events, as the end of "because ...".
+/// Describes why there are no events; the text completes "because ...".
 fn reason(error: &notify::Error) -> String {
     match &error.kind {
         ErrorKind::Generic(text) => text.clone(),
@@ -241,7 +242,7 @@ struct LookOut<Wake> {
     shared: Arc<Mutex<Shared>>,
     wake: Wake,
     subjects: Vec<Subject>,
-    /// The paths of all entries along the subjects' paths: events about other paths do not matter.
+    /// All entries along the subjects' paths: events about other paths are ignored.
     entries: HashSet<PathBuf>,
     /// Folders that send events.
     watched: BTreeSet<PathBuf>,
@@ -279,7 +280,7 @@ impl<Wake: Fn()> LookOut<Wake> {
                     }
                 }
             }
-            // Even if irrelevant messages keep coming.
+            // Checked even if irrelevant messages keep coming.
             let now = Instant::now();
             let noticed = noticed.or(next_look.filter(|time| *time <= now).map(|_| now));
             if let Some(noticed) = noticed {
@@ -289,7 +290,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
     }
 
-    /// Returns the time of the next look without events.
+    /// Returns the time of the next look if no event comes.
     fn next_look(&self) -> Option<Instant> {
         let rounds = if self.native.is_some() { self.patience.rounds } else { Some(POLLING) };
         let rounds = rounds.filter(|_| !self.subjects.is_empty()).map(|rounds| self.looked + rounds);
@@ -342,7 +343,8 @@ impl<Wake: Fn()> LookOut<Wake> {
         let mut matters = event.paths.is_empty();
         for path in &event.paths {
             matters |= self.entries.contains(&*spelling(path));
-            // After a folder was removed, created or renamed, the watch on it and on its subfolders is on another folder.
+            // After a folder was removed, created or renamed, the watches on it and its subfolders refer to the old
+            // folder.
             if !matches!(event.kind, EventKind::Modify(ModifyKind::Data(_) | ModifyKind::Metadata(_))) {
                 self.stale.extend(self.watched.iter().filter(|folder| folder.starts_with(path)).cloned());
             }
@@ -361,7 +363,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         self.looked = now;
     }
 
-    /// Watches the folders along the subjects' present paths, and no others.
+    /// Watches exactly the folders along the subjects' current paths.
     fn watch_folders(&mut self) {
         for _ in 0..MOST_WALKS {
             let mut walk = Walk::default();
@@ -385,7 +387,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
     }
 
-    /// Makes `watched` equal to `folders`. Returns true if any was added.
+    /// Makes `watched` equal to `folders`. Returns true if it added any.
     fn update(&mut self, folders: &BTreeMap<PathBuf, bool>) -> bool {
         let Some(native) = &mut self.native else { return false };
         let stale = std::mem::take(&mut self.stale);
@@ -454,9 +456,10 @@ impl<Wake: Fn()> LookOut<Wake> {
     }
 }
 
-/// Selects all folders along a path, up to the root, or only the last ones and those with links. On macOS a watched folder
-/// sends the events of everything below it, for the root those of the whole machine; changes further up wait for the next
-/// round there.
+/// True to watch all folders along a path up to the root; false for only the last ones and those with links.
+///
+/// On macOS a watched folder sends the events of everything below it: for the root, those of the whole machine. There,
+/// changes further up wait for the next regular look.
 const EVERY_FOLDER: bool = !cfg!(target_os = "macos");
 
 /// Normalizes a path as events may spell it: in lower case on systems that ignore case.

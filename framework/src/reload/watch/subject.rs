@@ -1,8 +1,8 @@
 //! Tracks one wanted file: whether its contents differ from those that a build read, and when to report that.
 //!
-//! Each event makes the watcher look at all files, and only contents count. A difference is *pending* until the file has not
-//! changed for a while, so that a burst of writes is one change. The delay is longer for a missing or empty file, because many
-//! editors begin a save that way.
+//! Each event makes the watcher look at all files, and only contents count. A difference is *pending* until the file
+//! has been unchanged for a while, so that a burst of writes is one change. The delay is longer for a missing or empty
+//! file, because many editors begin a save that way.
 
 use std::fs::{self, Metadata};
 use std::path::{Path, PathBuf};
@@ -10,33 +10,33 @@ use std::time::{Duration, Instant, SystemTime};
 
 use crate::source::Content;
 
-/// Sets the delays of a watcher.
+/// The delays of a watcher.
 #[derive(Clone, Copy, Debug)]
 pub struct Patience {
     pub quiet: Duration,
     pub moving: Duration,
     pub gone: Duration,
     pub gather: Duration,
-    /// Interval of regular looks at all files; `None` for no such looks.
+    /// Interval of regular looks at all files; `None` for none.
     pub rounds: Option<Duration>,
 }
 
-/// A file (or a place where one may appear) that is watched.
+/// A watched file, or a place where one may appear.
 #[derive(Debug)]
 pub struct Subject {
     /// The path as the caller wrote it.
     pub given: PathBuf,
     /// The absolute path.
     pub path: PathBuf,
-    /// Contents that were built or reported.
+    /// The contents last built or reported.
     pub told: Content,
-    /// True if `told` was reported and not built yet.
+    /// True if `told` was reported but not built yet.
     announced: bool,
     glance: Option<Glance>,
     pending: Option<Pending>,
 }
 
-/// Holds the result of one look at a file.
+/// The result of one look at a file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Glance {
     stamp: Option<Stamp>,
@@ -48,18 +48,18 @@ struct Glance {
 struct Stamp {
     length: u64,
     modified: Option<SystemTime>,
-    /// Device, inode, and the time of the last change of either content or inode, in nanoseconds.
+    /// Device, inode, and the time of the last change to either content or inode, in nanoseconds.
     inode: (u64, u64, i128),
 }
 
-/// A difference that was not reported yet.
+/// A difference that has not been reported yet.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     first_seen: Instant,
-    /// True if the file is missing or empty, and the time of the last change of this.
+    /// True if the file is missing or empty; `gone_since` is when this last changed.
     gone: bool,
     gone_since: Instant,
-    /// Time since which every look showed the same contents.
+    /// Time since which all looks showed these contents.
     steady_since: Instant,
     glance: Glance,
 }
@@ -68,9 +68,9 @@ struct Pending {
 #[derive(Clone, Copy, Debug)]
 pub struct Difference {
     pub first_seen: Instant,
-    /// The file is missing or empty.
+    /// True if the file is missing or empty.
     pub gone: bool,
-    /// Time to report it, if nothing changes until then.
+    /// Time to report it if nothing changes until then.
     pub due: Instant,
 }
 
@@ -113,12 +113,12 @@ impl Subject {
             return;
         }
         let content = Content::at(&self.path);
-        // A file that is being written may be incomplete, and is read again next time.
+        // A file that is being written may be incomplete; it is read again next time.
         let stamp = stamp(&self.path).filter(|after| before == Some(*after));
         self.glance = Some(Glance { stamp, content });
     }
 
-    /// Evaluates the last look. `noticed` is the time of the event that caused it.
+    /// Evaluates the last look. `noticed` is the time of its event.
     pub fn weigh(&mut self, noticed: Instant, now: Instant) {
         let Some(glance) = self.glance else { return };
         if glance.content == self.told {
@@ -178,7 +178,7 @@ fn inode(_: &Metadata) -> (u64, u64, i128) {
 }
 
 impl Stamp {
-    /// Returns true if any later write will have a different time, whatever the clock's resolution (2 s on FAT).
+    /// Returns true if any later write must have a different time, whatever the clock's resolution (2 s on FAT).
     fn is_old(self) -> bool {
         const RESOLUTION: Duration = Duration::from_secs(3);
         let age = self.modified.and_then(|modified| SystemTime::now().duration_since(modified).ok());

@@ -1,9 +1,9 @@
 //! Lists the folder entries that a path resolves through, symlinks included.
 //!
-//! `/home/me/graphs/a.ron` resolves through the entry `home` in `/`, `me` in `/home`, and so on; and if `graphs` is a symlink,
-//! through that and every entry along its target. The contents at a path change only if one of these entries or the file at their
-//! end changes, so the watcher watches these entries. For a path that does not resolve, the last entry is the first missing
-//! one.
+//! `/home/me/graphs/a.ron` resolves through the entry `home` in `/`, `me` in `/home`, and so on. If `graphs` is a
+//! symlink, it also resolves through every entry along the link's target. The contents at a path change only if one of
+//! these entries or the final file changes, so the watcher watches these entries. For a path that does not resolve, the
+//! last entry is the first missing one.
 
 use std::collections::HashMap;
 use std::ffi::OsString;
@@ -23,7 +23,7 @@ pub struct Entry {
     pub is_link: bool,
 }
 
-/// Resolves paths, and caches the entries, so that shared folders are read once. It serves one resolution of all paths.
+/// Resolves paths, and caches entries so that shared folders are read once. Valid for one resolution of all paths.
 #[derive(Debug, Default)]
 pub struct Walk {
     met: HashMap<PathBuf, Met>,

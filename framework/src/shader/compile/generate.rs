@@ -1,4 +1,4 @@
-//! Runs glslang: texts to SPIR-V, or an error.
+//! Runs glslang: converts texts to SPIR-V or an error.
 
 use std::collections::BTreeMap;
 
@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::ir::ShaderStage;
 
-/// Maximum bytes of GLSL after includes, where a file can occur more than once.
+/// Maximum bytes of GLSL after includes; a file can be included more than once.
 pub(super) const MOST_INCLUDED_BYTES: usize = 4 << 20;
-/// Bytes that each include counts in addition to its text, which bounds the number of small includes.
+/// Bytes that each include adds to the count besides its text, which bounds the number of small includes.
 pub(super) const INCLUDE_BYTES: usize = 256;
 /// Maximum nesting of includes.
 pub(super) const MOST_DEPTH: usize = 32;
@@ -64,7 +64,7 @@ pub(super) enum IncludeProblem {
 /// Provides included texts to glslang. Units are named by number, which makes the log easy to parse.
 struct Includes<'a> {
     key: &'a Key,
-    /// Units that are currently being included, the shader itself first.
+    /// The stack of included units, the shader itself first.
     chain: Vec<usize>,
     bytes: usize,
     failures: Vec<IncludeFailure>,
@@ -72,7 +72,7 @@ struct Includes<'a> {
 
 impl IncludeHandler for Includes<'_> {
     fn include(&mut self, _: IncludeType, name: &str, includer: &str, depth: usize) -> Option<IncludeResult> {
-        // glslang calls the shader itself "".
+        // glslang names the shader itself "".
         let unit = if includer.is_empty() { 0 } else { includer.parse().ok()? };
         self.chain.truncate(depth);
         let failure = |why| IncludeFailure { unit, name: name.to_string(), why };
@@ -86,7 +86,7 @@ impl IncludeHandler for Includes<'_> {
             }
         };
         if let Some(why) = why {
-            // After a refusal, glslang asks for a quoted name again as if it were in angle brackets.
+            // After a refusal, glslang asks again for a quoted name, as if it were in angle brackets.
             let failure = failure(why);
             if !self.failures.contains(&failure) {
                 self.failures.push(failure);
@@ -129,7 +129,7 @@ pub(super) fn generate(key: &Key) -> Result<Vec<u32>, Failure> {
         ShaderInput::new(&source, stage, &options, None::<&[(&str, Option<&str>)]>, Some(&mut includes))
             .map_err(failed)?;
     let mut builder = Shader::new(compiler, input);
-    // The preamble is a separate text before the shader, so line numbers stay.
+    // The preamble is a separate text before the shader, so line numbers do not change.
     let preamble: String =
         key.defines.iter().map(|(name, value)| format!("#define {name} {value}\n")).collect();
     builder.preamble(&preamble);

@@ -1,9 +1,9 @@
-//! Turns glslang's log into diagnostics.
+//! Converts glslang's log to diagnostics.
 //!
 //! A line of the log is `ERROR: 2:14:9: 'keys' : undeclared identifier`: the number of the file, line, column, the
-//! token, and the message. The column is not that of the file: glslang parses the output of its preprocessor, with
-//! macros expanded and different spaces. Lines are kept. The token is therefore searched in the line. If it occurs
-//! more than once, the column decides: [`printed_columns`] knows where the preprocessor puts each token.
+//! token, and the message. The line is the file's, but the column is not: glslang parses the output of its
+//! preprocessor, with macros expanded and different spaces. The token is therefore searched in the line. If it occurs
+//! more than once, the column decides: [`printed_columns`] computes where the preprocessor puts each token.
 
 use std::ops::Range;
 
@@ -14,7 +14,7 @@ use crate::ir::Span;
 use crate::shader::compiler::ShaderRequest;
 use crate::source::{Diagnostic, SourceMap, nearest};
 
-/// Maximum number of diagnostics of one compilation.
+/// Maximum number of diagnostics per compilation.
 pub(super) const MOST_DIAGNOSTICS: usize = 10;
 
 /// Returns the diagnostics of a log, at least one.
@@ -27,7 +27,7 @@ pub(super) fn diagnose(
     let mut diagnostics: Vec<Diagnostic> = Vec::new();
     let mut lines = Vec::new();
     for entry in entries(log) {
-        // Further errors in the same line are mostly consequences of the first.
+        // Further errors in a line are mostly consequences of the first.
         if entry.place.is_some() && lines.contains(&entry.place.map(|p| (p.unit, p.line))) {
             continue;
         }
@@ -60,12 +60,12 @@ struct Entry<'l> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Place {
     unit: usize,
-    /// Counts from 1, like the column; 0 if unknown.
+    /// Line, from 1, like the column; 0 if unknown.
     line: usize,
     column: usize,
 }
 
-/// Parses the errors of a log, without those that only count errors.
+/// Parses the errors of a log, except lines that only count errors.
 fn entries(log: &str) -> Vec<Entry<'_>> {
     const PREFIXES: [&str; 4] = ["ERROR: ", "INTERNAL ERROR: ", "UNIMPLEMENTED: ", "UNKNOWN ERROR: "];
     let mut entries: Vec<Entry> = Vec::new();
@@ -91,7 +91,7 @@ fn entries(log: &str) -> Vec<Entry<'_>> {
     entries
 }
 
-/// Splits `0:12:5: ` off the front.
+/// Splits off a prefix like `0:12:5: `.
 fn split_place(text: &str) -> (Option<Place>, &str) {
     let parse = || {
         let (head, rest) = text.split_once(": ")?;
@@ -219,7 +219,7 @@ fn locate(
     let tokens: Vec<Token> = lex(text).into_iter().filter(|t| line.contains(&t.start)).collect();
     let tokens: Vec<Token> = tokens.into_iter().filter(|t| t.kind != TokenKind::Newline).collect();
     let printed = printed_columns(text, line.start, &tokens);
-    // Errors of the preprocessor have columns as in the file, those of the parser as printed.
+    // The preprocessor's errors have the file's columns, the parser's have printed ones.
     let distance = |i: usize| {
         let in_file = tokens[i].start - line.start + 1;
         in_file.abs_diff(place.column).min(printed[i].abs_diff(place.column))
@@ -284,7 +284,8 @@ fn printed_columns(text: &str, line_start: usize, tokens: &[Token]) -> Vec<usize
     columns
 }
 
-/// Rewrites messages such as `syntax error, unexpected SEMICOLON, expecting COMMA or RIGHT_PAREN`, with tokens spelled out.
+/// Rewrites messages such as `syntax error, unexpected SEMICOLON, expecting COMMA or RIGHT_PAREN`, spelling out the
+/// tokens.
 struct SyntaxError<'m> {
     unexpected: &'m str,
     expecting: Vec<&'m str>,
@@ -328,7 +329,7 @@ impl<'m> SyntaxError<'m> {
     }
 }
 
-/// Describes a class of tokens by the grammar's name; empty for tokens with one spelling.
+/// Describes a class of tokens by its name in the grammar; empty for tokens with one spelling.
 fn described(name: &str) -> &'static str {
     match name {
         "IDENTIFIER" => "a name",
@@ -351,7 +352,7 @@ fn quoted(name: &str) -> String {
     }
 }
 
-/// Spells a token of the grammar; keywords are named by their spelling, in capitals.
+/// Spells a token of the grammar. Keywords are named in capitals there.
 fn grammar_spelling(name: &str) -> &str {
     match name {
         "LEFT_OP" => "<<",
@@ -403,7 +404,7 @@ fn grammar_spelling(name: &str) -> &str {
     }
 }
 
-/// Returns the token in the text that glslang's quotation stands for.
+/// Returns the token of the text for glslang's quotation.
 fn spelling(quoted: &str) -> &str {
     match quoted {
         "assign" => "=",
@@ -411,7 +412,7 @@ fn spelling(quoted: &str) -> &str {
     }
 }
 
-/// Rewrites types in a message as GLSL writes them: `' temp highp 3-component vector of float'` is a `` `vec3` ``.
+/// Rewrites types in a message in GLSL's notation: `' temp highp 3-component vector of float'` becomes `` `vec3` ``.
 fn plain_types(message: &str) -> String {
     let parts: Vec<&str> = message.split('\'').collect();
     // An even number of parts means an odd number of quotes, one of which is an apostrophe.

@@ -2,19 +2,18 @@
 //!
 //! A shader is compiled in four steps:
 //!
-//! 1. *gather* ([`Sources`]): find and scan the shader and everything that it includes, directly or not. This shows
-//!    which of the graph's defines they mention; a parameter that a shader does not mention does not cause
-//!    another compilation;
-//! 2. *look up*: texts, defines and stage together are the key of a cache;
-//!    a [`SpirvStore`] holds the SPIR-V of earlier runs under the same key;
-//! 3. *compile* ([`mod@generate`]): glslang preprocesses (requesting only the included texts in active branches of `#if`s),
-//!    parses, links and generates;
+//! 1. *gather* ([`Sources`]): find and scan the shader and all its includes, direct or not. This shows which of the
+//!    graph's defines they mention; a parameter that a shader does not mention causes no other compilation;
+//! 2. *look up*: texts, defines and stage together are the key of a cache; a [`SpirvStore`] holds the SPIR-V of earlier
+//!    runs under the same key;
+//! 3. *compile* ([`mod@generate`]): glslang preprocesses (requesting only the included texts in active branches of
+//!    `#if`s), parses, links and generates;
 //! 4. *reflect*: see [`reflect`].
 //!
-//! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`sources::MOST_BYTES`] of text, [`generate::MOST_DEPTH`]
-//! nested includes, a large stack (its passes recurse). It stops at the first error: if told to continue, it crashes on about one
-//! broken shader in ten thousand, and otherwise on far fewer. For untrusted texts it runs in a separate
-//! process: see [`worker`].
+//! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`sources::MOST_BYTES`] of text,
+//! [`generate::MOST_DEPTH`] nested includes, and a large stack (its passes recurse). It stops at the first error: if
+//! told to continue, it crashes on about one broken shader in ten thousand, and otherwise on far fewer. For untrusted
+//! texts it runs in a separate process: see [`worker`].
 
 mod generate;
 mod log;
@@ -39,16 +38,16 @@ use super::reflect;
 use crate::ir::Span;
 use crate::source::{Diagnostic, SourceMap};
 
-/// Maximum number of cached shaders. Beyond it all are dropped: only sweeps over parameters make that many.
+/// Maximum number of cached shaders. Beyond it the cache is emptied: only parameter sweeps create so many.
 const MOST_CACHED: usize = 1024;
 
 /// The GLSL compiler: GLSL 4.60 to SPIR-V 1.6 for Vulkan 1.3, and a cache in memory.
 ///
-/// `#include` needs `#extension GL_GOOGLE_include_directive : require`, as in any GLSL. A file may be included
-/// twice; endless recursion is an error.
+/// `#include` needs `#extension GL_GOOGLE_include_directive : require`, as in any GLSL. A file may be included twice;
+/// endless recursion is an error.
 ///
-/// [`Glslang::new`] compiles in this process, which a broken shader can end, so it is for trusted texts. [`Glslang::in_worker`]
-/// compiles in another process.
+/// [`Glslang::new`] compiles in this process, which a broken shader can crash, so it is for trusted texts.
+/// [`Glslang::in_worker`] compiles in another process.
 #[derive(Debug, Default)]
 pub struct Glslang {
     cache: HashMap<Arc<Key>, Compiled>,
@@ -64,13 +63,13 @@ impl Glslang {
         Glslang::default()
     }
 
-    /// Returns a compiler with an empty cache that runs in a separate process, which contains crashes and limits memory and
-    /// time. The process starts with the first compilation and ends when this value is dropped.
+    /// Returns a compiler with an empty cache that runs in a separate process, which contains crashes and limits memory
+    /// and time. The process starts with the first compilation and ends when this value is dropped.
     pub fn in_worker(worker: Worker) -> Self {
         Glslang { worker: Some(worker::Parent::new(worker)), ..Glslang::default() }
     }
 
-    /// Makes compilations, and builds that use this compiler, end early when `cancel` asks for it.
+    /// Sets the cancellation: compilations, and builds with this compiler, end early when `cancel` requests it.
     pub fn set_cancel(&mut self, cancel: Cancel) {
         self.cancel = cancel;
     }
@@ -80,7 +79,7 @@ impl Glslang {
         Glslang { store: Some(store), ..self }
     }
 
-    /// Returns the number of compilations that neither cache nor store avoided.
+    /// Returns the number of compilations done, not counting cache and store hits.
     pub fn compiled_count(&self) -> usize {
         self.compiled
     }

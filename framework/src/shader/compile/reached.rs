@@ -1,14 +1,14 @@
 //! Follows the preprocessor through a shader, to find the names whose values its output can depend on.
 //!
-//! [`scan`] lists every identifier of a text, also in inactive branches of `#if`s, where a define cannot change the compiled
-//! shader. This module evaluates the `#if`s with the defines of the compilation. It collects the identifiers of the lines that
-//! are compiled, of the macros that they expand, and of conditions as far as they are evaluated (`&&` and `||`
+//! [`scan`] lists every identifier of a text, including inactive branches of `#if`s, where a define cannot change the
+//! compiled shader. This module evaluates the `#if`s with the defines of the compilation. It collects the identifiers
+//! of compiled lines, of the macros that they expand, and of conditions as far as they are evaluated (`&&` and `||`
 //! short-circuit).
 //!
-//! It errs on the side of too many names: if it cannot evaluate a condition (because of an extension, a function-like macro or a
-//! division by zero), all branches count.
+//! It errs on the side of too many names: if it cannot evaluate a condition (because of an extension, a function-like
+//! macro or a division by zero), all branches count.
 //!
-//! It also finds undefined names in conditions, which the preprocessor silently takes for 0.
+//! It also finds undefined names in conditions, which the preprocessor silently treats as 0.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -16,12 +16,12 @@ use std::ops::Range;
 use super::generate::{INCLUDE_BYTES, MOST_DEPTH, MOST_INCLUDED_BYTES};
 use super::scan::{Token, TokenKind, lex};
 
-/// Maximum number of words of a condition with its macros; longer ones are not evaluated.
+/// Maximum number of words in an expanded condition; longer ones are not evaluated.
 const MOST_WORDS: usize = 10_000;
 /// Maximum nesting of parentheses and signs; deeper ones are not evaluated.
 const MOST_NESTED: usize = 100;
 
-/// A text of a shader, and the texts that it includes: their indices by name.
+/// A text of a shader, and its includes: indices of their texts, by name.
 pub(super) struct Text<'t> {
     pub text: &'t str,
     pub includes: BTreeMap<&'t str, usize>,
@@ -32,14 +32,14 @@ pub(super) struct Text<'t> {
 pub(super) struct Reached {
     /// The identifiers that the result of preprocessing can depend on.
     pub names: BTreeSet<String>,
-    /// The first undefined name in a condition: the index of its text, and its bytes. Operands of `defined`, and names that
-    /// the compiler or an extension may define, do not count.
+    /// The first undefined name in a condition: the index of its text, and its bytes. Operands of `defined` do not
+    /// count, nor do names that the compiler or an extension may define.
     pub undefined: Option<(usize, Range<usize>)>,
 }
 
 /// Follows the preprocessor through `texts[0]` with `defines`.
 ///
-/// `None` where the texts cannot be followed: they include too much, or paste names together.
+/// `None` if the texts cannot be followed: they include too much, or paste names together.
 pub(super) fn reached<'t>(texts: &'t [Text<'t>], defines: &'t [(String, String)]) -> Option<Reached> {
     let mut walk = Walk {
         tokens: texts.iter().map(|text| lex(text.text)).collect(),
@@ -58,7 +58,7 @@ pub(super) fn reached<'t>(texts: &'t [Text<'t>], defines: &'t [(String, String)]
     Some(Reached { names: walk.names.into_iter().map(str::to_owned).collect(), undefined: walk.undefined })
 }
 
-/// Certainty that lines are compiled, or that a condition holds.
+/// How certain it is that lines are compiled, or that a condition holds.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Truth {
     No,
@@ -104,7 +104,7 @@ struct Word<'t> {
     at: (usize, usize),
 }
 
-/// A macro that the shader itself defines.
+/// A macro defined by the shader itself.
 #[derive(Clone)]
 struct Macro<'t> {
     /// The words of every definition that may be in force.
@@ -127,7 +127,7 @@ struct Walk<'t> {
 }
 
 impl<'t> Walk<'t> {
-    /// Walks over a text. `active` says whether the `#include` that brought it is compiled.
+    /// Walks over a text. `active` tells whether its `#include` is compiled.
     fn text(&mut self, index: usize, active: Truth, depth: usize) -> Option<()> {
         let Text { text, includes } = &self.texts[index];
         self.bytes += text.len() + INCLUDE_BYTES;
@@ -205,7 +205,7 @@ impl<'t> Walk<'t> {
         }
     }
 
-    /// Adds the identifiers of compiled words and of the macros among them.
+    /// Adds the identifiers of compiled words and of their macros.
     fn reach_all(&mut self, words: &[Word<'t>]) {
         let identifiers = |words: &[Word<'t>]| -> Vec<&'t str> {
             words.iter().filter(|word| word.kind == TokenKind::Identifier).map(|word| word.text).collect()
@@ -220,7 +220,7 @@ impl<'t> Walk<'t> {
         }
     }
 
-    /// Evaluates a condition; `now` says how certain it is that the compiler does so, too.
+    /// Evaluates a condition; `now` is the certainty that the compiler evaluates it.
     fn condition(&mut self, directive: &str, words: &[Word<'t>], now: Truth) -> Truth {
         match (directive, words) {
             ("if", words) => {
@@ -254,7 +254,9 @@ impl<'t> Walk<'t> {
         }
     }
 
-    /// Replaces the shader's own macros by their bodies. Defines of the compilation keep their names, because the evaluation
+    /// Replaces the shader's own macros by their bodies. Defines of the compilation keep their names, so that the
+    /// evaluation records which of them it reads. `None` for macros with several definitions or parameters, and after
+    /// `left` words.
     /// records which of them it reads. `None` for macros with several definitions or parameters, and after `left` words.
     fn expand(
         &self,
@@ -300,9 +302,9 @@ fn words(text: &str, index: usize) -> Vec<Word<'_>> {
 struct Condition<'w, 't, 'a> {
     words: &'w [Word<'t>],
     at: usize,
-    /// Nesting of operands.
+    /// Nesting depth of operands.
     nested: usize,
-    /// True if the compiler evaluates the current operand, too.
+    /// True if the compiler certainly evaluates the current operand.
     certain: bool,
     walk: &'a mut Walk<'t>,
 }
@@ -335,8 +337,8 @@ impl Condition<'_, '_, '_> {
         if self.at == self.words.len() { value } else { None }
     }
 
-    /// Evaluates operands joined by operators that bind at least as tightly as `least`. The outer `None` means a syntax error.
-    /// Names count as read only if `live`.
+    /// Evaluates operands joined by operators that bind at least as tightly as `least`. The outer `None` is a syntax
+    /// error. Names count as read only if `live`.
     fn binary(&mut self, least: u8, live: bool) -> Option<Option<i64>> {
         let mut left = self.operand(live)?;
         while let Some(word) = self.words.get(self.at)
@@ -350,7 +352,7 @@ impl Condition<'_, '_, '_> {
                 _ => false,
             };
             let certain = self.certain;
-            // An unknown left side may decide.
+            // An unknown left side may short-circuit.
             self.certain &= left.is_some() || !matches!(*operator, "&&" | "||");
             let right = self.binary(precedence + 1, live && !decides)?;
             self.certain = certain;
@@ -446,7 +448,7 @@ fn combine(operator: &str, left: Option<i64>, right: Option<i64>) -> Option<i64>
     i32::try_from(value).is_ok().then_some(value)
 }
 
-/// Parses a signed integer of 32 bits. Octal integers, which do not occur, are unknown.
+/// Parses a signed 32-bit integer. Octal integers, which do not occur, are unknown.
 fn number(text: &str) -> Option<i64> {
     let digits = text.trim_end_matches(['u', 'U']);
     let value = match digits.strip_prefix("0x").or(digits.strip_prefix("0X")) {
@@ -461,7 +463,8 @@ fn number(text: &str) -> Option<i64> {
 mod tests {
     use super::*;
 
-    /// Returns the names in capitals that a shader reaches where `A=1`, `B=2`, `N=-1` and `F=0.5`; `all` if it cannot be followed.
+    /// Returns the names in capitals that a shader reaches with `A=1`, `B=2`, `N=-1` and `F=0.5`; `all` if it cannot be
+    /// followed.
     fn names(text: &str) -> String {
         names_of(&[("main", text)])
     }

@@ -1,8 +1,8 @@
 //! A small lexer for GLSL.
 //!
-//! It finds the identifiers of a text (a define that no text mentions need not be passed), its includes and its
-//! language version, and the token that an error of the compiler is about. It handles comments, line continuations
-//! and strings. It evaluates nothing: all branches of an `#if` count.
+//! It finds the identifiers of a text (a define that no text mentions need not be passed), its includes, its language
+//! version, and the token that a compiler error refers to. It handles comments, line continuations and strings. It
+//! evaluates nothing: all branches of an `#if` count.
 
 use std::collections::HashSet;
 use std::ops::Range;
@@ -38,7 +38,7 @@ impl Token {
     }
 }
 
-/// Operators of more than one character, longer ones first.
+/// Operators with several characters, longer ones first.
 const OPERATORS: [&str; 22] = [
     "<<=", ">>=", "++", "--", "<<", ">>", "<=", ">=", "==", "!=", "&&", "||", "^^", "+=", "-=", "*=", "/=",
     "%=", "&=", "|=", "^=", "##",
@@ -120,7 +120,7 @@ pub(super) fn lex(text: &str) -> Vec<Token> {
     tokens
 }
 
-/// Returns the end of the line that holds `at`: its newline, unless a backslash continues the line.
+/// Returns the end of the line that contains `at`: its newline, unless a backslash continues the line.
 fn end_of_line(bytes: &[u8], mut at: usize) -> usize {
     while at < bytes.len() {
         let rest = &bytes[at..];
@@ -137,7 +137,7 @@ fn end_of_line(bytes: &[u8], mut at: usize) -> usize {
     at
 }
 
-/// Holds the result of scanning one text.
+/// The result of scanning one text.
 #[derive(Debug, PartialEq)]
 pub(super) struct Scan<'t> {
     pub identifiers: HashSet<&'t str>,
@@ -147,11 +147,11 @@ pub(super) struct Scan<'t> {
     pub macros: HashSet<&'t str>,
     /// Names in `#if` and `#elif`.
     pub conditions: HashSet<&'t str>,
-    /// Names after the name of a type, as of variables and constants, with their places.
+    /// Names that follow the name of a type, as in declarations, with their places.
     pub declared: Vec<(&'t str, Range<usize>)>,
     /// Names of blocks and other `uniform` declarations, without push constants.
     pub bindings: Vec<&'t str>,
-    /// The text's first `#version` and whether it says 460, in the core profile.
+    /// The text's first `#version`, and true if it is 460 in the core profile.
     pub version: Option<(Range<usize>, bool)>,
     /// The first invalid token.
     pub foreign: Option<Range<usize>>,
@@ -220,7 +220,7 @@ fn binding_name<'t>(text: &'t str, tokens: &[Token]) -> Option<&'t str> {
     words.last().map(|token| token.of(text))
 }
 
-/// Returns true for `uint`, `vec3`, ...: types of variables whose names could collide with constants of the graph.
+/// Returns true for `uint`, `vec3`, ...: types of variables whose names may collide with the graph's constants.
 fn is_number_type(word: &str) -> bool {
     let base = word.strip_prefix(['i', 'u', 'b', 'd']).filter(|rest| rest.starts_with("vec")).unwrap_or(word);
     matches!(base, "uint" | "int" | "float" | "bool" | "double" | "vec2" | "vec3" | "vec4")
@@ -240,8 +240,8 @@ fn header_name(text: &str, at: usize) -> Option<(&str, Range<usize>)> {
     Some((name, start..start + name.len()))
 }
 
-/// Replaces a byte order mark and all non-ASCII bytes (which occur in comments only), so that the compiler gets ASCII
-/// and every byte keeps its place.
+/// Replaces a byte order mark and all non-ASCII bytes (which occur only in comments), so that the compiler gets ASCII
+/// and all byte offsets stay.
 pub(super) fn to_ascii(text: &str) -> String {
     let mut bytes = text.as_bytes().to_vec();
     if text.starts_with('\u{feff}') {

@@ -12,16 +12,16 @@ use super::worker::{Limits, MAGIC, OUT_OF_MEMORY, OUT_OF_TIME, Reply, VARIABLE, 
 /// a sum; the first size suffices for the longest text. Only used pages take memory.
 pub(super) const STACK_BYTES: [usize; 3] = [256 << 20, 64 << 20, 8 << 20];
 
-/// Bytes that the process needs in addition to the limit: its program and its stacks.
+/// Bytes that the process needs beyond the limit, for its program and its stacks.
 const BESIDES: u64 = 1 << 30;
 
 /// Interval at which memory and time are checked during a compilation.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
-/// Serves as the compiler of a [`Worker`](super::Worker) and ends the process, if this process was started as a worker. Otherwise
-/// returns at once.
+/// Serves as the compiler of a [`Worker`](super::Worker) and then exits, if this process was started as a worker.
+/// Otherwise returns at once.
 ///
-/// A program that names itself as its worker must call this before anything else.
+/// A program that names itself as its worker must call this first.
 pub fn serve_if_asked() {
     let Some(limits) = std::env::var(VARIABLE).ok().and_then(|text| Limits::of_text(&text)) else { return };
     system::restrict(limits.memory_bytes.saturating_add(BESIDES));
@@ -40,7 +40,7 @@ pub(super) fn on_large_stack<T: Send, W: FnOnce() -> T + Send>(work: W) -> Optio
         for bytes in STACK_BYTES {
             let (sender, receiver) = channel::<W>();
             let builder = thread::Builder::new().name("glslang".into()).stack_size(bytes);
-            // Hand the work over only once the thread has started.
+            // Pass on the work only once the thread has started.
             let spawned = builder.spawn_scoped(scope, move || receiver.recv().ok().map(|work| work()));
             if let Ok(thread) = spawned {
                 sender.send(work).ok()?;
@@ -57,7 +57,7 @@ enum Turn {
     End,
 }
 
-/// Answers requests until there are no more.
+/// Answers requests until the pipe closes.
 fn serve(memory_bytes: u64, turns: &Sender<Turn>, mut output: impl Write) {
     let mut input = io::stdin().lock();
     if output.write_all(MAGIC).and_then(|()| output.flush()).is_err() {
@@ -145,9 +145,9 @@ mod system {
         }
     }
 
-    /// Returns the process's standard output for messages only; other output is discarded from now on.
+    /// Returns standard output for messages only; from now on other output is discarded.
     pub fn private_output() -> File {
-        // SAFETY: descriptors 1 and 2 are open (the parent set both), and the copy is owned by nobody else.
+        // SAFETY: descriptors 1 and 2 are open (the parent set both), and the copy has no other owner.
         unsafe {
             let copy = libc::dup(1);
             libc::dup2(2, 1);

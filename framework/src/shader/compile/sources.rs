@@ -14,7 +14,7 @@ pub(super) const MOST_BYTES: usize = 256 << 10;
 /// Maximum number of files of one shader.
 pub(super) const MOST_FILES: usize = 256;
 
-/// Holds a shader and all files that it includes, scanned.
+/// A shader and all files that it includes, scanned.
 pub(super) struct Sources {
     /// The shader itself comes first.
     pub units: Vec<Unit>,
@@ -22,7 +22,7 @@ pub(super) struct Sources {
     pub identifiers: BTreeSet<String>,
     /// The names that the units `#define`.
     pub macros: BTreeSet<String>,
-    /// The names in their `#if`s.
+    /// The names in the units' `#if`s.
     pub conditions: BTreeSet<String>,
     /// The names of the blocks and images that the units declare.
     pub bindings: BTreeSet<String>,
@@ -48,12 +48,12 @@ pub(super) enum UnitOrigin {
 pub(super) struct Include {
     /// Place of the name in the including file.
     pub place: Range<usize>,
-    /// The unit that it names.
+    /// The unit, if it was found.
     pub target: Result<usize, NotFound>,
 }
 
 impl Sources {
-    /// Finds and scans everything. A file that cannot be found is no error yet: an `#if` may hide its `#include`.
+    /// Finds and scans everything. A missing file is no error yet: an `#if` may disable its `#include`.
     pub fn gather(files: &mut SourceMap, request: &ShaderRequest) -> Result<Sources, Vec<Diagnostic>> {
         let mut sources = Sources {
             units: Vec::new(),
@@ -140,8 +140,8 @@ impl Sources {
         Ok(sources)
     }
 
-    /// Reports a constant of the graph that the shader declares as well. The preprocessor would replace the name by the
-    /// number, and the compiler would report something else.
+    /// Reports a constant of the graph that the shader also declares. The preprocessor would replace the name by the
+    /// number, and cause a misleading compiler error.
     pub fn taken_name(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
         for unit in &self.units {
             for (name, place) in &unit.declared {
@@ -166,13 +166,13 @@ impl Sources {
         None
     }
 
-    /// Follows the preprocessor; `None` where the texts cannot be followed.
+    /// Follows the preprocessor; `None` if the texts cannot be followed.
     pub fn follow(&self, defines: &[(String, String)]) -> Option<Reached> {
         let texts: Vec<reached::Text> = self.units.iter().map(Unit::followed).collect();
         reached::reached(&texts, defines)
     }
 
-    /// Makes the error for an undefined name in an `#if`. The compiler would take it for 0.
+    /// Returns the error for an undefined name in an `#if`. The compiler would treat it as 0.
     pub fn undefined(
         &self,
         files: &mut SourceMap,
@@ -188,8 +188,7 @@ impl Sources {
         error.with_nearest(name, defined, format!("`defined({name})` asks whether it is"))
     }
 
-    /// Reports a constant that the shader mentions and that does not fit: shaders have numbers of 32 bits, and `#if`
-    /// signed numbers of 32 bits.
+    /// Reports a mentioned constant that does not fit: shaders have 32-bit numbers, and `#if` signed ones.
     pub fn too_large(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
         let unfit = request.unfit.iter().find(|(name, _)| self.identifiers.contains(name));
         let (name, value, limit) = match unfit {
@@ -243,7 +242,7 @@ fn first_line(text: &str) -> Range<usize> {
 }
 
 impl Unit {
-    /// Returns the text and the includes that were found.
+    /// Returns the text with the includes that were found.
     fn followed(&self) -> reached::Text<'_> {
         let found =
             self.includes.iter().filter_map(|(name, i)| Some((name.as_str(), *i.target.as_ref().ok()?)));
@@ -252,7 +251,7 @@ impl Unit {
 }
 
 impl UnitOrigin {
-    /// Returns the file to show a diagnostic in. A generated text becomes a file when first needed.
+    /// Returns the file in which to show a diagnostic. A generated text becomes a file when first needed.
     pub fn file(self, files: &mut SourceMap, request: &ShaderRequest) -> FileId {
         match self {
             UnitOrigin::File(file) => file,

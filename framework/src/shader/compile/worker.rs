@@ -22,20 +22,20 @@ use serde::{Deserialize, Serialize};
 use super::generate::{Failure, Key};
 use crate::shader::compiler::Cancel;
 
-/// Environment variable that asks a program to serve as a worker; its value has the limits.
+/// Environment variable that makes a program serve as a worker; its value is the limits.
 pub(super) const VARIABLE: &str = "SPLATGRAPH_SHADER_COMPILER";
-/// Marker that a worker writes before its first message, to skip what the program prints while it starts.
+/// Marker that a worker writes before its first message: the parent skips everything before it.
 pub(super) const MAGIC: &[u8] = b"\nsplatgraph shader compiler 1\n";
 /// Exit code of a worker that took too much memory.
 pub(super) const OUT_OF_MEMORY: i32 = 81;
 /// Exit code of a worker that took too much time.
 pub(super) const OUT_OF_TIME: i32 = 82;
 
-/// A worker that does not answer for this long is killed; its own limit should have ended it.
+/// A worker that does not answer for this long is killed; its own limit should have stopped it.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// A program that does not identify itself as a worker within this time is not one.
 const START: Duration = Duration::from_secs(20);
-/// Interval at which cancellation is checked.
+/// Interval between checks for cancellation.
 const ASK_EVERY: Duration = Duration::from_millis(20);
 /// Maximum bytes of a message: far beyond any shader.
 const MOST_BYTES: usize = 64 << 20;
@@ -43,7 +43,7 @@ const MOST_BYTES: usize = 64 << 20;
 /// Limits of a compilation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Memory of the worker's process, in bytes. Enforced within about 10 ms on Unix; other systems limit time only.
+    /// Memory of the worker process, in bytes. Enforced within about 10 ms on Unix; other systems limit time only.
     pub memory_bytes: u64,
     /// Processor time of one compilation. Shaders take milliseconds.
     pub time: Duration,
@@ -103,7 +103,7 @@ pub(super) enum Reply {
     Failed(Failure),
 }
 
-/// Starts a worker when needed, and sends compilations to it.
+/// Starts a worker on demand, and sends compilations to it.
 #[derive(Debug)]
 pub(super) struct Parent {
     worker: Worker,
@@ -159,7 +159,7 @@ impl Parent {
         child.map(Child::kill).expect("a process").expect("it can be ended");
     }
 
-    /// Returns the failure that a lost worker implies; `None` for a crash.
+    /// Returns the failure that explains a lost worker; `None` for a crash.
     fn failure(&self, lost: &Lost) -> Option<Failure> {
         let Limits { memory_bytes, time } = self.worker.limits;
         let text = match lost {
@@ -270,7 +270,7 @@ impl Process {
         }
     }
 
-    /// Returns why a worker that closed its pipe ended.
+    /// Returns the reason why a worker closed its pipe.
     fn ended(&mut self) -> Lost {
         let asked = Instant::now();
         while asked.elapsed() < Duration::from_secs(2) {

@@ -1,9 +1,9 @@
 //! Finds the resources that code reachable from an entry point loads from and stores to.
 //!
 //! In SPIR-V's logical addressing every pointer comes from variables, through access chains, copies and function
-//! arguments. Each pointer id gets the set of variables that it may point into, its *roots*: first the variables themselves,
-//! then by following instructions and calls to a fixed point. The analysis is context-insensitive: an access to a parameter
-//! is an access to every argument of any reachable call. Code in branches that are never taken counts as
+//! arguments. Each pointer id gets the set of variables that it may point into, its *roots*: first the variables
+//! themselves, then by following instructions and calls to a fixed point. The analysis is context-insensitive: an
+//! access to a parameter is an access to every argument of any reachable call. Code in untaken branches counts as
 //! reachable.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -21,16 +21,16 @@ pub(super) struct Accesses {
     /// Variables accessed by atomics, and by other instructions.
     pub atomics: HashSet<Word>,
     pub plain: HashSet<Word>,
-    /// Variables whose first access is a store, in code order: of the entry point, then of the functions that it calls.
+    /// Variables whose first access is a store, in code order: the entry point, then the functions that it calls.
     pub written_first: HashSet<Word>,
-    /// All mentioned variables; querying an array's length or an image's size is neither a read nor a write.
+    /// All variables mentioned. Querying an array's length or an image's size is neither a read nor a write.
     pub touched: HashSet<Word>,
     /// Variables with the index of the first member that an access chain selects; `None` for other uses.
     pub members: HashSet<(Word, Option<u64>)>,
 }
 
 impl Accesses {
-    /// Returns true if the code may use a member of a block (which is not an array).
+    /// Returns true if the code may use a member of a block (not an array).
     pub fn uses_member(&self, variable: Word, member: u32) -> bool {
         [None, Some(member.into())].iter().any(|member| self.members.contains(&(variable, *member)))
     }
@@ -100,7 +100,7 @@ fn reachable(module: &Module) -> Result<Vec<Word>, String> {
     Ok(functions)
 }
 
-/// Returns true if the result refers to the same resource as the first operand and the instruction accesses nothing.
+/// Returns true if the result refers to the resource of the first operand and the instruction accesses nothing.
 fn leads_on(opcode: Op) -> bool {
     matches!(
         opcode,
@@ -196,7 +196,7 @@ fn note(module: &Module, i: &Instruction, roots: &Roots, accesses: &mut Accesses
                 Op::ImageQuerySize | Op::ImageQuerySizeLod | Op::ImageQueryLevels | Op::ImageQuerySamples,
                 0,
             ) => Effect::Nothing,
-            // Other atomics, and any other instruction with a pointer: assume both accesses.
+            // Other atomics, and any other instruction with a pointer: assume a read and a write.
             _ => Effect::Both,
         };
         if effect == Effect::Write {

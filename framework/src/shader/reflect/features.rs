@@ -1,8 +1,8 @@
 //! Lists the optional device features that a module needs.
 //!
-//! Most follow from the module's capabilities. Others need the code: for 64-bit atomics, SPIR-V has one capability, but Vulkan has
-//! separate features for buffers and shared memory. Writes of vertex and fragment shaders, and variable indices into arrays of
-//! blocks, also show in the code only.
+//! Most follow from the module's capabilities. Others need the code: for 64-bit atomics, SPIR-V has one capability, but
+//! Vulkan has separate features for buffers and shared memory. Stores in vertex and fragment shaders, and variable
+//! indices into arrays of blocks, are also visible only in the code.
 
 use std::collections::{HashMap, HashSet};
 
@@ -55,7 +55,7 @@ pub(super) fn features(module: &Module, accesses: &Accesses) -> Result<Features,
 
 /// Returns the features of a capability: empty if every device has it, `None` if no backend enables it.
 ///
-/// After the table of capabilities in the appendix "Vulkan Environment for SPIR-V" of the Vulkan specification.
+/// Source: the table of capabilities in the appendix "Vulkan Environment for SPIR-V" of the Vulkan specification.
 fn of_capability(capability: Capability) -> Option<Features> {
     Some(match capability {
         Capability::Matrix
@@ -111,7 +111,7 @@ fn of_capability(capability: Capability) -> Option<Features> {
     })
 }
 
-/// Returns the features of a SPIR-V extension in addition to those of its capabilities.
+/// Returns the features of a SPIR-V extension beyond those of its capabilities.
 fn of_extension(name: &str) -> Option<Features> {
     match name {
         "SPV_KHR_maximal_reconvergence" => Some(Features::MAXIMAL_RECONVERGENCE),
@@ -140,7 +140,7 @@ fn of_code(module: &Module, int64_atomics: bool) -> Result<Features, String> {
     let variables: HashMap<Word, (StorageClass, Word)> =
         module.variables.iter().map(|v| (v.id, (v.class, v.pointee))).collect();
     let bodies = || module.functions.values().flat_map(|function| &function.body);
-    // Types of all values in functions; pointer types show where an atomic operation happens.
+    // Types of all values in functions; pointer types show the storage class of an atomic operation.
     let types: HashMap<Word, Word> = bodies().filter_map(|i| Some((i.result_id?, i.result_type?))).collect();
     let mut seen_int64 = false;
     for i in bodies() {
@@ -184,7 +184,8 @@ fn of_code(module: &Module, int64_atomics: bool) -> Result<Features, String> {
     Ok(needed)
 }
 
-/// Returns the features of an atomic operation on a 64-bit integer (`wide`) or a float; of all storage classes if unknown.
+/// Returns the features of an atomic operation on a 64-bit integer (`wide`) or a float. An unknown `class` gives the
+/// features of all classes.
 fn atomic(wide: bool, adds: bool, class: Option<StorageClass>) -> Features {
     let of = |buffer, shared, image| match class {
         Some(StorageClass::StorageBuffer | StorageClass::Uniform) => buffer,

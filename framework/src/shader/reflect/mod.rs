@@ -1,7 +1,7 @@
 //! Reads bindings, push constants, workgroup size, stage inputs and outputs from a SPIR-V module.
 //!
-//! A graph names the resource of each block of a shader, but not the accesses. They are read from the code, so that they
-//! cannot be outdated. rspirv parses the module, [`module`] indexes the instructions, [`access`] follows pointers through
+//! A graph names the resource of each block of a shader, but not the accesses. These come from the code, so they cannot
+//! be out of date. rspirv parses the module, [`module`] indexes the instructions, [`access`] follows pointers through
 //! functions, and this file assembles the result.
 
 mod access;
@@ -22,9 +22,8 @@ use crate::ir::{
 
 /// Reads the module of one shader stage with one entry point.
 ///
-/// Fails, with a message, on invalid modules, and on bindings that graphs do not support: anything but storage buffers,
-/// uniform blocks and two-dimensional storage images, unbounded arrays of these, and pointers
-/// with unknown targets.
+/// Fails, with a message, on invalid modules and on bindings that graphs do not support: anything but storage buffers,
+/// uniform blocks and two-dimensional storage images; unbounded arrays of these; and pointers with unknown targets.
 pub fn reflect(spirv: &[u32]) -> Result<Reflection, String> {
     let module = Module::parse(spirv)?;
     let is_resource = |v: &&Variable| {
@@ -73,7 +72,7 @@ fn small(value: u64, what: &str) -> Result<u32, String> {
 
 /// Reflects a variable bound through a descriptor.
 fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<ReflectedBinding, String> {
-    // Look through arrays to the type of a descriptor.
+    // Look through arrays to the descriptor's type.
     let mut element = variable.pointee;
     let mut count = 1u64;
     let own_name = || {
@@ -94,7 +93,7 @@ fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<
     }
     let (name, kind) = match &module.type_of(element)?.kind {
         Type::Struct { members } => {
-            // The old form, before SPIR-V 1.3, of storage buffers.
+            // Storage buffers before SPIR-V 1.3.
             let old = module.decoration(element, None, Decoration::BufferBlock).is_some();
             let name = match module.name(element, None) {
                 "" => own_name(),
@@ -159,7 +158,7 @@ fn cannot_bind(name: &str, what: &str) -> String {
     format!("`{name}` is {what}; graphs bind storage buffers, uniform blocks and storage images")
 }
 
-/// Returns the type of an array's elements, through all dimensions; the type itself if it is no array.
+/// Returns the element type of an array, through all dimensions; a non-array type is returned unchanged.
 fn element_of(module: &Module, mut id: Word) -> Word {
     while let Some(Type::Array { element, .. } | Type::RuntimeArray { element }) =
         module.types.get(&id).map(|t| &t.kind)
@@ -190,7 +189,7 @@ fn storage_buffer(
     Ok(ReflectedKind::StorageBuffer { stride, fixed_bytes })
 }
 
-/// Returns bytes and members of a uniform or push constant block. `used` tells whether the code may use a member.
+/// Returns bytes and members of a uniform or push-constant block. `used` returns true if the code may use a member.
 fn block(
     module: &Module,
     block: Word,
@@ -219,7 +218,7 @@ fn block(
     Ok((small(bytes, what)?, members))
 }
 
-/// Returns the format of a storage image; `None` if undeclared. The error is the name of an unsupported format.
+/// Returns the format of a storage image; `None` if undeclared. The error names an unsupported format.
 fn image_format(format: ImageFormat) -> Result<Option<Format>, String> {
     Ok(Some(match format {
         ImageFormat::Unknown => return Ok(None),

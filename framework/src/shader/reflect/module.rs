@@ -13,7 +13,7 @@ use rspirv::spirv::{
 
 use crate::ir::ShaderStage;
 
-/// Holds the operands of an `OpType...` instruction. `element` and the like are the ids of other types.
+/// The operands of an `OpType...` instruction. `element` and the like are ids of other types.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Type {
     Bool,
@@ -72,7 +72,7 @@ pub(super) struct TypeInfo {
 pub(super) struct Variable {
     pub id: Word,
     pub class: StorageClass,
-    /// The type that it holds.
+    /// The type of the variable's value.
     pub pointee: Word,
 }
 
@@ -124,7 +124,7 @@ fn literal(instruction: &Instruction, index: usize) -> Result<u32, String> {
     }
 }
 
-/// Checks that every instruction, and every string in it, ends within the module. The parser assumes this.
+/// Checks that every instruction, and every string in it, ends within the module: the parser does not.
 fn check_lengths(spirv: &[u32]) -> Result<(), String> {
     const HEADER: usize = 5;
     let mut at = HEADER;
@@ -280,7 +280,7 @@ impl Module {
                     module.constants.extend(i.result_id.zip(i.result_type));
                 }
                 op if op.is_type() => {
-                    // OpTypeForwardPointer has no result, and cannot occur in the types used here.
+                    // OpTypeForwardPointer has no result, and cannot occur in the supported types.
                     if let Some(id) = i.result_id {
                         let info = module.type_info(i, id, &constants)?;
                         // A redefinition could refer to itself, and following it would not end.
@@ -503,7 +503,7 @@ impl Constants {
         }
     }
 
-    /// Evaluates the operations that GLSL uses for sizes. `None` for others, an error only if the value is needed.
+    /// Evaluates the operations that GLSL uses for sizes. `None` for others: an error only if the value is needed.
     fn operation(&self, i: &Instruction) -> Option<u64> {
         let Some(Operand::LiteralSpecConstantOpInteger(op)) = i.operands.first() else { return None };
         let operand = |index: usize| self.0.get(&i.operands.get(index)?.id_ref_any()?).copied();
@@ -514,7 +514,7 @@ impl Constants {
             Op::IMul => Some(a.wrapping_mul(b?)),
             Op::UDiv => a.checked_div(b?),
             Op::UMod => a.checked_rem(b?),
-            // Sizes are positive, and small enough for signed integers.
+            // Sizes are positive and fit signed integers.
             Op::SDiv if a >> 31 == 0 && b? >> 31 == 0 => a.checked_div(b?),
             Op::SRem | Op::SMod if a >> 31 == 0 && b? >> 31 == 0 => a.checked_rem(b?),
             Op::ShiftLeftLogical => a.checked_shl(u32::try_from(b?).ok()?),
