@@ -1,7 +1,7 @@
-//! Converts stored values of splats to the values that are drawn, and back.
+//! Converts stored values of splats to activated values, and back.
 //!
-//! Files store a scale as its logarithm and an opacity as its logit, and quaternions of any length. Everything is computed in f64
-//! and rounded once, so that a file gives the same splats with every platform's math library.
+//! Files store a scale as its logarithm and an opacity as its logit, and quaternions of any length. Everything is
+//! computed in f64 and rounded once, so that a file gives equal splats with every platform's math library.
 
 use std::cmp::Ordering;
 
@@ -10,7 +10,7 @@ pub(crate) const SH_C0: f64 = 0.282_094_791_773_878_14;
 
 /// Computes the exponential of a finite logarithm.
 ///
-/// An infinite logarithm of either sign is an error of the file, though `e^-inf` would be 0: it gives NaN.
+/// An infinite logarithm of either sign is an error of the file and gives NaN, although `e^-inf` would be 0.
 #[inline]
 pub(crate) fn exponential(logarithm: f32) -> f32 {
     if logarithm.is_finite() { f64::from(logarithm).exp() as f32 } else { f32::NAN }
@@ -24,26 +24,27 @@ pub(crate) fn logarithm(scale: f32) -> f32 {
 /// Computes the sigmoid of a finite logit; any other logit gives NaN.
 #[inline]
 pub(crate) fn sigmoid(logit: f32) -> f32 {
-    // 1 / (1 + e^-x) overflows only inside, to 1 / inf = 0, which is the limit.
+    // 1 / (1 + e^-x) overflows only internally, to 1 / inf = 0, which is the limit.
     if logit.is_finite() { (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32 } else { f32::NAN }
 }
 
 /// Computes the inverse of the sigmoid.
 ///
-/// It is clamped to -104 and 18, where the sigmoid rounds to 0 and 1 in f32.
+/// The result is clamped to -104 and 18, where the sigmoid rounds to 0 and 1 in f32.
 pub(crate) fn logit(opacity: f32) -> f32 {
     let p = f64::from(opacity);
     (p / (1.0 - p)).ln().clamp(-104.0, 18.0) as f32
 }
 
-/// Normalises a quaternion, and returns its length before. One of length 0 stays as it is.
+/// Normalises a quaternion, and returns its original length. A zero quaternion is returned unchanged.
 #[inline]
 pub(crate) fn unit(raw: [f64; 4]) -> ([f32; 4], f64) {
     let norm = raw.iter().map(|c| c * c).sum::<f64>().sqrt();
     (raw.map(|c| if norm > 0.0 { (c / norm) as f32 } else { c as f32 }), norm)
 }
 
-/// Completes a unit quaternion by its largest component, at index `omitted`; the `others` are in ascending order of index.
+/// Completes a unit quaternion with its largest component, at index `omitted`; the `others` are in ascending order of
+/// index.
 #[inline]
 pub(crate) fn with_omitted(omitted: usize, others: [f64; 3]) -> [f64; 4] {
     let largest = (1.0 - others.iter().map(|c| c * c).sum::<f64>()).max(0.0).sqrt();
@@ -54,7 +55,8 @@ pub(crate) fn with_omitted(omitted: usize, others: [f64; 3]) -> [f64; 4] {
     })
 }
 
-/// Finds the component of the largest absolute value, and returns its index with the quaternion that has it positive.
+/// Finds the component with the largest absolute value. Returns its index, and the quaternion with the sign that makes
+/// it positive.
 pub(crate) fn largest_positive(quaternion: [f32; 4]) -> (usize, [f64; 4]) {
     let larger = |best: usize, at: usize| {
         if quaternion[at].abs() > quaternion[best].abs() { at } else { best }
@@ -64,7 +66,7 @@ pub(crate) fn largest_positive(quaternion: [f32; 4]) -> (usize, [f64; 4]) {
     (largest, quaternion.map(|c| f64::from(c) * sign))
 }
 
-/// Quantises a number of 0 to 1 to `0..=most`, to the nearest.
+/// Quantises a number from 0 to 1 to the nearest of `0..=most`.
 #[inline]
 pub(crate) fn quantised(value: f64, most: u32) -> u32 {
     (value.clamp(0.0, 1.0) * f64::from(most)).round() as u32

@@ -1,8 +1,8 @@
 //! Writes the scene's attributes as bytes for GPU buffers.
 //!
-//! A renderer names an attribute and gets its bytes, little endian, one entry per splat, written in parallel into memory
-//! of the backend. The 48 floats of spherical harmonics come in *planes* of four, so that no buffer exceeds a device's limit
-//! and a lower degree reads fewer of them.
+//! A renderer requests an attribute by name and gets its bytes: little endian, one entry per splat, written in parallel
+//! into the backend's memory. The 48 floats of spherical harmonics come in *planes* of four, so that no buffer exceeds
+//! a device's limit and a lower degree reads fewer of them.
 
 use crate::error::nearest;
 use crate::scene::{CHUNK, Scene, sh_floats};
@@ -14,17 +14,18 @@ use std::ops::Range;
 pub struct AttributeInfo {
     /// Bytes per splat and plane.
     pub stride: u64,
-    /// Number of planes with data: 1, and for `scene.sh` as many as the stored degree needs.
+    /// Number of planes with data: 1, except for `scene.sh`, which has as many as the stored degree needs.
     pub planes: u32,
 }
 
-/// Number of planes of spherical harmonics that can be written; planes beyond the stored degree are zero.
+/// Maximum number of planes of spherical harmonics; planes above the stored degree are zero.
 const MAX_SH_PLANES: u32 = 12;
 
 /// The names of the attributes.
 ///
-/// Positions and scales have 3 floats, wide positions 6 (the position rounded, then what is missing), rotations 4 (a quaternion w x y z), opacities 1. Spherical harmonics come in planes of
-/// 4 floats: float `3 * k + c` of coefficient `k`, channel `c`, is in plane `(3 * k + c) / 4`.
+/// Positions and scales have 3 floats, wide positions 6 (the rounded position, then the remainder), rotations 4 (a
+/// quaternion w x y z), opacities 1. Spherical harmonics come in planes of 4 floats: float `3 * k + c` of coefficient
+/// `k`, channel `c`, is in plane `(3 * k + c) / 4`.
 pub const ATTRIBUTES: [&str; 6] =
     ["scene.position", "scene.position_wide", "scene.scale", "scene.rotation", "scene.opacity", "scene.sh"];
 
@@ -42,12 +43,12 @@ impl Scene {
         Some(AttributeInfo { stride, planes })
     }
 
-    /// Writes a piece of one plane of an attribute: the bytes from `offset` on, as many as `out` has.
+    /// Writes a piece of one plane of an attribute: the bytes from `offset` on that fill `out`.
     ///
     /// A plane has `stride` times [`Scene::count`] bytes; a piece has whole entries of it.
     ///
     /// # Errors
-    /// The name, the plane or the piece does not fit; the text says which.
+    /// The name, the plane or the piece is invalid; the text tells which.
     pub fn write_attribute(&self, name: &str, plane: u32, offset: u64, out: &mut [u8]) -> Result<(), String> {
         let info = self.attribute(name).ok_or_else(|| {
             let near = nearest(name, ATTRIBUTES).map(|n| format!("; did you mean {n}?")).unwrap_or_default();
@@ -96,7 +97,7 @@ impl Scene {
         });
     }
 
-    /// Writes each position as two triples of floats, whose sum it is.
+    /// Writes each position as two triples of floats that sum to it.
     fn write_wide_positions(&self, splats: Range<usize>, out: &mut [u8]) {
         out.par_chunks_mut(24).zip(splats).for_each(|(out, index)| {
             let high = self.columns.position[index];
@@ -107,7 +108,7 @@ impl Scene {
         });
     }
 
-    /// Hashes everything that can be drawn; equal scenes have equal hashes, whatever their files. Computed once.
+    /// Hashes everything that can be drawn. Equal scenes have equal hashes, whatever their files. Computed once.
     pub fn identity(&self) -> u64 {
         *self.identity.get_or_init(|| {
             let c = &self.columns;
@@ -141,7 +142,7 @@ fn hash<T: bytemuck::Pod + Sync>(values: &[T]) -> u64 {
     chunks.into_iter().fold(words.len() as u64, mix)
 }
 
-/// Hashes a chunk in four independent lanes, so that no step waits for the one before it.
+/// Hashes a chunk in four independent lanes, so that no step depends on the previous one.
 fn hash_chunk(words: &[u32]) -> u64 {
     let pair = |words: &[u32]| u64::from(words[0]) | u64::from(words[1]) << 32;
     let mut lanes = [0, 1, 2, 3];
@@ -158,7 +159,7 @@ fn hash_chunk(words: &[u32]) -> u64 {
 
 /// Mixes a word into a hash: a multiplication by an odd constant between two exclusive ors.
 ///
-/// Each step is invertible, so two different words never lead from one state to the same.
+/// Each step is invertible, so two different words lead to different states.
 fn mix(state: u64, word: u64) -> u64 {
     let x = (state ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x ^ x >> 29

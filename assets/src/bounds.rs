@@ -1,4 +1,4 @@
-//! Computes axis-aligned boxes, exact and robust.
+//! Axis-aligned boxes, exact and robust.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -6,9 +6,9 @@ use serde::Serialize;
 /// An axis-aligned box; [`Bounds::EMPTY`] contains no point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Bounds {
-    /// Least coordinates.
+    /// Minimum coordinates.
     pub min: [f32; 3],
-    /// Greatest coordinates.
+    /// Maximum coordinates.
     pub max: [f32; 3],
 }
 
@@ -16,7 +16,7 @@ impl Bounds {
     /// The box that contains no point.
     pub const EMPTY: Self = Self { min: [f32::INFINITY; 3], max: [f32::NEG_INFINITY; 3] };
 
-    /// The box that contains only the origin, for scenes without splats, so that they have a centre.
+    /// The box that contains only the origin: gives scenes without splats a centre.
     pub const ORIGIN: Self = Self { min: [0.0; 3], max: [0.0; 3] };
 
     /// Extends the box to a point.
@@ -52,7 +52,7 @@ impl Bounds {
         })
     }
 
-    /// Returns true if a point is inside; borders count as inside.
+    /// Returns true if a point is inside or on the border.
     pub fn contains(&self, point: [f32; 3]) -> bool {
         (0..3).all(|a| self.min[a] <= point[a] && point[a] <= self.max[a])
     }

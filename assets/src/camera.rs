@@ -1,8 +1,8 @@
-//! Defines a pinhole camera, as an entry of the 3DGS reference implementation's `cameras.json` has it.
+//! A pinhole camera, as in the `cameras.json` of the 3DGS reference implementation.
 //!
 //! A camera is a position, a rotation, a focal length and an image size; its principal point is the image's centre. Position
 //! and rotation are camera-to-world, and the columns of the rotation are the camera's axes in the world: x right, y down,
-//! z forward. [`Dataset`](crate::Dataset) reads the files of cameras.
+//! z forward. [`Dataset`](crate::Dataset) reads camera files.
 
 use crate::bounds::Bounds;
 use crate::scene::Scene;
@@ -32,14 +32,14 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Makes a camera at `eye` that looks at `target`, upright where the world's y points down.
+    /// Creates a camera at `eye` that looks at `target`, upright in a world with y down.
     ///
     /// `horizontal_fov` is in degrees. For a view straight up or down, the camera's x axis is the world's.
     pub fn looking_at(eye: [f64; 3], target: [f64; 3], horizontal_fov: f64, size: (u32, u32)) -> Self {
         Self::looking_at_upright(eye, target, [0.0, -1.0, 0.0], horizontal_fov, size)
     }
 
-    /// Makes a camera as [`Camera::looking_at`] does, upright where the world's `up` points, of any length.
+    /// Creates a camera like [`Camera::looking_at`], upright with respect to the vector `up`, of any length.
     ///
     /// For a view along `up`, the camera's x axis is the world's x or z.
     pub fn looking_at_upright(
@@ -70,8 +70,8 @@ impl Camera {
 
     /// Makes a camera that frames the bulk of a scene.
     ///
-    /// It looks along +z and 12 degrees down (+y), from where the box [`Scene::robust_bounds`] fits with a margin of 8 %.
-    /// The field of view is 60 degrees across the longer side.
+    /// It looks along +z and 12 degrees down (+y), from the position at which [`Scene::robust_bounds`] fits with a
+    /// margin of 8 %. The field of view is 60 degrees across the longer side.
     pub fn framing(scene: &Scene, width: u32, height: u32) -> Self {
         /// Downward slope of the view, in degrees.
         const PITCH: f64 = 12.0;
@@ -85,17 +85,17 @@ impl Camera {
         let forward = glam::DVec3::new(0.0, PITCH.to_radians().sin(), PITCH.to_radians().cos());
         let mut camera = Self::looking_at([0.0; 3], forward.into(), horizontal, (width, height));
         let [tan_x, tan_y] = [width, height].map(|side| FILL * 0.5 * f64::from(side) / focal);
-        // The distance at which each corner is inside the pyramid of the view.
+        // The smallest distance at which every corner is inside the view frustum.
         let distance = bounds.corners().into_iter().fold(0.0, |distance: f64, corner| {
             let v = camera.to_view((glam::DVec3::from(corner) - center).into());
             distance.max(v[0].abs() / tan_x - v[2]).max(v[1].abs() / tan_y - v[2])
         });
-        // A scene that is a single point still needs to be in front of the near plane.
+        // A single-point scene must still be in front of the near plane.
         camera.position = (center - forward * distance.max(1.0)).into();
         camera
     }
 
-    /// Moves the camera into coordinates whose origin is at `origin`: from the world's into those of a scene with that
+    /// Translates the camera into coordinates with this `origin`, from the world's into those of a scene with that
     /// [`Scene::offset`].
     pub fn relative_to(&self, origin: [f64; 3]) -> Self {
         Self { position: std::array::from_fn(|axis| self.position[axis] - origin[axis]), ..self.clone() }
@@ -111,7 +111,7 @@ impl Camera {
         self.axes().map(|axis| (0..3).map(|i| axis[i] * (point[i] - self.position[i])).sum())
     }
 
-    /// Computes the least and greatest view depth of a box's corners; negative behind the camera.
+    /// Computes the minimum and maximum view depth of a box's corners; negative behind the camera.
     pub fn depth_range(&self, bounds: &Bounds) -> (f64, f64) {
         let depths = bounds.corners().map(|corner| self.to_view(corner)[2]);
         depths
@@ -119,27 +119,27 @@ impl Camera {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(near, far), z| (near.min(z), far.max(z)))
     }
 
-    /// Makes the camera of the same view in another image size; the vertical field of view stays.
+    /// Returns the camera with another image size; the vertical field of view stays.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let factor = f64::from(height) / f64::from(self.height);
         Self { width, height, fx: self.fx * factor, fy: self.fy * factor, ..self.clone() }
     }
 
-    /// Makes the camera of the same view in another image size, whatever that does to the pixels' shape.
+    /// Returns the camera with another image size; the whole view stays, so pixels may be stretched.
     pub fn stretched(&self, width: u32, height: u32) -> Self {
         let [x, y] =
             [(width, self.width), (height, self.height)].map(|(to, from)| f64::from(to) / f64::from(from));
         Self { width, height, fx: self.fx * x, fy: self.fy * y, ..self.clone() }
     }
 
-    /// Describes the first reason that makes the camera unusable: its numbers contradict one another, or exceed f32, with which
-    /// renderers compute.
+    /// Describes the first reason that makes the camera unusable: its numbers are inconsistent, or exceed f32, the
+    /// renderers' precision.
     pub fn fault(&self) -> Option<String> {
-        /// Largest deviation of the rotation from orthonormal: files have as few as three decimals.
+        /// Maximum deviation of the rotation from orthonormal: files have as few as three decimals.
         const TOLERANCE: f64 = 0.01;
-        /// Smallest focal length, in pixels. Times 2^32 pixels, neither it nor its inverse leaves the range of f32.
+        /// Minimum focal length, in pixels. Times 2^32 pixels, neither it nor its inverse leaves the range of f32.
         const LEAST: f64 = 1e-20;
-        /// Largest coordinate, in world units. The square of a distance between two of them is within f32.
+        /// Maximum coordinate, in world units. The squared distance between two of them is within f32.
         const FARTHEST: f64 = 1e18;
         if self.width == 0 || self.height == 0 {
             return Some(format!("the image is {} x {} pixels", self.width, self.height));
@@ -148,7 +148,7 @@ impl Camera {
             if !(focal > 0.0 && focal.is_finite()) {
                 return Some(format!("expected a positive {name}, found {focal}"));
             }
-            // Its inverse, times a number of pixels, is computed with, too.
+            // Renderers also use its inverse times a number of pixels.
             if !(LEAST..=1.0 / LEAST).contains(&focal) {
                 return Some(format!(
                     "expected {name} from {LEAST:e} to {:e} pixels, found {focal:e}",
@@ -168,7 +168,7 @@ impl Camera {
         for (i, a) in axes.iter().enumerate() {
             for (j, b) in axes.iter().enumerate().skip(i) {
                 let (product, wanted) = (a.dot(*b), f64::from(i == j));
-                // NaN is not within it.
+                // NaN fails this.
                 let within = (product - wanted).abs() <= TOLERANCE;
                 if !within {
                     return Some(format!(

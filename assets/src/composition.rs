@@ -7,8 +7,9 @@
 //! ])
 //! ```
 //!
-//! A scene is scaled first, then rotated about an axis through its origin, and then moved. Its harmonics turn with it. Files are beside
-//! the file that names them. The splats of all are joined into one scene, so that one sort orders them.
+//! A scene is scaled first, then rotated about an axis through its origin, and then translated. Its harmonics rotate
+//! with it. Paths are relative to the folder of this file. The splats of all are joined into one scene, so that a
+//! single sort orders them.
 
 use crate::edit::Similarity;
 use crate::error::SceneError;
@@ -16,7 +17,7 @@ use glam::{DQuat, DVec3};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Longest text that is read, in bytes.
+/// Maximum length of the text, in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 20;
 
 /// The content of the file, as written.
@@ -52,16 +53,16 @@ fn one() -> f64 {
     1.0
 }
 
-/// A scene file and its place in the world.
+/// A scene file and its transform.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Placed {
     /// The file.
     pub file: PathBuf,
-    /// Its way into the world.
+    /// Its transform into the world.
     pub by: Similarity,
 }
 
-/// Returns true if a text is that of several scenes: its first word is `Scenes`.
+/// Returns true for a composition: its first word is `Scenes`.
 pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
     let mut rest = head;
     loop {
@@ -81,7 +82,7 @@ pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
 /// Parses the text of a file in `folder`.
 ///
 /// # Errors
-/// The text is not that of scenes, or a number makes no place.
+/// The text is not a composition, or a number gives no valid transform.
 pub(crate) fn parse(text: &str, folder: &Path) -> Result<Vec<Placed>, SceneError> {
     let scenes: Scenes = ron::from_str(text).map_err(|error| {
         let at = error.span.start;
@@ -106,7 +107,7 @@ fn placed(index: usize, part: Part, folder: &Path) -> Result<Placed, SceneError>
     };
     let rotation = DQuat::from_axis_angle(unit, degrees.to_radians());
     let translation = DVec3::from(part.translate);
-    // As far away as a camera can be.
+    // The limit of camera positions.
     if !part.translate.iter().all(|v| v.abs() <= 1e18) {
         return wrong(format!("expected a translation within 1e18, found {:?}", part.translate));
     }

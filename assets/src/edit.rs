@@ -1,4 +1,4 @@
-//! Makes scenes of the splats of others: picks, orders, moves and joins them.
+//! Derives scenes from others: selects, orders, transforms and joins splats.
 
 use crate::activation::quantised;
 use crate::harmonics::basis;
@@ -13,17 +13,17 @@ use std::f64::consts::TAU;
 pub struct Similarity {
     /// The rotation, of unit length.
     pub rotation: DQuat,
-    /// The factor of all lengths, above 0.
+    /// The scale factor, above 0.
     pub scale: f64,
     /// The translation, in world units.
     pub translation: DVec3,
 }
 
 impl Similarity {
-    /// The similarity that changes nothing.
+    /// The identity.
     pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
 
-    /// Combines two similarities: this one first, then `next`.
+    /// Composes two similarities: this one first, then `next`.
     pub fn then(self, next: Self) -> Self {
         Self {
             rotation: (next.rotation * self.rotation).normalize(),
@@ -37,12 +37,12 @@ impl Similarity {
     }
 }
 
-/// Computes the matrix that turns spherical harmonics: row `j` gives coefficient `j` of the turned function.
+/// Computes the matrix that rotates spherical harmonics: row `j` gives coefficient `j` of the rotated function.
 ///
-/// Its elements are the integrals of `Y_j(d) Y_k(R^-1 d)` over the sphere. The product is a polynomial of degree 6 at most, which
-/// four nodes of Gauss and Legendre along z and eight around it integrate exactly.
+/// Its elements are the integrals of `Y_j(d) Y_k(R^-1 d)` over the sphere. The product is a polynomial of degree 6 at
+/// most, which four Gauss-Legendre nodes along z and eight nodes around it integrate exactly.
 fn turned_basis(rotation: DQuat) -> [[f64; 16]; 16] {
-    /// Nodes and weights of the quadrature on -1 to 1, each also with a negative node.
+    /// Nodes and weights of the quadrature on -1 to 1; each stands for itself and its negative.
     const NODES: [(f64, f64); 2] = [
         (0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
         (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
@@ -64,13 +64,13 @@ fn turned_basis(rotation: DQuat) -> [[f64; 16]; 16] {
     matrix
 }
 
-/// Spreads the lowest 21 bits of a number, two zeros between each.
+/// Spreads the lowest 21 bits of a number, with two zeros between bits.
 fn spread(value: u32) -> u64 {
     (0..21).fold(0u64, |code, bit| code | (u64::from(value) >> bit & 1) << (3 * bit))
 }
 
 impl Scene {
-    /// Copies the splats of these indices, in this order.
+    /// Copies the splats with these indices, in this order.
     ///
     /// # Errors
     /// The copy does not fit in memory.
@@ -105,14 +105,14 @@ impl Scene {
         order.into_iter().map(|(_, index)| index).collect()
     }
 
-    /// Moves the scene in the world. Harmonics turn with it.
+    /// Transforms the scene in the world. Harmonics rotate with it.
     ///
     /// # Errors
     /// The copy does not fit in memory.
     pub fn transformed(&self, by: &Similarity) -> Result<Self, SceneMemoryError> {
         let matrix = turned_basis(by.rotation);
         let degree = self.stored_degree();
-        // Near the scene, so that f32 holds the digits that it held.
+        // Near the scene, so that f32 keeps its precision.
         let offset = by.point(DVec3::from(self.offset()));
         let offset = if self.offset() == [0.0; 3] { DVec3::ZERO } else { offset };
         let moved = Self::try_generate_wide(self.count(), degree, |index| {
@@ -135,7 +135,7 @@ impl Scene {
         Ok(moved.with_offset(offset.into()).with_notes(self.notes()))
     }
 
-    /// Joins scenes, one after the other. Harmonics that a scene lacks are 0. The mark of anti-aliasing stays if all have it.
+    /// Joins scenes in order. Missing harmonics become 0. The anti-aliasing tag is kept if all scenes have it.
     ///
     /// # Errors
     /// The copy does not fit in memory, or there are more than 2^32 splats.

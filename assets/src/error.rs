@@ -1,4 +1,4 @@
-//! Defines the errors of scene files: each message has the expectation, the finding and the place.
+//! Errors of scene files. Each message tells what was expected, what was found, and where.
 
 use crate::memory::SceneMemoryError;
 use std::path::PathBuf;
@@ -20,7 +20,7 @@ pub enum SceneError {
     #[error("cannot be read: {0}")]
     Io(#[from] std::io::Error),
 
-    /// The callback for the progress of the load cancelled it.
+    /// The progress callback cancelled the load.
     #[error("the load was cancelled")]
     Cancelled,
 
@@ -28,7 +28,7 @@ pub enum SceneError {
     #[error("expected a scene, found an empty file")]
     Empty,
 
-    /// The bytes are those of no scene format.
+    /// The bytes are not of any scene format.
     #[error("expected a scene (.ply, .spz, .splat, .ksplat, .sog), found {found}")]
     NotScene {
         /// The likely kind of the file.
@@ -47,20 +47,20 @@ pub enum SceneError {
     /// A field of a binary file is damaged, or has a value that the format or this reader does not allow.
     #[error("byte {at}, `{field}`: {message}")]
     Field {
-        /// Offset of the field, in the file or in what is unpacked from it.
+        /// Offset of the field, in the file or in its unpacked data.
         at: u64,
         /// The field's name in the format's description.
         field: String,
-        /// The expectation and the finding.
+        /// What was expected and found.
         message: String,
     },
 
-    /// A file of an archive is missing or damaged, or a value in it is not allowed.
+    /// A file of an archive is missing or damaged, or has an invalid value.
     #[error("`{part}`: {message}")]
     Part {
         /// The file's name in the archive, perhaps with the value's name.
         part: String,
-        /// The expectation and the finding.
+        /// What was expected and found.
         message: String,
     },
 
@@ -69,7 +69,7 @@ pub enum SceneError {
     Header {
         /// The line's number.
         line: u32,
-        /// The expectation and the finding.
+        /// What was expected and found.
         message: String,
     },
 
@@ -83,7 +83,7 @@ pub enum SceneError {
     /// The header has no `end_header` within the limit.
     #[error("the header is too long: no `end_header` line in the first {limit} bytes")]
     HeaderTooLong {
-        /// Largest number of bytes in a header.
+        /// Maximum number of bytes in a header.
         limit: usize,
     },
 
@@ -101,13 +101,13 @@ pub enum SceneError {
         name: String,
         /// The line of `element vertex`.
         line: u32,
-        /// The most similar name in the header, if one is similar enough.
+        /// The most similar name in the header, if any is similar enough.
         nearest: Option<String>,
-        /// A guess at the file's content.
+        /// A guess at the file's contents.
         hint: Option<&'static str>,
     },
 
-    /// The number of `f_rest_*` properties belongs to no degree.
+    /// The number of `f_rest_*` properties matches no degree.
     #[error(
         "expected 0, 9, 24 or 45 properties `f_rest_*` (spherical harmonics of degree 0, 1, 2 or 3) in `element vertex` \
          (line {line}), found {found}"
@@ -138,7 +138,7 @@ pub enum SceneError {
     /// The file ends inside the splats.
     #[error("the file is truncated: expected {promised} splats (line {line}), found {there}")]
     Truncated {
-        /// Whole splats in the file.
+        /// Number of whole splats in the file.
         there: u64,
         /// Splats that the header declares.
         promised: u64,
@@ -153,7 +153,7 @@ pub enum SceneError {
     TruncatedElement {
         /// The element's name.
         element: String,
-        /// Whole rows in the file.
+        /// Number of whole rows in the file.
         there: u64,
         /// Rows that the header declares.
         promised: u64,
@@ -188,7 +188,7 @@ pub enum SceneError {
     #[error(transparent)]
     Memory(#[from] SceneMemoryError),
 
-    /// The file was truncated while it was read.
+    /// The file was truncated during the read.
     #[error(
         "the file became shorter while it was read: expected {expected} bytes, found {found}; load it again when its writer has \
          finished"
@@ -200,31 +200,31 @@ pub enum SceneError {
         found: u64,
     },
 
-    /// The file was written to while it was read.
+    /// The file was modified during the read.
     #[error(
         "the file was written to while it was read: expected it to stay as it is; load it again when its writer has finished"
     )]
     Changed,
 
-    /// The text of several scenes is malformed.
+    /// The text of a composition is malformed.
     #[error("line {line}, column {column}: {message}")]
     Text {
         /// The line's number.
         line: usize,
         /// The column, counted from 1.
         column: usize,
-        /// The expectation and the finding.
+        /// What was expected and found.
         message: String,
     },
 
-    /// A number in the text of several scenes makes no place in the world.
+    /// A number in the text of a composition gives no valid transform.
     #[error("{message}")]
     Scenes {
-        /// The scene, the expectation and the finding.
+        /// The scene, and what was expected and found.
         message: String,
     },
 
-    /// One of several scenes cannot be loaded.
+    /// A scene of a composition cannot be loaded.
     #[error(transparent)]
     Placed(Box<LoadError>),
 
@@ -233,7 +233,7 @@ pub enum SceneError {
     Row {
         /// The line's number.
         line: u64,
-        /// The expectation and the finding.
+        /// What was expected and found.
         message: String,
     },
 }

@@ -10,7 +10,7 @@ use std::path::Path;
 /// Opens a regular file for reading.
 ///
 /// # Errors
-/// Those of the system, and [`ErrorKind::InvalidInput`] for a folder, a FIFO, a socket or a device.
+/// System errors, and [`ErrorKind::InvalidInput`] for a folder, a FIFO, a socket or a device.
 pub fn open(path: impl AsRef<Path>) -> Result<File> {
     let path = path.as_ref();
     // Check before opening, which would block for a FIFO, and after it, because the path may have changed.
@@ -23,7 +23,7 @@ pub fn open(path: impl AsRef<Path>) -> Result<File> {
 /// Reads a regular file of at most `limit` bytes.
 ///
 /// # Errors
-/// Those of [`open`], [`ErrorKind::FileTooLarge`] for a longer file, and [`ErrorKind::OutOfMemory`].
+/// The errors of [`open`], [`ErrorKind::FileTooLarge`] for a longer file, and [`ErrorKind::OutOfMemory`].
 pub fn read(path: impl AsRef<Path>, limit: u64) -> Result<Vec<u8>> {
     let file = open(path)?;
     let length = file.metadata()?.len();
@@ -35,7 +35,7 @@ pub fn read(path: impl AsRef<Path>, limit: u64) -> Result<Vec<u8>> {
         return Err(too_large(length));
     }
     let mut bytes = Vec::new();
-    // One byte more, so that the end is found without another allocation.
+    // One byte more, to find the end without another allocation.
     bytes.try_reserve_exact(length as usize + 1)?;
     // The file may have grown since.
     file.take(limit + 1).read_to_end(&mut bytes)?;
@@ -48,7 +48,7 @@ pub fn read(path: impl AsRef<Path>, limit: u64) -> Result<Vec<u8>> {
 /// Reads a regular file of at most `limit` bytes as UTF-8 text.
 ///
 /// # Errors
-/// Those of [`read`], and [`ErrorKind::InvalidData`] where the bytes are not UTF-8.
+/// The errors of [`read`], and [`ErrorKind::InvalidData`] if the bytes are not UTF-8.
 pub fn read_text(path: impl AsRef<Path>, limit: u64) -> Result<String> {
     String::from_utf8(read(path, limit)?).map_err(|error| {
         let at = error.utf8_error().valid_up_to();

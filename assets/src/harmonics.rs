@@ -44,10 +44,11 @@ pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
     ]
 }
 
-/// Bounds a colour from every direction: none is above it, in any channel, and none is further below 0.
+/// Bounds a colour over all directions: no channel exceeds the bound, nor is further below 0.
 ///
-/// `sh` holds the coefficients of a splat, channel by channel within each. By the addition theorem (Unsöld), the squares of the functions
-/// of band `l` sum up to (2l+1)/(4 pi) in every direction, so a band is at most the root of that times the length of its coefficients.
+/// `sh` holds the coefficients of a splat, with the channels of each coefficient together. By the addition theorem
+/// (Unsöld), the squared functions of band `l` sum to (2l+1)/(4 pi) in every direction, so a band is at most the root
+/// of that times the length of its coefficients.
 pub fn brightest(sh: &[f32]) -> f64 {
     let channel = |channel: usize| {
         let band = |l: usize| {
@@ -61,15 +62,15 @@ pub fn brightest(sh: &[f32]) -> f64 {
     (0..3).map(channel).fold(0.0, f64::max)
 }
 
-/// A function of the cosine to an axis, as the coefficients of the Legendre polynomials P0 to P3.
+/// A function of the cosine to an axis: coefficients of the Legendre polynomials P0 to P3.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zonal(pub [f64; 4]);
 
 impl Zonal {
     /// Fits a smooth highlight, `exp(sharpness * (cos - 1))`, which is 1 on the axis.
     ///
-    /// Its bands are damped by Lanczos' sigma factors. That widens the lobe a little and keeps the cut at degree 3 from ringing
-    /// into dark bands.
+    /// Its bands are damped by Lanczos' sigma factors. That widens the lobe a little and prevents ringing from the cut
+    /// at degree 3, which would give dark bands.
     pub fn lobe(sharpness: f64) -> Self {
         const SAMPLES: usize = 256;
         let mut coefficients = [0.0; 4];
@@ -164,7 +165,7 @@ mod tests {
             })
             .collect();
         for floats in [3, 12, 27, 48] {
-            // The coefficients of a lobe, whose bands are all largest in one direction.
+            // The coefficients of a lobe: all bands are largest in one direction.
             let axis = basis([0.36, -0.48, -0.8]);
             let sh: Vec<f32> =
                 (0..floats).map(|i| (axis[i / 3] * [900.0, -3.0, 1.0][i % 3]) as f32).collect();

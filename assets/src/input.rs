@@ -1,10 +1,10 @@
-//! Code that readers share: access to the bytes, memory limits, parallel conversion, and the end of a load.
+//! Code shared by readers: access to the bytes, memory limits, parallel conversion, and the end of a load.
 //!
-//! [`Source`] reads pieces at given offsets, from several threads at once; [`Input::allocate`] checks a scene against the
-//! available memory; [`fill`] converts tables of rows; [`finish`] makes the scene.
+//! [`Source`] reads pieces at given offsets, from several threads at once; [`Input::allocate`] checks a scene against
+//! the available memory; [`fill`] converts tables of rows; [`finish`] creates the scene.
 //!
-//! The file is not mapped into memory: a process that truncates a mapped file ends its readers with a signal. Every byte is
-//! read into a buffer instead, so that truncation is a read error. Buffers are a few mebibytes and
+//! The file is not mapped into memory: when a process truncates a mapped file, its readers are killed by a signal.
+//! Every byte is read into a buffer instead, so that truncation is a read error. Buffers are a few mebibytes and
 //! reused. [`OpenFile`] records the file's length and modification time before the first read, and checks at the end
 //! that they are unchanged.
 
@@ -21,12 +21,12 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
-/// Bytes of rows that a thread reads at a time, or one row if that is longer.
+/// Bytes of rows that a thread reads at a time; at least one row.
 const PIECE: usize = 1 << 20;
 
 /// A callback for the progress of a load: bytes of splats converted, and bytes in total.
 ///
-/// Several threads call it, so the first number does not always ascend. `Break` cancels the load: it ends with
+/// Several threads call it, so the first number is not always ascending. `Break` cancels the load, which ends with
 /// [`SceneError::Cancelled`] as soon as every thread has noticed.
 pub type Progress<'a> = &'a (dyn Fn(u64, u64) -> ControlFlow<()> + Sync);
 
@@ -36,13 +36,13 @@ pub const QUIET: Progress<'static> = &|_, _| ControlFlow::Continue(());
 /// The contents of a scene file's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SceneHeader {
-    /// Number of splats, of which some may not be drawable.
+    /// Number of splats; some may not be drawable.
     pub count: u64,
-    /// Degree of the spherical harmonics that a scene of the file stores, at most 3.
+    /// Degree of the spherical harmonics that a scene from this file stores, at most 3.
     pub stored_degree: u32,
 }
 
-/// Holds the input of a reader: bytes, memory limit and progress callback.
+/// The input of a reader: bytes, memory limit and progress callback.
 #[derive(Clone, Copy)]
 pub(crate) struct Input<'a> {
     pub source: &'a Source<'a>,
@@ -52,8 +52,8 @@ pub(crate) struct Input<'a> {
 }
 
 impl Input<'_> {
-    /// Allocates the arrays of a scene, unless they, `beside` further bytes and a buffer of rows of `stride` bytes per thread
-    /// exceed the available memory. `wide` positions have more digits than f32.
+    /// Allocates the arrays of a scene. Fails if they, `beside` more bytes, and a buffer of rows of `stride` bytes per
+    /// thread exceed the available memory. `wide` positions have more precision than f32.
     pub(crate) fn allocate(
         &self,
         count: u64,
@@ -76,7 +76,7 @@ impl Input<'_> {
     }
 }
 
-/// Makes the scene of the splats that a reader stored; it is an error if all of the file's `count` were dropped.
+/// Creates the scene from the stored splats; fails if all of the file's `count` were dropped.
 pub(crate) fn finish(
     (columns, gathered): (Columns, Gathered),
     count: u64,
@@ -95,7 +95,7 @@ pub(crate) fn finish(
 pub(crate) struct Table {
     /// Offset of the first row.
     pub start: u64,
-    /// Bytes of a row; 0 for a table that the file does not have.
+    /// Bytes of a row; 0 if the file lacks the table.
     pub stride: usize,
 }
 
@@ -140,7 +140,7 @@ pub(crate) fn fill<const N: usize>(
     })
 }
 
-/// Sums the progress of parallel chunks, and ends all of them when the load is cancelled.
+/// Sums the progress of parallel chunks, and stops all of them when the load is cancelled.
 pub(crate) struct Done<'a> {
     done: AtomicU64,
     of: u64,
@@ -183,7 +183,7 @@ pub(crate) enum Source<'a> {
 }
 
 impl Source<'_> {
-    /// Returns the length in bytes; of a file, when it was opened.
+    /// Returns the length in bytes; for a file, when it was opened.
     pub(crate) fn length(&self) -> u64 {
         match self {
             Self::Bytes(bytes) => bytes.len() as u64,
@@ -194,7 +194,7 @@ impl Source<'_> {
     /// Fills `buffer` with the bytes from offset `at` on.
     ///
     /// # Errors
-    /// The bytes end before the buffer is full, or the system fails.
+    /// The bytes end before the buffer is full, or the system reports an error.
     pub(crate) fn read(&self, at: u64, buffer: &mut [u8]) -> io::Result<()> {
         match self {
             Self::Bytes(bytes) => {
@@ -215,7 +215,7 @@ impl Source<'_> {
     }
 }
 
-/// Reads a source to its end.
+/// Reads a source sequentially to its end.
 pub(crate) struct SourceReader<'a> {
     source: &'a Source<'a>,
     at: u64,
@@ -261,7 +261,7 @@ pub(crate) struct OpenFile {
     modified: Option<SystemTime>,
 }
 
-/// Age at which a modification time certainly differs from the time of a change now: clocks of file systems tick at least
+/// Age at which a modification time certainly differs from the time of a change now: file system clocks tick at least
 /// every 10 ms.
 const SETTLED: Duration = Duration::from_millis(20);
 
@@ -271,7 +271,7 @@ impl OpenFile {
         let file = file::open(path)?;
         let metadata = file.metadata()?;
         let modified = metadata.modified().ok();
-        // A change within the same tick as the previous one would not be noticed.
+        // A change within the clock tick of the previous one would go unnoticed.
         if let Some(age) = modified.and_then(|modified| modified.elapsed().ok()).filter(|age| *age < SETTLED)
         {
             std::thread::sleep(SETTLED - age);
@@ -294,7 +294,7 @@ impl OpenFile {
         Ok(())
     }
 
-    /// Refuses a file that was changed since it was opened.
+    /// Fails if the file was modified since it was opened.
     pub(crate) fn check_unchanged(&self) -> Result<(), SceneError> {
         let metadata = self.file.metadata()?;
         let (expected, found) = (self.length, metadata.len());
@@ -319,7 +319,7 @@ fn read_at(file: &File, buffer: &mut [u8], at: u64) -> io::Result<usize> {
     std::os::windows::fs::FileExt::seek_read(file, buffer, at)
 }
 
-/// Buffers that the threads of a load reuse: at most one per thread.
+/// Buffers reused by the threads of a load: at most one per thread.
 #[derive(Default)]
 pub(crate) struct Buffers {
     free: Mutex<Vec<Vec<u8>>>,
@@ -345,7 +345,7 @@ impl Buffers {
     }
 }
 
-/// Makes a buffer at least `bytes` long.
+/// Grows a buffer to at least `bytes` bytes.
 pub(crate) fn grow(buffer: &mut Vec<u8>, bytes: usize) -> io::Result<()> {
     if buffer.len() < bytes {
         buffer.try_reserve_exact(bytes - buffer.len())?;

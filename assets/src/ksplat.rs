@@ -6,7 +6,7 @@
 //! | 12 / 6 / 6 | standard deviations, `f32` or `f16` |
 //! | 16 / 8 / 8 | quaternion w, x, y, z, `f32` or `f16` |
 //! | 4 | red, green and blue of band 0, and opacity, 0 to 255 for 0 to 1 |
-//! | 4 / 2 / 1 per coefficient and channel | harmonics, band by band, red, green and blue of a band one after the other: `f32`, `f16`, or `u / 255` between the header's bounds |
+//! | 4 / 2 / 1 per coefficient and channel | harmonics, band by band, all of red, then green, then blue within a band: `f32`, `f16`, or `u / 255` between the header's bounds |
 //!
 //! Positions of levels 1 and 2 are `(u - range) * blockSize / 2 / range + centre`. The first `fullBuckets` buckets have
 //! `bucketCapacity` rows each; the lengths of the others come before the centres. Format:
@@ -61,7 +61,7 @@ struct Header {
     range: [f32; 2],
 }
 
-/// A section whose header was read.
+/// A section's parsed header.
 struct Section {
     /// Number of splats, and index of the first.
     count: usize,
@@ -70,12 +70,12 @@ struct Section {
     rows: u64,
     stride: usize,
     degree: u32,
-    /// Half the side of a bucket over the range of its integers.
+    /// Half the side of a bucket, divided by the range of its integers.
     step: f64,
     range: f64,
     full: usize,
     capacity: usize,
-    /// Index behind the last row of each bucket that is not full, within the section.
+    /// Index after the last row of each partial bucket, within the section.
     ends: Vec<usize>,
     centers: Vec<[f32; 3]>,
 }
@@ -121,7 +121,7 @@ impl Header {
         10 * VALUE[self.level] + 4
     }
 
-    /// Reads the headers of all sections, and with `buckets` the buckets, too.
+    /// Reads the headers of all sections, and the buckets if `buckets`.
     fn sections(&self, source: &Source, buckets: bool) -> Result<Vec<Section>, SceneError> {
         let mut sections = Vec::new();
         let mut at = HEADER as u64 + self.sections * SECTION as u64;
@@ -141,7 +141,7 @@ impl Header {
                 ));
             }
             let stride = self.plain() + (sh_floats(degree) - 3) * HARMONIC[self.level];
-            // The level without compression has no use for buckets.
+            // The uncompressed level does not use buckets.
             let lengths = partial * 4;
             let centers = bucket_count * u64::from(half_word(&head, 20));
             let left = source.length() - at;
@@ -186,7 +186,7 @@ impl Header {
         Ok(sections)
     }
 
-    /// Converts a row, and returns the length of its quaternion with it.
+    /// Converts a row, and returns the length of its quaternion as well.
     fn splat(&self, section: &Section, index: usize, row: &[u8]) -> (Splat, f64) {
         let size = VALUE[self.level];
         let value = |index: usize| match size {
@@ -259,7 +259,7 @@ impl Section {
             );
             return Err(field(header_at + 32, "fullBucketCount", text));
         }
-        // No longer than the file: the section was held against it.
+        // At most as long as the file: the section was checked against it.
         let mut data = Vec::new();
         grow(&mut data, 4 * partial + 12 * buckets)?;
         source.read(at, &mut data)?;
@@ -362,7 +362,7 @@ mod tests {
     use super::*;
     use crate::testing::parse as read;
 
-    /// Makes the file of a section: three splats in two buckets of at most two, the second with room for 1 of 1.
+    /// Builds the file of a section: three splats in two buckets of at most two; the second has 1 of 1.
     fn file(level: u16, degree: u16) -> Vec<u8> {
         let mut bytes = vec![0; HEADER + SECTION];
         let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
@@ -425,12 +425,12 @@ mod tests {
                 near(first.opacity, 0.4) && near(first.sh[0], 0.5 / SH_C0) && near(first.sh[2], -0.3 / SH_C0)
             );
             if degree > 0 {
-                // Green's first of band 1 is the fourth value.
+                // The first green coefficient of band 1 is the fourth value.
                 let expected = if level == 2 { -2.0 + 4.0 * 4.0 / 255.0 } else { 4.0 / 32.0 };
                 assert!(near(first.sh[4], expected), "level {level}: {:?}", first.sh);
             }
             if degree > 1 {
-                // Blue's last of band 2 is the last of 9 + 15 values.
+                // The last blue coefficient of band 2 is the last of 9 + 15 values.
                 let expected = if level == 2 { -2.0 + 4.0 * 24.0 / 255.0 } else { 24.0 / 32.0 };
                 assert!(near(first.sh[26], expected), "level {level}: {:?}", first.sh);
             }

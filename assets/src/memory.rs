@@ -1,8 +1,9 @@
-//! Finds out how much memory this process can still allocate, so that scenes that cannot fit are refused before they are read.
+//! Determines how much memory this process can still allocate, so that scenes that cannot fit are refused before they
+//! are read.
 //!
-//! Three limits hold at once on Linux: the memory that the system can give without evicting what is in use, the limit of the
-//! control group (a container's), and the process's own limit of address space (`ulimit -v`). On other systems the available
-//! memory is unknown, and a failed allocation is the error.
+//! On Linux, three limits apply at once: the memory that the system can provide without evicting pages in use, the
+//! limit of the control group (a container's), and the process's address-space limit (`ulimit -v`). On other systems
+//! the available memory is unknown, and a failed allocation is reported instead.
 
 use std::alloc::Layout;
 use std::path::Path;
@@ -26,12 +27,12 @@ pub struct SceneMemoryError {
 }
 
 impl SceneMemoryError {
-    /// Refuses a scene that needs more than is [`available`] now.
+    /// Refuses a scene that needs more memory than is [`available`] now.
     pub(crate) fn check(count: u64, degree: u32, needed: u64) -> Result<(), Self> {
         Self::check_against(count, degree, needed, available())
     }
 
-    /// Refuses a scene that needs more than `available` bytes, if that number is known.
+    /// Refuses a scene that needs more than `available` bytes, if known.
     pub(crate) fn check_against(
         count: u64,
         degree: u32,
@@ -51,7 +52,7 @@ fn available_text(available: &Option<u64>) -> String {
     available.map(|bytes| format!(", of {} available", display(bytes))).unwrap_or_default()
 }
 
-/// Formats a byte count in the largest binary unit below it: `236.0 MiB`.
+/// Formats a byte count with a binary unit: `236.0 MiB`.
 pub fn display(bytes: u64) -> String {
     let units = [("GiB", 30), ("MiB", 20), ("KiB", 10)];
     match units.iter().find(|(_, shift)| bytes >> shift > 0) {
@@ -76,7 +77,7 @@ fn under(root: &Path) -> Option<u64> {
     [system, address, group].into_iter().flatten().min()
 }
 
-/// Computes the memory that the system can give, swap included.
+/// Computes the memory that the system can provide, including swap.
 fn of_system(meminfo: &str) -> Option<u64> {
     let field = |name: &str| {
         let line = meminfo.lines().find_map(|line| line.strip_prefix(name))?;
@@ -85,16 +86,16 @@ fn of_system(meminfo: &str) -> Option<u64> {
     Some(field("MemAvailable:")?.saturating_add(field("SwapFree:").unwrap_or(0)))
 }
 
-/// Computes what is left of the limit of address space; `None` if there is no limit.
+/// Computes the rest of the address-space limit; `None` without a limit.
 fn of_address_space(limits: &str, statm: &str) -> Option<u64> {
     let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
     let limit: u64 = line.split_ascii_whitespace().next()?.parse().ok()?;
-    // In pages of the smallest size. With larger pages this subtracts too little, and the allocation may fail.
+    // Assumes the smallest page size. With larger pages this subtracts too little, and the allocation may fail.
     let used = statm.split_ascii_whitespace().next()?.parse::<u64>().ok()?.checked_mul(4096)?;
     Some(limit.saturating_sub(used))
 }
 
-/// Computes what is left in the control group and in all groups around it; `None` if none has a limit.
+/// Computes the rest of the limits of the control group and its ancestors; `None` if none has a limit.
 fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
     let mut least: Option<u64> = None;
     for line in groups.lines() {
@@ -111,7 +112,8 @@ fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
             ("sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
         };
         let mount = root.join(mount);
-        // In a container the path may be the host's, which does not exist there: the mount itself is the container's.
+        // In a container the path may be the host's, which does not exist there: the mount itself is the container's
+        // group.
         for folder in Path::new(path.trim_start_matches('/')).ancestors() {
             let folder = mount.join(folder);
             let text = |name: &str| std::fs::read_to_string(folder.join(name)).ok();
@@ -131,8 +133,8 @@ fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
 
 /// Allocates `count` zeros of a column; `None` if there is no memory for them.
 ///
-/// The system provides zero pages, which the thread that fills them touches first. `try_reserve` and a fill by one
-/// thread would touch them all at once.
+/// The system provides zero pages on first touch, by the thread that fills them. `try_reserve` followed by a fill on
+/// one thread would touch them all there.
 pub(crate) fn zeroed<T: bytemuck::Zeroable>(count: usize) -> Option<Vec<T>> {
     let layout = Layout::array::<T>(count).ok()?;
     if layout.size() == 0 {
@@ -143,8 +145,8 @@ pub(crate) fn zeroed<T: bytemuck::Zeroable>(count: usize) -> Option<Vec<T>> {
     if pointer.is_null() {
         return None;
     }
-    // SAFETY: the global allocator gave the memory for an array of `count` elements, all bytes of it are zero, and zeros are a
-    // value of the type.
+    // SAFETY: the global allocator returned the memory for an array of `count` elements; all its bytes are zero, and
+    // zero is a valid value of the type.
     Some(unsafe { Vec::from_raw_parts(pointer, count, count) })
 }
 
@@ -179,7 +181,7 @@ mod tests {
         assert_eq!(available(), Some(512 << 10));
         put("proc/self/limits", "Max address space         491520       unlimited            bytes     \n");
         assert_eq!(available(), Some(491_520 - 20 * 4096));
-        // Version 2: the group has no limit, the one around it has, and half of what is used can be dropped.
+        // Version 2: the group has no limit, its parent has, and half of the used memory can be evicted.
         put("proc/self/cgroup", "0::/outer/inner\n");
         put("sys/fs/cgroup/outer/inner/memory.max", "max\n");
         put("sys/fs/cgroup/outer/inner/memory.current", "90000\n");
@@ -187,7 +189,7 @@ mod tests {
         put("sys/fs/cgroup/outer/memory.current", "90000\n");
         put("sys/fs/cgroup/outer/memory.stat", "anon 1\ninactive_file 45000\n");
         assert_eq!(available(), Some(55_000));
-        // Version 1, in a container that does not see its path.
+        // Version 1, in a container that cannot see its path.
         put("proc/self/cgroup", "3:cpu:/x\n2:memory:/docker/abc\n");
         put("sys/fs/cgroup/memory/memory.limit_in_bytes", "70000\n");
         put("sys/fs/cgroup/memory/memory.usage_in_bytes", "69000\n");

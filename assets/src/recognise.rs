@@ -1,7 +1,7 @@
-//! Recognises the format of a scene file by its first bytes, and names files that are not scenes.
+//! Recognises the format of a scene file by its first bytes, and describes files that are not scenes.
 //!
-//! Users pass the wrong file, a packed one, or a Git LFS pointer. The first bytes usually identify it, and "this is a gzip
-//! file" helps more than "bad magic".
+//! Users pass the wrong file, a packed one, or a Git LFS pointer. The first bytes usually identify it, and "this is a
+//! gzip file" helps more than "bad magic".
 
 use crate::error::SceneError;
 use crate::{ksplat, sog, splat, spz};
@@ -31,7 +31,7 @@ const MAGIC: &[(&[u8], &str)] = &[
     (b"\xEF\xBB\xBFply", "a PLY file behind a byte order mark (save it without one)"),
 ];
 
-/// Bytes of a file that show its format.
+/// Number of leading bytes that determine the format.
 pub(crate) const HEAD: usize = 4096;
 
 /// A format of scene files.
@@ -83,14 +83,14 @@ impl SceneFormat {
         }
     }
 
-    /// Finds the format of the longest extension that the name of `path` ends with, in capitals or not.
+    /// Finds the format by the longest matching extension of `path`, ignoring case.
     pub fn of_name(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let ends = |format: &Self| name.ends_with(&format!(".{}", format.extension()));
         Self::ALL.into_iter().filter(ends).max_by_key(|format| format.extension().len())
     }
 
-    /// Describes what the format does not keep of a scene with harmonics of `degree`, a phrase per kind of value.
+    /// Describes what the format loses of a scene with harmonics of `degree`, a phrase per kind of value.
     pub fn losses(self, degree: u32) -> Vec<&'static str> {
         let mut losses = match self {
             Self::Ply | Self::Sog | Self::Ksplat => vec![],
@@ -117,12 +117,12 @@ impl SceneFormat {
     }
 }
 
-/// Recognises the format of a file whose first bytes, [`HEAD`] or all, are `head`, and which has `length` bytes.
+/// Recognises the format of a file of `length` bytes that begins with `head`: its first [`HEAD`] bytes, or all.
 ///
-/// Both layouts of PLY are [`SceneFormat::Ply`] here: the header tells them apart.
+/// Both layouts of PLY are [`SceneFormat::Ply`] here: the header distinguishes them.
 ///
 /// # Errors
-/// The file is empty or not a scene; `path`, if there is one, helps to name it.
+/// The file is empty or not a scene; `path`, if given, helps to describe it.
 pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<SceneFormat, SceneError> {
     if head.is_empty() {
         return Err(SceneError::Empty);
@@ -137,20 +137,20 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     if head.starts_with(spz::MAGIC) || spz::begins_as_spz(head) {
         return Ok(SceneFormat::Spz);
     }
-    // Its reader says whether it is a scene.
+    // Its reader decides whether it is a scene.
     if head.starts_with(sog::MAGIC) {
         return Ok(SceneFormat::Sog);
     }
     let magic = MAGIC.iter().find(|(magic, _)| head.starts_with(magic));
     let known = |(_, what): &(&[u8], &str)| Err(SceneError::NotScene { found: (*what).to_owned() });
-    // One or two bytes are too few to tell: a `.splat` begins with any.
+    // One or two bytes are not enough: a `.splat` can begin with any bytes.
     if let Some(magic) = magic.filter(|(magic, _)| magic.len() > 2) {
         return known(magic);
     }
     if extension == "ksplat" || ksplat::is_plausible(head) {
         return Ok(SceneFormat::Ksplat);
     }
-    // No magic number: the values tell it, or the name does, and then its reader says what is wrong.
+    // Without a magic number, recognise it by its values, or else by its name; its reader then reports any errors.
     let whole = length.is_multiple_of(splat::STRIDE as u64);
     if extension == "splat" || (whole && splat::is_plausible(head)) {
         return Ok(SceneFormat::Splat);

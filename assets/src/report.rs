@@ -1,8 +1,8 @@
-//! Reports the flaws of a scene that affect how it is drawn.
+//! Reports the flaws of a scene that affect rendering.
 //!
-//! Captured scenes have flaws that explain many later problems: values that are not numbers, floaters far outside the bulk
-//! that use up the bits of a depth key, splats as large as the scene. The report counts them. It does not change the scene;
-//! splats that cannot be drawn at all were dropped on load, and are counted here too.
+//! Captured scenes have flaws that explain many later problems: values that are not numbers, floaters far outside the
+//! bulk that use up the bits of a depth key, splats as large as the scene. The report counts them. It does not change
+//! the scene. Splats that cannot be drawn were dropped on load, and are counted here as well.
 
 use crate::bounds::{Bounds, quantile};
 use crate::camera::Camera;
@@ -31,7 +31,7 @@ pub struct Report {
     pub stored_sh_degree: u32,
     /// Highest band that is not zero in every splat.
     pub effective_sh_degree: u32,
-    /// Highest band that is not zero in every splat that can show.
+    /// Highest band that is not zero in every splat that can be visible.
     pub shown_sh_degree: u32,
     /// Lengths of the quaternions before normalisation.
     pub quaternions: QuaternionNorms,
@@ -72,7 +72,7 @@ pub struct SizeReport {
 /// Positions of the splats.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PlaceReport {
-    /// World coordinates of the scene's origin, which all others here are relative to.
+    /// World coordinates of the scene's origin; all other positions here are relative to it.
     pub offset: [f64; 3],
     /// Box around every centre.
     pub bounds: Bounds,
@@ -86,7 +86,7 @@ pub struct PlaceReport {
 
 /// View depths of the splats in front of a camera's near plane ([`NEAR`]), inside the image or not.
 ///
-/// A sort by depth gets all of them.
+/// A sort by depth processes all of them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DepthReport {
     /// The camera's name, or its number.
@@ -110,9 +110,9 @@ pub struct DepthRange {
     pub robust_far: f64,
     /// Bits of a key linear in depth that are lost to outliers.
     ///
-    /// This is log2 of the whole range over the robust range. A 16-bit key has this many fewer bits for the bulk.
+    /// This is log2 of the whole range over the robust range: a 16-bit key has this many fewer bits for the bulk.
     pub linear_bits_lost: f64,
-    /// The same loss for a key linear in the logarithm of depth.
+    /// The bits lost for a key linear in the logarithm of depth.
     pub logarithmic_bits_lost: f64,
 }
 
@@ -350,7 +350,7 @@ mod tests {
         });
         let report = Report::new(&scene, &[]);
         assert_eq!(report.color.largest_sh, 2e5);
-        // The root of 3 / (4 pi), times the coefficient, beside 0.5.
+        // The root of 3 / (4 pi), times the coefficient, plus 0.5.
         assert!((report.color.brightest - 97_721.0).abs() < 0.1, "{:?}", report.color);
         let text = report.to_string();
         let told = text

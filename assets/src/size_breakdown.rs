@@ -1,11 +1,11 @@
-//! Accounts for every byte of a scene file: header, fields and separators, whose sum is the file's size.
+//! Accounts for every byte of a scene file: header, fields and separators, which sum to the file's size.
 //!
 //! A splat of degree 3 has 62 floats, 45 of which are its view-dependent colour; the breakdown shows that at a glance.
 
 use serde::Serialize;
 use std::fmt;
 
-/// The bytes of a file by their use.
+/// The bytes of a file, by use.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SizeBreakdown {
     /// The file's format, for instance `ply, binary_little_endian`.
@@ -40,9 +40,9 @@ pub struct ElementSize {
 pub struct FieldSize {
     /// The property's name.
     pub name: String,
-    /// The property's type, as PLY names it.
+    /// The property's type, by PLY's name.
     pub kind: String,
-    /// Bytes in each row; `None` if rows differ.
+    /// Bytes in each row; `None` if rows vary.
     pub bytes_per_row: Option<u64>,
     /// Bytes in all rows.
     pub bytes: u64,
@@ -64,7 +64,7 @@ impl ElementSize {
     }
 }
 
-/// Formats a number with commas between its thousands.
+/// Formats a number with thousands separators.
 pub fn grouped(value: u64) -> String {
     let digits = value.to_string();
     let mut out = String::new();
@@ -89,7 +89,7 @@ fn runs(fields: &[FieldSize]) -> Vec<&[FieldSize]> {
 }
 
 impl fmt::Display for SizeBreakdown {
-    /// Writes a table: one line per field or run of numbered fields, with bytes per row and in all.
+    /// Writes a table with one line per field or run of numbered fields, with bytes per row and in total.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let line =
             |f: &mut fmt::Formatter<'_>, what: &str, kind: &str, each: &str, bytes: u64, note: &str| {

@@ -24,9 +24,9 @@ fn float(row: &[u8], at: usize) -> f32 {
     f32::from_le_bytes(row[at..at + 4].try_into().expect("the slice has 4 bytes"))
 }
 
-/// Returns true if all whole rows of `head` can be splats, and most of them have quaternions of about unit length.
+/// Returns true if all whole rows of `head` can be splats, and most have quaternions of about unit length.
 ///
-/// The format has no magic number: only its values can tell it from other data.
+/// The format has no magic number: only its values can distinguish it from other data.
 pub(crate) fn is_plausible(head: &[u8]) -> bool {
     let rows = head.chunks_exact(STRIDE);
     let count = rows.len();
@@ -42,7 +42,7 @@ pub(crate) fn is_plausible(head: &[u8]) -> bool {
     count > 0 && 2 * unit > count
 }
 
-/// Returns w, x, y, z.
+/// Returns the quaternion w, x, y, z.
 fn quaternion(row: &[u8]) -> [f64; 4] {
     std::array::from_fn(|at| (f64::from(row[28 + at]) - 128.0) / 128.0)
 }
@@ -99,7 +99,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     input::finish((columns, gathered), count, size_breakdown, FileNotes::default())
 }
 
-/// Converts a row, and returns the length of its quaternion with it.
+/// Converts a row, and returns the length of its quaternion as well.
 fn splat(row: &[u8]) -> (Splat, f64) {
     let (rotation, norm) = activation::unit(quaternion(row));
     let part = |at: usize| f64::from(row[24 + at]) / 255.0;

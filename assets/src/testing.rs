@@ -4,7 +4,7 @@ use crate::scene::{Scene, Splat};
 use std::io::Write;
 use std::path::PathBuf;
 
-/// Makes a splat that is different for each index.
+/// Returns a splat that differs for each index.
 pub(crate) fn splat(index: usize) -> Splat {
     let t = index as f32;
     Splat {
@@ -25,7 +25,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Scene, crate::error::SceneError> {
 pub(crate) fn captures(test: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("SPLATGRAPH_DATA").map(|folder| PathBuf::from(folder).join("scenes"));
     if folder.is_none() {
-        // Not by `println!`, which is kept back in tests that pass.
+        // Not `println!`, whose output is hidden in tests that pass.
         let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs captured scenes; set SPLATGRAPH_DATA");
     }
     folder

@@ -1,11 +1,11 @@
-//! Defines the errors of reading cameras.
+//! Errors of reading cameras.
 
 use std::path::PathBuf;
 
-/// Bytes of a `cameras.json` or `transforms.json` at most: enough for half a million cameras.
+/// Maximum size of a `cameras.json` or `transforms.json`, in bytes: enough for half a million cameras.
 pub const MAX_CAMERA_BYTES: u64 = 256 << 20;
 
-/// Most cameras of a dataset: what they take in memory stays below a gigabyte.
+/// Maximum number of cameras in a dataset, which bounds their memory to a gigabyte.
 pub(crate) const MOST_CAMERAS: usize = 1 << 20;
 
 /// An error of reading, writing or selecting cameras.
@@ -28,9 +28,9 @@ pub enum CameraError {
         line: usize,
         /// Column, counted from 1.
         column: usize,
-        /// Index of the camera with the error, from 0; `None` outside of the list's entries.
+        /// Index of the camera with the error, from 0; `None` outside the list's entries.
         camera: Option<usize>,
-        /// The expectation and the finding.
+        /// What was expected and found.
         message: String,
     },
     /// A line of a text file, or one of its fields, is malformed.
@@ -42,10 +42,10 @@ pub enum CameraError {
         line: u64,
         /// The field's name in the format's description.
         field: &'static str,
-        /// The expectation and the finding.
+        /// What was expected and found.
         message: String,
     },
-    /// A field of a binary file is damaged or has a value that is not allowed.
+    /// A field of a binary file is damaged or has an invalid value.
     #[error("{}: byte {at}, `{field}`: {message}", path.display())]
     Byte {
         /// The file.
@@ -54,10 +54,10 @@ pub enum CameraError {
         at: u64,
         /// The field's name in the format's description.
         field: &'static str,
-        /// The expectation and the finding.
+        /// What was expected and found.
         message: String,
     },
-    /// The folder has no file of cameras.
+    /// The folder contains no camera file.
     #[error(
         "{}: expected cameras.json, transforms.json, transforms_test.json, or COLMAP's cameras and images (.bin or .txt) here or \
          in sparse/0, found none of them",

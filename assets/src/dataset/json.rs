@@ -1,7 +1,7 @@
-//! Reads the two forms of cameras in JSON: lists as the 3DGS reference implementation writes them, and `transforms.json`.
+//! Reads both JSON formats of cameras: the 3DGS reference implementation's list, and `transforms.json`.
 //!
-//! The poses of a `transforms.json` take the camera's coordinates, whose x points right, y up and z backward, to the world's.
-//! Values of a frame take precedence over those of the file. Sources: the Blender scenes of NeRF (`camera_angle_x`), and
+//! The poses of a `transforms.json` transform camera coordinates (x right, y up, z backward) to world coordinates.
+//! Values of a frame take precedence over the file's. Sources: the Blender scenes of NeRF (`camera_angle_x`), and
 //! <https://docs.nerf.studio/quickstart/data_conventions.html>.
 
 use super::colmap::UNDISTORT;
@@ -15,7 +15,7 @@ use std::cell::Cell;
 use std::marker::PhantomData;
 use std::path::Path;
 
-/// Parses either form.
+/// Parses either format.
 pub(super) fn parse(text: &str, path: &Path) -> Result<Dataset, CameraError> {
     let reached = Cell::new(None);
     let parsed = if text.trim_start().starts_with('{') {
@@ -26,7 +26,7 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<Dataset, CameraError> {
         views.map(|views| Dataset { views, photographs: None, off_center: 0.0 })
     };
     parsed.map_err(|error| {
-        // serde_json says the place again at the end of its message.
+        // serde_json repeats the place at the end of its message.
         let message = error.to_string();
         let place = format!(" at line {} column {}", error.line(), error.column());
         CameraError::Parse {
@@ -46,10 +46,10 @@ fn whole<'de, S: DeserializeSeed<'de>>(text: &'de str, seed: S) -> serde_json::R
     json.end().map(|()| value)
 }
 
-/// Deserialises a list entry by entry, so that an error has its entry's line and index.
+/// Deserialises a list entry by entry, so that an error has the line and index of its entry.
 struct List<'a, T, F> {
     reached: &'a Cell<Option<usize>>,
-    /// Makes the view of an entry.
+    /// Converts an entry to a view.
     view: F,
     entry: PhantomData<T>,
 }
@@ -88,7 +88,7 @@ impl<'de, T: Deserialize<'de>, F: FnMut(T) -> Result<View, String>> Visitor<'de>
     }
 }
 
-/// The values of a `transforms.json`, of the whole file or of a frame. Unknown fields are ignored.
+/// The values of a `transforms.json`: the file's or a frame's. Unknown fields are ignored.
 #[derive(Clone, Default, Deserialize)]
 #[serde(default)]
 struct Fields {
@@ -114,12 +114,12 @@ struct Fields {
     file_path: Option<String>,
     /// Camera-to-world, row by row.
     transform_matrix: Option<[[f64; 4]; 4]>,
-    /// The photographs kept for tests, in nerfstudio's files.
+    /// The photographs reserved for tests, in nerfstudio's files.
     test_filenames: Option<Vec<String>>,
 }
 
 impl Fields {
-    /// Returns a coefficient of the lens's distortion that is not 0, with its name.
+    /// Returns the first non-zero distortion coefficient of the lens, with its name.
     fn distortion(&self, of_file: &Self) -> Option<(&'static str, f64)> {
         let all =
             |f: &Self| [("k1", f.k1), ("k2", f.k2), ("k3", f.k3), ("k4", f.k4), ("p1", f.p1), ("p2", f.p2)];
@@ -130,14 +130,14 @@ impl Fields {
     }
 }
 
-/// Returns the first value of fields that is given.
+/// Returns the value of a field, of the frame if it has one, else of the file.
 macro_rules! either {
     ($name:ident of $frame:expr, $file:expr) => {
         $frame.$name.or($file.$name)
     };
 }
 
-/// Makes the view of a frame; `off_center` grows to the distance of its principal point from the middle.
+/// Converts a frame to a view; raises `off_center` to the distance of its principal point from the centre.
 fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> Result<View, String> {
     let photograph = frame.file_path.as_deref().ok_or("missing field `file_path`")?;
     let matrix = frame.transform_matrix.ok_or("missing field `transform_matrix`")?;
@@ -196,7 +196,7 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
     Ok(View { camera, photograph: photograph.to_owned(), test })
 }
 
-/// Reads a `transforms.json` in two passes: the values of the file may stand behind its frames.
+/// Reads a `transforms.json` in two passes: the file's values may follow its frames.
 fn transforms(text: &str, path: &Path, reached: &Cell<Option<usize>>) -> serde_json::Result<Dataset> {
     let file: Fields = serde_json::from_str(text)?;
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();

@@ -6,8 +6,8 @@
 //! | Blender, nerfstudio, instant-ngp | a JSON object with `frames`, or a folder with `transforms*.json` |
 //! | the 3DGS reference implementation's `cameras.json` | a JSON list, or a folder with that file |
 //!
-//! Cameras are pinholes with the principal point in the middle. A lens with distortion is refused; a principal point elsewhere
-//! is moved to the middle, as the reference does, and [`Dataset::off_center`] tells by how much.
+//! Cameras are pinholes with the principal point at the centre. A lens with distortion is refused. Any other principal
+//! point is moved to the centre, as the reference does; [`Dataset::off_center`] has the largest distance.
 
 mod colmap;
 mod error;
@@ -22,21 +22,21 @@ use crate::camera::Camera;
 use crate::file;
 use std::path::{Path, PathBuf};
 
-/// Distance between the test views of a dataset that names none, as in the reference implementation (`llffhold`).
+/// Sampling stride of test views for a dataset that names none, as in the reference implementation (`llffhold`).
 pub const TEST_EVERY: usize = 8;
 
 impl Dataset {
     /// Reads the cameras of a folder or a file in any of the module's formats.
     ///
     /// # Errors
-    /// No format is recognised, the file cannot be read, or a camera is malformed or no pinhole: with the file, the line (or
-    /// byte) and the field.
+    /// No format is recognised, the file cannot be read, or a camera is malformed or not a pinhole. The error has the
+    /// file, the line (or byte) and the field.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, CameraError> {
         let path = path.as_ref();
         if path.is_dir() {
             return Self::load_folder(path);
         }
-        // COLMAP's files come in pairs, and each names the other.
+        // COLMAP's files come in pairs; either one identifies the model.
         let name = path.file_stem().and_then(|stem| stem.to_str());
         if let (Some("cameras" | "images"), Some(folder)) = (name, path.parent())
             && path.extension().is_some_and(|extension| extension == "txt" || extension == "bin")
@@ -49,10 +49,10 @@ impl Dataset {
         Self::parse(&text, path)
     }
 
-    /// Parses the text of a `cameras.json` or a `transforms.json`. Errors name `path`, and photographs are in its folder.
+    /// Parses the text of a `cameras.json` or a `transforms.json`. Errors name `path`; photographs are in its folder.
     ///
     /// # Errors
-    /// Those of [`Dataset::load`].
+    /// The errors of [`Dataset::load`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, CameraError> {
         json::parse(text, path)
     }
@@ -90,7 +90,7 @@ impl Dataset {
         Ok(dataset)
     }
 
-    /// Returns the views kept for tests: those that the dataset names, or each eighth in the order of their names, from the first.
+    /// Returns the test views: the dataset's own, or every eighth in the order of their names, starting with the first.
     pub fn test_views(&self) -> Vec<&View> {
         if self.views.iter().any(|view| view.test.is_some()) {
             return self.views.iter().filter(|view| view.test == Some(true)).collect();
@@ -100,12 +100,13 @@ impl Dataset {
         views.into_iter().step_by(TEST_EVERY).collect()
     }
 
-    /// Finds the file of a view's photograph in `folder`, where its name may have another extension or none.
+    /// Finds the file of a view's photograph in `folder`. The name's extension may be missing or differ.
     pub fn photograph_in(folder: &Path, view: &View) -> Option<PathBuf> {
         photograph::find(folder, &view.photograph)
     }
 
-    /// Makes the text of a COLMAP model's files, with their names: `cameras.txt`, `images.txt` and a `points3D.txt` without points.
+    /// Formats the files of a COLMAP model, with their names: `cameras.txt`, `images.txt` and a `points3D.txt` without
+    /// points.
     ///
     /// A photograph's name is its camera's `img_name` and `extension`.
     pub fn colmap_text(cameras: &[Camera], extension: &str) -> [(&'static str, String); 3] {
@@ -117,7 +118,7 @@ impl Camera {
     /// Reads the cameras of a [`Dataset`].
     ///
     /// # Errors
-    /// Those of [`Dataset::load`].
+    /// The errors of [`Dataset::load`].
     pub fn load(path: impl AsRef<Path>) -> Result<Vec<Self>, CameraError> {
         Dataset::load(path).map(Dataset::into_cameras)
     }
@@ -125,7 +126,7 @@ impl Camera {
     /// Parses the text of a `cameras.json` or a `transforms.json`, as [`Dataset::parse`] does.
     ///
     /// # Errors
-    /// Those of [`Dataset::parse`].
+    /// The errors of [`Dataset::parse`].
     pub fn parse(text: &str, path: &Path) -> Result<Vec<Self>, CameraError> {
         Dataset::parse(text, path).map(Dataset::into_cameras)
     }
@@ -145,9 +146,9 @@ impl Camera {
     /// Selects the camera of `path`, `path#2` (index from 0) or `path#name` (`img_name`); without `#`, the first.
     ///
     /// # Errors
-    /// Those of [`Camera::load`], or there is no such camera.
+    /// The errors of [`Camera::load`], or there is no such camera.
     pub fn select(spec: &str) -> Result<Self, CameraError> {
-        // A file whose own name has a `#` can be named too.
+        // A file whose own name contains a `#` can be named as well.
         let (path, wanted) = match spec.rsplit_once('#') {
             Some((path, wanted)) if !Path::new(spec).exists() => (Path::new(path), Some(wanted)),
             _ => (Path::new(spec), None),

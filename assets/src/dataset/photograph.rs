@@ -6,10 +6,10 @@ use std::io::{BufReader, Error, ErrorKind, Read, Result};
 use std::path::{Path, PathBuf};
 use zune_jpeg::JpegDecoder;
 
-/// Extensions that a photograph's name may lack, or have in place of its own.
+/// Extensions to try for a photograph's name, added or replacing its own.
 const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
 
-/// Finds a photograph in a folder by its name, which may lack the extension or have another.
+/// Finds a photograph in a folder by its name. The extension may be missing or differ.
 pub(super) fn find(folder: &Path, name: &str) -> Option<PathBuf> {
     let named = folder.join(name);
     let added = EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));

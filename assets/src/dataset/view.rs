@@ -1,4 +1,4 @@
-//! Defines the views of a dataset.
+//! The views of a dataset.
 
 use crate::camera::Camera;
 use std::path::PathBuf;
@@ -10,7 +10,7 @@ pub struct View {
     pub camera: Camera,
     /// The photograph's path, relative to [`Dataset::photographs`], perhaps without extension.
     pub photograph: String,
-    /// True for a view that the dataset's files keep for tests; `None` if they do not say.
+    /// True for a test view; `None` if the dataset's files do not tell.
     pub test: Option<bool>,
 }
 
@@ -19,13 +19,13 @@ pub struct View {
 pub struct Dataset {
     /// The views, in the order of their files.
     pub views: Vec<View>,
-    /// The folder that the photographs' paths are relative to, as far as the dataset tells.
+    /// The folder that the photographs' paths are relative to, if the dataset tells.
     pub photographs: Option<PathBuf>,
-    /// Largest distance of a principal point from the middle of its picture, in pixels along an axis.
+    /// Largest distance of a principal point from its image's centre, in pixels along an axis.
     pub off_center: f64,
 }
 
-/// Returns the path of a photograph without its extension, and without `./` before it: a camera's `img_name`.
+/// Returns the path of a photograph without its extension and a leading `./`: a camera's `img_name`.
 pub(super) fn stem(photograph: &str) -> String {
     let name = photograph.strip_prefix("./").unwrap_or(photograph);
     let is_extension =

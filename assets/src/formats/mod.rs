@@ -15,7 +15,7 @@ use std::path::Path;
 #[cfg(test)]
 mod tests;
 
-/// Recognises the format of the bytes; `path` helps to name what is not a scene.
+/// Recognises the format of the bytes; `path` helps to describe a file that is not a scene.
 fn recognise(source: &Source, path: Option<&Path>) -> Result<SceneFormat, SceneError> {
     recognise::format(path, &source.head(HEAD)?, source.length())
 }
@@ -30,15 +30,15 @@ fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
     }
 }
 
-/// The content of a file that [`Scene::load`] takes.
+/// The contents of a file that [`Scene::load`] accepts.
 enum Content<T> {
     /// One scene.
     One(T),
-    /// The text of several, which was not changed while it was read.
+    /// The parts of a composition. Its file was unchanged during the read.
     Several(Vec<Placed>),
 }
 
-/// Opens a file and reads it by `one`, unless it names several scenes.
+/// Opens a file and reads it with `one`, unless it is a composition.
 fn open<T>(path: &Path, one: impl FnOnce(&Source) -> Result<T, SceneError>) -> Result<Content<T>, LoadError> {
     let inner = || {
         let file = OpenFile::open(path)?;
@@ -49,13 +49,13 @@ fn open<T>(path: &Path, one: impl FnOnce(&Source) -> Result<T, SceneError>) -> R
         } else {
             one(&source).map(Content::One)
         };
-        // Whatever was found in a file that changed under the reader says nothing about the file.
+        // If the file was modified during the read, its contents mean nothing.
         file.check_unchanged().and(content)
     };
     inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
 }
 
-/// Reads the text of several scenes.
+/// Reads the text of a composition.
 fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
     let length = source.length();
     if length > composition::MAX_BYTES {
@@ -68,17 +68,17 @@ fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
     composition::parse(&text, path.parent().unwrap_or(Path::new("")))
 }
 
-/// Refuses several scenes within several scenes.
+/// Refuses a composition inside a composition.
 fn nested(path: &Path) -> LoadError {
     let message = "expected one scene, found several".into();
     LoadError { path: path.to_owned(), problem: SceneError::Scenes { message } }
 }
 
 impl SceneHeader {
-    /// Reads the header of a scene file, and nothing else; of several scenes, the sum of their headers.
+    /// Reads only the header of a scene file; for a composition, the sum of its scenes' headers.
     ///
     /// # Errors
-    /// Those of [`Scene::load`] that the header and the file's length show.
+    /// The errors of [`Scene::load`] that the header and the file's length reveal.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, LoadError> {
         let path = path.as_ref();
         let parts = match open(path, |source| Self::of(source, path))? {
@@ -105,23 +105,23 @@ impl SceneHeader {
     }
 }
 
-/// Adds the file of several scenes to the error of one of them.
+/// Adds the composition's file to the error of one of its scenes.
 fn within(path: &Path, error: LoadError) -> LoadError {
     LoadError { path: path.to_owned(), problem: SceneError::Placed(Box::new(error)) }
 }
 
-/// Returns true if a file names several scenes; false if it cannot be read.
+/// Returns true if a file is a composition; false if it cannot be read.
 pub fn names_scenes(path: &Path) -> bool {
     let head = || OpenFile::open(path).and_then(|file| Source::File(&file).head(HEAD));
     head().is_ok_and(|head| composition::begins_as_scenes(&head))
 }
 
 impl Scene {
-    /// Loads a scene file of any [`SceneFormat`], which its bytes tell, or several scenes that a `.ron` file places.
+    /// Loads a scene file of any [`SceneFormat`], recognised by its bytes, or a `.ron` composition of several.
     ///
     /// # Errors
-    /// The file cannot be read, is not a scene, is damaged, does not fit in memory, or was written to meanwhile. See
-    /// [`SceneError`].
+    /// The file cannot be read, is not a scene, is damaged, does not fit in memory, or was modified during the read.
+    /// See [`SceneError`].
     pub fn load(path: impl AsRef<Path>, progress: Progress) -> Result<Self, LoadError> {
         let path = path.as_ref();
         let parts = match Self::load_one(path, progress)? {
@@ -135,14 +135,14 @@ impl Scene {
         open(path, |source| parse(&Input { source, memory: memory::available(), progress }, Some(path)))
     }
 
-    /// Loads scenes, moves each to its place, and joins them.
+    /// Loads scenes, transforms each, and joins them.
     fn load_placed(parts: &[Placed], progress: Progress) -> Result<Self, LoadError> {
         let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
         let total: u64 = parts.iter().map(bytes).sum();
         let (mut scenes, mut before) = (Vec::with_capacity(parts.len()), 0);
         for part in parts {
             let length = bytes(part);
-            // Bytes of the file, whatever its reader counts.
+            // Counts bytes of the file, whatever its reader counts.
             let tell = |done: u64, of: u64| {
                 let share = done as f64 / of.max(1) as f64;
                 progress(before + (share * length as f64) as u64, total)
@@ -165,25 +165,25 @@ impl Scene {
     /// Parses a scene from the bytes of a file.
     ///
     /// # Errors
-    /// Those of [`Scene::load`].
+    /// The errors of [`Scene::load`].
     pub fn parse(bytes: &[u8], progress: Progress) -> Result<Self, SceneError> {
         parse(&Input { source: &Source::Bytes(bytes), memory: memory::available(), progress }, None)
     }
 
-    /// Writes the scene as SPZ of a version; [`Scene::write`] takes the newest.
+    /// Writes the scene as SPZ of a given version; [`Scene::write`] uses the newest.
     ///
     /// # Errors
-    /// The writer fails, or a coordinate is beyond 8,388,607.
+    /// The writer fails, or a coordinate exceeds 8,388,607.
     pub fn write_spz(&self, version: SpzVersion, out: &mut impl Write) -> std::io::Result<()> {
         spz::write(self, version, out)
     }
 
     /// Writes the scene in a format, in the world's coordinates.
     ///
-    /// All formats but [`SceneFormat::Ply`] round the values: [`SceneFormat::losses`] says how.
+    /// All formats but [`SceneFormat::Ply`] round the values; [`SceneFormat::losses`] describes how.
     ///
     /// # Errors
-    /// The writer fails, or the format is none of [`SceneFormat::WRITTEN`].
+    /// The writer fails, or the format is not in [`SceneFormat::WRITTEN`].
     pub fn write(&self, format: SceneFormat, out: &mut impl Write) -> std::io::Result<()> {
         match format {
             SceneFormat::Ply => self.write_ply_to(out),

@@ -1,4 +1,4 @@
-//! Holds every format to the same promises: values within its steps, damage refused, memory bounded.
+//! Tests of every format: values within its quantisation steps, damage refused, memory bounded.
 
 use super::*;
 use crate::scene::Splat;
@@ -6,7 +6,7 @@ use crate::testing::{captures, parse as read};
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 
-/// Makes a scene of splats that differ in everything.
+/// Generates a scene of splats that differ in all values.
 fn varied(count: u32, degree: u32) -> Scene {
     Scene::generate(count, degree, |index| {
         let wave = |k: usize| ((index * 7 + k * 13) as f32 * 0.37).sin();
@@ -26,7 +26,7 @@ fn written(scene: &Scene, format: SceneFormat) -> Vec<u8> {
     bytes
 }
 
-/// The largest error of each kind of value that a format may make.
+/// The largest error that a format may make, per kind of value.
 struct Steps {
     position: f32,
     /// Of the logarithm.
@@ -74,7 +74,7 @@ fn steps(format: SceneFormat) -> Steps {
     }
 }
 
-/// Finds the splat of `scene` that is nearest to a place: formats may change the order.
+/// Finds the splat of `scene` nearest to a position: formats may change the order.
 fn nearest(scene: &Scene, to: [f32; 3]) -> Splat {
     let distance = |p: &[f32; 3]| (0..3).map(|axis| (p[axis] - to[axis]).powi(2)).sum::<f32>();
     let (index, _) = scene
@@ -143,7 +143,7 @@ fn every_cut_of_a_file_is_an_error_or_a_shorter_scene() {
         let bytes = written(&scene, format);
         for end in 0..bytes.len() {
             match read(&bytes[..end]) {
-                // Without a header, a file of fewer splats is whole.
+                // In a format without a header, a prefix is a valid file of fewer splats.
                 Ok(shorter) => assert_eq!((format, shorter.count() as usize * 32), (SceneFormat::Splat, end)),
                 Err(error) => assert!(!error.to_string().is_empty()),
             }
@@ -232,7 +232,7 @@ fn placed_scenes_are_moved_and_joined_as_convert_does_bit_by_bit() {
     ])"#;
     std::fs::write(at("both.ron"), text).unwrap();
     let both = Scene::load(at("both.ron"), crate::QUIET).unwrap();
-    // One step after the other, like the options of `convert`.
+    // One step after another, like the options of `convert`.
     let turn = glam::DQuat::from_axis_angle(glam::DVec3::new(0.0, 1.0, 0.5).normalize(), 30f64.to_radians());
     let steps = [
         Similarity { scale: 0.5, ..Similarity::IDENTITY },

@@ -6,13 +6,13 @@ use crate::error::SceneError;
 use crate::input::{Source, grow};
 use std::ops::Range;
 
-/// Bytes that are read at a time.
+/// Bytes read at a time.
 const PIECE: usize = 256 << 10;
 
-/// Bytes of a line at most. A splat's has some hundreds.
+/// Maximum bytes of a line. A splat's line has some hundreds.
 pub(crate) const LONGEST_LINE: usize = 16 << 20;
 
-/// The place of a line in a file.
+/// A line's position in a file.
 #[derive(Clone, Copy)]
 pub(crate) struct Place {
     /// Offset of the next line, in bytes.
@@ -28,15 +28,15 @@ pub(crate) struct Line<'a> {
     pub text: &'a [u8],
     /// Its number, counted from 1 over the file.
     pub number: u64,
-    /// The line ended with the file, which may have been cut, and not with a line feed.
+    /// True if the line ended with the file and not with a line feed: the file may have been truncated.
     pub cut: bool,
 }
 
-/// A cursor over the lines that hold rows. It has a piece of the file in memory, and the whole of the current line.
+/// A cursor over the lines with rows. It keeps a piece of the file in memory, including the whole current line.
 pub(crate) struct Lines<'a> {
     source: &'a Source<'a>,
     place: Place,
-    /// Bytes of the file; those in `next` were not returned yet.
+    /// Bytes of the file; the range `next` has not been returned yet.
     buffer: Vec<u8>,
     next: Range<usize>,
 }
@@ -63,7 +63,7 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// Finds the next line. Returns its place in the buffer, without its line feed, and whether the file's end cut it.
+    /// Finds the next line. Returns its range in the buffer without the line feed, and true if the file's end cut it.
     fn next_line(&mut self) -> Result<Option<(Range<usize>, bool)>, SceneError> {
         let mut searched = 0;
         loop {
@@ -92,11 +92,12 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// Reads the next piece behind the unread bytes, which move to the front of the buffer; `left` bytes are left in the file.
+    /// Reads the next piece after the unread bytes, which move to the front of the buffer; `left` bytes remain in the
+    /// file.
     fn read_more(&mut self, left: u64) -> Result<(), SceneError> {
         let unread = self.next.len();
         self.buffer.copy_within(self.next.clone(), 0);
-        // As much again as a long line has so far, so that it is copied a few times only.
+        // Doubles for a long line, so that it is copied only a few times.
         let piece = PIECE.max(unread).min(usize::try_from(left).unwrap_or(usize::MAX));
         grow(&mut self.buffer, unread + piece)?;
         self.next = 0..unread;
@@ -119,7 +120,7 @@ fn shown(word: &[u8]) -> String {
     word[..word.len().min(40)].escape_ascii().to_string()
 }
 
-/// Parses a number, rounded to the type once.
+/// Parses a number, rounding once.
 fn parsed<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
@@ -129,12 +130,13 @@ pub(crate) fn wide(line: &Line, column: usize) -> Option<f64> {
     parsed(words(line.text).nth(column)?)
 }
 
-/// Parses a splat's line into its slots, and its position relative to `origin` with all of its digits beside them. Adds the bytes of
+/// Parses a splat's line into its slots, plus its position relative to `origin` at full precision. Adds the bytes of
 /// each word to its column's total.
 ///
 /// Returns the number of values, at most one per column. The caller rejects lines with fewer.
 ///
 /// # Errors
+/// A value is not a number, or the line has more values than columns.
 /// A value is not a number, or the line has more values than columns.
 pub(crate) fn row(
     line: &Line,

@@ -22,7 +22,7 @@ pub(crate) fn value<const BIG: bool>(bytes: &[u8], scalar: Scalar) -> f32 {
     }
 }
 
-/// Reads the scalar at the start of `bytes` as f64, which holds every value of every type.
+/// Reads the scalar at the start of `bytes` as f64, which represents every value of every type.
 ///
 /// # Panics
 /// Panics if `bytes` is shorter than the scalar.
@@ -53,7 +53,7 @@ fn length(raw: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
         let shift = 8 * if big { raw.len() - 1 - i } else { i };
         sum | u64::from(*b) << shift
     });
-    // Sign-extend what is signed.
+    // Sign-extends signed types.
     let bits = 64 - 8 * raw.len() as u32;
     match scalar {
         Scalar::I8 | Scalar::I16 | Scalar::I32 => u64::try_from((value << bits) as i64 >> bits).ok(),
@@ -61,7 +61,8 @@ fn length(raw: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
     }
 }
 
-/// Measures the bytes of an element's rows, per property, from offset `start` on; or finds how many rows are whole.
+/// Measures the bytes of an element's rows per property, from offset `start`; for a truncated file, counts the whole
+/// rows.
 ///
 /// # Errors
 /// The file cannot be read.
@@ -73,7 +74,7 @@ pub(crate) fn measure(
 ) -> Result<Result<Vec<u64>, u64>, SceneError> {
     let available = source.length() - start;
     if let Some(stride) = element.stride() {
-        // An element without properties has rows without bytes: as many as it likes.
+        // An element without properties has empty rows: any number of them fits.
         let whole = available.checked_div(stride as u64).unwrap_or(u64::MAX);
         if whole < element.count {
             return Ok(Err(whole));
@@ -112,7 +113,7 @@ struct Window<'a> {
 }
 
 impl Window<'_> {
-    /// Bytes that are read at a time.
+    /// Bytes read at a time.
     const PIECE: u64 = 64 << 10;
 
     /// Returns `count` bytes at offset `at`, which never descends; `None` beyond the end of the file.

@@ -3,7 +3,7 @@
 use crate::error::SceneError;
 use crate::size_breakdown::{ElementSize, FieldSize};
 
-/// Largest number of bytes in a header. The reference layout needs about 1,600; comments may be long.
+/// Maximum number of bytes in a header. The reference layout needs about 1,600; comments may be long.
 pub(crate) const HEADER_LIMIT: usize = 64 * 1024;
 
 /// The encoding of the rows.
@@ -39,7 +39,7 @@ pub(crate) enum Scalar {
 }
 
 impl Scalar {
-    /// Parses either of the two names of a type.
+    /// Parses a type by either of its two names.
     fn parse(name: &str) -> Option<Self> {
         Some(match name {
             "char" | "int8" => Self::I8,
@@ -112,7 +112,7 @@ pub(crate) struct Element {
 }
 
 impl Element {
-    /// Computes the bytes of a binary row; `None` if a list makes rows differ.
+    /// Computes the bytes of a binary row; `None` if a list makes row lengths vary.
     pub(crate) fn stride(&self) -> Option<usize> {
         self.properties.iter().try_fold(0, |sum, p| match p.kind {
             PropertyType::Scalar(s) => Some(sum + s.size()),
@@ -120,7 +120,7 @@ impl Element {
         })
     }
 
-    /// Makes the error for a file that has only `there` rows of the element.
+    /// Returns the error for a file with only `there` rows of the element.
     pub(crate) fn truncated(&self, there: u64) -> SceneError {
         let (promised, line) = (self.count, self.line);
         if self.name == "vertex" {
@@ -130,7 +130,8 @@ impl Element {
         }
     }
 
-    /// Accounts for the element. `sizes` has the bytes of each property in all rows; `bytes` includes separators.
+    /// Computes the size breakdown of the element. `sizes` has the bytes of each property in all rows; `bytes` includes
+    /// separators.
     pub(crate) fn size(&self, sizes: &[u64], bytes: u64, used: impl Fn(usize) -> bool) -> ElementSize {
         let columns = self.properties.iter().zip(sizes).enumerate();
         let field = |(column, (property, bytes)): (usize, (&Property, &u64))| {
@@ -193,7 +194,7 @@ impl Header {
             let words: Vec<&str> = text.split_ascii_whitespace().collect();
             let fail = |message: String| SceneError::Header { line: number, message };
             match words.as_slice() {
-                // A blank line does no harm.
+                // Blank lines are allowed.
                 [] | ["comment" | "obj_info", ..] => {}
                 ["ply"] if number == 1 => {}
                 ["format", name, version] => {

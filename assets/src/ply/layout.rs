@@ -22,7 +22,7 @@ const NAMES: [&str; REST] = [
     "f_dc_1", "f_dc_2",
 ];
 
-/// The position of one value of a splat in a row.
+/// The location of one value of a splat in a row.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slot {
     /// Index of the property.
@@ -95,12 +95,12 @@ impl Layout {
         Ok(Self { degree, stride, slots, slot_of })
     }
 
-    /// Says of each axis whether the file's type of it is wider than f32.
+    /// Returns for each axis whether its type in the file is wider than f32.
     pub(crate) fn wide(&self) -> [bool; 3] {
         std::array::from_fn(|axis| matches!(self.slots[axis].scalar, Scalar::F64 | Scalar::I32 | Scalar::U32))
     }
 
-    /// Converts the file's values to a splat, and returns the length of the file's quaternion with it.
+    /// Converts the file's values to a splat, and returns the length of its quaternion as well.
     #[inline]
     pub(crate) fn splat(&self, value: impl Fn(usize) -> f32) -> (Splat, f64) {
         let (rotation, norm) = activation::unit(std::array::from_fn(|i| f64::from(value(ROTATION + i))));

@@ -1,8 +1,8 @@
 //! Reads and writes the PLY files of the 3DGS reference implementation.
 //!
-//! A PLY file is a text header and then rows. The header names *elements* (`vertex`, perhaps `face`), how many rows each
-//! has, and the *properties* of a row with their types; the rows follow in that order, as text or as packed binary. A
-//! splat is a row of `vertex` with these properties, in any order and of any scalar type:
+//! A PLY file is a text header followed by rows. The header names *elements* (`vertex`, perhaps `face`), their number
+//! of rows, and the *properties* of a row with their types. The rows follow in that order, as text or as packed binary.
+//! A splat is a row of `vertex` with these properties, in any order and of any scalar type:
 //!
 //! | property | meaning |
 //! |---|---|
@@ -13,9 +13,9 @@
 //! | `f_dc_0..2` | spherical harmonics, band 0, red green blue |
 //! | `f_rest_*` | bands 1 to the degree, channel-major: all of red's coefficients, then green's, then blue's |
 //!
-//! [`header`] reads the text, [`layout`] finds the splat's properties in it, [`binary`] and [`ascii`] read the rows, [`origin`]
-//! moves distant scenes near their origin, [`read`] joins all into a [`crate::Scene`], [`write`] is the way back. [`packed`] reads
-//! PlayCanvas's compressed layout, and [`pack`] writes it.
+//! [`header`] parses the text, [`layout`] finds the splat's properties in it, [`binary`] and [`ascii`] read the rows,
+//! [`origin`] moves distant scenes near their origin, [`read`] assembles a [`crate::Scene`], and [`write`] does the
+//! reverse. [`packed`] reads PlayCanvas's compressed layout, and [`pack`] writes it.
 
 pub(crate) mod ascii;
 pub(crate) mod binary;

@@ -1,15 +1,15 @@
-//! Chooses an origin near the splats of a file whose coordinates have more digits than f32 holds.
+//! Chooses an origin near the splats of a file whose coordinates exceed the precision of f32.
 //!
-//! Surveyed scenes lie millions of units from their origin: f32 then resolves half a unit, and the splats fall onto a
-//! lattice. Such files have their positions in `double` (or in integers). The origin is subtracted in f64, before the
-//! coordinates are rounded to f32.
+//! Surveyed scenes lie millions of units from their origin. At that distance f32 resolves half a unit, and the splats
+//! would fall onto a lattice. Such files store positions as `double` (or as integers). The origin is subtracted in f64,
+//! before the coordinates are rounded to f32.
 //!
-//! It is the median of some rows, spread over the file, so that outliers do not move it; a multiple of [`STEP`], so that
-//! people can read it and the subtraction is exact. On axes near the origin nothing is subtracted.
+//! The origin is the median of rows sampled over the whole file, so that outliers do not move it. It is a multiple of
+//! [`STEP`], so that it is readable and the subtraction is exact. On axes near the origin nothing is subtracted.
 
 use super::layout::Layout;
 
-/// Spacing of the origins, in world units; f32 resolves a ten-thousandth at half of it.
+/// Spacing of the origins, in world units. At half of it, f32 resolves a ten-thousandth.
 pub(super) const STEP: f64 = 1024.0;
 
 /// Maximum number of rows for the median.
@@ -25,7 +25,7 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// Starts a sample of `count` rows; `None` if f32 holds every coordinate of the file.
+    /// Starts a sample of `count` rows; `None` if f32 represents every coordinate of the file.
     pub(super) fn of(layout: &Layout, count: u64) -> Option<Self> {
         let wide = layout.wide();
         let every = count.div_ceil(SAMPLES).max(1);

@@ -1,6 +1,6 @@
 //! Writes PlayCanvas's compressed PLY layout; [`super::packed`] describes it.
 //!
-//! Splats are written in Morton order, so that the 256 of a chunk are neighbours and their bounds are small.
+//! Splats are written in Morton order, so that the 256 splats of a chunk are neighbours and their bounds are tight.
 
 use super::packed::{CHUNK, CHUNK_SPLATS, VERTEX};
 use crate::activation::{SH_C0, largest_positive, logarithm, quantised};
@@ -8,7 +8,7 @@ use crate::scene::{Scene, sh_floats};
 use std::f64::consts::SQRT_2;
 use std::io::{Result, Write};
 
-/// Largest logarithm of a scale, of either sign, as in the writer of the format's authors.
+/// Limit of a scale's logarithm, of either sign, as in the reference writer.
 const SCALE_LIMIT: f64 = 20.0;
 
 /// The values of a splat that are stored relative to bounds: position, logarithms of the scale, and colour.
@@ -38,7 +38,7 @@ fn ranged(scene: &Scene, index: usize) -> Ranged {
     std::array::from_fn(|k| [position, scale, color][k / 3][k % 3])
 }
 
-/// Packs 0 to 1 in 11, 10 and 11 bits.
+/// Packs values from 0 to 1 in 11, 10 and 11 bits.
 fn pack(t: &[f64]) -> u32 {
     quantised(t[0], 2047) << 21 | quantised(t[1], 1023) << 11 | quantised(t[2], 2047)
 }
@@ -68,7 +68,7 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     vertices.try_reserve_exact(order.len() * 16)?;
     for chunk in order.chunks(CHUNK_SPLATS) {
         let values: Vec<Ranged> = chunk.iter().map(|index| ranged(scene, *index as usize)).collect();
-        // The reader has the bounds as f32, so values are quantised between the rounded ones.
+        // The reader gets the bounds as f32, so values are quantised between the rounded bounds.
         let bound = |k: usize, pick: fn(f64, f64) -> f64| {
             let values = values.iter().map(|v| v[k]);
             values.reduce(pick).unwrap_or(0.0) as f32

@@ -48,7 +48,7 @@ pub(super) const CHUNK: [&str; 18] = [
     "max_b",
 ];
 
-/// The places of the values in a file of the compressed layout.
+/// The offsets of the values in a file of the compressed layout.
 pub(super) struct Packed {
     /// Degree of the spherical harmonics.
     pub degree: u32,
@@ -174,7 +174,7 @@ impl Packed {
         let mut row = vec![0; table.stride];
         for (index, bounds) in bounds.iter_mut().enumerate() {
             input.source.read(table.start + (index * table.stride) as u64, &mut row)?;
-            // A colour without bounds has those of 0 and 1.
+            // Without bounds, a colour ranges from 0 to 1.
             bounds[15..].fill(1.0);
             for (bound, offset) in bounds.iter_mut().zip(&self.chunk) {
                 *bound = binary::value::<false>(&row[*offset..], Scalar::F32);
@@ -183,7 +183,7 @@ impl Packed {
         Ok(bounds)
     }
 
-    /// Unpacks a splat, and returns the length of its quaternion with it.
+    /// Unpacks a splat, and returns the length of its quaternion as well.
     fn splat(&self, row: &[u8], rest: &[u8], bounds: &Bounds) -> (Splat, f64) {
         let [position, rotation, scale, color] = self.vertex.map(|offset| {
             let bytes = row[offset..offset + 4].try_into().expect("the slice has 4 bytes");
@@ -247,19 +247,20 @@ fn offset(element: &Element, name: &str, scalar: Scalar) -> Result<usize, SceneE
     Err(SceneError::Header { line, message })
 }
 
-/// Unpacks 11, 10 and 11 bits to 0 to 1.
+/// Unpacks values from 0 to 1 in 11, 10 and 11 bits.
 fn unpack(word: u32) -> [f64; 3] {
     [f64::from(word >> 21) / 2047.0, f64::from(word >> 11 & 1023) / 1023.0, f64::from(word & 2047) / 2047.0]
 }
 
-/// Unpacks w, x, y, z.
+/// Unpacks a quaternion w, x, y, z.
 fn quaternion(word: u32) -> [f64; 4] {
     let component = |shift: u32| (f64::from(word >> shift & 1023) / 1023.0 - 0.5) * SQRT_2;
     let others = [20, 10, 0].map(component);
     activation::with_omitted((word >> 30) as usize, others)
 }
 
-/// Converts the byte of a coefficient of a band above 0; the least and the largest byte are the ends of the range, -4 to 4.
+/// Converts the byte of a coefficient above band 0; the smallest and the largest byte are the ends of the range, -4 to
+/// 4.
 fn harmonic(byte: u8) -> f32 {
     let part = match byte {
         0 => 0.0,

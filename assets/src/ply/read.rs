@@ -1,11 +1,11 @@
 //! Reads a scene file: parses the header, then converts the rows in parallel.
 //!
-//! The file is read in pieces ([`super::source`]), so that no more of it is in memory than a piece per thread. Binary rows have
-//! a fixed length, so every chunk of splats is read and converted into the scene's arrays independently. ASCII rows differ in
-//! length, so a first pass finds the start of each chunk.
+//! The file is read in pieces ([`crate::input`]), so that at most one piece per thread is in memory. Binary rows have
+//! a fixed length, so every chunk of splats is read and converted into the scene's arrays independently. ASCII rows
+//! vary in length, so a first pass finds the start of each chunk.
 //!
-//! The header's counts are checked against the file's length and the available memory before anything is
-//! allocated. A file that was written to meanwhile is an error, never a mixture of two scenes.
+//! The header's counts are checked against the file's length and the available memory before anything is allocated. A
+//! file that was modified during the read is an error, never a mixture of two scenes.
 
 use super::header::{Element, Encoding, HEADER_LIMIT, Header};
 use super::layout::{Layout, MAX_SLOTS};
@@ -18,7 +18,7 @@ use crate::scene::{CHUNK, Columns, FileNotes, Gathered, Rows, Scene};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
 use std::sync::Mutex;
 
-/// The way in which a file stores its splats.
+/// How a file stores its splats.
 enum Stored {
     /// A property per value: the reference layout.
     Plain(Layout),
@@ -26,9 +26,9 @@ enum Stored {
     Packed(Packed),
 }
 
-/// Reads the header, finds the splats' properties in it, and checks the number of rows; returns the number of splats as well.
+/// Reads the header, finds the splats' properties, and checks the number of rows. Returns the number of splats as well.
 fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
-    // One byte more than a header has, to tell one that is too long from one that is cut off.
+    // One byte more than the limit, to distinguish a header that is too long from one that is cut off.
     let header = Header::parse(&source.head(HEADER_LIMIT + 1)?)?;
     let vertex = header.vertex()?;
     let packed = vertex.properties.iter().any(|property| property.name == "packed_position");
@@ -56,7 +56,7 @@ fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
     Ok((header, stored, count))
 }
 
-/// Reads the header alone, of a file that begins as PLY.
+/// Reads only the header of a file that begins as PLY.
 pub(crate) fn scene_header(source: &Source) -> Result<SceneHeader, SceneError> {
     let (_, stored, count) = header(source)?;
     let stored_degree = match stored {
@@ -66,7 +66,7 @@ pub(crate) fn scene_header(source: &Source) -> Result<SceneHeader, SceneError> {
     Ok(SceneHeader { count, stored_degree })
 }
 
-/// Parses a scene of a file that begins as PLY.
+/// Parses a scene from a file that begins as PLY.
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let (header, stored, count) = header(input.source)?;
     let layout = match stored {
@@ -99,7 +99,7 @@ struct File<'a> {
     layout: &'a Layout,
 }
 
-/// The splats, their statistics, and the place in the file's coordinates that theirs are relative to.
+/// The splats, their statistics, and the origin of their coordinates in the file's.
 struct Splats {
     columns: Columns,
     gathered: Gathered,
@@ -167,7 +167,7 @@ impl File<'_> {
         Ok(Splats { columns, gathered, origin })
     }
 
-    /// Chooses the origin from rows that begin at offset `start`.
+    /// Chooses the origin from the rows at offset `start`.
     fn binary_origin<const BIG: bool>(&self, start: u64, count: u64) -> Result<[f64; 3], SceneError> {
         let Some(mut sample) = Sample::of(self.layout, count) else { return Ok([0.0; 3]) };
         let mut bytes = [0; 8];
@@ -212,7 +212,7 @@ impl File<'_> {
         let mut sample = Sample::of(self.layout, vertex.count);
         let mut chunks = Vec::new();
         chunks.try_reserve_exact(vertex.count as usize / CHUNK + 1).map_err(std::io::Error::from)?;
-        // A value and a blank for each column: a shorter line cannot be a row. Checked before the allocation.
+        // A value and a blank per column: a shorter line cannot be a row. Checked before the allocation.
         let least = 2 * vertex.properties.len() - 1;
         for row in 0..vertex.count {
             if row % CHUNK as u64 == 0 {
@@ -224,7 +224,7 @@ impl File<'_> {
             }
             if let Some(sample) = sample.as_mut().filter(|sample| row % sample.every == 0) {
                 for (axis, slot) in self.layout.slots[..3].iter().enumerate() {
-                    // A word that is not a number is an error below, with its line.
+                    // A word that is not a number is reported below, with its line.
                     sample.add(axis, ascii::wide(&line, slot.column).unwrap_or(f64::NAN));
                 }
             }
@@ -266,7 +266,7 @@ impl File<'_> {
     }
 }
 
-/// Makes the error for a row that has too few values.
+/// Returns the error for a row with too few values.
 fn short_row(line: &ascii::Line, vertex: &Element, row: u64) -> SceneError {
     if line.cut {
         return vertex.truncated(row);

@@ -1,5 +1,5 @@
-//! Writes scenes in the reference layout: binary, little endian, all properties `float`; those of the position are `double` in a
-//! scene with an offset, which `float` would not hold.
+//! Writes scenes in the reference layout: binary, little endian, all properties `float`. In a scene with an offset,
+//! positions are `double`, because `float` lacks the precision.
 
 use crate::activation::{logarithm, logit};
 use crate::scene::{CHUNK, Scene, Splat, sh_floats};
@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-/// Number of chunks that are encoded together before they are written.
+/// Number of chunks encoded together before they are written.
 const BATCH: usize = 32;
 
 /// Lists the properties' names, in the reference implementation's order.
@@ -66,7 +66,7 @@ impl Scene {
         self.size_breakdown.get_or_init(|| size_breakdown(self.count().into(), self.stored_degree(), wide))
     }
 
-    /// Returns true if positions need more digits than `float` has.
+    /// Returns true if positions need more precision than `float`.
     fn is_offset(&self) -> bool {
         self.offset() != [0.0; 3] || self.is_wide()
     }
@@ -122,7 +122,7 @@ impl Scene {
 /// Appends a row without its position to `out`.
 fn encode(splat: &Splat, degree: u32, out: &mut Vec<u8>) {
     let mut put = |value: f32| out.extend_from_slice(&value.to_le_bytes());
-    // Normals, which the reference writes as zeros.
+    // Normals; the reference writes zeros.
     (0..3).for_each(|_| put(0.0));
     splat.sh[..3].iter().copied().for_each(&mut put);
     for channel in 0..3 {

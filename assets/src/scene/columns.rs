@@ -1,4 +1,4 @@
-//! Stores splats as arrays, which readers fill in parallel.
+//! Stores splats as arrays that readers fill in parallel.
 
 use super::gathered::{Gathered, fault};
 use super::splat::{CHUNK, Splat, sh_floats};
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 pub(crate) struct Columns {
     pub degree: u32,
     pub position: Vec<[f32; 3]>,
-    /// Digits below f32 of `position`; empty if none would show.
+    /// The remainders of `position` below f32 precision; empty if none matters.
     pub low: Vec<[f32; 3]>,
     pub scale: Vec<[f32; 3]>,
     pub rotation: Vec<[f32; 4]>,
@@ -23,7 +23,7 @@ pub(crate) struct Columns {
 pub(crate) struct Rows<'a> {
     /// Index of the first splat.
     first: usize,
-    /// Number of splats stored so far; those that were dropped leave no gap.
+    /// Number of splats stored so far; dropped ones leave no gap.
     kept: usize,
     degree: u32,
     position: &'a mut [[f32; 3]],
@@ -41,7 +41,7 @@ impl Rows<'_> {
         self.first
     }
 
-    /// Counts the splats of the chunk, of which each is pushed once.
+    /// Returns the number of splats in the chunk; each is pushed once.
     pub(crate) fn len(&self) -> usize {
         self.opacity.len()
     }
@@ -52,7 +52,7 @@ impl Rows<'_> {
         self.push_wide(splat, splat.position.map(f64::from), norm);
     }
 
-    /// Stores a splat whose position has more digits than f32, which [`Splat::position`] rounds.
+    /// Stores a splat whose position has more precision than f32; [`Splat::position`] is not read.
     #[inline]
     pub(crate) fn push_wide(&mut self, splat: &Splat, position: [f64; 3], norm: f64) {
         let floats = sh_floats(self.degree);
@@ -83,10 +83,10 @@ impl Rows<'_> {
 }
 
 impl Columns {
-    /// Bytes that the further digits of a position take.
+    /// Bytes of the remainder of a position.
     pub(crate) const LOW_BYTES: u64 = size_of::<[f32; 3]>() as u64;
 
-    /// Computes the bytes that a splat takes in all arrays together.
+    /// Computes the bytes of a splat in all arrays.
     pub(crate) const fn bytes_per_splat(degree: u32) -> u64 {
         (size_of::<[f32; 3]>() * 2 + size_of::<[f32; 4]>() + size_of::<f32>() * (1 + sh_floats(degree)))
             as u64
@@ -114,7 +114,7 @@ impl Columns {
         })
     }
 
-    /// Makes room for positions with more digits than f32 has.
+    /// Allocates the remainders of positions with more precision than f32.
     ///
     /// # Errors
     /// It does not fit in memory.
@@ -129,8 +129,8 @@ impl Columns {
         Ok(())
     }
 
-    /// Fills all rows in parallel, one chunk per task, and closes the gaps that dropped splats leave. Of several errors,
-    /// returns that of the first chunk.
+    /// Fills all rows in parallel, one chunk per task, and closes the gaps of dropped splats. Of several errors,
+    /// returns the first chunk's.
     pub(crate) fn fill<E: Send>(
         &mut self,
         convert: impl Fn(&mut Rows) -> Result<(), E> + Sync,

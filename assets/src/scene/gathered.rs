@@ -1,4 +1,4 @@
-//! Gathers the statistics of splats while they are stored: which were dropped, and why.
+//! Gathers statistics of splats as they are stored, such as how many were dropped and why.
 
 use super::splat::Splat;
 use crate::bounds::Bounds;
@@ -15,7 +15,7 @@ pub(crate) enum Reason {
     Color,
 }
 
-/// Counts of the splats dropped on load, by the first reason that applied to each.
+/// Counts of the splats dropped on load. A splat counts for its first reason only.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Dropped {
     /// Splats with a coordinate that is NaN, infinite, or beyond f32.
@@ -24,7 +24,7 @@ pub struct Dropped {
     pub scale: u64,
     /// Splats with a component of the quaternion that is NaN or infinite.
     pub rotation: u64,
-    /// Splats with a zero quaternion, which has no direction.
+    /// Splats with a zero quaternion, which cannot be normalised.
     pub zero_rotation: u64,
     /// Splats with a logit that is NaN or infinite.
     pub opacity: u64,
@@ -38,7 +38,7 @@ impl Dropped {
         self.by_reason().iter().map(|(_, count)| count).sum()
     }
 
-    /// Lists every reason in words with its count, which may be zero.
+    /// Lists every reason in words, with its count, which may be zero.
     pub fn by_reason(&self) -> [(&'static str, u64); 6] {
         [
             ("position not finite in f32", self.position),

@@ -27,24 +27,24 @@ use std::sync::OnceLock;
 /// Opacity below which the reference rasteriser never draws a splat.
 pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
 
-/// Largest rounding error of positions to ignore, in standard deviations: below the rounding of the picture, at 100 dB.
+/// Maximum rounding error of positions to ignore, in standard deviations: below the rounding of the picture, at 100 dB.
 const INVISIBLE: f32 = 1.0 / 16_384.0;
 
-/// The range of a scene's colours, which their storage format must hold.
+/// The range of a scene's colours, which storage formats must cover.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ColorRange {
     /// Largest absolute value of a coefficient of the spherical harmonics.
     pub largest_sh: f32,
-    /// Display-encoded brightness that no channel of a splat exceeds, from any direction ([`harmonics::brightest`]).
+    /// Upper bound of all splats' display-encoded channels, from any direction ([`harmonics::brightest`]).
     pub brightest: f64,
 }
 
-/// Holds the tags of a file.
+/// The tags of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FileNotes {
-    /// The splats were trained with an anti-aliasing filter (Mip-Splatting), which not every graph applies.
+    /// True if the splats were trained with an anti-aliasing filter (Mip-Splatting), which not every graph applies.
     pub antialiased: bool,
-    /// Degree of the file's spherical harmonics, if it is above 3: the bands above 3 were cut off.
+    /// Degree of the file's spherical harmonics if it is above 3: the higher bands were cut off.
     pub cut_degree: Option<u32>,
 }
 
@@ -90,9 +90,10 @@ impl Scene {
         }
     }
 
-    /// Computes the host memory in bytes that a scene of `count` splats takes, statistics included.
+    /// Computes the host memory in bytes of a scene of `count` splats, statistics included.
     ///
-    /// Its arrays take 44 + 4 * [`sh_floats`] bytes a splat, and robust bounds copy the positions for a moment.
+    /// Its arrays take 44 + 4 * [`sh_floats`] bytes per splat, and computing robust bounds temporarily copies the
+    /// positions.
     pub fn host_bytes(count: u64, stored_degree: u32) -> u64 {
         let statistics = size_of::<[f32; 3]>() as u64;
         count.saturating_mul(Columns::bytes_per_splat(stored_degree) + statistics)
@@ -100,7 +101,7 @@ impl Scene {
 
     /// Generates a scene of `count` splats with spherical harmonics of `degree`, at most 3.
     ///
-    /// `splat` is called with each index, in parallel and in any order. As on load, quaternions are normalised, and splats
+    /// Calls `splat` with each index, in parallel and in any order. As on load, quaternions are normalised, and splats
     /// that cannot be drawn are dropped and counted.
     ///
     /// # Panics
@@ -109,7 +110,7 @@ impl Scene {
         Self::try_generate(count, degree, splat).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Generates a scene as [`Scene::generate`] does.
+    /// Generates a scene like [`Scene::generate`].
     ///
     /// # Errors
     /// The scene does not fit in memory.
@@ -131,7 +132,7 @@ impl Scene {
         }))
     }
 
-    /// Makes a scene of columns that `fill` fills.
+    /// Creates a scene from columns that `fill` fills.
     fn filled(mut columns: Columns, fill: impl Fn(&mut Rows) + Sync) -> Self {
         let filled = columns.fill(|rows| {
             fill(rows);
@@ -143,9 +144,9 @@ impl Scene {
         }
     }
 
-    /// Generates a scene as [`Scene::try_generate`] does, whose positions have more digits than f32.
+    /// Generates a scene like [`Scene::try_generate`], whose positions have more precision than f32.
     ///
-    /// `splat` returns the position beside the splat, whose own is not read.
+    /// `splat` returns the position separately; the splat's own is ignored.
     ///
     /// # Errors
     /// The scene does not fit in memory.
@@ -178,7 +179,7 @@ impl Scene {
         Ok(copy?.with_offset(self.offset).with_notes(self.notes))
     }
 
-    /// Sets the scene's origin in the world, to which positions are relative; does not change the positions.
+    /// Sets the scene's origin in the world without changing the positions, which are relative to it.
     pub fn with_offset(self, offset: [f64; 3]) -> Self {
         Self { offset, ..self }
     }
@@ -193,15 +194,16 @@ impl Scene {
         self.notes
     }
 
-    /// Returns the world's coordinates of the scene's origin.
+    /// Returns the world coordinates of the scene's origin.
     ///
-    /// Positions, boxes and cameras are relative to it everywhere but in files. It is 0 unless the file's coordinates have more
-    /// digits than f32 holds; [`Camera::relative_to`](crate::Camera::relative_to) brings cameras of the world into the scene.
+    /// Positions, boxes and cameras are relative to it everywhere except in files. It is 0 unless the file's
+    /// coordinates exceed the precision of f32; [`Camera::relative_to`](crate::Camera::relative_to) translates cameras
+    /// from the world into the scene.
     pub fn offset(&self) -> [f64; 3] {
         self.offset
     }
 
-    /// Counts the splats, without those that were dropped.
+    /// Returns the number of splats, without dropped ones.
     pub fn count(&self) -> u32 {
         self.columns.opacity.len() as u32
     }
@@ -211,12 +213,12 @@ impl Scene {
         &self.columns.position
     }
 
-    /// Returns true if positions have more digits than [`Scene::positions`], as with two clouds far apart.
+    /// Returns true if positions have more precision than [`Scene::positions`], as with two distant clouds.
     pub fn is_wide(&self) -> bool {
         !self.columns.low.is_empty()
     }
 
-    /// Returns the centre of splat `index` with all of its digits, in world units, relative to [`Scene::offset`].
+    /// Returns the centre of splat `index` at full precision, in world units, relative to [`Scene::offset`].
     ///
     /// # Panics
     /// Panics if `index` is not below [`Scene::count`].
@@ -264,12 +266,12 @@ impl Scene {
         self.columns.degree
     }
 
-    /// Returns the highest band that is not zero in every splat, the last that a renderer must evaluate.
+    /// Returns the highest band that is not zero in every splat: the last that a renderer must evaluate.
     pub fn effective_degree(&self) -> u32 {
         self.effective_degree
     }
 
-    /// Returns true if splat `index` can show by the published rules: its opacity is 1/255 or more.
+    /// Returns true if splat `index` can be visible under the published rules: its opacity is 1/255 or more.
     ///
     /// # Panics
     /// Panics if `index` is not below [`Scene::count`].
@@ -277,7 +279,7 @@ impl Scene {
         self.columns.opacity[index] >= ALPHA_FLOOR
     }
 
-    /// Finds the highest band that is not zero in every splat that [can show](Scene::can_show).
+    /// Finds the highest band that is not zero in every splat that [can be visible](Scene::can_show).
     pub fn shown_degree(&self) -> u32 {
         let (c, floats) = (&self.columns, sh_floats(self.columns.degree));
         let degree = |index: usize| {
@@ -328,7 +330,7 @@ impl Scene {
         *self.robust.get_or_init(|| Bounds::percentiles(&self.columns.position, 0.01, 0.99))
     }
 
-    /// Returns the range of the spherical harmonics and of the colours that they give. Computed once.
+    /// Returns the range of the spherical harmonics and of the resulting colours. Computed once.
     pub fn color_range(&self) -> ColorRange {
         *self.colors.get_or_init(|| {
             let range = |sh: &[f32]| ColorRange {
@@ -390,7 +392,7 @@ mod tests {
                 8 => s.rotation = [0.0; 4],
                 9 => s.opacity = f32::NEG_INFINITY,
                 10 => s.sh[11] = f32::NAN,
-                // Beyond the degree: not stored, so not a fault.
+                // Above the degree: not stored, so not a fault.
                 11 => s.sh[12] = f32::NAN,
                 _ => {}
             }

@@ -8,10 +8,10 @@ use std::io::{BufReader, Cursor, Read};
 use zip::ZipArchive;
 use zip::result::ZipError;
 
-/// Most bytes of `meta.json`.
+/// Maximum bytes of `meta.json`.
 const MOST_META: u64 = 1 << 20;
 
-/// Most rows that pad a texture: writers round its height up to a multiple of 4.
+/// Maximum number of padding rows: writers round a texture's height up to a multiple of 4.
 const PADDING: u64 = 4;
 
 /// An opened archive.
@@ -40,7 +40,7 @@ impl<'a> Archive<'a> {
         Ok(Self { zip, length: source.length(), sizes: Vec::new() })
     }
 
-    /// Reads `meta.json`, without which an archive is no scene.
+    /// Reads `meta.json`, which every scene must have.
     pub(super) fn meta(&mut self) -> Result<Vec<u8>, SceneError> {
         if self.zip.index_for_name("meta.json").is_none() {
             let found = "a ZIP archive without a meta.json (unpack it first)".into();
@@ -75,13 +75,13 @@ impl<'a> Archive<'a> {
         })
     }
 
-    /// Reads a texture whose width and height are checked by `fault` before it is unpacked.
+    /// Reads a texture; `fault` checks its width and height before it is unpacked.
     pub(super) fn texture(
         &mut self,
         name: &str,
         fault: impl Fn(u64, u64) -> Option<String>,
     ) -> Result<Texture, SceneError> {
-        // What is in a file of the archive can be longer than it only a little: WebP packs better than ZIP.
+        // A file can be only a little longer than its packed bytes in the archive: WebP packs better than ZIP.
         let bytes = self.read(name, 4 * self.length + MOST_META)?;
         let unreadable = |error| damaged(name, format!("expected a WebP texture, found: {error}"));
         let mut decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(unreadable)?;
@@ -108,7 +108,7 @@ impl<'a> Archive<'a> {
         Ok(Texture { width, texels })
     }
 
-    /// Sums the packed bytes of the files that were read, which the archive holds.
+    /// Sums the packed bytes of the files read; the archive must contain them.
     pub(super) fn packed_bytes(&self) -> Result<u64, SceneError> {
         let sum = self.sizes.iter().fold(0u64, |sum, (_, bytes)| sum.saturating_add(*bytes));
         if sum > self.length {

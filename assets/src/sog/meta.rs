@@ -6,7 +6,7 @@ use serde::Deserialize;
 /// Entries of a codebook.
 pub(super) const CODES: usize = 256;
 
-/// Most entries of a palette, which a label of 16 bits can name.
+/// Maximum number of palette entries, which 16-bit labels can address.
 pub(super) const MOST_ENTRIES: u32 = 1 << 16;
 
 /// The fields that a reader needs; others are ignored.
@@ -51,7 +51,7 @@ pub(super) struct Palette {
     pub files: [String; 2],
 }
 
-/// The field that says which others there are.
+/// The field that determines the others.
 #[derive(Deserialize)]
 struct Version {
     version: Option<u32>,
@@ -105,13 +105,13 @@ impl Meta {
         self.sh_n.as_ref().map_or(0, |palette| palette.bands)
     }
 
-    /// Returns true if the splats were trained with an anti-aliasing filter, in the new way to say it or in the old.
+    /// Returns true if the splats were trained with an anti-aliasing filter, by the new field or the old one.
     pub(super) fn is_antialiased(&self) -> bool {
         self.antialias || self.model.as_deref() == Some("antialiased")
     }
 }
 
-/// Makes the error for a value of `meta.json` that the format does not allow.
+/// Returns the error for an invalid value in `meta.json`.
 pub(super) fn wrong(name: &str, expected: &str, found: impl std::fmt::Display) -> SceneError {
     SceneError::Part {
         part: format!("meta.json: {name}"),

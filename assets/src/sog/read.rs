@@ -13,10 +13,10 @@ use std::f64::consts::FRAC_1_SQRT_2;
 /// Bytes of a texel.
 const TEXEL: usize = 4;
 
-/// Entries of the palette in a row of its texture.
+/// Palette entries per row of its texture.
 const ENTRIES_PER_ROW: u32 = 64;
 
-/// Most splats per byte of a file: 20 bytes of texels a splat, packed 1032-fold, as much as a gzip stream can.
+/// Maximum splats per byte of a file: a splat has 20 bytes of texels, packed at most 1032-fold, the limit of gzip.
 const MOST_PER_BYTE: u64 = 1032 / 20;
 
 fn meta(archive: &mut Archive, length: u64) -> Result<Meta, SceneError> {
@@ -28,7 +28,7 @@ fn meta(archive: &mut Archive, length: u64) -> Result<Meta, SceneError> {
     Ok(meta)
 }
 
-/// Reads what `meta.json` says of the splats.
+/// Reads the splats' description in `meta.json`.
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let meta = meta(&mut Archive::open(source)?, source.length())?;
     Ok(SceneHeader { count: meta.count.into(), stored_degree: meta.degree() })
@@ -55,7 +55,7 @@ impl Entries {
         Ok(Self { coefficients, count: palette.count as usize, texture, codebook })
     }
 
-    /// Sets the harmonics above band 0. A label beyond the palette gives values that are not numbers.
+    /// Sets the harmonics above band 0. A label beyond the palette gives NaN.
     fn apply(&self, label: usize, sh: &mut [f32; 48]) {
         let row = label / ENTRIES_PER_ROW as usize;
         let first = row * self.texture.width as usize + label % ENTRIES_PER_ROW as usize * self.coefficients;
@@ -84,7 +84,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         labels,
     ];
     let bytes = count * (TEXEL * names.iter().flatten().count()) as u64;
-    // A texture more while it is unpacked.
+    // One more texture while it is unpacked.
     let beside = bytes + 2 * count * TEXEL as u64;
     let needed = Scene::host_bytes(count, degree).saturating_add(beside);
     SceneMemoryError::check_against(count, degree, needed, input.memory)?;
@@ -132,7 +132,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     input::finish((columns, gathered), count, size_breakdown, notes)
 }
 
-/// Converts a splat, and returns the length of its quaternion with it.
+/// Converts a splat, and returns the length of its quaternion as well.
 fn splat(
     [low, high, scale, quat, color, label]: [&[u8]; 6],
     meta: &Meta,
@@ -161,7 +161,7 @@ fn splat(
     (splat, norm)
 }
 
-/// Unpacks w, x, y, z. An alpha that names no component gives no rotation, as in PlayCanvas's reader.
+/// Unpacks w, x, y, z. An invalid component index in alpha gives the zero rotation, as in PlayCanvas's reader.
 fn quaternion(texel: &[u8]) -> [f64; 4] {
     let Some(largest) = texel[3].checked_sub(252) else { return [1.0, 0.0, 0.0, 0.0] };
     let others = [0, 1, 2].map(|at| (f64::from(texel[at]) / 255.0 * 2.0 - 1.0) * FRAC_1_SQRT_2);

@@ -1,4 +1,4 @@
-//! Reads SOG files that are made texel by texel.
+//! Tests of SOG files built texel by texel.
 
 use super::{header, parse as read};
 use crate::error::SceneError;
@@ -20,7 +20,7 @@ fn webp(width: u32, height: u32, texels: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Makes a texture of 4 x 4 texels that begins with these.
+/// Builds a texture of 4 x 4 texels that begins with these.
 fn small(texels: &[[u8; 4]]) -> Vec<u8> {
     let mut all = texels.concat();
     all.resize(64, 0);
@@ -39,7 +39,7 @@ fn archive(meta: &Value, files: &[(&str, Vec<u8>)]) -> Vec<u8> {
     zip.finish().unwrap().into_inner()
 }
 
-/// Makes the parts of a file of two splats of degree 1.
+/// Builds the parts of a file with two splats of degree 1.
 fn two() -> (Value, Vec<(&'static str, Vec<u8>)>) {
     let codebook = |step: f64| (0..256).map(|u| step * f64::from(u - 128)).collect::<Vec<_>>();
     let meta = json!({
@@ -51,7 +51,7 @@ fn two() -> (Value, Vec<(&'static str, Vec<u8>)>) {
         "shN": { "count": 65, "bands": 1, "codebook": codebook(0.015625), "files": ["n.webp", "i.webp"] },
     });
     let mut palette = vec![128; 192 * 2 * 4];
-    // Entry 64, the first of the second row.
+    // Entry 64, the first in the second row.
     palette[192 * 4..][..12].copy_from_slice(&[129, 130, 131, 255, 132, 133, 134, 255, 135, 136, 137, 255]);
     let files = vec![
         ("l.webp", small(&[[255, 0, 255, 255], [0, 0, 0, 255]])),
@@ -82,7 +82,7 @@ fn texels_have_the_values_that_the_format_defines() {
     let n = -2.0 + 4.0 * 32_768.0 / 65_535.0;
     near(&second.position, &[1.0 - 1f32.exp(), (n as f32).exp_m1(), 0.0]);
     near(&first.scale, &[1.0, 1f32.exp(), (-1f32).exp()]);
-    // Alpha 253 says that x is the largest; the others are longer than 1 together, so it is 0, and w, y and z are normalised.
+    // Alpha 253: x is the largest. The others together are longer than 1, so x is 0, and w, y and z are normalised.
     let third = 1.0 / 3f32.sqrt();
     near(&first.rotation, &[third, 0.0, -third, third]);
     near(&second.rotation, &[1.0, 0.0, 0.0, 0.0]);
@@ -146,7 +146,7 @@ fn a_label_beyond_the_palette_drops_the_splat_and_an_archive_of_something_else_i
 fn a_texture_of_one_colour_and_huge_size_is_refused_before_it_is_unpacked() {
     let (mut meta, mut files) = two();
     meta["count"] = json!(1);
-    // It packs to a few bytes: nothing but the size of the picture tells.
+    // It packs to a few bytes: only the picture's size reveals it.
     files[0].1 = webp(2048, 2048, &vec![0; 2048 * 2048 * 4]);
     let bytes = archive(&meta, &files);
     assert!(bytes.len() < 20_000);

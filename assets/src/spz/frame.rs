@@ -2,11 +2,11 @@
 
 use crate::scene::Splat;
 
-/// The signs that turn the axes of a file into those of a scene.
+/// The signs that map a file's axes to a scene's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Frame {
     axes: [f32; 3],
-    /// Sign of each coefficient of the spherical harmonics.
+    /// Sign of each spherical-harmonics coefficient.
     sh: [f32; 16],
 }
 
@@ -14,8 +14,8 @@ impl Frame {
     /// Right, up, back: the axes of SPZ.
     pub(super) const RUB: u32 = 4;
 
-    /// Makes the signs for a coordinate system by its number: 1 and, added, 1 for right, 2 for up and 4 for front instead of left,
-    /// down and back. `None` for the numbers of axes in another order.
+    /// Returns the signs for a coordinate system by its number: 1 plus 1 for right, 2 for up and 4 for front instead of
+    /// left, down and back. `None` for numbers of permuted axes.
     pub(super) fn new(system: u32) -> Option<Self> {
         let bits = system.checked_sub(1).filter(|bits| *bits < 8)?;
         let sign = |same: bool| if same { 1.0 } else { -1.0 };
@@ -25,11 +25,11 @@ impl Frame {
         Some(Self { axes, sh })
     }
 
-    /// Converts a splat; the way back is the same.
+    /// Converts a splat in either direction.
     pub(super) fn apply(&self, splat: &mut Splat) {
         let [x, y, z] = self.axes;
         splat.position.iter_mut().zip(self.axes).for_each(|(value, sign)| *value *= sign);
-        // Of the axis of the rotation, a mirror turns those components that lie in it.
+        // A mirror negates the components of the rotation axis that lie in the mirror.
         let signs = [1.0, y * z, x * z, x * y];
         splat.rotation.iter_mut().zip(signs).for_each(|(value, sign)| *value *= sign);
         for (coefficient, sign) in splat.sh.chunks_exact_mut(3).zip(self.sh) {

@@ -8,13 +8,13 @@ use crate::size_breakdown::FieldSize;
 use flate2::bufread::GzDecoder;
 use std::io::{self, BufRead, BufReader, Read};
 
-/// Most bytes of extension records.
+/// Maximum bytes of extension records.
 const MOST_EXTENSIONS: u64 = 64 << 10;
 
-/// Bytes that are read from the file at a time.
+/// Bytes read from the file at a time.
 const PIECE: usize = 64 << 10;
 
-/// A reader that counts the bytes that were taken from it.
+/// A reader that counts the bytes read through it.
 struct Counted<R> {
     inner: R,
     taken: u64,

@@ -1,6 +1,6 @@
-//! Parses the header of SPZ, and keeps what is unpacked within its promises.
+//! Parses the header of SPZ, and limits the unpacked data to the sizes that it declares.
 //!
-//! An unpacked array is not longer than the header's number of splats says, and grows only as its bytes come.
+//! An unpacked array is at most as long as the header's number of splats requires, and grows only as its bytes arrive.
 
 use super::layout::HEADER;
 use crate::error::SceneError;
@@ -11,10 +11,10 @@ use crate::size_breakdown::FieldSize;
 use std::io::{self, ErrorKind, Read};
 use std::ops::RangeInclusive;
 
-/// Most bytes that a byte of a file unpacks to: 258 bytes in 2 bits of a gzip stream (RFC 1951).
+/// Maximum ratio of unpacked to packed bytes: 258 bytes in 2 bits of a gzip stream (RFC 1951).
 const MOST_UNPACKED: u64 = 1032;
 
-/// Bytes that an array grows by at first.
+/// Initial growth of an array, in bytes.
 const PIECE: usize = 64 << 10;
 
 /// The header.
@@ -73,7 +73,7 @@ impl Header {
         Ok(header)
     }
 
-    /// Names the arrays, with the type of their values and the bytes per splat.
+    /// Lists the arrays: name, type of the values, and bytes per splat.
     pub(super) fn arrays(&self) -> [(&'static str, &'static str, usize); 6] {
         let coefficients = ((self.degree + 1) * (self.degree + 1) - 1) as usize;
         [
@@ -92,13 +92,13 @@ impl Header {
     }
 }
 
-/// Names what went wrong while `expected` bytes of a field were unpacked.
+/// Converts an error of unpacking a field of `expected` bytes.
 pub(super) fn unpacked(error: io::Error, at: u64, name: &str, expected: u64) -> SceneError {
     match error.kind() {
         ErrorKind::UnexpectedEof => {
             field(at, name, format!("expected {expected} bytes, found the end of the compressed stream"))
         }
-        // Those of the decoder; others are those of the system.
+        // Errors of the decoder; any other comes from the system.
         ErrorKind::InvalidInput | ErrorKind::InvalidData | ErrorKind::Other => {
             field(at, name, format!("expected a whole compressed stream, found damage: {error}"))
         }
@@ -109,7 +109,7 @@ pub(super) fn unpacked(error: io::Error, at: u64, name: &str, expected: u64) -> 
 /// The unpacked arrays of a file.
 pub(super) struct Unpacked {
     pub header: Header,
-    /// The arrays, one after the other.
+    /// The arrays, in order.
     pub data: Vec<u8>,
     pub tables: [Table; 6],
     /// The packed bytes of the arrays.
@@ -122,14 +122,14 @@ pub(super) struct Unpacked {
     pub records: (Vec<u8>, u64),
 }
 
-/// Refuses a file whose arrays and scene together are more than the memory that there is.
+/// Refuses a file whose arrays and scene together exceed the available memory.
 pub(super) fn check_memory(header: &Header, input: &Input) -> Result<(), SceneError> {
     let (count, degree) = (u64::from(header.count), header.degree.min(3));
     let needed = Scene::host_bytes(count, degree).saturating_add(count * header.stride());
     Ok(SceneMemoryError::check_against(count, degree, needed, input.memory)?)
 }
 
-/// Appends unpacked bytes to `data`, which grows no faster than they come.
+/// Appends unpacked bytes to `data`, which grows only as they arrive.
 pub(super) fn append(
     unpacker: &mut impl Read,
     bytes: u64,

@@ -1,4 +1,4 @@
-//! Defines the sizes and the tags of SPZ files.
+//! The sizes and tags of SPZ files.
 
 /// First bytes of the header.
 pub(crate) const MAGIC: &[u8; 4] = b"NGSP";
@@ -12,10 +12,10 @@ pub(super) const LONG_HEADER: usize = 32;
 /// Bytes of an entry of the table of contents of version 4.
 pub(super) const ENTRY: usize = 16;
 
-/// A version of SPZ that is written.
+/// A version of SPZ to write.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SpzVersion {
-    /// One gzip stream, which every reader of the format knows.
+    /// One gzip stream, which every reader of the format supports.
     V3 = 3,
     /// A Zstandard stream per array: smaller and faster to read, since 2026.
     #[default]
@@ -31,5 +31,5 @@ pub(super) const EXTENSIONS: u8 = 2;
 /// Type of the extension record that names the axes (Adobe).
 pub(super) const COORDINATE_SYSTEM: u32 = 0xADBE_0003;
 
-/// `colors` has this many steps of 1 / 255 per unit of band 0, so that bytes reach beyond the colours 0 and 1.
+/// Steps of `colors` per unit of band 0, in 1 / 255: the bytes extend beyond the colours 0 and 1.
 pub(super) const COLOR_SCALE: f64 = 0.15;

@@ -1,7 +1,7 @@
 //! Reads Niantic's SPZ files, versions 1 to 4, and writes versions 3 and 4.
 //!
-//! To version 3, a file is a gzip stream ([`gzip`]) of a header, one array after the other, and extension records. In version 4, the
-//! header is plain and longer, and each array is a stream of its own ([`streams`]).
+//! Up to version 3, a file is a gzip stream ([`gzip`]) of a header, the arrays in order, and extension records. In
+//! version 4, the header is uncompressed and longer, and each array has its own stream ([`streams`]).
 //!
 //! | bytes of the header | value |
 //! |---|---|
@@ -21,8 +21,9 @@
 //! | `rotations` | 4 (before version 3: 3) | index of the largest component and the three others, 9 bits and a sign (x, y, z, a byte each) |
 //! | `sh` | 3 per coefficient | `(u - 128) / 128`, coefficient by coefficient, red, green and blue of each |
 //!
-//! Axes point right, up and back unless the extension [`layout::COORDINATE_SYSTEM`] says otherwise; a scene's point right, down and to the
-//! front, so y and z change their signs, and with them the odd harmonics. Format: <https://github.com/nianticlabs/spz>.
+//! Axes point right, up and back unless the extension [`layout::COORDINATE_SYSTEM`] names others. A scene's axes point
+//! right, down and to the front, so y, z and the odd harmonics change sign. Format:
+//! <https://github.com/nianticlabs/spz>.
 
 mod frame;
 mod gzip;

@@ -1,4 +1,4 @@
-//! Reads SPZ: unpacks the arrays one after the other, then converts them in parallel.
+//! Reads SPZ: unpacks the arrays in order, then converts them in parallel.
 
 use super::frame::Frame;
 use super::header::{Header, Unpacked, field};
@@ -13,7 +13,7 @@ use half::f16;
 use std::f64::consts::FRAC_1_SQRT_2;
 
 impl Header {
-    /// Converts a splat, and returns the length of its quaternion with it.
+    /// Converts a splat, and returns the length of its quaternion as well.
     fn splat(&self, rows: [&[u8]; 6], frame: &Frame) -> (Splat, f64) {
         let [position, alpha, color, scale, rotation, sh] = rows;
         let (rotation, norm) = activation::unit(match rotation {
@@ -25,7 +25,7 @@ impl Header {
                 1 => f16::from_le_bytes([position[2 * axis], position[2 * axis + 1]]).to_f32(),
                 _ => {
                     let [low, middle, high] = [0, 1, 2].map(|byte| position[3 * axis + byte]);
-                    // In the upper bytes, so that the shift back extends the sign.
+                    // In the upper bytes, so that the shift back sign-extends.
                     let fixed = i32::from_le_bytes([0, low, middle, high]) >> 8;
                     (f64::from(fixed) / f64::from(1u32 << self.fractional_bits)) as f32
                 }
@@ -38,7 +38,7 @@ impl Header {
         for (value, byte) in splat.sh.iter_mut().zip(color) {
             *value = ((f64::from(*byte) / 255.0 - 0.5) / COLOR_SCALE) as f32;
         }
-        // A fifth band has no place in a scene: the zip ends before it.
+        // A scene has no fourth band: the zip ends before it.
         for (value, byte) in splat.sh[3..].iter_mut().zip(sh) {
             *value = (f32::from(*byte) - 128.0) / 128.0;
         }
@@ -53,7 +53,7 @@ fn bytes_quaternion(bytes: [u8; 3]) -> [f64; 4] {
     activation::with_omitted(0, [x, y, z])
 }
 
-/// Unpacks the word of version 3 to w, x, y, z. The word counts its components in the order x, y, z, w.
+/// Unpacks the word of version 3 to w, x, y, z. The word orders its components x, y, z, w.
 fn packed_quaternion(word: u32) -> [f64; 4] {
     let others = [20, 10, 0].map(|shift| {
         let bits = word >> shift & 1023;
@@ -121,7 +121,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
 
 /// Finds the coordinate system among extension records, which begin at offset `start` of the unpacked bytes.
 ///
-/// A record is its type, the length of its payload, and the payload. Types that are not known are skipped.
+/// A record is its type, the length of its payload, and the payload. Unknown types are skipped.
 fn coordinate_system(mut records: &[u8], start: u64) -> Result<u32, SceneError> {
     let length = records.len() as u64;
     let mut system = Frame::RUB;

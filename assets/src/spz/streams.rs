@@ -1,8 +1,8 @@
 //! Unpacks version 4: a plain header, extension records, a table of contents, and a Zstandard stream per array.
 //!
-//! After the 16 bytes of the older header come, with the number of streams in its last byte, the offset of the table of contents and
-//! 12 reserved bytes. An entry of the table is the stream's packed and unpacked length, 8 bytes each. Arrays without bytes have no
-//! stream. The last stream ends with the file.
+//! After the 16 bytes of the older header (with the number of streams in its last byte) come the offset of the table of
+//! contents and 12 reserved bytes. An entry of the table is the stream's packed and unpacked length, 8 bytes each.
+//! Empty arrays have no stream. The last stream ends with the file.
 
 use super::header::{Header, Unpacked, append, check_memory, field, unpacked};
 use super::layout::{ENTRY, HEADER, LONG_HEADER};
@@ -12,7 +12,7 @@ use crate::size_breakdown::FieldSize;
 use ruzstd::decoding::StreamingDecoder;
 use std::io::Read;
 
-/// Reads the header of a file, and returns the offset of the table of contents with it.
+/// Reads the header of a file, and returns the offset of the table of contents as well.
 pub(super) fn header(source: &Source) -> Result<(Header, u64), SceneError> {
     let bytes = source.head(LONG_HEADER)?;
     let length = source.length();
@@ -48,7 +48,7 @@ pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     check_memory(&header, input)?;
     let count = u64::from(header.count);
     let done = Done::new(2 * count * header.stride(), input.progress)?;
-    // No longer than the file.
+    // At most as long as the file.
     let mut records = vec![0; (table_at - LONG_HEADER as u64) as usize];
     source.read(LONG_HEADER as u64, &mut records)?;
 

@@ -1,4 +1,4 @@
-//! Reads SPZ files that are made byte by byte.
+//! Tests of SPZ files built byte by byte.
 
 use super::layout::*;
 use super::*;
@@ -22,7 +22,7 @@ fn header(version: u32, count: u32, degree: u8, flags: u8) -> Vec<u8> {
     bytes
 }
 
-/// Makes the arrays of one splat at (1, -2, 3) in the file's axes.
+/// Builds the arrays of one splat at (1, -2, 3) in the file's axes.
 fn splat(version: u32, degree: u8) -> Vec<u8> {
     let mut bytes = Vec::new();
     for value in [1.0f32, -2.0, 3.0] {
@@ -75,7 +75,7 @@ fn versions_1_to_3_have_the_values_that_the_format_defines() {
     near(&found, &[w, 0.0, -y, z]);
     let found = parse(&file(2, 0, 0, &[])).unwrap().splat(0).rotation;
     let expected = [128.0f32, 0.0, 0.0].map(|u| u / 127.5 - 1.0);
-    // x, y and z alone are longer than 1, so w is 0.
+    // x, y and z together are longer than 1, so w is 0.
     let norm = expected.iter().map(|c| c * c).sum::<f32>().sqrt();
     near(&found, &[0.0, expected[0] / norm, -expected[1] / norm, -expected[2] / norm]);
 }
@@ -157,15 +157,15 @@ fn a_scene_beyond_2048_units_is_written_with_coarser_steps() {
     assert!(said.contains("expected coordinates up to 8388607"), "{said}");
 }
 
-/// Makes a Zstandard frame (RFC 8878) of one block that is not compressed, of fewer than 256 bytes.
+/// Builds a Zstandard frame (RFC 8878) of one uncompressed block of fewer than 256 bytes.
 fn frame(bytes: &[u8]) -> Vec<u8> {
-    // One segment, whose length takes a byte; the last block, raw, with its length from bit 3 on.
+    // A single segment with a one-byte length; the last block, raw, with its length from bit 3 on.
     let block = (bytes.len() as u32) << 3 | 1;
     let head = [0x28, 0xB5, 0x2F, 0xFD, 0x20, bytes.len() as u8];
     [&head[..], &block.to_le_bytes()[..3], bytes].concat()
 }
 
-/// Makes a file of version 4 of one splat.
+/// Builds a version 4 file of one splat.
 fn streams(degree: u8, records: &[u8]) -> Vec<u8> {
     let arrays = splat(3, degree);
     let lengths = [9, 1, 3, 3, 4, arrays.len() - 20].into_iter().filter(|length| *length > 0);

@@ -1,4 +1,4 @@
-//! Writes SPZ versions 3 and 4, with the steps of the reference writer.
+//! Writes SPZ versions 3 and 4, with the reference writer's quantisation steps.
 
 use super::frame::Frame;
 use super::layout::{ANTIALIASED, COLOR_SCALE, ENTRY, HEADER, LONG_HEADER, MAGIC, SpzVersion};
@@ -8,19 +8,19 @@ use flate2::{Compression, write::GzEncoder};
 use std::f64::consts::SQRT_2;
 use std::io::{Error, ErrorKind, Result, Write};
 
-/// Bits behind the point of positions, unless the scene is too large.
+/// Fractional bits of positions, unless the scene is too large.
 const FRACTIONAL_BITS: u32 = 12;
 
 /// Largest 24-bit integer.
 const MOST_FIXED: f64 = 8_388_607.0;
 
-/// Level of Zstandard, that of the reference writer.
+/// Compression level of Zstandard, as in the reference writer.
 const LEVEL: i32 = 12;
 
 /// Writes a scene.
 ///
 /// # Errors
-/// The writer fails, or a coordinate is beyond 8,388,607, the largest that the format holds.
+/// The writer fails, or a coordinate exceeds 8,388,607, the format's maximum.
 pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) -> Result<()> {
     let bits = fractional_bits(scene)?;
     let flags = if scene.notes().antialiased { ANTIALIASED } else { 0 };
@@ -37,7 +37,7 @@ pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) ->
             out.finish()?;
         }
         SpzVersion::V4 => {
-            // The table of contents comes before the streams: these wait, packed.
+            // The table of contents comes before the streams, so these are packed in memory first.
             let (mut table, mut streams) = (Vec::new(), Vec::new());
             arrays(scene, bits, |stride, array| {
                 let (start, bytes) = (streams.len(), u64::from(scene.count()) * stride as u64);
@@ -45,7 +45,7 @@ pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) ->
                     return Ok(());
                 }
                 let mut packer = zstd::Encoder::new(&mut streams, LEVEL)?;
-                // A reader then needs no window larger than the array.
+                // This lets a reader use a window no larger than the array.
                 packer.set_pledged_src_size(Some(bytes))?;
                 array(&mut packer)?;
                 packer.finish()?;
@@ -64,7 +64,7 @@ pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) ->
     Ok(())
 }
 
-/// Calls `array` for each array of a file, in order, with its bytes per splat and the function that writes it.
+/// Calls `array` for each array of a file, in order, with its bytes per splat and its writer.
 fn arrays(
     scene: &Scene,
     bits: u32,
@@ -108,7 +108,7 @@ fn arrays(
     })
 }
 
-/// Finds how many bits behind the point leave room for the largest coordinate.
+/// Finds the number of fractional bits that leaves room for the largest coordinate.
 fn fractional_bits(scene: &Scene) -> Result<u32> {
     let coordinates = (0..scene.count() as usize).flat_map(|index| scene.world_position(index));
     let largest = coordinates.fold(0.0, |most: f64, value| most.max(value.abs()));
@@ -136,7 +136,8 @@ fn rotation([w, x, y, z]: [f32; 4]) -> u32 {
     })
 }
 
-/// Quantises the float at index `at` of a splat's harmonics: steps of 1/16 in band 1, and of 1/8 above, which pack better.
+/// Quantises the float at index `at` of a splat's harmonics, in steps of 1/16 in band 1 and of 1/8 above, which
+/// compress better.
 fn harmonic(at: usize, value: f32) -> u8 {
     let step = if at < sh_floats(1) { 8.0 } else { 16.0 };
     let byte = (f64::from(value) * 128.0).round() + 128.0;

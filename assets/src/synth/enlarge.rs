@@ -1,13 +1,13 @@
-//! Enlarges a scene, for measurements at a size that no capture has.
+//! Enlarges a scene, for measurements at sizes beyond any capture.
 //!
-//! Copies lie inside the splats that they were made from, distributed as their Gaussian is, and all shrink so that the covered
-//! area stays. The image and the number of splats per pixel then grow as in a finer capture of the same scene.
+//! Copies lie inside their original splats, distributed like their Gaussians, and all shrink so that the covered area
+//! stays. The image and the number of splats per pixel then grow as in a finer capture of the scene.
 
 use super::random::splitmix64;
 use crate::memory::SceneMemoryError;
 use crate::scene::Scene;
 
-/// Makes a scene of `n` splats out of another.
+/// Generates a scene of `n` splats from another.
 ///
 /// Splat `k` is copy `k / count` of splat `k % count`. Copy 0 stays in place; a further copy moves by `R (s * u)` with the
 /// splat's rotation R, its scales s, and u per axis uniform in -sqrt(3) to sqrt(3), which has deviation 1, from the top 24 bits
@@ -97,7 +97,7 @@ mod tests {
         let base = Scene::generate(40, 0, splat);
         let area =
             |scene: &Scene| scene.scales().iter().map(|s| f64::from(s[0]) * f64::from(s[1])).sum::<f64>();
-        // Whole copies: each splat as often as every other.
+        // Whole copies: each splat occurs equally often.
         for copies in [2, 5, 32] {
             let ratio = area(&enlarge(&base, 40 * copies).unwrap()) / area(&base);
             assert!((ratio - 1.0).abs() < 1e-6, "{copies} copies cover {ratio} of the area");

@@ -1,6 +1,6 @@
 //! Generates scenes that each take one property to its limit, small enough for tests.
 //!
-//! All but `uniform` are seen from [`camera`]: at the origin, looking along +z.
+//! All but `uniform` are for [`camera`]: at the origin, looking along +z.
 
 use super::random::Random;
 use crate::camera::Camera;
@@ -20,7 +20,7 @@ pub(super) fn outside() -> Camera {
     Camera { img_name: "outside".into(), ..Camera::looking_at([0.0, -0.6, -2.6], [0.0; 3], 60.0, (960, 540)) }
 }
 
-/// Computes the spherical harmonics of a colour (0 to 1) that is the same from every direction.
+/// Returns the spherical harmonics of a colour (0 to 1) that is equal from every direction.
 fn flat(color: [f64; 3]) -> [f32; 48] {
     let y0 = crate::harmonics::basis([0.0, 0.0, 1.0])[0];
     let mut sh = [0.0; 48];
@@ -88,7 +88,7 @@ pub(super) fn needles(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates a cloud inside one splat that is a hundred times as large and holds the camera.
+/// Generates a cloud inside one splat that is a hundred times as large and contains the camera.
 pub(super) fn huge(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -127,7 +127,7 @@ pub(super) fn ties(count: u32, seed: u64) -> Made {
         // Larger, so that splats of one plane overlap and their order shows.
         splat.scale = splat.scale.map(|s| 2.0 * s);
         splat.opacity = 0.7;
-        // The colour is the order: each is unlike its neighbours in it.
+        // The colour encodes the order: each differs from its neighbours.
         splat.sh = flat(hue([i as f64 * 0.7, plane as f64, i as f64 * 0.3]));
         splat
     })
@@ -160,7 +160,7 @@ pub(super) fn giants(count: u32, seed: u64) -> Made {
         let random = &mut Random::new(seed, i as u64);
         let mut splat = cloud(random, count);
         splat.scale = std::array::from_fn(|_| random.range(-30.0, 20.0).exp() as f32);
-        // Those that cover the view are faint, so that needles and points show.
+        // Splats that cover the view are faint, so that needles and points are visible.
         let giant = splat.scale.iter().filter(|s| **s > 1.0).count();
         splat.opacity = if giant > 1 { 0.0045 } else { random.range(0.3, 0.9) as f32 };
         splat
@@ -181,7 +181,7 @@ pub(super) fn coincident(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates splats at the near plane, a float before and behind it, behind the camera and around it.
+/// Generates splats at the near plane, one float in front of it and behind it, behind the camera, and around it.
 pub(super) fn near_plane(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -202,7 +202,7 @@ pub(super) fn near_plane(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates opacities of 0 and 1, and those of the logits -40 and 40.
+/// Generates opacities of 0 and 1, and of the logits -40 and 40.
 pub(super) fn logits(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let mut splat = cloud(&mut Random::new(seed, i as u64), count);
@@ -212,7 +212,7 @@ pub(super) fn logits(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates rotations by quaternions of lengths from denormal to the end of f32.
+/// Generates rotations by quaternions with lengths from denormal to the maximum of f32.
 pub(super) fn quaternions(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -247,11 +247,11 @@ fn layer(i: usize, color: [f64; 3]) -> Splat {
     }
 }
 
-/// Generates layers across the whole view, of one opacity, one close behind the other.
+/// Generates layers of equal opacity across the whole view, close behind one another.
 fn layers(count: u32, seed: u64, opacity: f32) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);
-        // From one colour to another, so that a picture shows which layers it is made of.
+        // A gradient, so that a picture shows which layers it contains.
         let color = [random.range(0.6, 1.0), random.range(0.3, 0.7), i as f64 / f64::from(count.max(1))];
         Splat { opacity, ..layer(i, color) }
     })
@@ -267,7 +267,7 @@ pub(super) fn layers_faint(count: u32, seed: u64) -> Made {
     layers(count, seed, 0.0045)
 }
 
-/// Generates layers across the view that hide what is behind them and shed no light of their own.
+/// Generates layers across the view that hide everything behind them and emit no light.
 pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let opacity = 0.0045 * Random::new(seed, i as u64).range(0.99, 1.01);
@@ -277,7 +277,7 @@ pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
 
 /// Generates layers without falloff, whose opacities are the floats around 1/255.
 ///
-/// At the floor of alpha a float decides whether a layer is drawn: three of eight are below it.
+/// At the alpha floor, a single float decides whether a layer is drawn: three of eight are below it.
 pub(super) fn floor(count: u32, seed: u64) -> Made {
     let floor = (1.0f32 / 255.0).to_bits();
     Scene::try_generate(count, 0, |i| {
@@ -291,7 +291,7 @@ pub(super) fn floor(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates spherical harmonics of degree 3 that reach beyond half floats, and so do their colours.
+/// Generates spherical harmonics of degree 3 that exceed half floats, as do their colours.
 pub(super) fn bright(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 3, |i| {
         let random = &mut Random::new(seed, i as u64);
@@ -304,9 +304,10 @@ pub(super) fn bright(count: u32, seed: u64) -> Made {
 /// The direction in which [`crossing_camera`] looks, across the plates of [`crossing`].
 const CROSSING: [f64; 3] = [0.0, 0.939_692_620_785_908_4, 0.342_020_143_325_668_7];
 
-/// Generates six plates, one close behind the other, and twelve points far before and behind them.
+/// Generates six plates, close behind one another, and twelve points far in front of and behind them.
 ///
-/// Their centres are far apart on the plates' planes, so that the plates change places only where a camera looks across the planes.
+/// The plates' centres are far apart on their planes, so the plates change order only if a camera looks across the
+/// planes.
 pub(super) fn crossing(count: u32, seed: u64) -> Made {
     let along = [0.0, -CROSSING[2], CROSSING[1]];
     Scene::try_generate(count, 0, |i| {
@@ -314,7 +315,8 @@ pub(super) fn crossing(count: u32, seed: u64) -> Made {
         let plate = i % 18;
         let angle = (10.0 + 60.0 * plate as f64 + random.range(-1.0, 1.0)).to_radians();
         let (x, y) = (angle.cos(), angle.sin());
-        // Far to near in the file, two ten-thousandths of a unit apart; the points at the ends of a box of two units.
+        // Far to near in the file, two ten-thousandths of a unit apart; the points are at the ends of a box of two
+        // units.
         let z = if plate < 6 { -2e-4 * plate as f64 } else { 1.0 - 2.0 * (plate % 2) as f64 };
         let position = std::array::from_fn(|axis| [x, 0.0, 0.0][axis] + y * along[axis] + z * CROSSING[axis]);
         let half: f64 = 35f64.to_radians();
@@ -348,19 +350,20 @@ pub(super) fn remote(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Makes a camera at the origin of [`remote`], which is not a number of f32.
+/// Returns a camera at the origin of [`remote`], which f32 cannot represent exactly.
 pub(super) fn remote_camera() -> Camera {
     Camera { img_name: "remote".into(), ..camera().relative_to(REMOTE.map(|v| -v - 0.012_345_678_9)) }
 }
 
-/// Generates the same cloud ten million units from the origin; a file of it has positions in `double`.
+/// Generates the cloud of [`remote`] ten million units from the origin; a file of it has positions in `double`.
 pub(super) fn surveyed(count: u32, seed: u64) -> Made {
     let scene = Scene::try_generate(count, 0, |i| small_cloud(&mut Random::new(seed, i as u64), count))?;
     // A multiple of 1,024, which a reader of the file finds again.
     Ok(scene.with_offset([9_999_360.0, -9_999_360.0, 9_999_360.0]))
 }
 
-/// Generates two clouds, the larger half of the splats at one end and the smaller, in front of [`camera`], ten million units away.
+/// Generates two clouds ten million units apart: the larger half of the splats far away, the smaller in front of
+/// [`camera`].
 pub(super) fn two_clouds(count: u32, seed: u64) -> Made {
     let scene = Scene::try_generate_wide(count, 0, |i| {
         let splat = small_cloud(&mut Random::new(seed, i as u64), count / 3);
@@ -381,7 +384,7 @@ pub(super) fn two_clouds_camera() -> Camera {
     Camera { img_name: "smaller".into(), ..camera().relative_to(TWO_CLOUDS.map(|v| -v)) }
 }
 
-/// Makes a camera that fills its picture with a ball of this radius, from far away.
+/// Returns a camera that fills its picture with a ball of this radius, from far away.
 pub(super) fn telephoto_camera(distance: f64, radius: f64) -> Camera {
     let degrees = 3.0 * (radius / distance).atan().to_degrees();
     let eye = [0.28 * distance, -0.3 * distance, -0.911_921 * distance];
@@ -404,7 +407,8 @@ pub(super) fn askew_camera() -> Camera {
     Camera { img_name: "askew".into(), ..Camera::looking_at([0.0; 3], [-3.1, 4.3, 5.98], 60.0, (960, 540)) }
 }
 
-/// Generates splats on a plane across the view of [`askew_camera`], eight units away: their depths differ by rounding alone.
+/// Generates splats on a plane across the view of [`askew_camera`], eight units away: their depths differ only by
+/// rounding.
 pub(super) fn askew(count: u32, seed: u64) -> Made {
     let [right, down, forward] = askew_camera().axes();
     Scene::try_generate(count, 0, |i| {
@@ -418,7 +422,7 @@ pub(super) fn askew(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates a splat of [`cloud`] at three tenths of its size, and as much nearer.
+/// Generates a splat of [`cloud`], scaled to three tenths in size and distance.
 fn small_cloud(random: &mut Random, count: u32) -> Splat {
     let mut splat = cloud(random, count);
     splat.position = splat.position.map(|v| 0.3 * v);

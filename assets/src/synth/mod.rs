@@ -1,7 +1,7 @@
-//! Generates scenes, the same in every run: one for demonstration and extreme ones for tests.
+//! Generates deterministic scenes: one for demonstration, and extreme ones for tests.
 //!
-//! [`generators`] lists them by name, with suitable cameras; [`generate`] makes one. [`enlarge()`] makes a large scene out of a
-//! captured one.
+//! [`generators`] lists them by name, with suitable cameras; [`generate`] generates one. [`enlarge()`] enlarges a
+//! captured scene.
 
 mod demo;
 mod enlarge;
@@ -20,13 +20,13 @@ use extremes::Made;
 /// A generator of scenes.
 #[derive(Clone, Copy, Debug)]
 pub struct Generator {
-    /// The name to call it by.
+    /// The name for [`generate`].
     pub name: &'static str,
-    /// A description of the scene, in a line.
+    /// A one-line description of the scene.
     pub summary: &'static str,
     /// Default number of splats.
     pub default_count: u32,
-    /// Makes suitable cameras in the scene's coordinates, 960 x 540; the first is the best.
+    /// Returns suitable cameras in the scene's coordinates, 960 x 540; the best is first.
     pub cameras: fn() -> Vec<Camera>,
     make: fn(u32, u64) -> Made,
 }
@@ -58,12 +58,12 @@ fn origin() -> Vec<Camera> {
     vec![extremes::camera()]
 }
 
-/// Makes the entry of a test scene that is seen from the origin.
+/// Returns the entry of a test scene seen from the origin.
 const fn extreme(name: &'static str, summary: &'static str, make: fn(u32, u64) -> Made) -> Generator {
     Generator { name, summary, default_count: 5_000, cameras: origin, make }
 }
 
-/// Makes the entry of a scene of 4,096 layers.
+/// Returns the entry of a scene of 4,096 layers.
 const fn layered(name: &'static str, summary: &'static str, make: fn(u32, u64) -> Made) -> Generator {
     Generator { name, summary, default_count: 4096, cameras: origin, make }
 }
@@ -165,7 +165,7 @@ pub fn generators() -> &'static [Generator] {
     &GENERATORS
 }
 
-/// Generates the scene `name` with `count` splats. The same arguments give the same scene.
+/// Generates the scene `name` with `count` splats. Equal arguments give equal scenes.
 ///
 /// # Errors
 /// No generator has that name (the message offers the most similar one), or the scene does not fit in memory.

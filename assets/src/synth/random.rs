@@ -1,4 +1,4 @@
-//! Generates random numbers that are the same on every machine and in every run.
+//! Generates random numbers that are equal on every machine and in every run.
 
 /// Finalises a word by SplitMix64 (Steele, Lea and Flood), a bijection whose outputs look random.
 pub(crate) fn splitmix64(x: u64) -> u64 {
@@ -10,7 +10,8 @@ pub(crate) fn splitmix64(x: u64) -> u64 {
 
 /// A stream of random numbers.
 ///
-/// Streams of different seeds or numbers are independent, so each splat can have its own and a scene can be made in any order.
+/// Streams of different seeds or numbers are independent, so each splat can have its own, and splats can be generated
+/// in any order.
 pub(crate) struct Random(u64);
 
 impl Random {
@@ -23,7 +24,7 @@ impl Random {
         splitmix64(self.0)
     }
 
-    /// Draws a number from 0 to 1, without 1.
+    /// Draws a number from 0 to 1, excluding 1.
     pub(crate) fn unit(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }

@@ -16,7 +16,7 @@ fn add(bytes: usize) {
     PEAK.fetch_max(NOW.fetch_add(bytes, Relaxed) + bytes, Relaxed);
 }
 
-// SAFETY: every call is passed on to the system's allocator as it came.
+// SAFETY: every call is forwarded to the system's allocator unchanged.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         add(layout.size());
@@ -44,10 +44,10 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
-/// Held by each test of this program, so that no test counts the memory of another.
+/// Locked by each test of this program, so that no test counts another's memory.
 pub static ALONE: Mutex<()> = Mutex::new(());
 
-/// Calls `work`, and returns its result and the most bytes that were allocated meanwhile, beyond those before.
+/// Calls `work`. Returns its result and the peak of allocated bytes above the level before the call.
 pub fn counted<T>(work: impl FnOnce() -> T) -> (T, usize) {
     let before = NOW.load(Relaxed);
     PEAK.store(before, Relaxed);

@@ -1,4 +1,4 @@
-//! Files that a writer truncates and rewrites while they are read: a scene is whole, or it is an error.
+//! Files that a writer truncates and rewrites while they are read: the result is a whole scene or an error.
 
 use crate::allocation::alone;
 use crate::long;
@@ -14,7 +14,7 @@ fn load(path: &Path) -> Result<Scene, LoadError> {
     Scene::load(path, splatgraph_assets::QUIET)
 }
 
-/// Bytes of a scene file, with the number of the splats' first colour put in for the seed.
+/// Returns the bytes of a scene file whose first colour depends on the seed, and the seed.
 fn written(seed: u64) -> (Vec<u8>, u64) {
     let scene = synth::generate("uniform", 40_000, seed).expect("it is generated");
     let mut bytes = Vec::new();
@@ -23,7 +23,7 @@ fn written(seed: u64) -> (Vec<u8>, u64) {
     (bytes, read.identity())
 }
 
-/// Writes a file in place in pieces, as trainers do: truncated first, or over the old bytes, which are as many.
+/// Rewrites a file in place in pieces, as trainers do: truncated first, or over the old bytes of equal length.
 fn rewrite(path: &Path, bytes: &[u8], truncate: bool) {
     let mut file = match truncate {
         true => File::create(path),
@@ -54,7 +54,7 @@ fn a_file_that_is_rewritten_while_it_is_read_is_a_whole_scene_or_an_error() {
                 }
                 let (bytes, _) = &scenes[(turn / 2) as usize % 2];
                 match turn % 5 {
-                    // Shorter than the header promises, for a while.
+                    // Temporarily shorter than the header declares.
                     3 => File::options()
                         .write(true)
                         .open(&path)
@@ -75,7 +75,7 @@ fn a_file_that_is_rewritten_while_it_is_read_is_a_whole_scene_or_an_error() {
                 Err(error) => {
                     refused += 1;
                     let text = error.to_string();
-                    // What is read of a file at rest may be truncated, and be nothing else.
+                    // A file at rest may be truncated, but not mixed.
                     let expected = matches!(
                         error.problem,
                         SceneError::Changed
@@ -135,7 +135,7 @@ fn a_file_that_is_written_over_while_it_is_read_says_so() {
     };
     let said = Scene::load(&path, &touch).unwrap_err();
     assert!(matches!(said.problem, SceneError::Changed), "{said}");
-    // A new file in its place is another file: the one that was opened is whole.
+    // A new file in its place is another file: the opened one stays whole.
     let replace = |done: u64, _| {
         if done == 0 {
             fs::write(folder.path().join("new"), "not a scene").unwrap();
@@ -146,7 +146,7 @@ fn a_file_that_is_written_over_while_it_is_read_says_so() {
     assert_eq!(Scene::load(&path, &replace).unwrap().count(), 40_000);
 }
 
-/// Makes a text file of `count` splats of degree 0.
+/// Builds a text file of `count` splats of degree 0.
 fn ascii_rows(count: usize) -> Vec<u8> {
     let names = "x y z scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity f_dc_0 f_dc_1 f_dc_2";
     let properties: String = names.split(' ').map(|name| format!("property float {name}\n")).collect();

@@ -1,6 +1,6 @@
-//! Damages scene files and camera files at random. A case is its number: the same in every run.
+//! Fuzzes the readers with randomly damaged scene and camera files. A case is its number, so every run is equal.
 //!
-//! Whatever a file holds, its reader returns, within a bounded time and a bounded memory.
+//! Whatever a file contains, its reader must return, within bounded time and memory.
 
 use crate::allocation::{alone, counted};
 use crate::long;
@@ -16,10 +16,10 @@ use std::time::{Duration, Instant};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-/// Damaged files per reader: in the long form, and in the one that everybody runs.
+/// Damaged files per reader: in the long form, and by default.
 const CASES: (u64, u64) = (100_000, 1_500);
 
-/// Longest time of a case.
+/// Time limit of a case.
 const LONGEST: Duration = Duration::from_secs(30);
 
 impl Random {
@@ -28,7 +28,7 @@ impl Random {
     }
 }
 
-/// Numbers at the limits of the types that readers use.
+/// Numbers at the limits of the readers' types.
 const NUMBERS: [&str; 24] = [
     "0",
     "1",
@@ -56,7 +56,7 @@ const NUMBERS: [&str; 24] = [
     "inf",
 ];
 
-/// Words that the formats know.
+/// Keywords of the formats.
 const WORDS: [&str; 30] = [
     "ply",
     "format",
@@ -90,7 +90,7 @@ const WORDS: [&str; 30] = [
     "}",
 ];
 
-/// Damages a file once or twice. Of the cases, two in five hit the first `head` bytes, where the promises stand.
+/// Damages a file once or twice. Two in five cases hit the first `head` bytes, which have the declared sizes.
 fn damage(seed: &[u8], head: usize, other: &[u8], random: &mut Random) -> Vec<u8> {
     let mut bytes = seed.to_vec();
     for _ in 0..=random.below(2) {
@@ -116,7 +116,7 @@ fn damage(seed: &[u8], head: usize, other: &[u8], random: &mut Random) -> Vec<u8
             }
             7 | 8 => {
                 let number = random.pick(&NUMBERS);
-                // A number of the file, where there is one behind the place.
+                // A number in the file, if there is one after the position.
                 let digit = bytes[at..].iter().position(u8::is_ascii_digit).map_or(at, |digit| at + digit);
                 replace_word(&mut bytes, digit, number);
             }
@@ -133,7 +133,7 @@ fn damage(seed: &[u8], head: usize, other: &[u8], random: &mut Random) -> Vec<u8
     bytes
 }
 
-/// Replaces the word at a place by another.
+/// Replaces the word at a position.
 fn replace_word(bytes: &mut Vec<u8>, at: usize, word: &str) {
     let blank = |b: &u8| b.is_ascii_whitespace() || b",:[]{}\"".contains(b);
     let start = bytes[..at].iter().rposition(blank).map_or(0, |blank| blank + 1);
@@ -141,11 +141,11 @@ fn replace_word(bytes: &mut Vec<u8>, at: usize, word: &str) {
     bytes.splice(start..end.max(start), word.bytes());
 }
 
-/// Runs the cases of one reader. `read` returns the first words of its error, if it has one; `memory` is the most bytes that
-/// it may take beyond a multiple of the file's length.
+/// Runs the cases of one reader. `read` returns the first words of its error; `memory` is the maximum of bytes that it
+/// may allocate beyond a multiple of the file's length.
 fn run(name: &str, seeds: &[(Vec<u8>, usize)], memory: usize, read: impl Fn(&[u8]) -> Result<(), String>) {
     let _alone = alone();
-    // Threads and other things that are made once.
+    // Warm-up: threads and other one-time allocations.
     for (seed, _) in seeds {
         assert_eq!(read(seed), Ok(()), "a seed of {name} is whole");
     }
@@ -174,13 +174,13 @@ fn run(name: &str, seeds: &[(Vec<u8>, usize)], memory: usize, read: impl Fn(&[u8
     assert!(answers.len() > 2, "{name}: the cases are all alike: {answers:?}");
 }
 
-/// Keeps the words of a message, without numbers and names: its kind.
+/// Returns the kind of a message: its words, without numbers and names.
 fn kind(message: &str) -> String {
     let words = message.split(' ').filter(|w| w.chars().all(|c| c.is_ascii_lowercase()));
     words.take(4).collect::<Vec<_>>().join(" ")
 }
 
-/// Makes small scenes in all encodings, with the length of their headers.
+/// Builds small scenes in all encodings, with the lengths of their headers.
 fn scenes() -> Vec<(Vec<u8>, usize)> {
     let mut seeds = Vec::new();
     for (generator, count) in [("uniform", 6), ("needles", 9), ("demo", 3)] {
@@ -228,12 +228,12 @@ fn scenes() -> Vec<(Vec<u8>, usize)> {
 
 #[test]
 fn damaged_scenes_are_read_or_refused() {
-    // A piece for each thread, and the lists of a parallel loop.
+    // A piece per thread, and the lists of a parallel loop.
     let memory = 4 << 20;
     run("scenes", &scenes(), memory, parse);
 }
 
-/// Makes small scenes in the formats other than plain PLY, with the length of their headers.
+/// Builds small scenes in the formats other than plain PLY, with the lengths of their headers.
 fn packed_scenes(format: SceneFormat, head: usize) -> Vec<(Vec<u8>, usize)> {
     let scenes = [("uniform", 6), ("needles", 300), ("demo", 3)];
     let seeds = scenes.map(|(generator, count)| {
@@ -245,7 +245,7 @@ fn packed_scenes(format: SceneFormat, head: usize) -> Vec<(Vec<u8>, usize)> {
     seeds.into_iter().map(|bytes| (bytes, head)).collect()
 }
 
-/// Makes small scenes in SPZ version 3.
+/// Builds small scenes in SPZ version 3.
 fn spz3_scenes() -> [Vec<u8>; 2] {
     [("uniform", 6), ("demo", 3)].map(|(generator, count)| {
         let scene = synth::generate(generator, count, 0).expect("it is generated");
@@ -285,7 +285,7 @@ fn damage_inside_an_spz_file_is_read_or_refused() {
         unpacked
     };
     let mut seeds: Vec<_> = spz3_scenes().iter().map(|bytes| (inside(bytes), 16)).collect();
-    // Records after the arrays: the axes, and one that is not known.
+    // Records after the arrays: the axes, and an unknown one.
     seeds[0].0[14] = 2;
     seeds[0].0.extend([3, 0, 0xBE, 0xAD, 4, 0, 0, 0, 6, 0, 0, 0, 9, 9, 9, 9, 1, 0, 0, 0, 7]);
     run("SPZ, unpacked", &seeds, 4 << 20, |bytes| {
@@ -297,7 +297,7 @@ fn damage_inside_an_spz_file_is_read_or_refused() {
 
 #[test]
 fn damaged_spz_files_of_version_4_are_read_or_refused() {
-    // Each stream is a Zstandard frame of one block that is not compressed.
+    // Each stream is a Zstandard frame of one uncompressed block.
     let frame = |bytes: &[u8]| {
         let block = (bytes.len() as u32) << 3 | 1;
         let head = [0x28, 0xB5, 0x2F, 0xFD, 0x20, bytes.len() as u8];
@@ -322,7 +322,7 @@ fn damaged_spz_files_of_version_4_are_read_or_refused() {
     run("SPZ version 4", &seeds, 4 << 20, parse);
 }
 
-/// Makes a SOG file of two splats with harmonics.
+/// Builds a SOG file of two splats with harmonics.
 fn sog(method: CompressionMethod) -> Vec<u8> {
     let webp = |width: u32, height: u32| {
         let texels: Vec<u8> =
@@ -355,7 +355,7 @@ fn sog(method: CompressionMethod) -> Vec<u8> {
     zip.finish().expect("memory takes it").into_inner()
 }
 
-/// Makes a `.ksplat` of two splats of degree 1 in a bucket that is not full.
+/// Builds a `.ksplat` of two splats of degree 1 in a partial bucket.
 fn ksplat(level: u16) -> Vec<u8> {
     let mut bytes = vec![0; 4096 + 1024];
     let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
@@ -378,7 +378,7 @@ fn ksplat(level: u16) -> Vec<u8> {
 
 #[test]
 fn damaged_ksplat_files_are_read_or_refused() {
-    // Two in five cases hit the file's header, others mostly that of the section.
+    // Two in five cases hit the file's header, most others the section's.
     let seeds = [0, 1, 2].map(|level| (ksplat(level), 48));
     run("ksplat", &seeds, 4 << 20, parse);
 }
@@ -406,7 +406,7 @@ fn damaged_cameras_are_read_or_refused() {
     });
 }
 
-/// Checks that all cameras of a dataset can be drawn with.
+/// Checks that all cameras of a dataset are usable.
 fn sound(read: Result<Dataset, CameraError>) -> Result<(), String> {
     let dataset = read.map_err(|error| kind(&error.to_string()))?;
     assert!(dataset.views.iter().all(|view| view.camera.fault().is_none()));
@@ -426,7 +426,7 @@ fn damaged_transforms_are_read_or_refused() {
     });
 }
 
-/// Makes both files of a binary COLMAP model of two images.
+/// Builds both files of a binary COLMAP model of two images.
 fn colmap_binary() -> [Vec<u8>; 2] {
     let mut lenses = 1u64.to_le_bytes().to_vec();
     lenses.extend([1u32, 1].map(u32::to_le_bytes).as_flattened());

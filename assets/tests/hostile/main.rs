@@ -1,4 +1,4 @@
-//! Attacks the readers of this crate: damaged files, and files that change while they are read.
+//! Robustness tests of the readers: damaged files, and files that change while they are read.
 
 mod allocation;
 mod changing;

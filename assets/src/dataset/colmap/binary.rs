@@ -10,7 +10,7 @@ use std::path::Path;
 /// Longest name of a photograph, in bytes.
 const LONGEST_NAME: usize = 4096;
 
-/// A file that is read field by field.
+/// A file read field by field.
 struct Fields<'a> {
     file: BufReader<File>,
     path: &'a Path,
@@ -24,7 +24,7 @@ impl<'a> Fields<'a> {
         Ok(Self { file, path, at: 0, length })
     }
 
-    /// Makes the error of a field that begins at byte `at`.
+    /// Returns the error for a field at byte `at`.
     fn fault(&self, at: u64, (field, message): Fault) -> CameraError {
         CameraError::Byte { path: self.path.to_owned(), at, field, message }
     }
@@ -92,7 +92,7 @@ impl<'a> Fields<'a> {
         })
     }
 
-    /// Skips bytes that the file has.
+    /// Skips bytes; the file must have them.
     fn skip(&mut self, bytes: u64) -> Result<(), CameraError> {
         let io = |source| CameraError::Io { path: self.path.to_owned(), source };
         self.file.seek_relative(bytes as i64).map_err(io)?;

@@ -1,4 +1,4 @@
-//! Defines COLMAP's lenses, and makes views of its images.
+//! COLMAP's lenses, and the views of its images.
 
 use crate::camera::Camera;
 use crate::dataset::error::{CameraError, MOST_CAMERAS};
@@ -23,11 +23,11 @@ pub(super) struct Lens {
 /// The lenses of a model by their numbers.
 pub(super) type Lenses = HashMap<u32, Lens>;
 
-/// The parameters of a model of lenses, in order.
+/// A lens model: the names of its parameters, in order.
 pub(super) struct Model {
     pub(super) name: &'static str,
     pub(super) parameters: &'static [&'static str],
-    /// False for the models that bend rays even if all of their coefficients are 0.
+    /// False for models that bend rays even with zero coefficients.
     is_pinhole: bool,
 }
 
@@ -62,11 +62,11 @@ pub(super) const MODELS: [Model; 11] = [
 pub(in crate::dataset) const UNDISTORT: &str =
     "undistort the photographs first, for instance with `colmap image_undistorter`";
 
-/// A field's name with the expectation and the finding.
+/// A field's name, and what was expected and found.
 pub(super) type Fault = (&'static str, String);
 
 impl Model {
-    /// Refuses a model that no value of its parameters makes a pinhole.
+    /// Refuses a model that is not a pinhole for any parameters.
     pub(super) fn check(&self) -> Result<(), Fault> {
         if self.is_pinhole {
             return Ok(());
@@ -74,7 +74,7 @@ impl Model {
         Err(("MODEL", format!("expected a pinhole camera, found {}; {UNDISTORT}", self.name)))
     }
 
-    /// Makes a lens of as many values as the model has parameters.
+    /// Creates a lens; there must be a value for each parameter of the model.
     pub(super) fn lens(&self, width: u32, height: u32, values: &[f64]) -> Result<Lens, Fault> {
         let mut lens = Lens { width, height, fx: 0.0, fy: 0.0, off_center: 0.0 };
         for (name, value) in self.parameters.iter().zip(values) {
@@ -139,7 +139,7 @@ pub(super) fn push(
     Ok(())
 }
 
-/// Opens a file of a model; also returns its length.
+/// Opens a file of a model, and returns its length as well.
 pub(super) fn open(path: &Path) -> Result<(BufReader<File>, u64), CameraError> {
     let inner = || {
         let file = file::open(path)?;

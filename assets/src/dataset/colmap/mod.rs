@@ -1,7 +1,7 @@
 //! Reads COLMAP's sparse models: `cameras` and `images`, as text or binary.
 //!
-//! `cameras` has the lenses, `images` the poses: a quaternion w, x, y, z and a translation that take the world's coordinates to
-//! the camera's, whose x points right, y down and z forward. Points are not read. Format:
+//! `cameras` has the lenses, `images` the poses. A pose is a quaternion w, x, y, z and a translation; they transform
+//! world coordinates to camera coordinates (x right, y down, z forward). Points are not read. Format:
 //! <https://colmap.github.io/format.html>.
 
 mod binary;
@@ -23,7 +23,7 @@ fn has(folder: &Path, form: &str) -> bool {
     ["cameras", "images"].into_iter().all(|name| folder.join(format!("{name}.{form}")).exists())
 }
 
-/// Reads the model of a folder: the binary one, if there are both.
+/// Reads the model of a folder; prefers the binary one.
 pub(super) fn load(folder: &Path) -> Result<Dataset, CameraError> {
     let form = if has(folder, "bin") { "bin" } else { "txt" };
     let [cameras, images] = ["cameras", "images"].map(|name| folder.join(format!("{name}.{form}")));

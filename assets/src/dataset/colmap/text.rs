@@ -12,7 +12,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::str::FromStr;
 
-/// Longest line that is read, in bytes. Lines of points may be longer, and are skipped.
+/// Maximum length of a line, in bytes. Lines of points may be longer, and are skipped.
 const LONGEST_LINE: u64 = 64 << 10;
 
 /// The lines of a file.
@@ -57,7 +57,7 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// Skips the next line, whatever it is.
+    /// Skips the next line, of any kind.
     fn skip(&mut self) -> Result<(), CameraError> {
         self.number += 1;
         self.file.skip_until(b'\n').map(drop).map_err(|error| self.io(error))
@@ -74,7 +74,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// Takes the next word of a line as a value.
+/// Parses the next word of a line.
 fn value<T: FromStr>(rest: &mut &str, field: &'static str) -> Result<T, Fault> {
     let word = word(rest, field)?;
     word.parse().map_err(|_| (field, format!("expected a number, found `{word}`")))
@@ -118,7 +118,7 @@ pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
     Ok(lenses)
 }
 
-/// Reads `images.txt` into a dataset: a line for each image, and one of its points, which may be empty.
+/// Reads `images.txt` into a dataset: one line per image, followed by a line of points, which may be empty.
 pub(super) fn images(path: &Path, lenses: &Lenses, dataset: &mut Dataset) -> Result<(), CameraError> {
     let mut lines = Lines::open(path)?;
     while lines.next()? {
@@ -144,7 +144,7 @@ pub(super) fn images(path: &Path, lenses: &Lenses, dataset: &mut Dataset) -> Res
     Ok(())
 }
 
-/// Makes the files of a model, with their names: a lens for each camera.
+/// Formats the files of a model, with their names. Each camera gets its own lens.
 pub(in crate::dataset) fn write(cameras: &[Camera], extension: &str) -> [(&'static str, String); 3] {
     let mut lenses = String::from("# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
     let mut images = String::from(

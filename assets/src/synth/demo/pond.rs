@@ -25,14 +25,14 @@ fn ripple(at: DVec3) -> DVec3 {
 pub(super) fn water(random: &mut Random, count: usize) -> Vec<Splat> {
     (0..count)
         .map(|index| {
-            // Denser near the middle: equal numbers in rings whose width grows outwards.
+            // Denser near the middle: equal counts in rings whose width grows outwards.
             let t = (index as f64 + 0.5) / count as f64;
             let radius = 0.12 + SHORE * t.powf(0.78);
             let azimuth = TAU * (index as f64 * 0.618_033_988_749_895).fract();
             let (sin, cos) = azimuth.sin_cos();
             let at = DVec3::new(radius * cos, 0.002 * random.normal(), radius * sin);
             let normal = (UP + ripple(at)).normalize();
-            // The part of the area that one splat must cover.
+            // The area that one splat must cover.
             let spread = SHORE * 0.78 * t.powf(-0.22);
             let size = 0.46 * (TAU * radius * spread / count as f64).sqrt();
             let sunward =
@@ -43,7 +43,7 @@ pub(super) fn water(random: &mut Random, count: usize) -> Vec<Splat> {
                 sunward * radius / SHORE,
             );
             let far = (radius / SHORE).powi(2);
-            // Towards the viewer that looks into the sun, low over the water, it mirrors the glowing sky.
+            // Seen low over the water against the sun, it mirrors the glowing sky.
             let low = DVec3::new(-SUN.x, -0.16, -SUN.z).normalize();
             // The sun's disc stands lower than its light, which is a sky's.
             let disc = DVec3::new(SUN.x, -0.14, SUN.z).normalize();
@@ -76,10 +76,10 @@ fn pads(random: &mut Random) -> Vec<Pad> {
         let radius = random.range(0.17, 0.46);
         let distance = random.range(0.95, 4.6);
         let center = DVec2::new(azimuth.cos(), azimuth.sin()) * distance;
-        // The water before the lotus stays open, for its reflection.
+        // The water in front of the lotus stays open, for its reflection.
         let open = center.y < -0.4 && center.x.abs() < 0.75;
         let clear = pads.iter().all(|p: &Pad| p.center.distance(center) > p.radius + radius + 0.03);
-        // They lie in groups.
+        // They form groups.
         let group = (2.3 * azimuth + 0.8).sin() * (1.7 * distance).cos();
         if clear && !open && group > -0.15 && pads.len() < 44 {
             pads.push(Pad { center, radius, notch: random.range(0.0, TAU), curl: random.range(0.02, 0.16) });
@@ -96,7 +96,7 @@ pub(super) fn lily_pads(random: &mut Random, count: usize) -> Vec<Splat> {
             let pad = &pads[pad];
             let uv = even(index);
             let surface = |uv: DVec2| {
-                // u outwards, by area; v around, leaving the notch out.
+                // u runs outwards, by area; v around, except in the notch.
                 let r = uv.x.max(0.0).sqrt();
                 let angle = pad.notch + 0.16 + (TAU - 0.32) * uv.y;
                 let edge = pad.radius * (1.0 + 0.025 * (5.0 * angle + pad.notch).sin());
@@ -126,7 +126,7 @@ pub(super) fn lily_pads(random: &mut Random, count: usize) -> Vec<Splat> {
 pub(super) fn reeds(random: &mut Random, count: usize) -> Vec<Splat> {
     const BLADES: usize = 950;
     const CLUMPS: f64 = 14.0;
-    /// Half of the opening before the first camera, in radians.
+    /// Half of the opening in front of the first camera, in radians.
     const OPEN: f64 = 0.62;
     let blades = BLADES.min(count);
     let mut splats = Vec::with_capacity(count);
@@ -192,12 +192,12 @@ pub(super) fn reflection(random: &mut Random, splats: &[Splat], count: usize) ->
 
 /// Mirrors a splat at y = 0, dims it, and moves it with the ripples.
 ///
-/// `growth` scales the splat, to make up for those that are left out.
+/// `growth` scales the splat, to compensate for omitted splats.
 fn mirror(splat: &Splat, growth: f64, random: &mut Random) -> Splat {
-    /// Basis functions that are odd in y, which change sign with it.
+    /// Basis functions that are odd in y, and change sign in the mirror.
     const ODD: [usize; 6] = [1, 4, 5, 9, 10, 11];
     let [x, y, z] = splat.position.map(f64::from);
-    // The higher a thing, the farther its reflection sways.
+    // The higher an object, the farther its reflection sways.
     let height = (-y).max(0.0);
     let sway = ripple(DVec3::new(0.45 * x, 0.0, 0.45 * z + 0.3 * height)) * height.min(2.0) * 0.35;
     let jitter = 0.004 * height.min(2.5);
@@ -209,7 +209,7 @@ fn mirror(splat: &Splat, growth: f64, random: &mut Random) -> Splat {
             sh[3 * k + c] *= (sign * REFLECTED) as f32;
         }
     }
-    // The 0.5 that is added to the sum dims too: max(0, r (sum + 0.5)) = max(0, r sum - 0.5 (1 - r) + 0.5).
+    // The 0.5 added to the sum is dimmed as well: max(0, r (sum + 0.5)) = max(0, r sum - 0.5 (1 - r) + 0.5).
     let y0 = crate::harmonics::basis([0.0, 0.0, 1.0])[0];
     for (c, tint) in [0.000, 0.008, 0.022].into_iter().enumerate() {
         sh[c] += ((tint - 0.5 * (1.0 - REFLECTED)) / y0) as f32;
@@ -221,7 +221,7 @@ fn mirror(splat: &Splat, growth: f64, random: &mut Random) -> Splat {
             (z + sway.z + jitter * random.normal()) as f32,
         ],
         scale: splat.scale.map(|s| s * growth as f32),
-        // A mirror turns the axis of a rotation as a mirror image and its angle round.
+        // A mirror reflects the axis of a rotation and reverses its angle.
         rotation: [w, -qx, qy, -qz],
         opacity: splat.opacity,
         sh,

@@ -1,4 +1,4 @@
-//! Makes splats that cover parametric surfaces.
+//! Covers parametric surfaces with splats.
 
 use super::materials::Material;
 use crate::scene::Splat;
@@ -30,9 +30,10 @@ impl Patch {
         Self { at: surface(uv), normal: du.cross(dv).normalize_or(DVec3::Y), du, dv }
     }
 
-    /// Makes a splat that covers its share of the surface.
+    /// Returns a splat that covers its share of the surface.
     ///
-    /// `count` splats are spread evenly over the unit square of parameters; `stretch` is its elongation along u relative to an even share, and `cover` its size in shares.
+    /// `count` splats are spread evenly over the unit square of parameters. `stretch` is the elongation along u
+    /// relative to an even share; `cover` is the size in shares.
     pub(super) fn splat(
         &self,
         count: usize,
@@ -51,7 +52,7 @@ impl Patch {
     }
 }
 
-/// Makes a splat with its first axis along `along` (made perpendicular to the normal) and its third along `normal`.
+/// Returns a splat with its first axis along `along` (made perpendicular to the normal) and its third along `normal`.
 pub(super) fn flat(
     at: DVec3,
     along: DVec3,
@@ -64,7 +65,7 @@ pub(super) fn flat(
     let q = DQuat::from_mat3(&DMat3::from_cols(along, normal.cross(along), normal)).normalize();
     Splat {
         position: at.as_vec3().into(),
-        // A surface may shrink to a point, its splats may not.
+        // A surface may shrink to a point, but its splats may not.
         scale: scale.max(DVec3::splat(2e-4)).as_vec3().into(),
         rotation: [q.w, q.x, q.y, q.z].map(|c| c as f32),
         opacity: opacity.clamp(0.0, 0.995) as f32,
@@ -72,7 +73,7 @@ pub(super) fn flat(
     }
 }
 
-/// Makes a round splat of one material.
+/// Returns a round splat of one material.
 pub(super) fn ball(at: DVec3, size: f64, opacity: f64, material: &Material) -> Splat {
     flat(at, DVec3::X, DVec3::Y, DVec3::splat(size), opacity, material)
 }
@@ -88,7 +89,7 @@ pub(super) fn deal(weights: &[f64], count: usize) -> impl Iterator<Item = (usize
         sum += weight;
         edges.push((count as f64 * sum / total).round() as usize);
     }
-    // Rounding must not lose the last one.
+    // Rounding must not drop the last one.
     *edges.last_mut().expect("it has the 0 at least") = if weights.is_empty() { 0 } else { count };
     (0..weights.len()).flat_map(move |thing| {
         let (first, end) = (edges[thing], edges[thing + 1]);
