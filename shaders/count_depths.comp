@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Counts the visible splats in each class of depths. A workgroup counts 4,096 splats in shared memory, and adds its counts to those
-// of the others; sums of integers do not depend on the order.
+// Counts the visible splats in each depth class. A workgroup counts 4,096 splats in shared memory, and adds its counts to the totals;
+// integer sums do not depend on the order.
 
 #include "camera.glsl"
 #include "depth_classes.glsl"

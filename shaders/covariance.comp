@@ -4,8 +4,8 @@
 // Computes the 3D covariance of every splat, R S S^T R^T, from its scale and rotation. It does not depend on the camera,
 // so this pass runs once per scene.
 //
-// Both forms are factors, from which the covariance is computed as a sum of squares: a rounded covariance itself would lose
-// the short axis of a needle whose axes differ by more than 2^12 to 1.
+// Both forms are factors; the covariance is computed from them as a sum of squares. A rounded covariance itself would lose
+// the short axis of a needle with an axis ratio above 2^12.
 //
 // `factored` stores M = R S, 36 bytes: the covariance is M M^T. `six` stores the lower triangle of L, 24 bytes, with
 // L L^T = M M^T (Cholesky). Its elements come from minors of M, in which nothing cancels: by Lagrange's identity the
@@ -33,7 +33,7 @@ layout(set = 0, binding = 0, std430) readonly buffer Scale { Scale3 scale[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Rotation { vec4 rotation[]; };  // w, x, y, z
 layout(set = 0, binding = 2, std430) writeonly buffer Covariance { Stored covariance[]; };
 
-// Larger scales are drawn like this one, which is beyond all that a picture shows: their squares are no floats.
+// Larger scales are clamped to this one, which exceeds any picture: their squares overflow a float.
 const float LARGEST = 1e18;
 
 #if COVARIANCE != COVARIANCE_FACTORED
@@ -46,7 +46,7 @@ float with_sign(float x, bool negative) {
 }
 
 // Computes the triangle. Row 0 of L belongs to the longest row of M, so that a needle is in column 0 and its width in the
-// others; the rest follow in turn. The diagonal is not negative, so its signs can tell which row is the first.
+// others; the rest follow cyclically. The diagonal is not negative, so its signs can encode which row is the first.
 Covariance3 triangle(mat3 r, vec3 s) {
     float unit = max(s.x, max(s.y, s.z));
     if (!(unit > 0.0)) {
@@ -93,7 +93,7 @@ void main() {
         return;
     }
 
-    // The quaternion was normalised when the scene was loaded, and is not normalised again.
+    // The quaternion was normalised when the scene was loaded.
     mat3 r = rows_of_rotation(rotation[i]);
     vec3 s = min(vec3(scale[i].x, scale[i].y, scale[i].z), LARGEST);
 
@@ -106,7 +106,7 @@ void main() {
 #else
     Covariance3 c = triangle(r, s);
 #if COVARIANCE == COVARIANCE_HALF
-    // The largest half float. Conversion of more is not defined.
+    // The largest half float. Converting a larger value is undefined.
     const float MOST = 65504.0;
     covariance[i] = Stored(packHalf2x16(clamp(vec2(c.l00, c.l10), -MOST, MOST)),
                            packHalf2x16(clamp(vec2(c.l20, c.l11), -MOST, MOST)),

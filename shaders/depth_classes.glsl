@@ -1,10 +1,10 @@
-// Divides the scene's range of depths into classes, for keys that are equalised over the depths of a frame. The classes are equal
-// steps of the float's bits, so that an outlier takes some of them and not all.
+// Divides the scene's depth range into classes, for keys equalised over a frame's depths. Classes are equal steps of the
+// float's bits, so an outlier takes only some of them.
 
 const uint CLASSES = 2048u;
 const uint CLASS_BITS = 11u;
 
-// Returns the place of a depth in the range, as a share of 2^32 that never decreases in z; depths outside are clamped to it. The
+// Returns a depth's position in the range, in units of 2^-32, non-decreasing in z; depths outside are clamped. The
 // upper CLASS_BITS bits are the class.
 uint depth_place(float z) {
     float near = camera.depth.y;

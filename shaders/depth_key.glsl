@@ -1,4 +1,4 @@
-// Converts view depth to a sort key of KEY_BITS bits that never decreases in z, near to far.
+// Converts view depth to a sort key of KEY_BITS bits, non-decreasing in z: near to far.
 //
 // `float_bits` takes the bits of the float, which sort like the number if it is positive: exact at 32 bits, and still
 // exact below that if the scene's depth range has at most 2^KEY_BITS floats. `linear` gives equal steps of depth,
@@ -19,13 +19,13 @@ uint fixed_log2(float z) {
     return ((bits >> 23) << 24) + (m >> 8) + (scaled >> 8);
 }
 
-// Scales 0 .. range to KEY_BITS bits; returns x unchanged if the range fits. With KEYS_FILL_THEIR_BITS a range that fits is scaled, too, by a
-// factor above 1 that keeps all x apart: for sorts by the highest bits first.
+// Scales 0 .. range to KEY_BITS bits; returns x unchanged if the range fits. With KEYS_FILL_THEIR_BITS a range that fits is also scaled,
+// by a factor above 1 that keeps all x distinct: for sorts by the highest bits first.
 uint stretch(uint x, uint range) {
 #if KEY_BITS < 32
     bool is_wide = (range >> KEY_BITS) != 0u;
 #ifdef KEYS_FILL_THEIR_BITS
-    // Not if it nearly fills them: rounding the factor would take more than it gives.
+    // Not if the range nearly fills them: rounding the factor would lose more than it gains.
     bool is_scaled = is_wide || range < (1u << KEY_BITS) - (1u << (KEY_BITS - 8));
     const float SHARE = 0.9999995;
 #else

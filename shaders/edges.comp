@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Darkens a picture where its brightness changes: the Sobel operator, by which `strength` times the length of the gradient is taken away.
+// Darkens a picture at edges: subtracts `strength` times the length of the brightness gradient (Sobel operator).
 
 #include "live.glsl"
 

@@ -3,7 +3,7 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
-// Deals the keys to the classes of depths, in proportion to their splats: the first key of a class is the share of the splats before
+// Assigns keys to the depth classes in proportion to their splats: the first key of a class is the share of the splats before
 // it. An exclusive scan by one workgroup; word CLASSES is the end of the last class.
 
 #include "camera.glsl"

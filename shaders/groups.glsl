@@ -1,4 +1,4 @@
-// Returns the index of the workgroup. Workgroups that do not fit in x continue in y; the caller ignores indices beyond
+// Returns the index of the workgroup. Workgroups beyond the limit in x continue in y; the caller ignores indices beyond
 // the end.
 uint group_index() {
     return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;

@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Finds the normal of every splat: its shortest axis, turned to the camera, in the world. Of axes of one length the first counts.
+// Finds the normal of every splat: its shortest axis in world space, facing the camera; of equally short axes, the first.
 
 #include "camera.glsl"
 #include "groups.glsl"

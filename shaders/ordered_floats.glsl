@@ -1,4 +1,4 @@
-// Floats as integers in the same order, for atomics on the least and the greatest of them.
+// Maps floats to integers in the same order, for atomic minima and maxima.
 
 uint in_order(float x) {
     uint bits = floatBitsToUint(x);

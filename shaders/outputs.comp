@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Makes the images that are asked for besides the picture of what the rasteriser has left of each pixel.
+// Makes the requested images besides the picture from the per-pixel sums of the rasteriser.
 
 #include "pixels.glsl"
 
@@ -16,7 +16,7 @@ layout(set = 0, binding = 5, rgba32f) writeonly uniform image2D normal;
 layout(set = 0, binding = 6, r32ui) writeonly uniform uimage2D contributors;
 layout(set = 0, binding = 7, r32ui) writeonly uniform uimage2D index;
 
-// The least alpha that a depth is divided by, as in gsplat.
+// The minimum alpha that a depth is divided by, as in gsplat.
 const float LEAST_ALPHA = 1e-10;
 
 void main() {

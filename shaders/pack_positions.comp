@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Rounds positions to 16 bits on each axis, within the box of the block of 256 splats that they belong to, once per scene. A
-// workgroup takes a block; packed_position.glsl says how it is stored.
+// Rounds positions to 16 bits per axis, within the bounding box of their block of 256 splats, once per scene. A workgroup
+// takes a block; packed_position.glsl has the layout.
 
 #include "groups.glsl"
 #include "ordered_floats.glsl"
@@ -15,7 +15,7 @@ struct Position3 { float x, y, z; };
 layout(set = 0, binding = 0, std430) readonly buffer Position { Position3 position[]; };
 layout(set = 0, binding = 1, std430) writeonly buffer Packed { uint packed_words[]; };
 
-// The corners of the box, as integers that are in the order of the floats.
+// The corners of the box, as integers in the order of the floats.
 shared uint least[3];
 shared uint most[3];
 shared uint steps[3 * 256];
@@ -41,7 +41,7 @@ void main() {
     for (uint axis = 0u; axis < 3u; axis++) {
         float low = from_order(least[axis]);
         float high = from_order(most[axis]);
-        // Halves, so that no difference overflows.
+        // Halved, so that no difference overflows.
         float side = 0.5 * high - 0.5 * low;
         float share = side > 0.0 ? clamp((0.5 * p[axis] - 0.5 * low) / side, 0.0, 1.0) : 0.0;
         steps[3u * thread + axis] = uint(share * 65535.0 + 0.5);

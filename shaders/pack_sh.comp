@@ -4,8 +4,8 @@
 // Rounds the coefficients of spherical harmonics, once per scene. Each invocation takes one splat.
 //
 // `f16` has the planes of four floats in half floats. `q8` has a plane with the three constant coefficients and a scale in half
-// floats, and then planes of eight bytes: each of the other coefficients as a share of the scale, the largest of them, in steps of
-// 1/127. A coefficient is so rounded by at most 1/254 of the splat's largest one.
+// floats, followed by planes of eight bytes: each other coefficient as a share of the scale, the largest of them, in steps of
+// 1/127. This rounds a coefficient by at most 1/254 of the splat's largest one.
 
 #include "groups.glsl"
 #include "sh_layout.glsl"
@@ -15,7 +15,7 @@ layout(local_size_x = 256) in;
 layout(set = 0, binding = 0, std430) readonly buffer Sh { vec4 v[]; } sh[SH_PLANES];
 layout(set = 0, binding = SH_PLANES, std430) writeonly buffer Packed { uvec2 packed_sh[]; };
 
-// The largest half float. Conversion of more is not defined.
+// The largest half float. Converting a larger value is undefined.
 const float LARGEST = 65504.0;
 
 #if SH_STORAGE == SH_STORAGE_F16
@@ -47,7 +47,7 @@ uint bytes_of(uint word, float scale) {
 
 void store_bytes(uint i) {
 #if SH_DEGREE == 0 || SH_DEGREE == 2
-    // Of the next band, or none.
+    // In the next band, or none.
     planes[SH_PLANES - 1].w = 0.0;
 #endif
     float most = abs(planes[0].w);
@@ -57,7 +57,7 @@ void store_bytes(uint i) {
     vec3 constant = clamp(planes[0].xyz, -LARGEST, LARGEST);
     uvec2 head = uvec2(packHalf2x16(constant.xy), packHalf2x16(vec2(constant.z, min(most, LARGEST))));
     packed_sh[i] = head;
-    // The scale as it is read again; where it is 0, all shares are.
+    // The scale as it will be read; if it is 0, all shares are.
     float scale = unpackHalf2x16(head.y).y;
     for (uint word = 0u; word < uint(SH_WORDS); word += 2u) {
         uvec2 bytes = scale > 0.0 ? uvec2(bytes_of(word, scale), bytes_of(word + 1u, scale)) : uvec2(0u);
@@ -71,7 +71,7 @@ void main() {
     if (i >= uint(SCENE_COUNT)) {
         return;
     }
-    // One line for each plane: not every device takes variable indices into arrays of buffers.
+    // One line per plane: not every device allows variable indices into arrays of buffers.
     store(0u, i, sh[0].v[i]);
 #if SH_PLANES > 1
     store(1u, i, sh[1].v[i]);

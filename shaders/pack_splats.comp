@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Packs all of a splat but its position into a record, once per scene; packed_splat.glsl has the layout. A workgroup takes a block of 256
-// splats, and finds the ranges of the block first.
+// Packs everything but a splat's position into a record, once per scene; packed_splat.glsl has the layout. A workgroup takes a block of
+// 256 splats, and first finds the ranges of the block.
 
 #include "groups.glsl"
 #include "ordered_floats.glsl"
@@ -19,17 +19,17 @@ layout(set = 0, binding = SH_PLANES + 2, std430) readonly buffer Opacity { float
 layout(set = 0, binding = SH_PLANES + 3, std430) writeonly buffer Records { uvec2 records[]; };
 layout(set = 0, binding = SH_PLANES + 4, std430) writeonly buffer Ranges { float ranges[]; };
 
-// Larger coefficients are packed as these: their sums and differences are floats.
+// Larger coefficients are clamped to this one, so that sums and differences stay finite.
 const float LARGEST = 1e30;
-// Scales below this share of the block's largest are packed as this one.
+// Scales below this share of the block's largest are clamped to it.
 const float OCTAVES = 20.0;
 
 shared uint bounds[RANGES];
 
 vec4 planes[SH_PLANES];
-// By coefficient, the parts along and across the colour of its band.
+// By coefficient, the components along and across the colour of its band.
 vec3 parts[16];
-// By band, the fields of that colour's direction.
+// By band, the fields of the colour's direction.
 uvec4 directions[4];
 uint words[RECORD_WORDS];
 uint filled = 0u;
@@ -46,7 +46,7 @@ void put(uint value, uint bits) {
     filled += bits;
 }
 
-// Puts the nearest of 2^bits steps from `least` to `most`.
+// Packs the nearest of 2^bits steps from `least` to `most`.
 void put_share(float x, float least, float most, uint bits) {
     float share = most > least ? clamp((x - least) / (most - least), 0.0, 1.0) : 0.0;
     put(uint(share * float((1u << bits) - 1u) + 0.5), bits);
@@ -56,13 +56,13 @@ float coefficient(uint at) {
     return clamp(planes[at >> 2][at & 3u], -LARGEST, LARGEST);
 }
 
-// The step of -s to s that holds x.
+// Returns the step of -s to s that contains x.
 uint step_of(float x, float s, uint bits) {
     float half_count = float((1u << bits) >> 1);
     return bits > 0u && s > 0.0 ? uint(clamp(floor(x / s * half_count) + half_count, 0.0, 2.0 * half_count - 1.0)) : 0u;
 }
 
-// The square of what rounding to a step costs.
+// Returns the squared error of rounding to a step.
 float cost(float x, float s, uint bits) {
     float half_count = float((1u << bits) >> 1);
     float rounded = bits > 0u && s > 0.0 ? (float(step_of(x, s, bits)) - half_count + 0.5) / half_count * s : 0.0;
@@ -89,7 +89,7 @@ float cost_of_band(uint band, uint size) {
     return sum;
 }
 
-// Finds the colour that holds most of a band, or keeps `colour`, and splits the coefficients.
+// Finds the colour that contains most of a band, or keeps `colour`, and splits the coefficients.
 void split(uint band, inout vec3 colour) {
     uint bits = DIRECTION_BITS[band - 1u];
     if (bits > 0u) {
@@ -133,7 +133,7 @@ void split(uint band, inout vec3 colour) {
     }
 }
 
-// The last band that has the size of `band`.
+// The last band that shares the size of `band`.
 uint last_with_size_of(uint band) {
     uint last = band;
     while (last < uint(SH_DEGREE) && SIZE_BITS[last] == 0u) {
@@ -183,7 +183,7 @@ void put_bands() {
     }
 }
 
-// Puts the number of the largest element, and the others, of that element's sign.
+// Packs the index of the largest element, and the others divided by its sign.
 void put_rotation(vec4 q) {
     uint largest = 0u;
     for (uint k = 1u; k < 4u; k++) {
@@ -198,7 +198,7 @@ void put_rotation(vec4 q) {
 }
 
 void load_planes(uint i) {
-    // One line for each plane: not every device takes variable indices into arrays of buffers.
+    // One line per plane: not every device allows variable indices into arrays of buffers.
     planes[0] = sh[0].v[i];
 #if SH_PLANES > 1
     planes[1] = sh[1].v[i];

@@ -4,19 +4,19 @@
 // rotation, the constant colour, and then for each band of harmonics how large it is and its coefficients. The planes lie one
 // after the other: plane p of splat i is element p SCENE_COUNT + i.
 //
-// - The opacity and the constant coefficients have steps of equal size, and so have the logarithms of the scales.
-// - The rotation is the number of its largest quaternion element, and the three others, of -1/sqrt(2) to 1/sqrt(2).
+// - The opacity, the constant coefficients and the logarithms of the scales have steps of equal size.
+// - The rotation is the index of its largest quaternion element, and the three others, from -1/sqrt(2) to 1/sqrt(2).
 // - The three channels of a band mostly differ by factors: the band is close to one colour times one pattern over the sphere. The record
 //   has the direction of that colour, and each coefficient as its part along the colour and two parts across it (or one, at an
 //   angle). They have 2^bits steps in -s to s, and none at 0, which suits few bits best. s is the block's largest part times
 //   2^(-size / 2), with the size that costs the splat least.
-// - A direction is the number of its largest element, and the others as shares of it.
+// - A direction is the index of its largest element, and the others as shares of it.
 //
-// Scales, colours and bands have the range of the block of 256 splats of the file that they belong to: RANGES floats a block.
+// Scales, colours and bands have the ranges of their block of 256 consecutive splats: RANGES floats per block.
 
 #include "sh_layout.glsl"
 
-// By band. Without a size or a direction of its own, a band has that of the band before.
+// By band. A band without its own size or direction has the previous band's.
 #if STORAGE == STORAGE_B64
 #define OPACITY_BITS 10u
 #define SCALE_BITS 12u
@@ -59,10 +59,10 @@ const uint ACROSS_BITS[3] = uint[3](0u, 0u, 0u);
 #define RECORD_WORDS (2 * RECORD_PLANES)
 #define OUTLINE_BITS (OPACITY_BITS + 3u * SCALE_BITS + 2u + 3u * ROTATION_BITS)
 
-// Least and greatest logarithm of a scale; least and greatest constant coefficient; largest part along and across of each band.
+// Minimum and maximum logarithm of a scale; minimum and maximum constant coefficient; largest component along and across of each band.
 const uint RANGES = 10u;
 
-// Returns an orthonormal basis whose first vector is `along`; the others are turned by an angle.
+// Returns an orthonormal basis whose first vector is `along`; the others are rotated by an angle.
 mat3 basis_of(vec3 along, float angle) {
     vec3 u = normalize(cross(along, abs(along.x) < 0.6 ? vec3(1.0, 0.0, 0.0) : vec3(0.0, 1.0, 0.0)));
     vec3 v = cross(along, u);
@@ -75,13 +75,13 @@ float angle_from(uint step, uint bits) {
     return bits > 0u ? ((float(step) + 0.5) / float(1u << bits) - 0.5) * 3.14159265358979 : 0.0;
 }
 
-// Returns the direction with two shares of its largest element.
+// Returns the direction with these two shares of its largest element.
 vec3 direction_from(uint largest, vec2 shares) {
     vec3 v = vec3(1.0, shares);
     return normalize(largest == 0u ? v : largest == 1u ? v.zxy : v.yzx);
 }
 
-// The first coefficient of a band.
+// Returns the first coefficient of a band.
 uint first_of(uint band) {
     return band * band;
 }

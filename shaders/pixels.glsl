@@ -1,7 +1,7 @@
-// What a rasteriser leaves of a pixel besides its colour, where outputs are asked for: the sums over its splats, near to far, that
-// outputs.comp makes images of. Weights are alpha times the transmittance before the splat. See docs/splatting.md.
+// The sums that a rasteriser writes per pixel besides the colour, if outputs are requested: over its splats, near to far. outputs.comp
+// makes images of them. Weights are alpha times the transmittance before the splat. See docs/splatting.md.
 
-// Stands in lists of parameters for one that is there with outputs alone.
+// A placeholder in parameter lists for a parameter that exists only with outputs.
 #if WITH_OUTPUTS
 #define AND(parameter) , parameter
 #else
@@ -10,20 +10,20 @@
 
 #if WITH_OUTPUTS
 struct Pixel {
-    float light;         // the transmittance behind all splats
+    float light;         // the transmittance after all splats
     float depth;         // sum of weight times view depth
 #if WITH_NORMALS
     float normal_x, normal_y, normal_z;  // sum of weight times normal
 #endif
 #if WITH_RANKS
-    float median;        // depth of the last splat that more than half of the light reaches
+    float median;        // depth of the last splat with a transmittance above one half before it
     float most;          // the largest weight
-    uint index;          // the splat that has it
+    uint index;          // the splat with that weight
     uint contributors;   // splats that were blended
 #endif
 };
 
-// A splat as these sums see it.
+// The inputs of these sums, per splat.
 struct Seen {
     float depth;
     uint index;
@@ -32,7 +32,7 @@ struct Seen {
 
 const uint NO_SPLAT = 0xffffffffu;
 
-// Returns a pixel that no splat touches.
+// Returns the pixel without splats.
 Pixel empty_pixel() {
     Pixel p;
     p.light = 1.0;
@@ -49,7 +49,7 @@ Pixel empty_pixel() {
     return p;
 }
 
-// Adds a splat of this weight, which is 0 where it is not blended, with the transmittance before it.
+// Adds a splat with this weight (0 if it is not blended) and the transmittance before it.
 void add_splat(inout Pixel p, Seen s, float weight, float before) {
     p.depth += weight * s.depth;
 #if WITH_NORMALS

@@ -34,7 +34,7 @@ float project(uint i) {
     splat.extent = min(cutoff, p.reach);
     splat.opacity = p.alpha;
 
-    // The smaller of the bounds of the quad and of the ellipse at the alpha floor.
+    // The smaller of the quad's bounds and the ellipse's at the alpha floor.
     vec2 quad = splat.extent * (abs(splat.major) + abs(splat.minor));
     vec2 bounds = min(quad, p.bounds) + MARGIN;
     if (!covers_a_pixel(p.centre.x, bounds.x, camera.viewport.x)
@@ -46,7 +46,7 @@ float project(uint i) {
     return p.depth;
 }
 
-// Leaves a record that draws nothing where a splat is drawn if it was visible in the previous frame.
+// Leaves a record that draws nothing, for a splat drawn because it was visible in the previous frame.
 void leave_out(uint i) {
 #if ORDER_OF == ORDER_OF_LAST_FRAME
     splats[i] = Splat(vec2(0.0), vec2(1.0, 0.0), vec2(0.0, 1.0), 0.0, 0.0);

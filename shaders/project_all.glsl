@@ -1,15 +1,15 @@
-// Projects a splat per invocation, and counts the visible ones of each workgroup, so that compact.comp can close the gaps and keep the order
-// of the indices. The including file defines `float project(uint i)`, which returns the view depth of splat `i` or -1 if it is
-// invisible, and `void leave_out(uint i)` for those. With COUNTS_PAIRS, which `project` then leaves in `splat_pairs`, the pairs of each
-// workgroup are counted, too.
+// Projects a splat per invocation, and counts the visible ones of each workgroup, so that compact.comp can close the gaps in index order.
+// The including file defines `float project(uint i)`, which returns the view depth of splat `i` or -1 if it is invisible, and
+// `void leave_out(uint i)` for invisible splats. With COUNTS_PAIRS, `project` leaves its pairs in `splat_pairs`, and the pairs of each
+// workgroup are counted as well.
 
 layout(local_size_x = 256) in;
 
 layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
 layout(set = 0, binding = 5, std430) writeonly buffer BlockCount { uint block_count[]; };
 
-// The number of visible splats in the workgroup. It is counted without ballots: invocations leave `project` at different
-// places, and nothing says that a subgroup is whole again after that.
+// The number of visible splats in the workgroup, counted without ballots: invocations return from `project` at different
+// places, and reconvergence is not guaranteed.
 shared uint visible_count;
 #ifdef COUNTS_PAIRS
 layout(set = 0, binding = 7, std430) writeonly buffer Blocks { uint block_pairs[]; };

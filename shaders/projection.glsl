@@ -12,18 +12,18 @@ const float DILATION = 0.3;
 // Margin of the bounds, in pixels, so that rounding never drops a pixel that shading would keep.
 const float MARGIN = 1.0 / 64.0;
 
-// The least logarithm of opacity / alpha floor that an extent is computed from. Closer to the floor, the logarithm has no correct digit: an
-// extent of 0 would drop a wide splat that shading keeps. Beyond the ellipse shading drops every pixel.
+// The minimum logarithm of opacity / alpha floor for computing an extent. Closer to the floor, the logarithm has no correct digit: an
+// extent of 0 would drop a wide splat that shading keeps. Beyond the ellipse, shading drops every pixel.
 const float LEAST_LOG = 1e-6;
 
 // The largest distance of a centre from the picture, in pixels. A scene can have larger ones, up to infinity, where f32 holds
 // no picture: splats farther away are dropped.
 const float FARTHEST = 9223372036854775808.0;  // 2^63
 
-// The largest half axis of a sigma, in pixels: its square is a float, and the picture is a point to it.
+// The largest half axis of a sigma, in pixels: its square is finite, and the picture is a point to it.
 const float LARGEST = 4611686018427387904.0;  // 2^62
 
-// Computes a b + c, rounded once. The exact expression of depths needs that, and so do differences that compensate.
+// Computes a b + c, rounded once. The exact expression of depths needs this, as do compensated differences.
 #if DEVICE_FUSED_FMA || !DEVICE_FLOAT64
 #define exact_fma fma
 #else
@@ -45,15 +45,15 @@ float difference_of_products(float a, float b, float c, float d) {
 
 // The 2D covariance [[xx, xy], [xy, yy]] in square units, low pass not yet added, with its determinant.
 //
-// A unit is a pixel up to splats of some ten million pixels. The determinant, a fourth power, overflows soon after: there
-// a unit is more pixels, by a power of two, so that all that is rounded is rounded as before.
+// A unit is a pixel for splats of up to some ten million pixels. The determinant, a fourth power, overflows soon after. For larger
+// splats a unit is more pixels, by a power of two, so rounding is unaffected.
 struct Ellipse {
     float xx, xy, yy;
     float determinant;
     int unit_exponent;
 };
 
-// Returns the binary logarithm of a float that is not negative, rounded down; -127 for 0.
+// Returns the binary logarithm of a non-negative float, rounded down; -127 for 0.
 int exponent_of(float x) {
     return (floatBitsToInt(x) >> 23) - 127;
 }
@@ -100,14 +100,14 @@ bool covers_a_pixel(float centre, float reach, float size) {
     return max(ceil(centre - reach), 0.0) <= min(floor(centre + reach), size - 1.0);
 }
 
-// Returns the unit vector along `v`, also where the squares of its elements are no floats. `v` is not 0.
+// Returns the unit vector along `v`, even if the squares of its elements overflow or underflow. `v` is not 0.
 vec3 direction_of(vec3 v) {
     return normalize(v / largest(v));
 }
 
 // A splat in the picture, in pixels with pixel centres at integers.
 struct Projection {
-    float depth;        // view z, which decides about the order
+    float depth;        // view z, which determines the order
     float alpha;        // opacity at the centre
     vec2 centre;
     vec2 bounds;        // half width and half height of the ellipse at the alpha floor
@@ -126,7 +126,7 @@ bool project_splat(uint i, out Projection splat) {
     mat4 view = camera.view;
 
 #ifndef HAS_LOW
-    // The depth that decides about culling and order. The exact expression matters, as its rounding defines the order of the
+    // The depth for culling and order. The exact expression matters, because its rounding defines the order of the
     // splats.
     precise float depth = exact_fma(view[2][2], p.z, exact_fma(view[1][2], p.y, view[0][2] * p.x)) + view[3][2];
     splat.depth = depth;
@@ -134,13 +134,13 @@ bool project_splat(uint i, out Projection splat) {
         return false;
     }
 #endif
-    // At the floor itself, only a pixel exactly at the centre would not be below it.
+    // At the floor itself, only a pixel exactly at the centre would reach it.
     float alpha = opacity_of(i);
     if (!(alpha > alpha_floor)) {
         return false;
     }
-    // The place in the camera's frame, from a difference that is exact near the origin, wherever in the world that is: the
-    // translation of `view` has the rounding of a number as large as the distance from the world's origin.
+    // The position in camera space, from a difference that is exact near the origin, wherever the origin is in the world: the
+    // translation of `view` is rounded like a number as large as the distance from the world's origin.
 #ifdef HAS_LOW
     vec3 low = vec3(position[i].low_x, position[i].low_y, position[i].low_z);
     precise vec3 d = (p - camera.origin.xyz) + (low - camera.origin_low.xyz);
@@ -152,7 +152,7 @@ bool project_splat(uint i, out Projection splat) {
     float y = fma(view[2][1], d.z, fma(view[1][1], d.y, view[0][1] * d.x)) + camera.view_origin.y;
     float z = fma(view[2][2], d.z, fma(view[1][2], d.y, view[0][2] * d.x)) + camera.view_origin.z;
 #ifdef HAS_LOW
-    // In floats, the published expression has no digits left of such a position.
+    // In floats, the published expression has no correct digits for such a position.
     splat.depth = z;
     if (!(z > NEAR_PLANE)) {
         return false;
@@ -174,8 +174,8 @@ bool project_splat(uint i, out Projection splat) {
     vec3 t1 = (camera.focal.y / z) * (w1 - held.y * w2);
     Ellipse e = project_covariance(i, t0, t1);
 
-    // Eigenvalues: the larger as a sum of positive terms, the smaller as determinant / larger. The low pass adds itself
-    // to both, and to the determinant only positive terms.
+    // Eigenvalues: the larger as a sum of positive terms, the smaller as determinant / larger. The low pass adds a constant
+    // to both, and only positive terms to the determinant.
     float unit = power_of_two(e.unit_exponent);
     float units_per_pixel = power_of_two(-e.unit_exponent);
 #if LOW_PASS == LOW_PASS_NONE
@@ -192,11 +192,11 @@ bool project_splat(uint i, out Projection splat) {
     if (!(smaller > 0.0) || isinf(larger)) {
         return false;  // no area, or not a number
     }
-    // The eigenvector of the larger one, in the form without cancellation. A circle has no direction; any is right.
+    // The eigenvector of the larger one, in the form without cancellation. A circle has none; any direction is right.
     vec2 direction = lean >= 0.0 ? vec2(radius + lean, e.xy) : vec2(e.xy, radius - lean);
     direction = radius > 1e-7 * larger ? normalize(direction) : vec2(1.0, 0.0);
 
-    // Now, as above the larger one belongs to `radius`.
+    // Again, as above, the larger one belongs to `radius`.
     float most = LARGEST * units_per_pixel;
     larger = min(larger, most * most);
     smaller = min(smaller, most * most);
@@ -233,7 +233,7 @@ const float BRIGHTEST_HALF = 32752.0;  // half of the largest half float
 // Evaluates the colour of splat `i`, seen along `from_camera`: display-encoded r, g, b in 0 .. `brightest`.
 vec3 finite_colour(uint i, vec3 from_camera, float brightest) {
     vec3 colour = sh_colour(i, direction_of(from_camera));
-    // By comparisons that are false for NaN, which coefficients near the end of f32 make.
+    // With comparisons that are false for NaN, which coefficients near the f32 maximum produce.
     return vec3(colour.r > 0.0 ? min(colour.r, brightest) : 0.0,
                 colour.g > 0.0 ? min(colour.g, brightest) : 0.0,
                 colour.b > 0.0 ? min(colour.b, brightest) : 0.0);

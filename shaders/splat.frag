@@ -13,7 +13,7 @@ layout(location = 0) out vec4 blended;
 #if WITH_OUTPUTS
 layout(location = 3) flat in float depth;
 
-// The depth, blended as the colours are, but always in 32-bit floats.
+// The depth, blended like the colours, but always in 32-bit floats.
 layout(location = 1) out vec4 blended_depth;
 #endif
 

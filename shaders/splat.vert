@@ -39,7 +39,7 @@ void main() {
     float major2 = dot(splat.major, splat.major);
     float minor2 = dot(splat.minor, splat.minor);
     vec2 corner = vec2(float(gl_VertexIndex & 1), float(gl_VertexIndex >> 1)) * 2.0 - 1.0;
-    // Not farther from the centre than the farthest pixel: corners of a quad far larger than the picture have no exact place.
+    // Clamped to the distance of the farthest pixel: corners of a quad far larger than the picture have no exact position.
     vec2 farthest = max(abs(splat.centre), abs(camera.viewport.xy - splat.centre));
     vec2 per_pixel = inversesqrt(vec2(major2, minor2));
     corner *= min(splat.extent + MARGIN * per_pixel, (length(farthest) + 2.0) * per_pixel);

@@ -5,7 +5,7 @@
 #elif POSITION_STORAGE == POSITION_STORAGE_FIXED16
 #define FIXED_POSITIONS
 #elif SCENE_WIDE
-// The rounded position, and the rounding error: some files need more digits than floats have.
+// The rounded position, and the rounding error: some files exceed the precision of floats.
 struct Position3 { float x, y, z, low_x, low_y, low_z; };
 #define HAS_LOW
 #else
@@ -26,7 +26,7 @@ vec3 position_of(uint i) {
     uint box = first + STEP_WORDS;
     vec3 least = uintBitsToFloat(uvec3(position[box], position[box + 1u], position[box + 2u]));
     vec3 most = uintBitsToFloat(uvec3(position[box + 3u], position[box + 4u], position[box + 5u]));
-    // The ends are met exactly, and no product overflows.
+    // The end points are exact, and no product overflows.
     vec3 share = vec3(steps) / 65535.0;
     return least * (1.0 - share) + most * share;
 }
@@ -60,13 +60,13 @@ float opacity_of(uint i) {
     return opacity[i];
 }
 
-// Returns a factor of the covariance, and brings the elements of `t0` and `t1` into the order of its rows.
+// Returns a factor of the covariance, and permutes the elements of `t0` and `t1` into the order of its rows.
 mat3 factor_for(uint i, inout vec3 t0, inout vec3 t1) {
 #if COVARIANCE == COVARIANCE_FACTORED
     float m[9] = covariance[i].m;
     return mat3(m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]);
 #else
-    // The signs of the diagonal tell which row of the triangle is that of x: see covariance.comp.
+    // The signs of the diagonal encode which row of the triangle is x's; see covariance.comp.
     Covariance3 c = covariance[i];
 #if COVARIANCE == COVARIANCE_HALF
     vec2 l00_l10 = unpackHalf2x16(c.l00_l10);

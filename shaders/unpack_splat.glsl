@@ -1,4 +1,4 @@
-// Reads packed splats; packed_splat.glsl has the layout. All functions are for the splat whose opacity was read last.
+// Reads packed splats; packed_splat.glsl has the layout. All functions refer to the splat whose opacity was read last.
 
 #ifndef UNPACK_SPLAT
 #define UNPACK_SPLAT
@@ -6,7 +6,7 @@
 #include "packed_splat.glsl"
 #include "rotation.glsl"
 
-// One buffer, by two names: colours are read of the visible splats alone.
+// One buffer under two names: colours are read only for visible splats.
 layout(set = 0, binding = 1, std430) readonly buffer Opacity { uvec2 outlines[]; };
 layout(set = 0, binding = 8, std430) readonly buffer Sh { uvec2 sh[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Covariance { float ranges[]; };
@@ -60,7 +60,7 @@ mat3 factor_of(uint i) {
     return transpose(mat3(r[0] * s, r[1] * s, r[2] * s));
 }
 
-// Returns the middle of a step of -1 to 1; 0 where there are no steps.
+// Returns the middle of a step of -1 to 1; 0 without steps.
 float middle(uint at, uint bits) {
     return bits > 0u ? (float(field(at, bits)) + 0.5) / float((1u << bits) >> 1) - 1.0 : 0.0;
 }

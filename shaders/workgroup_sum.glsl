@@ -11,7 +11,7 @@ uint exclusive_sum(uint value, uint round, inout uint carry) {
         subgroup_sum[round & 1u][gl_SubgroupID] = inclusive;
     }
     barrier();
-    // Lanes share the sums of the subgroups: one after the other takes longer than two more operations of the subgroup.
+    // Lanes add up the subgroups' sums in parallel: a serial loop takes longer than two more subgroup operations.
     uint lower = 0u;
     uint all = 0u;
     for (uint s = gl_SubgroupInvocationID; s < SUBGROUPS; s += gl_SubgroupSize) {

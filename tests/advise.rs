@@ -1,4 +1,4 @@
-//! `advise`: what a scene needs, and the cheapest setting within a budget, as a command.
+//! `advise` as a command: a scene's needs, and the cheapest setting within a budget.
 
 use crate::common;
 use crate::files::Place;
@@ -12,13 +12,13 @@ use splatgraph_reference::Rules;
 use std::collections::HashMap;
 use std::fs;
 
-/// Looks along z from the origin.
+/// Returns a camera at the origin that looks along z.
 fn ahead() -> Camera {
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (64, 48));
     Camera { img_name: "ahead".into(), ..camera }
 }
 
-/// A scene of splats on the camera's axis, the last of the file nearest.
+/// Generates splats on the camera's axis, the last in the file nearest.
 fn on_the_axis(depths: &[f32], sh: impl Fn(usize) -> f32 + Sync) -> Scene {
     Scene::generate(depths.len() as u32, 3, |at| Splat {
         position: [0.0, 0.0, depths[depths.len() - 1 - at]],
@@ -52,7 +52,7 @@ fn an_outlier_at_2e7_takes_the_bits_of_linear_keys_alone() {
     depths.push(2e7);
     let (text, advice) = advice(&on_the_axis(&depths, |_| 0.1));
     assert_eq!((bits(&advice, "linear"), bits(&advice, "float_bits")), (Some(31), Some(11)), "{text}");
-    // Of equalised keys, the outlier takes no more than its share.
+    // With equalised keys, the outlier takes only its share.
     let equalised = bits(&advice, "equalised").expect("32 bits are enough");
     let narrowest = if equalised < 11 { ("equalised", equalised) } else { ("float_bits", 11) };
     let said = format!("narrowest: key_map={} key_bits={}", narrowest.0, narrowest.1);
@@ -80,7 +80,8 @@ fn a_scene_without_view_dependence_is_told_to_leave_the_bands_out() {
 
 #[test]
 fn splats_below_the_alpha_floor_count_neither_for_keys_nor_for_harmonics() {
-    // Pairs of neighbours in depth, one of which cannot show and alone has harmonics, the nearer one later in the file.
+    // Pairs of neighbours in depth. One of each is invisible and the only one with harmonics; the nearer comes later in
+    // the file.
     let scene = |opacity: f32| {
         Scene::generate(40, 3, |at| {
             let hidden = at % 2 == 1;
@@ -106,7 +107,7 @@ fn splats_below_the_alpha_floor_count_neither_for_keys_nor_for_harmonics() {
         (&hidden["report"]["effective_sh_degree"], &hidden["report"]["shown_sh_degree"]),
         (&3.into(), &0.into())
     );
-    // A little above the floor they show.
+    // Slightly above the floor they are visible.
     let (text, shown) = advice(&scene(0.004));
     assert!(bits(&shown, "float_bits") > Some(20), "{text}");
     assert!(text.contains("degree 3 stored, 3 in use") && !text.contains("sh_degree=0"), "{text}");
@@ -118,12 +119,12 @@ fn keys_are_predicted_as_the_shader_makes_them() {
     let scene = crate::files::scene();
     let camera = splatgraph_assets::synth::demo_cameras().swap_remove(0).resized(96, 54);
     let range = camera::depth_range(&camera, &scene.bounds()).map(|z| z as f32);
-    // The exact renderer's depths are computed as the shader's.
+    // The exact renderer computes depths like the shader.
     let (visible, _) = splatgraph_reference::visible(&scene, &camera, &Rules::PUBLISHED);
     let depth: HashMap<u32, f32> = visible.iter().map(|splat| (splat.index, splat.depth as f32)).collect();
     let mut everywhere = Rules::PUBLISHED;
     everywhere.set("extent", "unbounded").expect("a rule");
-    // Equalised keys depend on all that the graph draws, which may be a little beyond the published squares.
+    // Equalised keys depend on everything that the graph draws, which may extend slightly beyond the published squares.
     let (all, _) = splatgraph_reference::visible(&scene, &camera, &everywhere);
     let all: HashMap<u32, f32> = all.iter().map(|splat| (splat.index, splat.depth as f32)).collect();
     let mut session = Session::new(common::device(), scene, "splat", &[]);
@@ -166,7 +167,7 @@ fn the_advised_command_draws_the_promised_psnr() {
     let of = |parameter: &str| names.iter().any(|name| name.starts_with(parameter));
     assert!(of("key_bits = "), "{names:?}");
 
-    // The printed command, as it is, and with pictures that are not rounded.
+    // The printed command, unchanged, and with unrounded pictures.
     let command = text.lines().find_map(|line| line.strip_prefix("splatgraph ")).expect("a command");
     let words: Vec<&str> = command.split(' ').collect();
     let (code, errors) = place.code(&words);

@@ -1,4 +1,4 @@
-//! Many pictures in one run: the device draws while others are encoded, and nobody can tell from the files or the messages.
+//! Many pictures in one run: drawing overlaps with encoding, and neither files nor messages show it.
 
 use crate::common;
 use serde_json::{Value, json};
@@ -45,7 +45,7 @@ fn scene() -> tempfile::TempDir {
     folder
 }
 
-/// The first words of the lines, which name the pictures.
+/// Returns the first words of the lines, which name the pictures.
 fn named(output: &Output) -> Vec<String> {
     let text =
         String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);

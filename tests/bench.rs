@@ -1,11 +1,11 @@
-//! `bench`: graphs in turns, the copy limit and the sort alone, as a command.
+//! `bench` as a command: interleaved graphs, the copy limit, and sorting on its own.
 
 use crate::files::Place;
 use serde_json::Value;
 use splatgraph::io::image::Image;
 use std::fs;
 
-/// As few frames as there can be.
+/// The minimum number of frames.
 const SHORT: [&str; 6] = ["bench", "--rounds", "2", "--frames", "1", "--validate"];
 
 fn json(place: &Place, name: &str) -> Value {
@@ -59,7 +59,7 @@ fn graphs_are_measured_in_turns_in_every_size_and_number_of_splats() {
     let report = json(&place, "bench.json");
     assert_eq!((&report["version"], &report["effort"]["rounds"]), (&1.into(), &2.into()));
     assert!(report["device"].as_str().is_some_and(|name| name.contains("llvmpipe")), "{}", report["device"]);
-    // On a CPU, a copy bounds no pass, and times of passes are no measure.
+    // On a CPU, a copy does not bound passes, and pass times are not meaningful.
     assert_eq!((&report["is_cpu"], &report["copy"]), (&true.into(), &serde_json::Value::Null));
     assert!(text.contains("trust GPU ms of whole frames") && !text.contains("copy limit"), "{text}");
     assert_eq!(report["scenes"][0]["cameras"].as_array().map(Vec::len), Some(2));
@@ -173,7 +173,7 @@ fn the_sort_alone_is_measured_and_what_does_not_fit_says_why() {
         let rate = row["pairs"].as_f64().unwrap() / ms * 1e-6;
         assert!((sorted["gkeys_per_s"].as_f64().unwrap() / rate - 1.0).abs() < 1e-9, "{sorted}");
         assert!(sorted["at_most_ms"].as_f64().unwrap() >= ms, "{sorted}");
-        // The filling of the totals, and three dispatches for each digit of 4 bits.
+        // Filling the totals, and three dispatches for each digit of 4 bits.
         let passes = sorted["passes"].as_array().map(Vec::len);
         assert_eq!(passes.map(|count| count as u64), Some(1 + 3 * row["key_bits"].as_u64().unwrap() / 4));
     }

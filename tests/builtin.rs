@@ -1,6 +1,6 @@
 //! The Metal backend's own kernels and functions are valid, as C++ against the header of `tests/metal/`.
 //!
-//! That header has what shaders use, and images of windows are none of it: the few calls that these need besides are declared here.
+//! The header declares what shaders use; the few additional calls for the window's images are declared here.
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -55,7 +55,7 @@ fn the_backends_own_kernels_are_valid_cpp() {
     if let Err(messages) = compile(&text) {
         panic!("{messages}");
     }
-    // A mistake in a type would be found.
+    // The check would find a wrong type.
     let wrong = text.replace("target.write(uint4(0), pixel)", "target.write(pixel, uint4(0))");
     assert_ne!(wrong, text);
     assert!(compile(&wrong).is_err());

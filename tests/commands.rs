@@ -1,4 +1,4 @@
-//! The program as a person uses it: a scene is made, looked at, drawn and compared, each by its command.
+//! The program as a user runs it: a scene is generated, inspected, drawn and compared, each by its command.
 
 use serde_json::Value;
 use std::path::Path;
@@ -187,7 +187,7 @@ fn every_preset_passes_its_check() {
     assert!(text.contains("view/window: OK"), "{text}");
 }
 
-/// The commands that the program's own help lists.
+/// Lists the commands in the program's help.
 fn listed_commands(help: &str) -> Vec<&str> {
     let (_, list) = help.split_once("\nCommands:\n").expect("a list of commands");
     // Longer descriptions continue on lines of their own, indented further.
@@ -307,7 +307,7 @@ fn check_refuses_what_no_barrier_can_mend_and_results_of_another_frame() {
         let text = String::from_utf8_lossy(&found.stderr).into_owned();
         assert_eq!(found.status.code(), Some(1), "{passes}: {text}");
         assert!(text.contains(expected), "{passes}: {text}");
-        // A dump says the same, and no more.
+        // A dump shows the warning as well, once.
         let dump = splatgraph(folder.path(), &["dump", "graph.ron"]);
         let text = String::from_utf8_lossy(&dump.stderr).into_owned();
         assert_eq!((dump.status.code(), text.contains(expected)), (Some(1), true), "{passes}: {text}");

@@ -1,4 +1,4 @@
-//! Shares an opened device, the data folder, and the choice of long runs among the tests.
+//! Shared by the tests: an open device, the data folder, and the choice of long runs.
 
 use splatgraph::draw::backend::{Api, Backend, Options, Validation};
 use splatgraph_api::Device;
@@ -6,14 +6,15 @@ use splatgraph_framework::shader::Worker;
 use std::io::Write;
 use std::path::PathBuf;
 
-/// The machine's device, with all validation on: on Apple's systems the GPU, by Metal; elsewhere lavapipe, by Vulkan.
+/// Opens the machine's device with full validation: on Apple's systems the GPU, by Metal; elsewhere lavapipe, by
+/// Vulkan.
 pub fn device() -> Backend {
     let device = open(&options(Validation::Synchronization));
     assert_lanes(&device);
     device
 }
 
-/// Fails if the driver did not take the width of vectors that [`again_with_vectors_of`] asks for.
+/// Fails if the driver does not use the vector width that [`again_with_vectors_of`] requests.
 pub fn assert_lanes(device: &impl Device) {
     if let Ok(lanes) = std::env::var(EXPECTED_LANES) {
         let found = device.info().facts.subgroup_size;
@@ -28,14 +29,14 @@ pub fn open(options: &Options) -> Backend {
     })
 }
 
-/// The same as options, with other validation.
+/// Returns the test options with another level of validation.
 pub fn options(validation: Validation) -> Options {
     let usual = if Api::default() == Api::Vulkan { Some("llvmpipe".into()) } else { None };
     let device = std::env::var("SPLATGRAPH_TEST_DEVICE").ok().or(usual);
     Options { device, validation, ..Options::default() }
 }
 
-/// The option that chooses the same device for the program.
+/// The program's option for this device.
 pub fn device_option() -> Option<String> {
     options(Validation::Off).device.map(|device| format!("--device={device}"))
 }
@@ -53,13 +54,13 @@ pub fn lanes_are_usual() -> bool {
     std::env::var_os(EXPECTED_LANES).is_none()
 }
 
-/// Fails if the validation layers had anything to say.
+/// Fails if there are validation messages.
 pub fn assert_silent(device: &mut impl Device, what: &str) {
     let messages = device.take_messages();
     assert!(messages.is_empty(), "{what}: the validation layers say\n{}", messages.join("\n"));
 }
 
-/// The folder with `scenes/` and `golden/`, or `None` after saying so.
+/// Returns the folder with `scenes/` and `golden/`; reports the test as not run without it.
 pub fn data(test: &str) -> Option<PathBuf> {
     let found = std::env::var_os("SPLATGRAPH_DATA").map(PathBuf::from);
     match found {
@@ -74,27 +75,27 @@ pub fn data(test: &str) -> Option<PathBuf> {
     }
 }
 
-/// Begins the lines that `./x test` counts.
+/// Prefix of the lines that `./x test` counts.
 const NOT_RUN: &str = "NOT RUN: ";
 
 /// Reports that a test lacks what it needs. `./x test` counts these lines.
 pub fn not_run(test: &str, needs: &str) {
-    // Not by `eprintln!`, which is kept back in tests that pass.
+    // Not `eprintln!`, whose output is hidden in tests that pass.
     let _ = writeln!(std::io::stderr(), "{NOT_RUN}{test} needs {needs}");
 }
 
-/// Names the program that compiles shaders which may crash the compiler.
+/// Returns the program that compiles untrusted shaders.
 pub fn worker() -> Worker {
     Worker::new(env!("CARGO_BIN_EXE_splatgraph"))
 }
 
-/// Returns true if `./x test --long` requested the whole cross products.
+/// Returns true if `./x test --long` requested full cross products.
 pub fn long() -> bool {
     std::env::var_os("SPLATGRAPH_LONG").is_some()
 }
 
-/// Runs a test of this binary again in its own process, where lavapipe has vectors of this many bits. Says so where the machine
-/// has other devices, whose width is what it is.
+/// Runs a test of this binary again in its own process, with lavapipe vectors of this many bits. Reports it as not run
+/// on other devices, whose width is fixed.
 ///
 /// The driver reads the variable once, when it is loaded.
 pub fn again_with_vectors_of(bits: u32, test: &str) {
@@ -111,21 +112,21 @@ pub fn again_with_vectors_of(bits: u32, test: &str) {
 #[cfg(target_os = "linux")]
 pub const ALONE: &str = "SPLATGRAPH_ALONE";
 
-/// Runs `body` in a process that has nothing else to do: what belongs to a process (memory, threads, open files, a panic on
-/// whatever thread) is then the test's. The process is this binary, told to run `test` alone, which is the test that calls this.
+/// Runs `body` in a process of its own, so that process-wide state (memory, threads, open files, panics on any thread)
+/// belongs to the test. The process is this binary, running only `test`, the caller.
 #[cfg(target_os = "linux")]
 pub fn alone(test: &str, body: impl FnOnce()) {
     if std::env::var_os(ALONE).is_some_and(|name| name == test) {
         return body();
     }
     let (passed, text) = again(test, &[(ALONE, test.to_string())]);
-    // What it printed is kept back here unless that is requested, like any test's.
+    // Its output is hidden here unless requested, like any test's.
     print!("{text}");
     assert!(passed, "alone in a process, it failed");
     assert!(text.contains("1 passed"), "the test did not run");
 }
 
-/// Runs a test of this binary again in its own process. Gives whether it passed, and what it printed.
+/// Runs a test of this binary again in its own process. Returns whether it passed, and its output.
 pub fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
     let output = std::process::Command::new(std::env::current_exe().expect("this program"))
         .args([test, "--exact", "--nocapture", "--include-ignored"])
@@ -133,7 +134,7 @@ pub fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
         .output()
         .expect("the tests can run themselves");
     let errors = String::from_utf8_lossy(&output.stderr);
-    // What the test could not do in its own process counts, too.
+    // NOT RUN lines of the other process count as well.
     for line in errors.lines().filter(|line| line.starts_with(NOT_RUN)) {
         let _ = writeln!(std::io::stderr(), "{line}");
     }
@@ -175,7 +176,7 @@ pub const EXACT_TILES: [Graph; 2] = [
     ),
 ];
 
-/// Lists the parameters of a graph, and more that win over them.
+/// Returns the parameters of a graph, and more that override them.
 pub fn with<'a>(graph: Graph, more: &[(&'a str, &'a str)]) -> Vec<(&'a str, &'a str)> {
     graph.1.iter().copied().chain(more.iter().copied()).collect()
 }

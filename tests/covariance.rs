@@ -9,7 +9,7 @@ use crate::common;
 use crate::golden::Golden;
 use crate::images::inspected;
 
-/// Rows of R S, in f64, from what the loader gives to the GPU.
+/// Computes the rows of R S in f64, from the values uploaded to the GPU.
 fn factor(rotation: [f32; 4], scale: [f32; 3]) -> [[f64; 3]; 3] {
     let [w, x, y, z] = rotation.map(f64::from);
     let r = [
@@ -26,14 +26,14 @@ fn six(m: [[f64; 3]; 3]) -> [f64; 6] {
     [dot(0, 0), dot(0, 1), dot(0, 2), dot(1, 1), dot(1, 2), dot(2, 2)]
 }
 
-/// The rows of the triangular factor; the signs of its diagonal tell to which row of the covariance its first belongs.
+/// Returns the rows of the triangular factor; the signs of its diagonal encode which row of the covariance comes first.
 fn triangle(l: &[f64]) -> [[f64; 3]; 3] {
     let rows = [[l[0].abs(), 0.0, 0.0], [l[1], l[3].abs(), 0.0], [l[2], l[4], l[5]]];
     let first = if l[0].is_sign_negative() { 1 } else { 2 * usize::from(l[3].is_sign_negative()) };
     [0, 1, 2].map(|row| rows[(row + 3 - first) % 3])
 }
 
-/// The largest error over a scene, relative to each splat's largest element, for the form requested.
+/// Returns the largest error over a scene, relative to each splat's largest element, for the given form.
 fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
     let exact: Vec<[f64; 6]> =
         (0..scene.count() as usize).map(|i| six(factor(scene.rotations()[i], scene.scales()[i]))).collect();
@@ -48,7 +48,7 @@ fn worst_error(scene: Scene, camera: &Camera, form: &str) -> f64 {
     exact.iter().zip(floats.chunks_exact(per_splat)).fold(0.0, |worst: f64, (exact, got)| {
         let got = match per_splat {
             6 => six(triangle(got)),
-            // Whether it is stored by rows or by columns, M M^T tells.
+            // M M^T shows whether it is stored by rows or by columns.
             _ => six([0, 1, 2].map(|row| [0, 1, 2].map(|column| got[3 * row + column]))),
         };
         let largest = exact.iter().fold(0.0, |m: f64, v| m.max(v.abs()));

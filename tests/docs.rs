@@ -1,5 +1,5 @@
-//! The documentation against the repository: every path and every link in it leads somewhere, and quoted output is what the commands
-//! print.
+//! The documentation against the repository: every path and link leads somewhere, and quoted output equals the
+//! commands' output.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
@@ -65,7 +65,7 @@ fn every_path_in_backticks_exists() {
     };
     let (mut checked, mut missing) = (0, Vec::new());
     for (page, text) in pages() {
-        // Every second piece stands between two backticks.
+        // Odd pieces are between two backticks.
         for path in text.split('`').skip(1).step_by(2).filter(|text| is_path(text)) {
             checked += 1;
             if !root().join(path).exists() {
@@ -208,7 +208,8 @@ fn an_unknown_graph_is_a_failure_and_an_unknown_option_an_invalid_command_line()
     assert_eq!(splatgraph(&["dump", "--no-such-option"]).status.code(), Some(2));
 }
 
-/// The listings of a page: the link in the line before each, and the text. Only those below a link to a file count.
+/// Lists the listings of a page: the link in the line before each, and the text. Only those below a link to a file
+/// count.
 fn listings(text: &str) -> Vec<(String, String)> {
     let (mut found, mut link, mut open): (Vec<(String, String)>, Option<String>, bool) = Default::default();
     for line in text.lines() {
@@ -245,7 +246,7 @@ fn the_listings_of_the_tutorial_are_its_files_and_every_file_is_listed() {
         let name = file.expect("an entry").file_name().to_string_lossy().into_owned();
         assert!(listed.contains(&name), "{name} is not listed in docs/tutorial.md");
     }
-    // What is said to be a listing is compared.
+    // Every claimed listing is compared.
     assert_eq!(
         listings("[a.ron](x/a.ron):\n\n```ron\none\n```\n\nText\n\n```sh\nls\n```\n"),
         [("x/a.ron".into(), "one\n".into())]

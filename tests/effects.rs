@@ -1,4 +1,4 @@
-//! What plans say of their parameters, against plans with other values: a parameter without an effect changes nothing.
+//! The effects that plans claim, against plans with other values: a parameter without an effect changes nothing.
 
 use crate::common;
 #[cfg(target_os = "linux")]
@@ -13,7 +13,8 @@ use splatgraph_framework::shader::{Compiled, Glslang, ShaderCompiler, ShaderRequ
 use splatgraph_framework::source::{Diagnostic, SourceMap, render};
 use std::collections::BTreeSet;
 
-/// Compiles every shader again with other numbers for the defines that its text is said not to depend on. All must be the same.
+/// Compiles every shader again with other values for the defines that it claims not to depend on. The results must be
+/// equal.
 #[derive(Default)]
 struct Poisoning {
     compiler: Glslang,
@@ -71,7 +72,7 @@ impl Builds {
     }
 }
 
-/// Values of a parameter other than its own: all of a choice, and the ends, the middle and the neighbours of a range.
+/// Returns other values of a parameter: all of a choice; the ends, the middle and the neighbours of a range.
 fn others(param: &Param) -> Vec<String> {
     let mut values: Vec<String> = match &param.domain {
         Domain::Bool => vec!["true".into(), "false".into()],
@@ -101,7 +102,7 @@ fn live_offsets(plan: &Plan) -> BTreeSet<u32> {
     members.filter(|member| member.used).map(|member| member.offset).collect()
 }
 
-/// Fails unless two plans execute the same.
+/// Fails unless two plans execute the same commands.
 fn assert_same(a: &Plan, b: &Plan, what: &str) {
     assert_eq!(a.passes, b.passes, "{what}");
     assert_eq!(a.resources, b.resources, "{what}");
@@ -138,7 +139,7 @@ fn check(builds: &mut Builds, graph: &str, set: &[(String, String)], facts: &Fac
         let mut built = 0;
         for value in others(param) {
             let setting = [set, &[(param.name.clone(), value.clone())]].concat();
-            // A value can make a graph that cannot be built: then there is no plan to compare.
+            // Some values make the graph invalid: then there is no plan to compare.
             let Ok(other) = builds.plan(graph, &setting, facts) else { continue };
             built += 1;
             assert_same(
@@ -167,7 +168,7 @@ fn no_value_of_a_parameter_without_an_effect_changes_a_plan() {
             check(&mut builds, graph, &[], &facts_of(lanes, 1_000_000));
         }
     }
-    // With the other parameters elsewhere, others have none.
+    // With other values of the other parameters, different ones have no effect.
     let counts: &[u64] = if common::long() { &[100, 1_000_000, 3_000_000] } else { &[1_000_000] };
     let mut found = BTreeSet::new();
     for graph in ["splat", "tiled", "tiled_cpu", "bench/pairs"] {

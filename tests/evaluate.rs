@@ -1,4 +1,4 @@
-//! Datasets of cameras and photographs: a scene is photographed, and scored against the photographs.
+//! Datasets of cameras and photographs: a scene is rendered to photographs, and scored against them.
 
 use crate::commands::{done, scene, splatgraph};
 use serde_json::Value;
@@ -22,7 +22,7 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
     let folder = folder.path();
     photographed(folder);
     let exact = scored(folder, &["--backend", "reference", "-o", "scores"]);
-    // Each eighth of nine, from the first.
+    // Every eighth of nine, starting with the first.
     let views: Vec<&str> =
         exact["views"].as_array().expect("views").iter().map(|v| v["view"].as_str().unwrap()).collect();
     assert_eq!(views, ["view-0000.png", "view-0008.png"]);
@@ -43,7 +43,7 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
     );
     // The mean of four pixels is not the pixel of twice the size.
     assert!((20.0..psnr(&exact)).contains(&psnr(&half)), "{half:#}");
-    // Fewer splats are another scene.
+    // Fewer splats give another scene.
     done(folder, &["synth", "demo", "--count", "300", "--seed", "3", "-o", "other.ply"]);
     let other = done(folder, &["evaluate", "other.ply", "-c", "views/sparse/0", "--backend", "reference"]);
     let mean = other.lines().last().expect("a row").split_whitespace().nth(1).expect("a number");

@@ -1,4 +1,4 @@
-//! `experiment`: pages that show what an equation says, as a command.
+//! `experiment` as a command: pages that illustrate an equation.
 
 use crate::files::Place;
 use splatgraph_assets::{Scene, synth};
@@ -29,7 +29,7 @@ fn rows(page: &str) -> BTreeMap<String, Vec<String>> {
     found
 }
 
-/// A number of a table; equal pictures are infinitely near.
+/// Parses a number of a table; equal pictures have infinite PSNR.
 fn number(cell: &str) -> f64 {
     if cell == "equal" { f64::INFINITY } else { cell.parse().unwrap_or_else(|e| panic!("`{cell}`: {e}")) }
 }
@@ -39,7 +39,7 @@ fn the_page_on_the_order_has_every_way_with_its_picture_and_the_errors_that_theo
     let place = Place::new();
     place.cameras(&["one", "two"]);
     let page = page(&place, "order", &[]);
-    // Four ways and their differences, and five pictures of two splats.
+    // Four variants and their differences, and five pictures of two splats.
     assert_eq!(page.matches("data:image/png;base64,").count(), 4 + 4 + 5, "pictures");
     assert_eq!(page.matches("<svg").count(), 1, "a plot");
     let rows = rows(&page);
@@ -52,12 +52,12 @@ fn the_page_on_the_order_has_every_way_with_its_picture_and_the_errors_that_theo
         }
         assert_eq!(way(right)[2..4], ["0", "0"], "{rows:?}");
     }
-    // The naive way has a list without a wrong pair, and blends every pair wrongly.
+    // The naive variant has no wrong pair in its list, and blends every pair wrongly.
     let naive = way("front to back, naive");
     assert!(naive[2] == "0" && naive[3] == naive[4] && number(&naive[4]) > 0.0, "{naive:?}");
     let unsorted = way("unsorted");
     assert!(number(&unsorted[3]) > 0.0 && number(&unsorted[3]) < number(&unsorted[4]), "{unsorted:?}");
-    // Keys that tell fewer depths apart turn more pairs around.
+    // Coarser keys swap more pairs.
     let wrong = |bits: u32| number(&way(&format!("key_bits = {bits}"))[0]);
     assert!(wrong(8) > wrong(12) && wrong(12) >= wrong(16) && wrong(32) == 0.0, "{rows:?}");
     let of_key = |bits: u32| number(&way(&format!("key_bits = {bits}"))[2]);
@@ -68,7 +68,7 @@ fn the_page_on_the_order_has_every_way_with_its_picture_and_the_errors_that_theo
 #[test]
 fn the_page_on_bands_has_a_row_for_each_direction_and_more_bands_are_nearer_to_the_truth() {
     let place = Place::new();
-    // Enough splats for a surface, glossy ones among them.
+    // Enough splats for a surface, including glossy ones.
     synth::generate("demo", 3000, 0).expect("a scene").write_ply(place.at("scene.ply")).expect("written");
     place.cameras(&["one"]);
     let page = page(&place, "sh", &["--size", "96x64"]);

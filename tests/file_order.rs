@@ -1,4 +1,4 @@
-//! Checks a crate's own files: none import each other in a circle, and modules are laid out alike. Several crates have this test.
+//! Checks a crate's own files: no circular imports, and a uniform layout of modules. Several crates have this test.
 
 use std::path::Path;
 

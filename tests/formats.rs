@@ -1,11 +1,11 @@
-//! Scenes in the formats that people have them in: converted, drawn and compared by the program.
+//! Scenes in other formats: converted, drawn and compared by the program.
 
 use crate::commands::{done, scene, splatgraph};
 use crate::common;
 use serde_json::Value;
 use std::path::Path;
 
-/// The least PSNR, in dB, of the pictures of two scenes by the exact renderer.
+/// Returns the minimum PSNR, in dB, between two scenes' pictures by the exact renderer.
 fn least_psnr(folder: &Path, [a, b]: [&str; 2], cameras: &str) -> f64 {
     for (scene, pictures) in [(a, "a"), (b, "b")] {
         let render = ["render", scene, "--backend", "reference", "--cameras", cameras, "--size", "240x135"];
@@ -23,7 +23,7 @@ fn least_psnr(folder: &Path, [a, b]: [&str; 2], cameras: &str) -> f64 {
 fn a_scene_is_converted_to_every_format_and_drawn_alike() {
     let folder = scene();
     let folder = folder.path();
-    // The demo scene's harmonics are stronger than most formats hold.
+    // The demo scene's harmonics exceed the range of most formats.
     for (to, least) in [("spz", 15.0), ("compressed.ply", 25.0), ("splat", 12.0)] {
         let name = format!("converted.{to}");
         let text = done(folder, &["convert", "scene.ply", &name]);
@@ -85,7 +85,7 @@ fn a_part_of_a_scene_is_written_and_a_moved_scene_looks_the_same_from_a_moved_ca
         info["report"]["splats"].as_u64().unwrap_or_else(|| panic!("no count in {info}"))
     };
     assert_eq!(count("twice.ply"), 2 * count("part.ply"));
-    // Half a turn about x takes y and z to their negatives, for the scene as for the camera.
+    // A half turn about x negates y and z, for the scene and the camera.
     done(
         folder,
         &[

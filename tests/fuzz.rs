@@ -1,8 +1,8 @@
-//! Every shipped graph and shader, broken at random while it is "being edited": nothing that a file can hold may end the
-//! program, hang it, or leave it with another plan than before once the file is mended.
+//! Every shipped graph and shader, broken at random while it is "being edited". No file contents may crash or hang the
+//! program, or leave it with another plan once the file is mended.
 //!
-//! The way is that of the live program: files on disk, a [`Rebuilder`] with the real compiler, and [`LastGood`]. Broken shaders
-//! that compile are not executed.
+//! The setup is the live program's: files on disk, a [`Rebuilder`] with the real compiler, and [`LastGood`]. Broken
+//! shaders that compile are not executed.
 
 use splatgraph::draw::builtin;
 use splatgraph::draw::facts::{self, SceneFacts};
@@ -26,14 +26,14 @@ use std::time::{Duration, Instant};
 use crate::common::{self, long};
 use crate::numbers::Random;
 
-/// Broken files in the long run, and in the one that everybody does.
+/// Broken files: in the long run, and by default.
 const CASES: (usize, usize) = (10_000, 1_000);
 
-/// A build that takes this long hangs.
+/// Time after which a build counts as hung.
 const LONGEST: Duration = Duration::from_secs(120);
 
 impl Random {
-    /// A byte that could stand in such a file, mostly.
+    /// Returns a byte, mostly one that could occur in such a file.
     fn byte(&mut self) -> u8 {
         const LIKELY: &[u8] = b"(){}[]<>;,.:\"'#/*+-=!&|%~?\\_ \n\t0123456789abxuifeABXU";
         if self.below(4) > 0 { LIKELY[self.below(LIKELY.len())] } else { self.next() as u8 }
@@ -113,17 +113,17 @@ fn damaged(text: &[u8], random: &mut Random) -> (&'static str, Vec<u8>) {
     (what, bytes)
 }
 
-/// A way to build a shipped graph.
+/// A build of a shipped graph.
 #[derive(Clone, Debug)]
 struct Build {
     graph: String,
     set: Vec<(String, String)>,
-    /// The output that is asked for besides the picture.
+    /// The output requested besides the picture.
     output: Option<&'static str>,
     lanes: u32,
 }
 
-/// The builds that together read every shipped file.
+/// Returns builds that together read every shipped file.
 fn builds() -> Vec<Build> {
     let all = |lanes| {
         builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]).map(move |graph| Build {
@@ -170,7 +170,7 @@ fn builds() -> Vec<Build> {
     all(lanes).chain(all(4)).chain([other, packed, lists, sweep, filter, normals]).collect()
 }
 
-/// Holds the outcome of a build: the plan, or the diagnostics, each with its rendering.
+/// The outcome of a build: the plan, or the diagnostics, each with its rendering.
 struct Outcome {
     built: Result<Plan, Vec<(Diagnostic, String)>>,
     /// Faults of the diagnostics themselves.
@@ -179,7 +179,7 @@ struct Outcome {
     read: Vec<PathBuf>,
 }
 
-/// Builds as the live program does, with a compiler that is kept.
+/// Returns a builder like the live program's, with a persistent compiler.
 fn builder(folder: PathBuf) -> impl FnMut(Build) -> Outcome {
     let mut compiler = Glslang::in_worker(common::worker());
     let mut catalog = facts::nominal_catalog();
@@ -219,7 +219,7 @@ fn plan(
     )
 }
 
-/// Explains why these diagnostics would not help a reader, if so.
+/// Explains why these diagnostics would not help a reader, if they would not.
 fn unclear(files: &SourceMap, found: &[Diagnostic]) -> Option<String> {
     if found.is_empty() {
         return Some("an error without a diagnostic".into());
@@ -281,7 +281,7 @@ impl Workshop {
     }
 }
 
-/// The sound plans, and for each file the builds that read it.
+/// The correct plans, and for each file the builds that read it.
 struct Truth {
     plans: Vec<Plan>,
     readers: BTreeMap<&'static str, Vec<usize>>,
@@ -322,7 +322,7 @@ struct Counts {
     slowest_ms: AtomicUsize,
 }
 
-/// One file is broken, and mended.
+/// Breaks one file, and mends it.
 fn case(
     number: usize,
     workshop: &Workshop,
@@ -394,7 +394,7 @@ fn whatever_a_file_holds_it_is_an_error_with_a_place_or_a_plan_and_mending_it_br
     let (next, counts, failure) = (AtomicUsize::new(0), Counts::default(), Mutex::new(None::<String>));
     let work = || {
         let workshop = Workshop::open();
-        // One for each: plans know the paths of their files.
+        // One per thread: plans contain the paths of their files.
         let truth = Truth::of(&workshop, &builds);
         loop {
             let number = next.fetch_add(1, Relaxed);
@@ -433,6 +433,6 @@ fn whatever_a_file_holds_it_is_an_error_with_a_place_or_a_plan_and_mending_it_br
         begun.elapsed().as_secs_f64()
     );
     assert_eq!(errors + built, cases);
-    // A generator that breaks nothing, or everything, would test nothing.
+    // Damage that breaks nothing, or everything, would test nothing.
     assert!(errors > cases / 2 && built > cases / 50, "{errors} errors, {built} built");
 }

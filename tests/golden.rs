@@ -1,4 +1,4 @@
-//! Scenes with the images that the published CUDA rasteriser draws of them.
+//! Scenes with images drawn by the published CUDA rasteriser.
 //!
 //! `rules` is in the repository, with an eighth of each image's pixels (`assets/golden/README.md`). The whole images and the captured
 //! scenes are found through `SPLATGRAPH_DATA`.
@@ -14,12 +14,12 @@ pub struct Golden {
     pub name: &'static str,
     scenes: PathBuf,
     images: PathBuf,
-    /// The images hold the pixels of [`sampled`] only.
+    /// True if the images contain only the pixels of [`sampled`].
     sampled: bool,
 }
 
 impl Golden {
-    /// `rules` as it is in the repository.
+    /// Returns `rules` from the repository.
     pub fn rules() -> Golden {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/golden");
         Golden { name: "rules", scenes: folder.clone(), images: folder, sampled: true }
@@ -30,7 +30,7 @@ impl Golden {
         Golden { name, scenes: data.join("scenes"), images: data.join("golden"), sampled: false }
     }
 
-    /// Every scene with whole images; without the data folder, `rules` of the repository, after reporting that the others are missing.
+    /// Returns every scene with whole images; without the data folder, only `rules`, and reports the others as missing.
     pub fn all(test: &str) -> Vec<Golden> {
         match common::data(&format!("{test}, for captures,")) {
             Some(data) => ["biker", "playbot-31k", "rules"].map(|name| Golden::whole(&data, name)).into(),

@@ -1,4 +1,4 @@
-//! Parameters that grow: pictures of a graph whose list has no room at first, on a real driver.
+//! Growing parameters: pictures of a graph whose list is too small at first, on a real driver.
 
 use crate::common;
 use crate::files::Place;

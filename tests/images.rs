@@ -1,4 +1,5 @@
-//! The presets on `rules` and on captured scenes: against the images of the published CUDA rasteriser, and against each other.
+//! The presets on `rules` and on captured scenes, compared with images of the published CUDA rasteriser and with each
+//! other.
 
 use splatgraph::draw::backend::Backend;
 use splatgraph::draw::inspect;
@@ -11,7 +12,7 @@ use std::sync::Arc;
 use crate::common;
 use crate::golden::Golden;
 
-/// Draws a scene with a preset from each camera; the validation layers must have nothing to say.
+/// Draws a scene with a preset from each camera; fails on validation messages.
 fn draw(golden: &Golden, preset: &str, background: [f32; 3]) -> Vec<Image> {
     draw_scene(golden.scene(), &golden.cameras(), preset, background, &[])
 }
@@ -129,7 +130,7 @@ fn narrow_keys_and_no_sort_cost_accuracy() {
             let images = draw(&golden, preset, [0.0; 3]);
             let differences: Vec<f64> = images.iter().zip(&right).map(|(a, b)| psnr(a, b)).collect();
             println!("{scene}: {preset} {differences:.1?} dB");
-            // Measured: key16 65.9 dB and more, and not changed at all from one camera of `rules`; unsorted 19.1 to 36.8 dB.
+            // Measured: key16 65.9 dB and more, unchanged from one camera of `rules`; unsorted 19.1 to 36.8 dB.
             let (worst, best) = if preset == "key16" { (55.0, f64::INFINITY) } else { (15.0, 42.0) };
             assert!(
                 differences.iter().all(|db| (worst..=best).contains(db)),
@@ -161,7 +162,7 @@ fn every_preset_draws_a_generated_scene_without_a_validation_message() {
     let scene = || splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator");
     let camera = Camera::framing(&scene(), 320, 180);
     for preset in splatgraph::draw::builtin::presets() {
-        // Two frames: a preset may draw with what the first left.
+        // Two frames: a preset may use the first one's results.
         let images = draw_scene(scene(), &[camera.clone(), camera.clone()], preset.name, [0.0; 3], &[]);
         let lit = images[1].rgb.iter().filter(|p| p.iter().any(|v| *v > 0.05)).count();
         assert!(lit > 320 * 180 / 20, "{}: only {lit} pixels show anything", preset.name);
@@ -178,8 +179,8 @@ fn every_preset_draws_with_subgroups_of_4_and_of_16_lanes() {
     }
 }
 
-/// `stale_order` draws with what the last frame sorted: nothing in the first frame, and the right picture once a view was
-/// seen before.
+/// `stale_order` uses the previous frame's order: nothing in the first frame, and the right picture for a repeated
+/// view.
 #[test]
 fn the_order_of_the_last_frame_draws_a_view_that_it_has_seen_as_the_order_of_this_one_does() {
     let scene = || splatgraph_assets::synth::generate("demo", 20_000, 1).expect("a generator");

@@ -4,7 +4,7 @@
 //! installs and selects; on macOS it is Metal. A missing driver or layer is a failure. Captured scenes and their golden images are found
 //! through `SPLATGRAPH_DATA`; without it, the tests that need them say that they did not run, and so do the modules that only Linux has.
 
-// Tests write files and lines as they like; the program does so through its module `output` alone.
+// Tests may write files and lines directly; the program does so only through its module `output`.
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
 #[cfg(target_os = "linux")]
@@ -91,7 +91,7 @@ fn tests_that_only_linux_can_run_are_named_elsewhere() {
         here.iter().for_each(|module| common::not_run(module, "Linux"));
         view.iter().for_each(|module| common::not_run(&format!("view::{module}"), "Linux"));
         tests.iter().for_each(|test| common::not_run(test, "Linux"));
-        // It says the same of itself, where nobody sees it.
+        // These tests compile only on Linux, so report them here.
         common::not_run("backends/vulkan/tests/gpu", "lavapipe");
     }
 }

@@ -1,7 +1,7 @@
-//! Mistakes that people make, and every word that they are then shown.
+//! Mistakes that users make, and the complete output that they see.
 //!
 //! Each test copies the small graph of `tests/graphs/two_steps`, changes something in it, runs the program on it and
-//! compares all that it prints.
+//! compares the whole output.
 
 use std::path::Path;
 use std::process::Command;
@@ -11,7 +11,7 @@ struct Shown {
     errors: String,
 }
 
-/// Runs `splatgraph ARGS...` in a copy of the graph's folder, with `changes` made: file, what stands there, what instead.
+/// Runs `splatgraph ARGS...` in a copy of the graph's folder, after `changes`: file, old text, new text.
 fn shown(changes: &[(&str, &str, &str)], args: &[&str]) -> Shown {
     let folder = tempfile::tempdir().expect("a folder");
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/graphs/two_steps");
@@ -254,7 +254,7 @@ fn a_shader_includes_no_file_of_the_system() {
         "{}",
         refused.errors
     );
-    // With the folder allowed it is read, and is no GLSL.
+    // With the folder allowed it is read, but is not GLSL.
     let allowed = shown(&changes, &["check", "graph.ron", "--include-root", "/etc"]);
     assert!(allowed.code == 1 && !allowed.errors.contains("lies outside"), "{}", allowed.errors);
 }

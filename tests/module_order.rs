@@ -1,8 +1,8 @@
 //! Checks the order of a crate's files: imports run one way, between modules and between files, and modules are laid out alike.
 //!
-//! An import is a path of a `use`, or one in the code, that leads to another file of the crate. A name that a module only passes on
-//! (`use child::Name` in `mod.rs`) counts as an import of the file that defines it. Tests may import anything: a file or a folder
-//! called `tests`, `testing` or `fuzz`, and what is behind `#[cfg(test)]` in a file.
+//! An import is a path, in a `use` or in code, that leads to another file of the crate. A re-exported name (`use
+//! child::Name` in `mod.rs`) counts as an import of the file that defines it. Tests may import anything: files and
+//! folders called `tests`, `testing` or `fuzz`, and code under `#[cfg(test)]`.
 
 #![allow(dead_code, reason = "not every crate calls every check")]
 
@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-/// The names that lead to a module, from the crate's root.
+/// The path of a module from the crate's root.
 type Module = Vec<String>;
 
 /// A file of the crate.
@@ -19,18 +19,18 @@ struct File {
     place: String,
     /// Every path that the code names, with its line.
     paths: Vec<(usize, Module)>,
-    /// Names that the file has by `use`: the last segment, or the name after `as`.
+    /// Names imported by `use`: the last segment, or the name after `as`.
     names: BTreeMap<String, Module>,
 }
 
-/// Fails if a module of `order`, the modules of a crate from the ground up, imports one behind it.
+/// Fails if a module imports a later one of `order`, which lists a crate's modules from the ground up.
 pub fn assert_modules_run_one_way(src: &Path, order: &[&str]) {
     let files = read(src);
     let mut wrong = Vec::new();
     for (own, file) in &files {
         let at =
             |module: &Module| order.iter().position(|name| Some(*name) == module.first().map(String::as_str));
-        // The crate's root may name everything.
+        // The crate's root may import everything.
         let Some(first) = own.first() else { continue };
         let Some(place) = at(own) else {
             wrong.push(format!("{}: the module `{first}` is not in the order", file.place));
@@ -46,14 +46,14 @@ pub fn assert_modules_run_one_way(src: &Path, order: &[&str]) {
     assert!(wrong.is_empty(), "expected imports in the order {order}, found\n{}", wrong.join("\n"));
 }
 
-/// Fails if imports between the files of a crate form a circle, also one of a module and its children.
+/// Fails if imports between a crate's files form a circle, including a module and its children.
 pub fn assert_files_have_no_circle(src: &Path) {
     let files = read(src);
     let mut left: BTreeMap<&Module, Vec<Import>> = BTreeMap::new();
     for (own, file) in &files {
         left.insert(own, imports(&files, own, file));
     }
-    // What imports nothing that is left, or is imported by nothing, is taken away, again and again. Circles stay, and what joins them.
+    // Repeatedly removes files without remaining imports or importers. Circles remain, and the files between them.
     loop {
         let before = left.len();
         let kept: BTreeSet<&Module> = left.keys().copied().collect();
@@ -82,8 +82,8 @@ fn imports<'a>(files: &'a BTreeMap<Module, File>, own: &Module, file: &File) -> 
     file.paths.iter().filter_map(import).collect()
 }
 
-/// Fails if a module with children is not laid out as `name/mod.rs`, or unit tests stand elsewhere than at the end of their file, in
-/// `tests.rs` or in `tests/` beside it.
+/// Fails if a module with children is not laid out as `name/mod.rs`, or unit tests are elsewhere than at the end of
+/// their file, in `tests.rs`, or in `tests/` beside it.
 pub fn assert_modules_are_laid_out_alike(src: &Path) {
     let mut wrong = Vec::new();
     for (place, text) in sources(src) {
@@ -145,7 +145,7 @@ fn read(src: &Path) -> BTreeMap<Module, File> {
     files
 }
 
-/// Finds the other file that a path leads to, through the names that modules pass on.
+/// Finds the file that a path leads to, following re-exports.
 fn target<'a>(files: &'a BTreeMap<Module, File>, own: &Module, path: &[String]) -> Option<&'a Module> {
     let mut at = own.clone();
     let mut rest = path;
@@ -162,7 +162,7 @@ fn target<'a>(files: &'a BTreeMap<Module, File>, own: &Module, path: &[String]) 
         at.pop();
         rest = &rest[1..];
     }
-    // Long enough for any chain of names that are passed on.
+    // Long enough for any chain of re-exports.
     for _ in 0..8 {
         while let Some(name) = rest.first() {
             at.push(name.clone());
@@ -176,13 +176,14 @@ fn target<'a>(files: &'a BTreeMap<Module, File>, own: &Module, path: &[String]) 
         let Some(next) = file.names.get(name) else { break };
         let through = target(files, &at, next)?;
         at.clone_from(through);
-        // The item itself may be passed on once more.
+        // The item itself may be re-exported again.
         rest = next.last().map_or(&[], std::slice::from_ref);
     }
     files.get_key_value(&at).map(|(found, _)| found).filter(|found| *found != own)
 }
 
-/// Splits code into names and marks, each with its line, without comments, texts, and modules behind `#[cfg(test)]`.
+/// Splits code into names and punctuation with line numbers, without comments, strings, and modules under
+/// `#[cfg(test)]`.
 fn tokens(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();
     let (mut after_cfg, mut in_tests) = (false, false);
@@ -278,7 +279,7 @@ fn paths(tokens: &[(usize, String)]) -> (Vec<(usize, Module)>, BTreeMap<String, 
     (all, names)
 }
 
-/// Takes the `super`s off a path that lead out of modules in the file; `None` if it stays among them.
+/// Removes the `super`s that lead out of inline modules; `None` if the path stays within them.
 fn outside(path: Module, inner: usize) -> Option<Module> {
     let up = path.iter().take_while(|name| *name == "super").count();
     match path.first().map(String::as_str) {
@@ -289,7 +290,7 @@ fn outside(path: Module, inner: usize) -> Option<Module> {
     }
 }
 
-/// Reads the tree of a `use` from a token on; returns the place behind it. Each path comes with the name that it gives.
+/// Reads the tree of a `use` from a token on; returns the position after it. Each path comes with the imported name.
 fn tree(
     tokens: &[(usize, String)],
     mut at: usize,

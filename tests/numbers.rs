@@ -1,4 +1,4 @@
-//! A generator of random numbers for tests, shared by the crates: a case is its number, the same in every run.
+//! A random number generator for tests, shared by the crates: a case is its number, so every run is equal.
 
 /// A generator of random numbers: SplitMix64 (Steele, Lea and Flood 2014).
 pub struct Random(pub u64);
@@ -13,7 +13,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Draws a number from 0 to `end`, without it; 0 where there is nothing else.
+    /// Draws a number from 0 to `end`, exclusive; 0 if `end` is 0.
     pub fn below(&mut self, end: usize) -> usize {
         (self.next() % end.max(1) as u64) as usize
     }

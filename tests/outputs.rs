@@ -1,4 +1,4 @@
-//! Outputs besides the picture: those of every graph against those of the exact renderer, and what a plan without them contains.
+//! Outputs besides the picture: every graph's against the exact renderer's, and plans without outputs.
 
 use crate::common::{self, EXACT_TILES, Graph};
 use crate::golden::Golden;
@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// The largest relative difference of a depth, and of an alpha.
 const TOLERANCE: f64 = 1e-4;
 
-/// Outputs that quads give, too.
+/// Outputs that quads can make as well.
 const SUMS: [&str; 3] = ["alpha", "depth", "expected_depth"];
 
 /// A capture, the scene of the rules' edge cases, and a random one, each with a camera of small pictures.
@@ -74,8 +74,8 @@ fn differing(found: &Output, exact: &Output, counts: &[bool]) -> usize {
     (0..counts.len()).filter(|pixel| counts[*pixel]).filter(differs).count()
 }
 
-/// Compares a graph's outputs with the exact ones of the same rules. A splat at the alpha floor in f32 may be below it in f64: where the
-/// number of contributors tells of it, the pixel is left out.
+/// Compares a graph's outputs with the exact ones under equal rules. A splat at the alpha floor in f32 may be below it
+/// in f64; pixels where the number of contributors differs are left out.
 fn compare(name: &str, graph: Graph, found: &[Output], truth: &Truth) {
     let pixels = truth.picture.color.len();
     let exact = |name: &str| truth.output(name).expect("an output");
@@ -88,7 +88,8 @@ fn compare(name: &str, graph: Graph, found: &[Output], truth: &Truth) {
     for output in found.iter().filter(|output| output.name != "contributors") {
         let off = differing(output, &exact(&output.name), &counts);
         println!("{name}, {}: {} differs at {off} pixels, {left_out} left out", graph.0, output.name);
-        // Half of the light ends, and the largest share is, at one of two splats that are equal but for rounding.
+        // The median depth and the largest weight can belong to either of two splats that are equal except for
+        // rounding.
         let most = if graph.0 == "splat" { pixels / 100 } else { pixels / 1000 };
         assert!(off <= most, "{name}, {}: {} differs at {off} of {pixels} pixels", graph.0, output.name);
     }

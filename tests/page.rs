@@ -8,7 +8,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
-/// The browser's command, or `None` after saying so.
+/// Returns the browser's command; reports the test as not run without one.
 fn chromium(test: &str) -> Option<String> {
     let named = std::env::var("SPLATGRAPH_CHROMIUM").ok();
     let usual = ["chromium", "chromium-browser", "google-chrome"].map(String::from);
@@ -34,7 +34,7 @@ fn dump(folder: &Path, form: &str) -> String {
     String::from_utf8(output.stdout).expect("text")
 }
 
-/// The document after the script ran, with this behind its address.
+/// Returns the document after the script ran, for a fragment of the address.
 fn document(browser: &str, folder: &Path, hash: &str) -> String {
     let output = Command::new(browser)
         // Containers lack what the sandbox needs; the page is our own.
@@ -46,7 +46,7 @@ fn document(browser: &str, folder: &Path, hash: &str) -> String {
         .expect("the browser runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).expect("text");
-    // Without the scripts, which hold the words that are looked for.
+    // Without the scripts, which contain the searched words.
     let (before, rest) = text.split_once("<script").expect("it has scripts");
     let after = rest.rsplit_once("</script>").expect("they end").1;
     before.to_owned() + after
@@ -85,7 +85,7 @@ fn the_page_draws_every_pass_and_barrier_and_opens_where_its_address_says() {
     let barriers: Vec<&Value> = in_passes.chain(json["handover"].as_array().expect("a list")).collect();
     let open = |hash: &str| document(&browser, folder.path(), hash);
 
-    // Unfolded, everything has its own mark: a barrier its head and its line.
+    // Unfolded, everything has its own mark: for a barrier its head and its line.
     let all = open("#unfold=*");
     assert_eq!(count(&all, "column"), passes.len(), "columns");
     let knobs = all.matches("class=\"knob\"").count();

@@ -1,4 +1,4 @@
-//! The parameters of the graphs: each draws what the exact renderer draws with the same rule changed, or of the same scene rounded.
+//! The parameters of the graphs: each draws like the exact renderer with the changed rule, or with the scene rounded.
 
 use crate::common::{self, EXACT_TILES, Graph};
 use splatgraph::draw::backend::Backend;
@@ -9,13 +9,13 @@ use splatgraph::{draw::capture, studies::metrics};
 use splatgraph_assets::{Camera, Scene, Splat, synth};
 use std::sync::Arc;
 
-/// The demo scene in small, with splats beside the picture that reach into it, and many narrower than a pixel.
+/// Returns a small demo scene, with splats outside the picture that reach into it, and many narrower than a pixel.
 fn scene() -> (Arc<Scene>, Camera) {
     let demo = synth::generate("demo", 1500, 0).expect("it is generated");
     let camera = synth::demo_cameras().swap_remove(0).resized(128, 72);
     let [right, _, forward] = camera.axes();
     let beside = |i: usize| {
-        // At 1.5 to 2 times the half field of view, and large. At equal depths, the order would be the device's.
+        // At 1.5 to 2 times the half field of view, and large. Equal depths would leave the order to the device.
         let depth = 3.0 + 0.1 * i as f64;
         let side = (1.5 + 0.05 * i as f64) * 0.5 * f64::from(camera.width) / camera.fx;
         let position =
@@ -76,7 +76,7 @@ fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule()
         let found = drawn(&mut session, &camera, &[(name, setting)]);
         let (near, far) = (psnr(&found, &by_rule), psnr(&found, &published));
         assert!(near > 100.0, "{name}={setting}: {near:.1} dB from the rule {rule}={value}");
-        // The rule makes a difference here, and the parameter makes the same one.
+        // The rule makes a difference here, and the parameter makes an equal one.
         assert!(
             name == "budget" || near > far + 30.0,
             "{name}={setting}: {near:.1} dB, {far:.1} dB from the published"
@@ -100,7 +100,7 @@ fn fewer_bits_cost_some_accuracy_and_change_nothing_else() {
         let found = psnr(&drawn(&mut session, &camera, &[(name, setting)]), &single);
         assert!((least..=most).contains(&found), "{name}={setting}: {found:.1} dB");
     }
-    // All degrees have their own planes number.
+    // Each degree has its own number of planes.
     for degree in ["0", "1", "2"] {
         let of = |storage: &'static str| [("sh_degree", degree), ("sh_storage", storage)];
         let (half, single) =
@@ -201,7 +201,7 @@ fn a_cull_margin_leaves_out_the_splats_whose_centre_is_beyond_it() {
 #[test]
 fn equalised_keys_are_right_where_they_are_wide_and_the_nearest_to_right_where_they_are_narrow() {
     let (scene, camera) = scene();
-    // An outlier takes the bits of the others.
+    // An outlier uses up the others' bits.
     let count = scene.count();
     let far = Splat { position: [0.0, 0.0, 1e6], ..scene.splat(0) };
     let scene = Scene::generate(count + 1, 3, |i| if i < count as usize { scene.splat(i) } else { far });

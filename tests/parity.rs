@@ -1,8 +1,9 @@
 //! One picture by every backend: the same plans draw the same on each API, within a stated bound.
 //!
-//! Machines with two APIs are rare. So Vulkan's pictures, drawn by lavapipe, lie in `tests/parity/`, and each backend that the machine has
-//! draws the same and is held against them. Where Vulkan is there it keeps the pictures true; where Metal is, it is compared with
-//! Vulkan without a driver of Vulkan's. That takes a Mac of one's own: the virtual GPUs of hosted runners are refused (docs/metal.md).
+//! Machines with two APIs are rare. So Vulkan's pictures, drawn by lavapipe, are stored in `tests/parity/`, and each
+//! backend of the machine is compared with them. With Vulkan, this keeps the stored pictures up to date; with Metal, it
+//! compares Metal with Vulkan without a Vulkan driver. That takes a real Mac: the virtual GPUs of hosted runners are
+//! refused (docs/metal.md).
 
 use splatgraph::draw::backend::{Api, Backend, Validation};
 use splatgraph::draw::session::{FrameOptions, Session, image_of};
@@ -21,14 +22,14 @@ const SPLATS: u32 = 20_000;
 /// Quads in both orders of blending, and tiles.
 const PRESETS: [&str; 3] = ["splat", "front_to_back", "tiled"];
 
-/// The bound: decibels of PSNR at least, and steps of 8 bits at most in any channel of any pixel.
+/// Minimum PSNR in decibels, and maximum difference in 8-bit steps in any channel of any pixel.
 ///
-/// Pictures on disk have 8 bits, which alone costs half a step, 59 dB. APIs may differ in the last bits of exponentials, and in how
-/// half-float targets round, once per splat that is blended.
+/// Pictures on disk have 8 bits, which alone costs half a step, 59 dB. APIs may differ in the last bits of
+/// exponentials, and in the rounding of half-float targets, once per blended splat.
 const LEAST_DB: f64 = 50.0;
 const MOST_STEPS: f32 = 3.0;
 
-/// Set to draw the pictures anew.
+/// Set to redraw the pictures.
 const WRITE: &str = "SPLATGRAPH_WRITE_PARITY";
 
 fn stored(preset: &str) -> PathBuf {

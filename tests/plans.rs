@@ -1,6 +1,6 @@
 //! The plan of every built-in graph, as `splatgraph dump` prints it, with subgroups of 4, 8, 32 and 64 lanes.
 //!
-//! `tests/plans/*.snap` has the texts, one for all widths that give the same. After a change that is meant to change plans:
+//! `tests/plans/*.snap` has the texts, one for all widths with equal plans. After an intended change of plans:
 //!
 //! ```sh
 //! INSTA_UPDATE=always cargo test -p splatgraph --test end_to_end plans
@@ -15,7 +15,7 @@ use splatgraph_framework::dump;
 
 #[test]
 fn every_built_in_graph_has_the_plan_of_its_snapshot_at_every_width_of_subgroups() {
-    // One for all: graphs share most of their shaders.
+    // One planner for all: graphs share most of their shaders.
     let mut planner = Planner::default();
     let mut catalog = facts::nominal_catalog();
     paint::offer(&mut catalog);
@@ -34,7 +34,7 @@ fn every_built_in_graph_has_the_plan_of_its_snapshot_at_every_width_of_subgroups
             let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
             let plan = planner.plan(graph, &[], &facts, &catalog);
             let mut dump = backend::dump(&plan.unwrap_or_else(|error| panic!("{graph}: {error}")));
-            // Reasons name the width, and would make plans differ that are the same.
+            // Reasons mention the width, which would make equal plans differ.
             dump.parameters.iter_mut().for_each(|parameter| parameter.reason = None);
             let text = dump::text(&dump);
             match texts.iter_mut().find(|(_, other)| *other == text) {

@@ -33,7 +33,7 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
     let found = popping(&place, &command);
     let pop = |name: &str| of(&found, name, "pop");
 
-    // Each number stands beside the step that it is of.
+    // Each number is next to its step.
     for row in found["variants"].as_array().expect("a list") {
         let number = |key: &str| row["summary"][key].as_f64().expect("a number");
         assert!((number("step_degrees") - 2.0).abs() < 1e-9, "{row}");
@@ -43,7 +43,7 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
         found["notes"].as_str().is_some_and(|notes| notes.contains("0 by definition: the published order"))
     );
 
-    // The true order, by either operator: what is left is the cut of the quads.
+    // The true order, by either operator: only the quads' cut remains.
     assert!(pop("splat") < 1e-4 && (pop("splat") / pop("front_to_back") - 1.0).abs() < 0.1, "{found:#}");
     assert!(pop("key_bits=8") > 5.0 * pop("splat"), "{found:#}");
     assert!(pop("key_bits=12") < pop("key_bits=8"), "{found:#}");
@@ -55,7 +55,7 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
     assert!(changes("unsorted", "true_order_changes") > 100.0, "{found:#}");
     assert_eq!(changes("key_bits=32", "order_changes"), changes("key_bits=32", "true_order_changes"));
 
-    // An order that stays makes an error that drifts: at a hundredth of the step, no pixel changes much.
+    // A constant order gives an error that drifts: at a hundredth of the step, no pixel changes much.
     let finer = ["--frames", "3", "--step", "0.02", "--size", "96x64", "-p", "unsorted"];
     let worst = |found: &Value| {
         found["variants"].as_array().expect("a list").iter().find_map(|row| {

@@ -1,4 +1,5 @@
-//! The reference renderer against images of the published CUDA rasteriser, and each of its rules broken on purpose.
+//! The reference renderer compared with images of the published CUDA rasteriser, and with each of its rules broken on
+//! purpose.
 
 use crate::common;
 use crate::golden::Golden;
@@ -8,9 +9,9 @@ use splatgraph::studies::metrics::{self, Comparison};
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::{Gaussian, Rules, Splats, render};
 
-/// Every image agrees at least this well, in dB over values clamped to 0..1.
+/// Minimum PSNR of every image, in dB over values clamped to 0..1.
 const AGREEMENT: f64 = 95.0;
-/// No channel of a pixel differs by more; a fragment at the alpha floor in f32 that is below it in f64 makes 0.0039.
+/// Maximum difference of a channel; a fragment at the alpha floor in f32 that is below it in f64 gives 0.0039.
 const WORST: f64 = 0.005;
 
 /// Renders by `rules` and compares with the golden image of this name.
@@ -74,7 +75,7 @@ fn the_splats_of_a_pixel_sum_up_to_the_exact_picture_of_a_capture() {
     }
 }
 
-/// The bounds are what each broken rule costs at the worst camera, rounded up by 1 dB or less.
+/// The bounds are the cost of each broken rule at the worst camera, rounded up by 1 dB or less.
 #[test]
 fn each_rule_broken_on_purpose_fails_the_bound() {
     let golden = Golden::rules();

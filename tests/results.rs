@@ -1,4 +1,4 @@
-//! Results of `Once` passes that a plan takes over from another: the picture is the same to the byte, on a real driver.
+//! Results of `Once` passes that a plan reuses from another: the picture is identical, on a real driver.
 
 use crate::common;
 use splatgraph::draw::backend::Backend;
@@ -59,10 +59,10 @@ fn a_resize_and_a_changed_constant_draw_the_same_bytes_with_results_that_are_tak
         let (halves, keys) = (("sh_storage", "f16"), ("key_bits", "16"));
         let steps: [Step; 5] = [
             ((64, 48), &[halves], &all),
-            // Another size, and another constant of other passes: nothing is computed again.
+            // Another size, and another constant of other passes: nothing is recomputed.
             ((80, 60), &[halves], &[]),
             ((80, 60), &[halves, keys], &[]),
-            // A constant of one of the passes: that one alone.
+            // A constant of one of the passes: only that one runs.
             ((80, 60), &[halves, keys, ("covariance", "half")], &all[..1]),
             ((64, 48), &[halves, ("covariance", "half")], &[]),
         ];

@@ -1,4 +1,5 @@
-//! Several scenes in one picture: by a file that places them, by names on the command line, and by `convert`, with the same bits.
+//! Several scenes in one picture: by a composition file, by names on the command line, and by `convert`, with equal
+//! bits.
 
 use crate::commands::{done, splatgraph};
 use crate::common;
@@ -42,7 +43,7 @@ fn scenes_of_a_file_are_those_that_convert_moves_and_merges_bit_by_bit() {
     assert!(moved == converted(folder, &["moved.ron"]), "moved");
     write("plain.ron", "// Two scenes.\nScenes([Scene(file: \"a.ply\"), Scene(file: \"b.ply\")])");
     assert!(converted(folder, &["a.ply", "--merge=b.ply"]) == converted(folder, &["plain.ron"]), "merged");
-    // Everything that takes a scene takes several.
+    // Every command that takes a scene takes several.
     assert!(done(folder, &["info", "plain.ron"]).contains("5,000"));
 }
 

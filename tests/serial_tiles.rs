@@ -1,4 +1,4 @@
-//! The tiles for CPUs against those for GPUs and against quads, where a list is longer than one pass of the rasteriser blends.
+//! The tiles for CPUs compared with those for GPUs and with quads, for lists longer than one rasteriser pass.
 
 use splatgraph::io::image::Image;
 use splatgraph::studies::metrics;

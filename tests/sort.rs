@@ -1,4 +1,4 @@
-//! The shipped radix sorts against a stable sort of the standard library, bit for bit.
+//! The shipped radix sorts compared with a stable sort of the standard library, bit for bit.
 //!
 //! `tests/graphs/sort_only.ron` runs the includes that the presets use, on pairs that a shader makes from a description; the
 //! test makes the same pairs here, sorts them, and compares keys and values.
@@ -14,7 +14,7 @@ use splatgraph_framework::source::{SourceMap, render};
 
 use crate::common;
 
-/// The pairs of a run, as `sort_only_load.comp` makes them.
+/// The pairs of a run, as `sort_only_load.comp` generates them.
 #[derive(Clone, Copy, Debug)]
 struct Run {
     count: u32,
@@ -53,7 +53,7 @@ impl Run {
     }
 }
 
-/// A sort of a certain shape, loaded.
+/// A loaded sort of a given shape.
 struct Sorter<'a> {
     device: &'a mut Backend,
     plan: Plan,
@@ -61,7 +61,7 @@ struct Sorter<'a> {
     name: String,
 }
 
-/// Builds plans with one compiler, which remembers its shaders.
+/// Builds plans with one compiler, which caches its shaders.
 struct Bench {
     device: Backend,
     files: SourceMap,
@@ -82,7 +82,7 @@ impl Bench {
         self.with(sorter, &set, capacity).unwrap_or_else(|text| panic!("{text}"))
     }
 
-    /// The sort with these parameters, or the errors of its graph.
+    /// Returns the sort with these parameters, or the errors of its graph.
     fn with(&mut self, sorter: &str, set: &[(&str, u32)], capacity: u32) -> Result<Sorter<'_>, String> {
         let host = [("scene.count".into(), Value::Int(capacity.into()))].into();
         let facts = Facts { device: self.device.info().facts, host };
@@ -110,7 +110,7 @@ impl Bench {
 }
 
 impl Sorter<'_> {
-    /// Keys to a block, as the plan has it.
+    /// Returns the keys per block, from the plan.
     fn block_keys(&self) -> u32 {
         match self.plan.params.iter().find(|p| p.name == "block_keys").expect("a parameter").value {
             Value::Int(keys) => keys as u32,
@@ -152,8 +152,8 @@ impl Sorter<'_> {
     }
 }
 
-/// Sizes around the boundaries of the blocks that a workgroup or an invocation takes, and of the groups of blocks, up to 2^16: around the
-/// first of them and the seventh, or around all.
+/// Returns sizes around block boundaries and around boundaries of groups of blocks, up to 2^16: around the first and
+/// the seventh, or around all.
 fn boundary_sizes(block: u32, lanes: u32, serial: bool) -> Vec<u32> {
     let mut sizes = vec![0, 1, 2, lanes - 1, lanes, lanes + 1, 65_535, 65_536];
     for step in [block, if serial { block * lanes } else { 8 * lanes }] {
@@ -167,8 +167,8 @@ fn boundary_sizes(block: u32, lanes: u32, serial: bool) -> Vec<u32> {
     sizes
 }
 
-/// Every digit width with the key widths, each at every boundary size, the kinds of keys in turn. With vectors of another
-/// width than usual, a digit width has one of the key widths (and with `--long` all).
+/// Tests every digit width with the key widths, each at every boundary size, cycling through the kinds of keys. With an
+/// unusual vector width, a digit width gets one of the key widths (with `--long` all).
 fn boundaries() {
     let mut bench = Bench::new();
     let lanes = bench.lanes();
@@ -210,7 +210,8 @@ fn the_shipped_sorts_equal_a_stable_sort_with_subgroups_of_16_lanes() {
     common::again_with_vectors_of(512, "sort::the_shipped_sorts_equal_a_stable_sort");
 }
 
-/// Up to 2^20: every pair of digit width, key width, size and kind of keys occurs (and with `--long` every triple of the first
+/// Up to 2^20: every pair of digit width, key width, size and kind of keys occurs (with `--long`, every triple of the
+/// first three).
 /// three).
 #[test]
 fn larger_sorts_are_right_too() {
@@ -247,7 +248,7 @@ fn the_serial_sort_refuses_blocks_that_are_too_many_to_loop_over_and_is_right_wi
     smallest.check(Run { count, seed: 5, kind: Kind::Random });
 }
 
-/// Blocks are taken from the last to the first, so none finds the counts of the one before it.
+/// Blocks are taken from last to first, so none finds the counts of its predecessor.
 #[test]
 fn a_sweep_whose_workgroups_wait_in_vain_counts_the_earlier_blocks_itself() {
     let mut bench = Bench::new();

@@ -1,4 +1,4 @@
-//! The memory of a scene on the device: what is freed once the first frame is drawn, and what packed splats take and cost.
+//! The memory of a scene on the device: buffers freed after the first frame, and the size and error of packed splats.
 
 use crate::common;
 use crate::golden::Golden;
@@ -23,14 +23,15 @@ fn draw(session: &mut Session<Backend>, camera: &Camera) -> Image {
     image_of(&result.output.expect("asked for")).expect("colours")
 }
 
-/// Bytes of all memory of the session, and of what it holds of the scene.
+/// Returns the bytes of the session's whole memory, and of the scene in it.
 fn memory(session: &mut Session<Backend>) -> (u64, u64) {
     let listed = session.device().memory();
     let scene = listed.iter().filter(|(name, _)| name.starts_with("splats.scene."));
     (listed.iter().map(|(_, bytes)| bytes).sum(), scene.map(|(_, bytes)| bytes).sum())
 }
 
-/// Checks the listed bytes against the device's own count, which includes the gaps that its allocator leaves between pieces.
+/// Checks the listed bytes against the device's own count, which includes the gaps between its allocator's
+/// suballocations.
 fn assert_all_is_listed(session: &mut Session<Backend>, what: &str) {
     let (listed, used) = (memory(session).0, session.device().device_memory().used);
     assert!((listed..listed + 4096).contains(&used), "{what}: {listed} bytes are listed, {used} are used");
@@ -62,7 +63,7 @@ fn attributes_that_are_packed_are_freed_and_a_reload_draws_the_same_bytes() {
     assert_eq!(session.into_device().close(), Vec::<String>::new());
 }
 
-/// The parameter's values, bytes of a splat of degree 3, and decibels that captures keep.
+/// The parameter's values, bytes per splat of degree 3, and minimum PSNR on captures.
 const PACKED: [(&str, u64, f64); 3] = [("b64", 64, 60.0), ("b32", 32, 45.0), ("b24", 24, 40.0)];
 
 #[test]

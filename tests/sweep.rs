@@ -1,11 +1,11 @@
-//! `sweep`: quality and time with fewer and fewer splats, as a command.
+//! `sweep` as a command: quality and time with decreasing numbers of splats.
 
 use crate::files::Place;
 use serde_json::Value;
 use splatgraph::io::image::Image;
 use std::fs;
 
-/// Three steps with as few frames as there can be.
+/// Three steps with the minimum number of frames.
 const SHORT: [&str; 9] =
     ["sweep", "scene.ply", "--size", "64x48", "--steps", "3", "--rounds", "1", "--frames"];
 
@@ -33,7 +33,7 @@ fn a_sweep_holds_every_choice_against_the_truth_and_writes_what_it_found() {
         assert!(half["time"]["gpu_ms"].as_f64() > Some(0.0), "{half}");
     }
     assert!(psnr(step("screen_size", 50)) > psnr(step("file_order", 50)), "what counts is kept: {swept}");
-    // What is cut before the keys is not even visible; what is cut after the sort is.
+    // Splats cut before the keys are not visible; splats cut after the sort are.
     let number = |step: &Value, name: &str| step[name].as_u64().expect("a count");
     let visible = number(all, "visible");
     assert!(number(step("screen_size", 50), "visible") <= 50);

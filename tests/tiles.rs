@@ -1,5 +1,5 @@
-//! Splats in tiles: against the images of the published CUDA rasteriser, against each other, and where lists are long or short of
-//! room.
+//! Splats in tiles: compared with images of the published CUDA rasteriser and with each other, with long lists and with
+//! too little room.
 
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
 use crate::golden::Golden;
@@ -73,7 +73,7 @@ fn assert_close(what: &str, found: &[Image], expected: &[Image], bound: f64) {
 #[test]
 fn every_variant_of_tiles_draws_the_same_picture() {
     let expected = drawn(CPU, &[]);
-    // Which lists there are, how they are cut, and who blends them changes the rounding of sums alone.
+    // The lists, their division, and their shader only change the rounding of sums.
     for (graph, set) in [
         (GPU, &[][..]),
         (GPU, &[("segment", "64"), ("entries", "100000")]),
@@ -83,7 +83,7 @@ fn every_variant_of_tiles_draws_the_same_picture() {
     ] {
         assert_close(&format!("{} {set:?}", graph.0), &drawn(graph, set), &expected, 75.0);
     }
-    // And these round what they are made of.
+    // These round their inputs.
     for (graph, set) in [
         (GPU, ("sorted", "pairs")),
         (GPU, ("record", "packed")),
@@ -130,7 +130,7 @@ fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
     }
 }
 
-/// Counts the pairs that tiles leave in the file's order where they sort `bits` bits by radix.
+/// Counts the pairs that tiles leave in file order when radix sort covers `bits` bits.
 fn unordered(scene: &Arc<Scene>, camera: &Camera, bits: &'static str) -> u32 {
     let set = with(GPU, &by_pairs(bits));
     let set: Vec<(String, String)> = set.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect();
@@ -217,7 +217,7 @@ fn a_falloff_by_products_is_that_by_powers_of_2() {
     let (scene, camera) =
         scattered(100, &[point, needle, plate, [0.05; 3], [0.2, 0.1, 0.02]], |share| 3.0 * share - 1.5);
     for low_pass in ["dilated", "compensated"] {
-        // The least floor, so that faint alphas count; order, early stop and records agree.
+        // The lowest floor, so that faint alphas count; order, early stop and records are equal.
         let rules = [("low_pass", low_pass), ("alpha_floor", "0.001"), ("stop", "0"), ("key_bits", "32")];
         let draw = |name: &str, more: &[(&str, &str)]| {
             let set = [&rules[..], more].concat();
@@ -294,7 +294,8 @@ fn lists_without_room_grow_until_the_picture_is_whole() {
     }
 }
 
-/// Draws lists far longer than a segment: small faint splats all over the picture, one behind the other, so that no pixel is done.
+/// Draws lists far longer than a segment: small faint splats all over the picture, close behind one another, so that no
+/// pixel finishes.
 #[test]
 fn long_lists_are_blended_to_their_end() {
     const COUNT: usize = 90_000;

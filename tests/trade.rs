@@ -1,4 +1,4 @@
-//! `trade`: the ledger of what each setting saves and costs, as a command.
+//! `trade` as a command: the ledger of each setting's savings and costs.
 
 use crate::files::Place;
 use serde_json::Value;
@@ -63,7 +63,7 @@ fn the_ledger_holds_each_setting_against_the_truth_and_goes_on_after_an_interrup
     let plot = Image::load(&place.at("ledger/ledger.png")).expect("a picture");
     assert!(plot.rgb.iter().any(|pixel| *pixel != plot.rgb[0]), "it is not empty");
 
-    // What an interruption leaves: the first rows.
+    // The result of an interruption: the first rows.
     let mut part = whole.clone();
     part["rows"].as_array_mut().expect("rows").truncate(2);
     place.write("ledger/ledger.json", part.to_string());
@@ -173,7 +173,7 @@ fn settings_with_the_plan_of_another_are_not_measured_and_a_stale_order_earns_no
     assert!(row.starts_with(' ') && row.ends_with("still views hide its cost"), "{table}");
     assert!(table.contains("`preset stale_order` is not judged"), "{table}");
     assert!(!table.contains("digit8"), "{table}");
-    // One round tells nothing of time.
+    // One round is not enough to judge time.
     assert!(table.contains("too noisy to tell whether") && table.contains("at least 8 rounds"), "{table}");
     let csv = fs::read_to_string(place.at("ledger/ledger.csv")).expect("it is written");
     assert!(

@@ -1,5 +1,5 @@
-//! The tutorial and the starts of `splatgraph new`: every graph is checked, drawn with validation, and shows what it teaches. And the
-//! commands that lead there.
+//! The tutorial and the templates of `splatgraph new`: every graph is checked, drawn with validation, and shows its
+//! effect. Also the commands of the tutorial.
 
 use splatgraph::io::image::Image;
 use splatgraph::studies::metrics;
@@ -86,7 +86,7 @@ fn every_step_of_the_tutorial_draws_what_it_teaches() {
     let auto = drawn(folder, "auto", &[]);
     let renderer = step("renderer", &[]);
     assert!(psnr(&renderer, &splat) > 50.0, "{}", psnr(&renderer, &splat));
-    // Harmonics, and the order, are what the steps before lack.
+    // The previous steps lack harmonics and the order.
     let base = drawn(folder, "splat", &["sh_degree=0"]);
     let sorted = step("sorted", &[]);
     assert!(psnr(&sorted, &base) > 50.0 && psnr(&sorted, &splat) < 45.0);
@@ -100,7 +100,7 @@ fn every_step_of_the_tutorial_draws_what_it_teaches() {
     assert!(lit > 1000 && dark > 1000 && lit + dark == 128 * 72, "{lit} points, {dark} dark");
     let rings = step("paint", &[]);
     assert!(psnr(&rings, &step("paint", &["width=40"])) < 20.0, "the slider changes the rings");
-    // Depth is grey, and the nearest is the brightest.
+    // Depth is grey; the nearest is the brightest.
     let depth = step("depth", &[]);
     assert!(pixels(&depth).all(|[r, g, b]| (r - g).abs() < 1e-5 && (g - b).abs() < 1e-5));
     let range = pixels(&depth).fold((1.0f32, 0.0f32), |(low, high), [r, ..]| (low.min(r), high.max(r)));

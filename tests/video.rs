@@ -1,4 +1,4 @@
-//! Films: the same frames in every format, folders that are filled where frames are missing, blur, and mistakes.
+//! Films: equal frames in every format, folders with missing frames, blur, and mistakes.
 
 use crate::commands::{scene, splatgraph};
 use crate::common;
@@ -102,7 +102,7 @@ fn the_same_command_again_draws_what_is_missing_and_another_film_is_refused() {
     let at = |index: usize| folder.join(format!("frames/{index:05}.png"));
     let before: Vec<Vec<u8>> = (0..4).map(|index| fs::read(at(index)).expect("written")).collect();
     fs::remove_file(at(1)).expect("removed");
-    // A picture of something else is not whole; one that is whole is not drawn again, whatever it shows.
+    // A picture of another size is not complete; a complete one is not redrawn, whatever it shows.
     fs::write(at(2), "half a picture").expect("written");
     fs::copy(at(0), at(3)).expect("copied");
     let said = drawn(folder, &["frames"]);

@@ -1,7 +1,8 @@
-//! The walk that the Metal backend takes over a plan's encoders makes exactly the encoders that the model of Metal's rules accepts.
+//! The Metal backend's walk over a plan's encoders creates exactly the encoders that the model of Metal's rules
+//! accepts.
 //!
-//! The half of the backend that calls Metal does what the walk says, one call for each move. So the moves of a few frames of every
-//! graph of the repository are put together to encoders again, and held against the data.
+//! The part of the backend that calls Metal follows the walk, one call per move. So the moves of a few frames of every
+//! graph are reassembled to encoders and compared with the data.
 
 use crate::encoders::plans;
 use splatgraph_framework::ir::PassId;
@@ -77,7 +78,7 @@ fn the_walk_over_every_built_in_graph_makes_the_encoders_that_were_proven() {
                 assert_eq!(found, wanted, "{}, {division:?}: frame {number}", plan.name);
                 assert_eq!(handed_over, None);
             }
-            // By now every fence of the frame was updated: no wait is left out.
+            // By now every fence of the frame was updated: no wait is omitted.
             assert_eq!(walked_frame(&mut walked, frames, timed).0, frame, "{}, {division:?}", plan.name);
         }
     }

@@ -1,4 +1,4 @@
-//! The viewer's window, drawn without one: hand-made pictures, and interfaces made by egui, held against what must come out.
+//! The viewer's window graph without a window: hand-made pictures and egui interfaces, compared with expected pixels.
 
 use egui::{Align2, Color32, FontId, Rect, TextureOptions, pos2, vec2};
 use half::f16;
@@ -18,7 +18,7 @@ struct Window {
     size: [u32; 2],
 }
 
-/// Holds the pixels of a frame.
+/// The pixels of a frame.
 struct Drawn {
     width: usize,
     pixels: Vec<[u8; 4]>,
@@ -59,7 +59,7 @@ impl Window {
         Drawn { width: pixels.width as usize, pixels: texels.collect() }
     }
 
-    /// Draws pictures alone.
+    /// Draws pictures without an interface.
     fn compose(&mut self, composition: &Composition) -> Drawn {
         self.draw(composition, &Painter::default().paint(Default::default(), &[], 1.0, composition))
     }
@@ -84,12 +84,12 @@ fn composition(
     Composition { window, view, a, b, mode, split: 0.5, amplification: 1.0, background }
 }
 
-/// A picture of which each pixel is what the function makes of its column and row.
+/// Returns a picture whose pixels are a function of column and row.
 fn picture(format: Format, [width, height]: [u32; 2], pixel: impl Fn(u32, u32) -> [f32; 3]) -> Option<Shown> {
     let mut bytes = Vec::new();
     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
         let [r, g, b] = pixel(x, y);
-        // What alpha is makes no difference.
+        // Alpha has no effect.
         let rgba = [r, g, b, 0.25];
         match format {
             Format::Rgba8Unorm => bytes.extend(rgba.map(|v| (v * 255.0).round() as u8)),
@@ -106,7 +106,7 @@ fn flat(format: Format, size: [u32; 2], colour: [u8; 3]) -> Option<Shown> {
     picture(format, size, |_, _| colour.map(|v| f32::from(v) / 255.0))
 }
 
-/// A picture on the device comes in parts, one from the host in one.
+/// A picture on the device comes in parts, one from the host in a single part.
 #[test]
 fn a_picture_in_parts_is_shown_like_one_in_one() {
     let mut window = Window::open([300, 300]);
@@ -126,7 +126,7 @@ fn a_picture_in_parts_is_shown_like_one_in_one() {
     let composed = |shown| composition([300, 300], [10, 20, 270, 270], Mode::A, Some(shown), None);
     let (one, parts) = (window.compose(&composed(on_host)), window.compose(&composed(on_device.clone())));
     assert!(one.pixels == parts.pixels);
-    // B is like A, and the same picture in both has no difference.
+    // B is like A, and equal pictures have no difference.
     let difference = composition(
         [300, 300],
         [10, 20, 270, 270],
@@ -158,7 +158,7 @@ fn pictures_of_every_format_stand_in_the_view_pixel_by_pixel() {
             let (u, v) = (x.wrapping_sub(3), y.wrapping_sub(2));
             let expected = match (u, v) {
                 _ if !inside => BACKGROUND,
-                // A picture in 8 bits could not hold these; floats are clamped.
+                // 8 bits could not represent these; floats are clamped.
                 (1, 1) if grey => [0; 3],
                 (1, 1) => [0, 255, 128],
                 _ if grey => [colour(u, v)[0]; 3],
@@ -297,7 +297,7 @@ fn egui_draws_its_colours_inside_its_clips_over_the_picture() {
         for (x, y) in (0..60).flat_map(|y| (0..78).map(move |x| (x, y))) {
             let inside = (10..30).contains(&x) && (10..40).contains(&y);
             let clipped = (50..60).contains(&x) && (20..30).contains(&y);
-            // egui softens borders by up to a pixel; at a clip there is no such thing.
+            // egui softens borders by up to a pixel; a clip has no such border.
             let border = (9..=30).contains(&x)
                 && (9..=40).contains(&y)
                 && !((11..29).contains(&x) && (11..39).contains(&y));

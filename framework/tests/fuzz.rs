@@ -1,7 +1,9 @@
-//! The shipped graphs and shaders, damaged at random: each is a plan, or an error with a place that can be shown.
+//! The shipped graphs and shaders, damaged at random: each must give a plan, or an error with a place that can be
+//! shown.
 //!
-//! Damage is that of accidents (bytes, lines, gaps) and that of malice (numbers beyond 32 bits, brackets, macros that grow). A case is
-//! its number, so a failure names all that is needed to see it again. Shaders are compiled in a worker, which is this program.
+//! Damage is accidental (bytes, lines, gaps) or malicious (numbers beyond 32 bits, brackets, macros that grow). A case
+//! is its number, so a failure message is enough to reproduce it. Shaders are compiled in a worker, which is this
+//! program.
 //!
 //! `SPLATGRAPH_LONG=1` (`./x test --long`) runs 100,000 cases of each.
 
@@ -24,16 +26,16 @@ use splatgraph_framework::shader::{
 };
 use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render};
 
-/// Damaged files in the long run, and in the one that everybody does.
+/// Damaged files: in the long run, and by default.
 const CASES: (u64, u64) = (100_000, 1_500);
 
-/// Cases between two lines about the progress.
+/// Cases between two progress lines.
 const TOLD: u64 = 1_000;
 
-/// A case that takes this long hangs: far beyond the limits of the compiler.
+/// Time after which a case counts as hung: far beyond the limits of the compiler.
 const LONGEST: Duration = Duration::from_secs(120);
 
-/// Pieces of graphs that are worth a try in any place.
+/// Fragments of graphs to insert anywhere.
 const RON: &[&str] = &[
     "4294967296",
     "-1",
@@ -67,7 +69,7 @@ const RON: &[&str] = &[
     "history: true,",
 ];
 
-/// Pieces of shaders that are worth a try in any place.
+/// Fragments of shaders to insert anywhere.
 const GLSL: &[&str] = &[
     "4294967295u",
     "-1",
@@ -109,7 +111,7 @@ const GLSL: &[&str] = &[
 /// Damages a text.
 fn damaged(text: &str, pieces: &[&str], random: &mut Random) -> String {
     let mut bytes = text.as_bytes().to_vec();
-    // Mostly once: of a text that is damaged twice, little is accepted.
+    // Mostly once: a text that is damaged twice is rarely accepted.
     for _ in 0..1 + random.below(5) / 3 {
         let at = random.below(bytes.len() + 1);
         match random.below(10) {
@@ -131,7 +133,7 @@ fn damaged(text: &str, pieces: &[&str], random: &mut Random) -> String {
                 }
                 bytes = lines.concat();
             }
-            // A number in the place of another.
+            // Replaces a number by another.
             6 => {
                 let digits =
                     |from: usize| bytes[from..].iter().position(u8::is_ascii_digit).map(|i| from + i);
@@ -176,16 +178,16 @@ const COUNT: u32 = 1000;
 /// Width and height of the picture, in pixels.
 const SIZE: (u32, u32) = (64, 32);
 
-/// The compiler in a process that is this program, requested the test that serves.
+/// Returns a compiler in a separate process: this program, running only the test that serves.
 fn compiler() -> Glslang {
     let program = std::env::current_exe().expect("this program");
     let arguments = ["--exact", "the_worker_of_the_other_tests_serves_when_it_is_asked", "--nocapture"];
-    // The memory is that of the program: with less, the worker is a new process for each shader.
+    // Less memory than the program's own would start a new worker for each shader.
     let limits = Limits { time: Duration::from_secs(1), ..Limits::default() };
     Glslang::in_worker(Worker { program, arguments: arguments.map(Into::into).into(), limits })
 }
 
-/// Runs in the worker's process only; elsewhere nobody asks.
+/// Does something only in the worker's process.
 #[test]
 fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
     serve_if_asked();
@@ -210,7 +212,7 @@ impl std::ops::AddAssign for Counts {
     }
 }
 
-/// A case: the name and text of the damaged file, the files with it, and what building or compiling them gave.
+/// A case: the name and text of the damaged file, the files around it, and the result of building or compiling them.
 struct Outcome<'a> {
     name: &'a str,
     text: &'a str,
@@ -247,8 +249,8 @@ fn counted(what: &str, case: u64, outcome: &Outcome) -> Counts {
     }
 }
 
-/// Runs the cases of one kind of file on all processors, each with its own compiler. `attempt` gives the file that a case
-/// damages, and what builds it.
+/// Runs the cases of one kind of file on all processors, each with its own compiler. `attempt` returns the file to
+/// damage and its builder.
 fn fuzz<'a, Attempt>(
     what: &str,
     files: &BTreeMap<String, String>,
@@ -291,17 +293,17 @@ fn fuzz<'a, Attempt>(
         }
     });
     let Counts { built, errors, crashed, ran_out, slowest } = sum;
-    // Not by `eprintln!`, which is kept back in tests that pass.
+    // Not `eprintln!`, whose output is hidden in tests that pass.
     let _ = writeln!(
         std::io::stderr(),
         "fuzz: {cases} {what}: {built} are accepted, {errors} are errors ({crashed} crash the compiler, {ran_out} take too much); \
          the slowest took {slowest:?}"
     );
-    // A generator that breaks nothing, or everything, would test nothing.
+    // Damage that breaks nothing, or everything, would test nothing.
     assert!(built > cases / 20 && errors > cases / 3, "{built} accepted, {errors} errors");
 }
 
-/// Returns true for graphs that draw; the others are made to be included.
+/// Returns true for graphs that draw; the others are parts.
 fn draws(text: &str) -> bool {
     text.contains("output:") || text.contains("Preset(")
 }
@@ -315,7 +317,7 @@ fn damaged_graphs_are_plans_or_errors_with_a_place() {
     fuzz("graphs", &files, RON, |random| {
         let name = names[random.below(names.len())];
         let build = move |map: &mut SourceMap, compiler: &mut Glslang| {
-            // Graphs made to be included are built through the graph that includes them.
+            // Parts are built through the graph that includes them.
             let own = map.find(None, name, Kind::Graph).map(|file| map.text(file).to_string());
             let graph = if own.is_ok_and(|text| draws(&text)) { name } else { "pipelines/splat.ron" };
             let request = Request { graph, set: &[], capacities: &[], facts, catalog, share_memory: true };
@@ -334,7 +336,7 @@ struct Compilation {
     generated: Vec<(String, String)>,
 }
 
-/// Compiles, and notes what was compiled.
+/// Compiles, and records the requests.
 struct Recorder {
     compiler: Glslang,
     seen: Vec<Compilation>,
@@ -359,7 +361,7 @@ impl ShaderCompiler for Recorder {
     }
 }
 
-/// Every compilation that the shipped graphs ask for.
+/// Lists every compilation that the shipped graphs request.
 fn compilations() -> Vec<Compilation> {
     let (facts, catalog) = (nominal::facts(COUNT, SIZE), nominal::catalog(COUNT));
     let mut memory = texts("pipelines");

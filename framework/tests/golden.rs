@@ -1,10 +1,12 @@
-//! Graphs with mistakes, and the diagnostics that a person then reads: `golden/in/*.ron` to `golden/out/*.snap`.
+//! Graphs with mistakes, and their diagnostics as users read them: `golden/in/*.ron` to `golden/out/*.snap`.
 //!
-//! An input holds many small graphs. A line `//// title` starts each; `// set: name=value` and `// fact: name=value` under it
-//! change a parameter or a fact, `// show: effects` shows what parameters do in a graph without mistakes, `// without: FEATURE` takes a feature from the device, `// graph: name` builds another file than this one, and `//// file: path` starts a file of the
-//! section's own. The folders `in/pipelines` and `in/shaders` are there for all of them.
+//! An input contains many small graphs. A line `//// title` starts each. Under it, `// set: name=value` and `// fact:
+//! name=value` change a parameter or a fact, `// show: effects` shows the effects of parameters in a valid graph, `//
+//! without: FEATURE` removes a device feature, `// graph: name` builds another file than this one, and `//// file:
+//! path` starts an additional file of the section. The folders `in/pipelines` and `in/shaders` are available to all of
+//! them.
 //!
-//! After a change of words, write the outputs anew and read the difference:
+//! After a change of messages, regenerate the outputs and read the difference:
 //!
 //! ```sh
 //! INSTA_UPDATE=always cargo test -p splatgraph-framework --test golden
@@ -43,7 +45,7 @@ fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// Reads the files that every section can name, by their path under `in`.
+/// Reads the files that every section can use, by their path under `in`.
 fn shared_files() -> BTreeMap<String, String> {
     let root = folder("tests/golden/in");
     let shared = ["pipelines", "shaders"].map(|name| files_in(&root.join(name))).concat();
@@ -63,7 +65,7 @@ fn catalog() -> Catalog {
     }
 }
 
-/// The compiler in a process that is this program, requested the test that serves: some sections crash it.
+/// Returns a compiler in a separate process: some sections crash it.
 fn compiler() -> Glslang {
     let program = std::env::current_exe().expect("this program");
     let arguments = ["--exact", "the_worker_of_the_other_tests_serves_when_it_is_asked", "--nocapture"];
@@ -71,7 +73,7 @@ fn compiler() -> Glslang {
     Glslang::in_worker(Worker { program, arguments, limits: Limits::default() })
 }
 
-/// Runs in the worker's process only; elsewhere nobody asks.
+/// Does something only in the worker's process.
 #[test]
 fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
     serve_if_asked();
@@ -150,7 +152,7 @@ fn printed(name: &str, section: &str, shared: &BTreeMap<String, String>, compile
     }
 }
 
-/// Holds the text of each output, by the name of its input.
+/// The text of each output, by the name of its input.
 static OUTPUTS: LazyLock<BTreeMap<String, String>> = LazyLock::new(outputs);
 
 fn outputs() -> BTreeMap<String, String> {
@@ -161,7 +163,7 @@ fn outputs() -> BTreeMap<String, String> {
         let name = path.file_name().expect("a name").to_string_lossy().into_owned();
         let text = read(&path);
         let sections = text.strip_prefix("//// ").expect("a title").split("\n//// ");
-        // A file of the section's own starts with the same slashes.
+        // An additional file of the section starts with the same slashes.
         let mut joined: Vec<String> = Vec::new();
         for part in sections {
             match joined.last_mut().filter(|_| part.starts_with("file: ")) {
@@ -192,10 +194,10 @@ fn every_mistake_is_described_as_its_golden_file_says() {
     });
 }
 
-/// The folders that find no mistakes in graphs.
+/// The folders that report no mistakes in graphs.
 const WITHOUT_DIAGNOSTICS: [&str; 4] = ["msl", "dump", "oracle", "reload"];
 
-/// Sentences that no golden file shows: a file, or a file and the start of a sentence.
+/// Messages that no golden file shows: a file, or a file and the start of a message.
 const NOT_SHOWN: &[&str] = &[
     // Outputs are asked for beside the file; lower/tests.rs has the messages.
     "lower/results.rs: this graph has no output `{name}`",
@@ -245,7 +247,7 @@ const NOT_SHOWN: &[&str] = &[
     "shader/compile/sources.rs: a shader and its includes can have",
     "shader/compile/sources.rs: the limit is passed",
     "shader/compile/log.rs: the included files together",
-    // The compiler and its log never gave cause for these.
+    // The compiler and its log never caused these.
     "shader/compile/log.rs: the include of `{}` is not understood",
     "shader/compile/mod.rs: ERROR: cannot start a thread",
     "shader/compile/generate.rs: ERROR: glslang does not start",
@@ -263,7 +265,7 @@ const NOT_SHOWN: &[&str] = &[
     "shader/reflect/",
 ];
 
-/// Collects the sentences in the string literals of a file: those with a space, outside of attributes, assertions and tests.
+/// Collects the messages in a file's string literals: those with a space, outside of attributes, assertions and tests.
 fn sentences(tokens: TokenStream, found: &mut Vec<String>) {
     let mut tokens = tokens.into_iter().peekable();
     // Whether the next group in parentheses is an assertion's or holds what an impossible `None` is unwrapped with.
@@ -308,7 +310,7 @@ fn sentences(tokens: TokenStream, found: &mut Vec<String>) {
     }
 }
 
-/// Returns true if a line has the pieces of a format string, in their order.
+/// Returns true if a line contains the pieces of a format string, in order.
 fn is_in(line: &str, sentence: &str) -> bool {
     let escaped = sentence.replace("{{", "\u{1}").replace("}}", "\u{2}");
     let pieces = escaped.split('{').enumerate().map(|(i, piece)| match i {

@@ -1,11 +1,11 @@
-//! Data walks through the folders of the framework in one direction, and so do the imports.
+//! Checks that imports follow the order of the framework's folders.
 
 use std::path::Path;
 
 #[path = "../../tests/module_order.rs"]
 mod module_order;
 
-/// The modules, from the ground up. `solve` alone builds plans, and so imports their types.
+/// The modules, in order. Only `solve` builds plans and imports their types.
 const ORDER: [&str; 14] = [
     "ir", "source", "expr", "schema", "lower", "shader", "link", "plan", "msl", "solve", "dump", "oracle",
     "reload", "build",

@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Fills the buffer to copy, once, with contents that differ: equal ones could be compressed on their way.
+// Fills the buffer to copy, once, with varying contents: constant contents could be compressed in transit.
 
 #include "../groups.glsl"
 

@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Makes pairs of a random key and its index, and says how many there are.
+// Generates pairs of a random key and its index, and writes their number.
 
 #include "../args.glsl"
 #include "../fold_groups.glsl"
@@ -13,7 +13,7 @@ layout(set = 0, binding = 0, std430) writeonly buffer Keys { uint keys[]; };
 layout(set = 0, binding = 1, std430) writeonly buffer Values { uint values[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer Args { uint args[]; };
 
-// A bijection of words whose results look random ("lowbias32" of C. Wellons).
+// A bijection on words with random-looking results ("lowbias32" by C. Wellons).
 uint mixed(uint x) {
     x = (x ^ (x >> 16)) * 0x7feb352du;
     x = (x ^ (x >> 15)) * 0x846ca68bu;

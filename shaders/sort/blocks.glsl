@@ -1,4 +1,4 @@
-// What all passes of the radix sort agree on.
+// Definitions shared by all passes of the radix sort.
 //
 // A *block* is BLOCK_KEYS consecutive keys. The number of blocks follows from the number of keys, which only the GPU knows.
 

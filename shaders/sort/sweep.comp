@@ -29,7 +29,7 @@ layout(set = 0, binding = 5, std430) buffer Totals { uint totals[]; };
 layout(set = 0, binding = 6, std430) writeonly buffer KeysOut { uint keys_out[]; };
 layout(set = 0, binding = 7, std430) writeonly buffer ValuesOut { uint values_out[]; };
 
-// A word of the table: the count in the upper 30 bits, and what it counts.
+// A word of the table: the count in the upper 30 bits, and its kind.
 const uint NOTHING = 0u;
 const uint BLOCK_ALONE = 1u;
 const uint ALL_BEFORE = 2u;

@@ -3,7 +3,7 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// First pass of the one-sweep sort: counts the values of every digit in one reading of the keys, and clears the first digit's table.
+// First pass of the one-sweep sort: counts the values of every digit while reading the keys once, and clears the first digit's table.
 
 #include "sweep.glsl"
 
@@ -12,7 +12,7 @@ layout(set = 0, binding = 1, std430) readonly buffer KeysIn { uint keys_in[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer Table { uint table[]; };
 layout(set = 0, binding = 3, std430) buffer Totals { uint totals[]; };
 
-// Copies of each counter, for lanes in turn: the high digits of depths agree in many lanes, whose additions to one word are serialised.
+// Copies of each counter, used by lanes cyclically: depths share high digits in many lanes, and additions to one word are serialised.
 const uint COPIES = uint(DIGITS) * BINS <= 2048u ? 2u : 1u;
 shared uint counts[uint(DIGITS) * BINS * COPIES];
 
@@ -35,7 +35,7 @@ void main() {
         table[at] = 0u;
     }
     barrier();
-    // Bits above the key's width are no digits.
+    // Bits above the key's width are not digits.
     uint width = uint(KEY_BITS - FIRST_BIT);
     for (uint block = first_block; block < last_block; block++) {
         uint first = block * uint(BLOCK_KEYS);

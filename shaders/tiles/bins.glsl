@@ -14,7 +14,7 @@ BinRect unpack_bins(uint packed) {
     return BinRect(uvec2(packed, packed >> 8) & 255u, uvec2(packed >> 16, packed >> 24) & 255u);
 }
 
-// A rectangle of no bins.
+// The empty rectangle.
 const uint NO_BINS = 1u;
 
 // Returns the number of bins in a rectangle.

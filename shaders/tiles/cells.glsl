@@ -2,7 +2,7 @@
 
 #include "cut.glsl"
 
-// Returns the columns of the cells of `row` that the splat touches, a bit each.
+// Returns the columns of the cells of `row` that the splat touches, as a bit mask.
 uint columns_of(Cut c, uint row) {
     const float side = float(CELL);
     vec2 span = span_of(c, float(row) * side, float(row) * side + (side - 1.0));

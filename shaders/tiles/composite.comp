@@ -26,8 +26,8 @@ layout(set = 0, binding = 7, std430) readonly buffer Records { StoredRecord reco
 layout(set = 0, binding = 13, std430) readonly buffer SegmentPixels { Pixel segment_pixels[]; };
 
 #if WITH_RANKS
-// Returns the depth of the last splat of a segment that more than half of the light reaches, of which `light` reaches the first. The
-// segment itself knows only its own share of the light, so its splats are blended once more.
+// Returns the depth of a segment's last splat with a transmittance above one half before it; `light` is the transmittance before the
+// segment. The segment alone knows only its own transmittance, so its splats are blended once more.
 float median_within(uint bin, uint segment, vec2 pixel, float light) {
     uint begin = ranges[bin].x + segment * uint(SEGMENT_ENTRIES);
     uint end = min(begin + uint(SEGMENT_ENTRIES), ranges[bin].y);
@@ -52,8 +52,8 @@ float median_within(uint bin, uint segment, vec2 pixel, float light) {
 }
 #endif
 
-// Adds the sums of a segment, whose splats `front.light` reaches. Sums are dimmed by it, and the splat with the largest share of a
-// segment is the one with the largest of its dimmed shares; of the median depth this is not so.
+// Adds the sums of a segment behind the transmittance `front.light`, which scales them. A segment's splat with the largest weight also has
+// its largest scaled weight; this does not hold for the median depth.
 void add_segment(inout Pixel front, Pixel back, uint bin, uint segment, vec2 pixel) {
     front.depth += front.light * back.depth;
 #if WITH_NORMALS
@@ -103,7 +103,7 @@ void main() {
 #endif
     }
     if (pixel.x < uint(VIEWPORT_WIDTH) && pixel.y < uint(VIEWPORT_HEIGHT)) {
-        // A done pixel's transmittance is negative: see rasterise.comp.
+        // A finished pixel's transmittance is negative; see rasterise.comp.
         imageStore(picture, ivec2(pixel), vec4(colour + abs(transmittance) * camera.background.rgb, 1.0));
 #if WITH_OUTPUTS
         pixels[pixel.y * uint(VIEWPORT_WIDTH) + pixel.x] = outputs;

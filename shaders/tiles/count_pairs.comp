@@ -4,8 +4,8 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Counts the pairs of a splat and a bin that it may touch, for each block of PAIR_BLOCK splats in the order of depth, and copies the bins of
-// a splat to its place in it.
+// Counts the pairs of a splat and a bin that it may touch, for each block of PAIR_BLOCK splats in depth order, and copies the bins of
+// a splat to its position in this order.
 
 #include "../args.glsl"
 #include "../groups.glsl"
@@ -31,7 +31,7 @@ void main() {
         return;
     }
     uint thread = thread_index();
-    // All loads before the first is needed, so that an invocation waits for memory twice.
+    // All loads come before their first use, so that an invocation waits for memory only twice.
     uint index[PER_THREAD];
     [[unroll]] for (uint j = 0u; j < PER_THREAD; j++) {
         uint at = first + j * THREADS + thread;

@@ -4,7 +4,7 @@
 // A splat as a square of the picture sees it: distances in pixels from the square's first pixel.
 struct Cut {
     vec2 centre;
-    float limit;        // of the squared distance in sigmas, scaled as the root is
+    float limit;        // of the squared distance in sigmas, scaled like the root
     float lean;         // x of the middle of the ellipse per y
     float peak;         // from the centre down to the rightmost point; the leftmost is as far above
     float inverse_x;    // pixels per scaled sigma in a row
@@ -12,13 +12,13 @@ struct Cut {
     vec2 low, high;     // the pixels that may be touched
 };
 
-// So much farther than the ellipse reaches, in pixels, that rounding drops no pixel.
+// Margin beyond the ellipse, in pixels, so that rounding drops no pixel.
 const float CUT_MARGIN = 1.0 / 64.0;
 
-// The least of `limit`: LEAST_LOG of projection.glsl, in powers of 2.
+// The minimum of `limit`: LEAST_LOG of projection.glsl, in powers of 2.
 const float LEAST_LIMIT = 1.4427e-6;
 
-// Returns how the square of `side` pixels from `corner` sees a splat that ends at the alpha `least`.
+// Returns the ellipse relative to the square of `side` pixels at `corner`, for a splat that ends at the alpha `least`.
 Cut cut_of(Record r, vec2 corner, float side, float least) {
     Cut c;
     c.limit = max(r.log_alpha - log2(least), LEAST_LIMIT);
@@ -28,7 +28,7 @@ Cut cut_of(Record r, vec2 corner, float side, float least) {
     c.lean = -r.root.y * c.inverse_x;
     float reach = sqrt(c.limit);
     float half_height = reach / r.root.z;
-    // A length whose squares need not be floats.
+    // Returns the length of a vector whose squares may overflow.
     float longer = max(r.root.z, abs(r.root.y));
     float slant = longer * length(r.root.zy / longer);
     c.peak = -(r.root.y / slant) * half_height;

@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Finds the list of each bin among pairs that are sorted by bin alone.
+// Finds the list of each bin among pairs sorted by bin only.
 
 #include "../args.glsl"
 #include "../groups.glsl"

@@ -24,7 +24,7 @@ const uint RUN = 128u;
 // Without bits to compare there are no runs.
 #define HAS_RUNS (TIE_BITS > 0 || REST_BITS > 0)
 #if HAS_RUNS
-// The pairs of the workgroup, with as many on either side as a run may have.
+// The pairs of the workgroup, plus the length of a run on either side.
 const uint MARGIN = RUN;
 #else
 const uint MARGIN = 1u;
@@ -35,12 +35,12 @@ shared uint near_keys[WINDOW];
 shared uint near_splats[WINDOW];
 #endif
 
-// Returns the bits that the radix sort has ordered.
+// Returns the bits ordered by the radix sort.
 uint sorted_part(uint key) {
     return key >> TIE_BITS;
 }
 
-// Returns the splat of a pair, above whose index bits of the depth may stand.
+// Returns the splat of a pair; depth bits may be above its index.
 uint splat_of(uint pair) {
 #if REST_BITS > 0
     return pair & ((1u << INDEX_BITS) - 1u);

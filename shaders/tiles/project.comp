@@ -28,18 +28,18 @@ const float BRIGHTEST = BRIGHTEST_HALF;
 // sqrt(log2(e) / 2): the power of the falloff is one of 2.
 const float ROOT_SCALE = 0.8493218002880191;
 
-// Returns the radius that the published rasteriser gives a splat, in pixels: three standard deviations, rounded up.
+// Returns the published rasteriser's radius of a splat, in pixels: three standard deviations, rounded up.
 float published_radius(Projection p) {
-    // The difference of the eigenvalues has a floor there, the root of 0.1 square pixels.
+    // There, the difference of the eigenvalues has a floor: the root of 0.1 square pixels.
     float least = sqrt(0.1) / (p.unit * p.unit);
     float spread = max(length(vec2(0.5 * (p.xx - p.yy), p.xy)), least);
     return ceil(3.0 * sqrt(0.5 * (p.xx + p.yy) + spread) * p.unit);
 }
 
-// Returns log2 of an opacity that is not below the alpha floor, rounded so that its power of 2 is not either.
+// Returns log2 of an opacity above the alpha floor, rounded so that its power of 2 is above the floor as well.
 float log_of_alpha(float alpha) {
     float log_alpha = log2(alpha);
-    // Two steps of floats between -8 and -4, more than the rounding of both functions.
+    // Two float steps between -8 and -4, more than the rounding of both functions.
     return exp2(log_alpha) < alpha_floor ? log_alpha + 1e-6 : log_alpha;
 }
 
@@ -86,12 +86,12 @@ float project(uint i) {
 }
 
 #if SERIAL
-// On a CPU each workgroup takes memory, so there are few.
+// On a CPU each workgroup costs memory, so there are few.
 layout(local_size_x = 256) in;
 
 layout(set = 0, binding = 4, std430) writeonly buffer Depth { float depth_of[]; };
 
-// Counting takes barriers, so serial_visible.comp does it.
+// Counting needs barriers, so serial_visible.comp does it.
 void main() {
     uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
     if (i < uint(SCENE_COUNT)) {
@@ -103,7 +103,7 @@ void main() {
 #define COUNTS_PAIRS
 #endif
 
-// Leaves no bins where all splats are binned.
+// Leaves an empty rectangle if all splats are binned.
 void leave_out(uint i) {
 #if SORTED == SORTED_PAIRS
     bins_of[i] = NO_BINS;

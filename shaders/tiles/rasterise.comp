@@ -33,10 +33,10 @@ layout(set = 0, binding = 5, rgba32f) writeonly uniform image2D picture;
 layout(set = 0, binding = 13, std430) writeonly buffer SegmentPixels { Pixel segment_pixels[]; };
 #endif
 
-// Cells of an invocation.
+// Cells per invocation.
 const uint OWN = BIN_CELLS / CELLS_AT_ONCE;
 
-// An invocation takes a splat; the first takes one that is nowhere, which fills lists up.
+// Each invocation loads a splat; the first one adds a splat that touches nothing, which pads lists.
 const uint CHUNK = THREADS - 1u;
 // Splats that touch more cells than this are noted by ballots.
 const uint FEW_CELLS = 16u;
@@ -64,13 +64,13 @@ shared uvec2 chunk_seen[THREADS];
 // banks long, because the invocations of a cell each read another row.
 const uint ROW = BIN_CELLS + 4u;
 shared uint touching[WORDS * ROW];
-// A part of the list of each cell, which is walked at a time: places in the chunk, a byte each. Every invocation has a word of its
-// cell's.
+// A part of each cell's list, walked at a time: positions in the chunk, a byte each. Every invocation has a word of its
+// cell's part.
 const uint LISTED = 4u * CELL_LANES;
 shared uint listed[THREADS];
 // Words of `touching` for each invocation of a cell.
 const uint PARTS = WORDS / CELL_LANES;
-// Not 0 if light comes through somewhere after a chunk; for even and odd chunks.
+// Nonzero if any pixel still has light after a chunk; for even and odd chunks.
 shared uint is_open[2];
 
 // Finds the bin of the further segment `number`: the last whose further segments start at or before it.
@@ -104,7 +104,7 @@ void mark_cells(Cut cut, bool is_valid, uint at, uint lane) {
             }
         }
     } else {
-        // Atomics of many lanes to one word would wait for each other.
+        // Atomics of many lanes to one word would be serialised.
         for (uint y = 0u; y < ACROSS; y++) {
             uint columns = touches && y >= low.y && y <= high.y ? columns_of(cut, y) : 0u;
             if (subgroupAll(columns == 0u)) {
@@ -328,7 +328,7 @@ void main() {
 #endif
                 }
             } else {
-                // Below 0 if the pixel is done: splats behind add nothing.
+                // Negative if the pixel is finished: further splats add nothing.
                 float light = floors[o][p] == 2.0 ? -lights[o][p] : lights[o][p];
                 sums[sum_place * BIN_PIXELS + place] = pack_sum(vec4(colours[o][p], light));
 #if WITH_OUTPUTS

@@ -8,7 +8,7 @@ struct Record {
     vec2 centre;      // in pixels, pixel centres at integers
     vec3 root;
     float log_alpha;  // log2 of the opacity
-    float radius;     // of the square of tiles that the splat may touch, in pixels; 0 without that rule
+    float radius;     // of the square of tiles that the splat may touch, in pixels; 0 without this rule
     vec3 colour;      // display-encoded, not below 0
 };
 
@@ -25,7 +25,7 @@ Record unpack_record(StoredRecord s) {
 #else
 struct StoredRecord { vec4 centre_root; uvec4 rest; };
 
-// Colours are half floats. A radius is a whole number; one beyond 16 bits is taken for one that reaches everything.
+// Colours are half floats. A radius is an integer; one above 16 bits is treated as unbounded.
 StoredRecord pack_record(Record r) {
     uint blue = packHalf2x16(vec2(r.colour.b, 0.0));
     return StoredRecord(vec4(r.centre, r.root.xy), uvec4(floatBitsToUint(vec2(r.root.z, r.log_alpha)), packHalf2x16(r.colour.rg),
@@ -40,7 +40,7 @@ Record unpack_record(StoredRecord s) {
 }
 #endif
 
-// The light of a segment at a pixel: the colour that it adds, and the share of light that it lets through.
+// The light of a segment at a pixel: the colour that it adds, and its transmittance.
 #if RECORD == RECORD_F32
 #define StoredSum vec4
 

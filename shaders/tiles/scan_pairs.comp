@@ -20,11 +20,11 @@ layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
 #else
 layout(set = 0, binding = 3, std430) readonly buffer BlockCount { uint block_visible[]; };
 #endif
-// Pairs that order_ties.comp must leave in the order of the file.
+// Pairs that order_ties.comp has to leave in file order.
 layout(set = 0, binding = 4, std430) writeonly buffer Unordered { uint unordered; };
 layout(set = 0, binding = 1, std430) buffer Blocks { uint block_pairs[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer PairArgs { uint pair_args[]; };
-// Emptied for the pass that finds the lists.
+// Cleared for the pass that finds the lists.
 layout(set = 0, binding = 5, std430) writeonly buffer Ranges { uvec2 ranges[]; };
 
 const uint PER_THREAD = 8u;
@@ -40,7 +40,7 @@ void main() {
         ranges[bin] = uvec2(0u);
     }
     uint needed = 0u;
-    // This invocation's share of the same in units of 4,096, which does not overflow, and of the visible splats.
+    // This invocation's part of the sum in units of 4,096, which does not overflow, and of the visible splats.
     uint coarse_part = 0u;
 #if SORTED == SORTED_PAIRS
     uint visible_part = 0u;
@@ -74,7 +74,7 @@ void main() {
     exclusive_sum(visible_part, round++, visible);
 #endif
     if (thread == 0u) {
-        // More than any list holds: the frame is short, whatever the sum of 32 bits says.
+        // More than any list holds: the frame overflows, whatever the 32-bit sum is.
         needed = coarse >= (1u << 18) ? 0x7fffffffu : needed;
         uint held = min(needed, uint(ENTRIES));
         uint groups = (held + uint(GROUP_PAIRS) - 1u) / uint(GROUP_PAIRS);
@@ -83,7 +83,7 @@ void main() {
         pair_args[ARGS_SORT_GROUPS + 1u] = folded.y;
         pair_args[ARGS_SORT_GROUPS + 2u] = folded.z;
         pair_args[ARGS_VISIBLE] = held;
-        // An invocation for each pair, and one for the end.
+        // One invocation per pair, and one for the end.
         folded = fold_groups(held / 256u + 1u);
         pair_args[ARGS_DRAW] = folded.x;
         pair_args[ARGS_DRAW + 1u] = folded.y;

@@ -1,4 +1,4 @@
-// What the rasterisers of tiles read and write for outputs besides the picture.
+// The buffers that the tile rasterisers read and write for outputs besides the picture.
 
 #include "../pixels.glsl"
 
@@ -9,7 +9,7 @@ layout(set = 0, binding = 11, std430) buffer Pixels { Pixel pixels[]; };
 layout(set = 0, binding = 12, std430) readonly buffer Normals { vec4 normals[]; };
 #endif
 
-// Returns what the outputs see of splat `index`.
+// Returns splat `index`'s inputs to the output sums.
 Seen seen_splat(uint index) {
 #if WITH_NORMALS
     return Seen(depth_of[index], index, normals[index].xyz);

@@ -1,12 +1,12 @@
 // The division of a bin's list into segments of SEGMENT_ENTRIES entries, which are blended independently of each other and then composited,
 // so that a long list keeps many workgroups busy.
 
-// An empty list has one, too.
+// An empty list has one as well.
 uint segments_of(uint entries) {
     return max(1u, (entries + uint(SEGMENT_ENTRIES) - 1u) / uint(SEGMENT_ENTRIES));
 }
 
-// The invocations of a workgroup of the rasteriser.
+// Invocations per workgroup of the rasteriser.
 const uint RASTER_THREADS = 256u;
 
 // The rasteriser divides a bin into *cells* of CELL x CELL pixels, each shared by neighbouring invocations of a subgroup: as many rows
@@ -29,7 +29,7 @@ uint pixel_place(uint thread, uint turn, uint p) {
     return (turn * CELL_PIXELS + p) * RASTER_THREADS + thread;
 }
 
-// Returns the pixel of the bin at a place.
+// Returns the bin's pixel at a position.
 uvec2 pixel_at(uint place) {
     uint thread = place % RASTER_THREADS;
     uint pass = place / RASTER_THREADS;

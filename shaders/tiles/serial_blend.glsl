@@ -41,9 +41,9 @@ uint bin_of_tile(uvec2 tile) {
     return (tile.y / BIN_TILES) * uint(BINS_X) + tile.x / BIN_TILES;
 }
 
-// Returns 2^x for x from -126 to 127; anything for others. Relatively within 2.9e-6 of it, and exact for 0; ACCURATE, within 2.5e-7.
+// Returns 2^x for x from -126 to 127, undefined otherwise. The relative error is 2.9e-6, 2.5e-7 if ACCURATE; 2^0 is exact.
 float power_of_2(float x) {
-    const float TO_INTEGER = 12582912.0;  // 1.5 2^23: a sum with it has no fraction
+    const float TO_INTEGER = 12582912.0;  // 1.5 2^23: adding it removes the fraction
     precise float rounded = x + TO_INTEGER;
     precise float integer = rounded - TO_INTEGER;
     precise float f = x - integer;
@@ -62,20 +62,20 @@ float power_of_2(float x) {
     return intBitsToFloat(floatBitsToInt(p) + (floatBitsToInt(rounded) << 23));
 }
 
-// A splat as a tile sees it.
+// A splat relative to a tile.
 struct Splat {
     vec2 at;          // u and v of the falloff (record.glsl) at the tile's first pixel
     vec3 root;
     float log_alpha;  // binary logarithm of the opacity; where the falloff goes by products, of its ratio to the alpha floor
     vec3 colour;
-    float bend;       // factor between the ratios of alphas from vector to vector down, where the falloff goes by products
+    float bend;       // factor from one vector's alpha ratio to the next one's down, if the falloff uses products
 #if WITH_OUTPUTS
     Seen seen;
 #endif
 };
 
 #if WITH_OUTPUTS
-// Returns what lane `lane` has of its splat.
+// Returns the splat of lane `lane`.
 Seen seen_of_lane(Seen s, uint lane) {
     return Seen(subgroupShuffle(s.depth, lane), subgroupShuffle(s.index, lane), subgroupShuffle(s.normal, lane));
 }
@@ -86,7 +86,7 @@ struct Limits {
     float floor;  // the alpha floor
     float least;  // its binary logarithm
     float most;   // the alpha cap
-    float stop;   // the light of the early stop
+    float stop;   // the transmittance of the early stop
 };
 
 // Returns the limits of this frame.
@@ -96,7 +96,7 @@ Limits limits() {
     return Limits(alpha_floor, log2(alpha_floor), min(alpha_cap, 0.9999999), max(stop, 1e-35));
 }
 
-// Returns a splat as the tile at `corner` sees it.
+// Returns a splat relative to the tile at `corner`.
 Splat seen_from(vec2 corner, Record r, Limits limits AND(uint index)) {
     vec2 d = corner - r.centre;
     vec2 down = float(ROWS) * r.root.yz;
@@ -105,13 +105,13 @@ Splat seen_from(vec2 corner, Record r, Limits limits AND(uint index)) {
 #else
     float log_alpha = r.log_alpha;
 #endif
-    // 1 where no float lies between: exp2() of a small number may be one step too low.
+    // 1 if no float lies between: exp2() of a small number may be one step too low.
     float bend = -2.0 * dot(down, down);
     bend = bend > -4e-8 ? 1.0 : exp2(bend);
     return Splat(vec2(r.root.x * d.x + r.root.y * d.y, r.root.z * d.y), r.root, log_alpha, r.colour, bend AND(seen_splat(index)));
 }
 
-// Blends a splat over a pixel; `alpha` has no alpha cap yet, and is 0 below the alpha floor.
+// Blends a splat over a pixel; `alpha` is uncapped, and 0 below the alpha floor.
 //
 // With STOP_AFTER_SPLAT, a pixel ends before the splat that would bring its transmittance below the early stop: it is left out, and
 // the sign of the transmittance is set.
@@ -135,7 +135,7 @@ void blend(inout vec4 sum, float alpha, vec3 colour, Limits limits AND(inout Pix
 #endif
 }
 
-// Returns the power of 2 that a splat's alpha has at a pixel with `u` and `v` of its falloff.
+// Returns the power of 2 of a splat's alpha at a pixel with `u` and `v` of its falloff.
 float power_at(Splat s, vec2 uv) {
     return s.log_alpha - (uv.x * uv.x + uv.y * uv.y);
 }
@@ -163,7 +163,7 @@ void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 
     float to_below = power_of_2(power < FAR ? 0.0 : power_at(s, uv + down) - power);
     float to_above = s.bend / to_below;
     float alpha = middle;
-    // Counted from 0, so that drivers unroll them.
+    // Counts from 0, so that drivers unroll the loop.
     [[unroll]] for (uint i = 0u; i < STEPS - MIDDLE; i++) {
         blend(sums[(MIDDLE + i) * COLUMNS + column], alpha >= limits.floor ? alpha : 0.0, s.colour, limits);
         alpha = max(alpha * to_below, UNSEEN);
@@ -181,7 +181,7 @@ void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 
 //
 // u and v step from row to row, and not their squares: a power that is no sum of squares can be rounded to one far above 0.
 void blend_column(inout vec4 sums[VECTORS], uint column, Splat s, vec2 uv, vec2 down, Limits limits AND(inout Pixel pixels_of[VECTORS])) {
-    // Counted from 0, so that drivers unroll it.
+    // Counts from 0, so that drivers unroll the loop.
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         float power = power_at(s, uv);
         blend(sums[i * COLUMNS + column], power >= limits.least ? power_of_2(power) : 0.0, s.colour, limits
@@ -201,13 +201,13 @@ void blend_block(inout vec4 sums[VECTORS], Splat s, vec2 first, Limits limits AN
     }
 }
 
-// Returns whether light comes through somewhere in a block.
+// Returns true if any pixel of a block still has light.
 bool has_light(inout vec4 sums[VECTORS], Limits limits) {
     float most = sums[0].a;
     [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
         most = max(most, sums[v].a);
 #if STOP_AFTER == STOP_AFTER_CHUNK
-        // The pixels of a block go on together, and one that is long done must not come to denormal floats.
+        // The pixels of a block continue together, and a finished one must not produce denormal floats.
         sums[v].a = max(sums[v].a, 1e-20);
 #endif
     }
@@ -227,7 +227,7 @@ uint blocks_of(Record r, vec2 corner, float least) {
     return blocks;
 }
 
-// Returns the bits that any lane has.
+// Returns the bits that are set in any lane.
 uint any_lane(uint bits) {
 #if LANES == 8
     // Three steps of one instruction each.
@@ -240,7 +240,7 @@ uint any_lane(uint bits) {
 #endif
 }
 
-// Returns the splat that lane `lane` has loaded.
+// Returns the splat loaded by lane `lane`.
 Splat splat_of_lane(Splat s, uint lane) {
     return Splat(subgroupShuffle(s.at, lane), subgroupShuffle(s.root, lane), subgroupShuffle(s.log_alpha, lane), subgroupShuffle(s.colour, lane),
                  subgroupShuffle(s.bend, lane) AND(seen_of_lane(s.seen, lane)));

@@ -52,7 +52,7 @@ void main() {
         uvec2 at = tile * TILE + pixel_in_tile(block, v, lane);
         uvec2 last = uvec2(VIEWPORT_WIDTH, VIEWPORT_HEIGHT) - 1u;
         sums[v] = imageLoad(picture, ivec2(min(at, last)));
-        // Pixels beyond the picture or the block are done.
+        // Pixels outside the picture or the block are finished.
         sums[v].a = lane < BLOCK_PIXELS && all(lessThanEqual(at, last)) ? sums[v].a : -1.0;
 #if WITH_OUTPUTS
         at = min(at, last);

@@ -1,8 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// First pass of binning, serial: counts the pairs of each run of RUN_SPLATS splats in the order of depth. The bins of a splat are
-// copied to its place in that order, so that the later passes find them side by side.
+// First pass of binning, serial: counts the pairs of each run of RUN_SPLATS splats in depth order. The bins of a splat are
+// copied to its position in this order, so that later passes read them contiguously.
 
 #include "../args.glsl"
 #include "serial.glsl"

@@ -26,30 +26,30 @@ layout(set = 0, binding = 2, std430) readonly buffer Records { StoredRecord reco
 layout(set = 0, binding = 3, std430) buffer Deep { uint deep[]; };
 layout(set = 0, binding = 4, rgba32f) writeonly uniform image2D picture;
 
-// Splats that a lane loads at a time. More make the blocks' loops longer, whose ends a CPU cannot foresee.
+// Splats that a lane loads at a time. More would make the blocks' loops longer, and a CPU mispredicts their ends.
 const uint OWN = LOADERS <= 16 ? 2u : 1u;
 const uint CHUNK = OWN * uint(LOADERS);
 // The bits of the chunk's splats for each block.
 const uint PER_WORD = 32u / CHUNK;
 const uint WORDS = BLOCKS / PER_WORD;
 
-// Returns the index of the lowest bit, which may be none.
+// Returns the index of the lowest bit; there may be none.
 uint lowest_bit(uint bits) {
 #if LOADERS < 16
-    // By way of a float: no vector instruction of CPUs finds bits.
+    // Through a float: CPUs have no vector instruction for finding bits.
     return uint((floatBitsToInt(float(int(bits & (~bits + 1u)))) >> 23) - 127) & (CHUNK - 1u);
 #else
     return uint(findLSB(bits)) & (CHUNK - 1u);
 #endif
 }
 
-// Returns `a` or `b`.
+// Selects `a` or `b`.
 Splat choose(bool first, Splat a, Splat b) {
     return Splat(first ? a.at : b.at, first ? a.root : b.root, first ? a.log_alpha : b.log_alpha, first ? a.colour : b.colour,
                  first ? a.bend : b.bend AND(first ? a.seen : b.seen));
 }
 
-// Clears the lowest bit and returns its splat; one without light if no bit is left.
+// Clears the lowest bit and returns its splat; a splat without light if no bit is left.
 Splat next_splat(Splat own[OWN], inout uint bits) {
     uint next = lowest_bit(bits);
     Splat s = splat_of_lane(own[0], next & uint(LOADERS - 1));
@@ -61,7 +61,7 @@ Splat next_splat(Splat own[OWN], inout uint bits) {
     return s;
 }
 
-// Returns the tile of workgroup `index`, which may be right of the picture.
+// Returns the tile of workgroup `index`, which may be to the right of the picture.
 //
 // A CPU hands each of its threads a range of workgroups of the same length, finds records in its caches if the last tiles have
 // used them, and must work as long in the upper part of a picture as in the lower. So tiles go row by row through strips of STRIP
@@ -75,7 +75,7 @@ uvec2 tile_at(uint index) {
 }
 
 void main() {
-    // A dispatch of several rows of workgroups has a few too many.
+    // A dispatch with several rows of workgroups has a few too many.
     uint index = group_index();
     uvec2 tile = tile_at(index);
     if (index >= uint(TILE_PLACES) || tile.x >= TILES_X) {
@@ -104,7 +104,7 @@ void main() {
         }
     }
 #endif
-    // The blocks with light.
+    // Blocks that still have light.
     uint open = (1u << BLOCKS) - 1u;
 
     for (uint first = begin; first < end && open != 0u; first += CHUNK) {

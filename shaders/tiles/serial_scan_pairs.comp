@@ -10,7 +10,7 @@
 layout(set = 0, binding = 0, std430) readonly buffer Args { uint args[]; };
 layout(set = 0, binding = 1, std430) buffer Runs { uint runs[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer Work { uint work[]; };
-// The tiles that the first pass of the rasteriser leaves to the next: none yet. See serial_deep.comp.
+// The tiles that the rasteriser's first pass leaves to the next: none yet. See serial_deep.comp.
 layout(set = 0, binding = 3, std430) writeonly buffer Deep { uint deep[]; };
 
 void main() {
@@ -22,7 +22,7 @@ void main() {
     for (uint run = 0u; run < count; run++) {
         uint here = runs[run];
         runs[run] = pairs;
-        // What does not fit in 32 bits does not fit in the lists either.
+        // A count beyond 32 bits exceeds the lists in any case.
         pairs = min(pairs, 0x7fffffffu) + min(here, 0x7fffffffu);
     }
     uint block_pairs = clamp((pairs + uint(FEW_BLOCKS) - 1u) / uint(FEW_BLOCKS), 256u, uint(MOST_BLOCK_PAIRS));

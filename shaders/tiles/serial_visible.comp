@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Counts the visible splats of each block of 256, one block per invocation, as the other projections do themselves.
+// Counts the visible splats of each block of 256, one block per invocation; other projections count them themselves.
 
 #include "serial_lanes.glsl"
 

@@ -1,13 +1,13 @@
-// Walks the pairs of a block: the passes that count and scatter do it alike.
+// Walks the pairs of a block, for the passes that count and scatter.
 
-// A place among the pairs: the splat, as its place in the order of depth, with its bins, and the bin.
+// A position among the pairs: the splat, as its position in depth order, with its bins, and the bin.
 struct Walk {
     uint splat;
     BinRect bins;
     uvec2 bin;
 };
 
-// Returns the place of pair `pair`, which exists.
+// Returns the position of pair `pair`, which exists.
 Walk walk_from(uint pair, uint count) {
     // The run of the pair: the last that starts at or before it.
     uint run = 0u;
@@ -34,7 +34,7 @@ Walk walk_from(uint pair, uint count) {
     return w;
 }
 
-// Goes on to the next pair, of `count` splats.
+// Advances to the next pair; there are `count` splats.
 //
 // It loads a splat's bins in every round, since a load that depends on the data costs a CPU a branch for each lane, which nothing
 // foresees.

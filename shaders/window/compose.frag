@@ -31,7 +31,7 @@ uint word(uint part, uint i) {
     }
 }
 
-// Reads a pixel; beyond the border, the nearest one.
+// Reads a pixel, clamped to the border.
 vec3 texel(bool b, uvec4 picture, ivec2 at) {
     at = clamp(at, ivec2(0), ivec2(picture.xy) - 1);
     uint part = uint(at.y) / picture.w;
@@ -45,7 +45,7 @@ vec3 texel(bool b, uvec4 picture, ivec2 at) {
     return unpack(picture.z, read);
 }
 
-// Samples a picture at a place of the view, in pixels from its top left corner.
+// Samples a picture at a position in the view, in pixels from its top left corner.
 vec3 picture(bool b, vec2 at) {
     uvec4 picture = b ? window.picture_b : window.picture_a;
     vec2 size = vec2(picture.xy);

@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Copies a part of picture A to the view, pixel by pixel: the usual case, which compose.frag would draw in several times the time.
+// Copies a part of picture A to the view, pixel by pixel: the common case, for which compose.frag would take several times as long.
 
 #include "window.glsl"
 
@@ -17,7 +17,7 @@ void main() {
     uint stride = words_of(format);
     uint pixel = (at.y - first_row) * window.picture_a.x + at.x;
     uvec3 read = uvec3(0u);
-    // A loop, because CPUs that draw run all branches of a condition, but no round that no lane needs.
+    // A loop, because CPU drivers execute all branches of a condition, but no loop iteration that no lane needs.
     for (uint i = 0u; i < min(stride, 3u); i++) {
         read = uvec3(read.yz, picture[stride * pixel + i]);
     }

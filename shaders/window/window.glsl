@@ -10,7 +10,7 @@ layout(set = 0, binding = 30, std140) uniform Window {
     uint mode;            // below
 } window;
 
-const uint FORMAT_NONE = 0u;  // there is no such picture
+const uint FORMAT_NONE = 0u;  // no such picture
 const uint FORMAT_RGBA8 = 1u;
 const uint FORMAT_RGBA16F = 2u;
 const uint FORMAT_RGBA32F = 3u;
@@ -36,7 +36,7 @@ vec3 unpack(uint format, uvec3 words) {
     return clamp(colour, 0.0, 1.0);
 }
 
-// Counts the words of a pixel.
+// Returns the number of words of a pixel.
 uint words_of(uint format) {
     return format == FORMAT_RGBA16F ? 2u : format == FORMAT_RGBA32F ? 4u : 1u;
 }

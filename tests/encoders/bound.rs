@@ -1,5 +1,5 @@
-//! Derives the fewest encoders, waits and barriers of a frame on Metal from its passes and their dependencies, and from nothing that
-//! the lowering did.
+//! Derives the minimum number of encoders, waits and barriers of a frame on Metal from its passes and their
+//! dependencies only, without the lowering.
 //!
 //! The order of the passes is given. Then a careful version by hand cannot have fewer
 //!
@@ -14,7 +14,7 @@ use splatgraph_framework::ir::{Hazard, Load, PassId, Stages, Target, Work};
 use splatgraph_framework::plan::{Dependency, Plan};
 use std::collections::HashSet;
 
-/// The least numbers of a frame.
+/// The minimum counts of a frame.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Least {
     pub encoders: usize,
@@ -93,7 +93,7 @@ fn continues(plan: &Plan, run: &[PassId], pass: PassId, conflicts: &Conflicts) -
         && (own.is_empty() || !run.iter().any(|earlier| conflicts.hard.contains(&(*earlier, pass))))
 }
 
-/// The most pairs of conflicting passes of which none begins before the one before it has ended.
+/// Returns the maximum number of disjoint pairs of conflicting passes: none begins before the previous one has ended.
 fn pairs(run: &[PassId], conflicts: &Conflicts) -> usize {
     let (mut pairs, mut begin) = (0, 0);
     for (at, pass) in run.iter().enumerate() {

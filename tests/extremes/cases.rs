@@ -7,16 +7,16 @@ pub struct Case {
     pub name: &'static str,
     /// Makes the scene and the camera.
     pub scene: fn() -> (Scene, Camera),
-    /// True to draw it with the other form of the covariance, too.
+    /// True to draw it with the other form of the covariance as well.
     pub factored: bool,
     pub bounds: Bounds,
 }
 
-/// Least PSNR in dB, some dB below what lavapipe draws, and the largest error of a pixel.
+/// Minimum PSNR in dB, some dB below lavapipe's results, and the largest error of a pixel.
 pub struct Bounds {
     /// Every preset with the right order, blending in 32-bit floats.
     pub exact: f64,
-    /// The worst pixel of those.
+    /// The worst pixel of those pictures.
     pub worst: f64,
     /// Tiles in 32-bit floats.
     pub tiled_exact: f64,
@@ -24,13 +24,13 @@ pub struct Bounds {
     pub tiled: f64,
     /// Half floats, which lavapipe truncates, with either blending.
     pub half: f64,
-    /// 8 bits; drawn where they show what no other case does.
+    /// 8 bits; drawn only for cases that need it.
     pub bytes: Option<f64>,
     /// Depth keys of 16 bits.
     pub key16: f64,
-    /// The order of the file, which is wrong.
+    /// The file's order, which is wrong.
     pub unsorted: f64,
-    /// Blending in the wrong direction.
+    /// Blending in the wrong order.
     pub naive: f64,
 }
 
@@ -69,13 +69,13 @@ pub fn plain(index: usize) -> Splat {
     }
 }
 
-/// A view of the ball from `distance` away.
+/// Returns a view of the ball from `distance` away.
 fn ball(distance: f64, degrees: f64) -> (Scene, Camera) {
     let (scene, _) = generated("uniform", 2000);
     (scene, Camera::looking_at([0.0, 0.0, -distance], [0.0; 3], degrees, SIZE))
 }
 
-/// A view of a cloud in a picture of another shape.
+/// Returns a view of a cloud in a picture of another shape.
 fn shaped(width: u32, height: u32) -> (Scene, Camera) {
     let (scene, camera) = generated("needles", 500);
     let focal = camera.fx * f64::from(width) / f64::from(camera.width);

@@ -1,4 +1,4 @@
-//! Scenes at the extremes: every number of a scene, of a camera and of a picture's size taken to where formulas fail.
+//! Scenes at the extremes: every number of a scene, a camera and a picture's size at the point where formulas fail.
 //!
 //! [`cases`] is the table: a scene, a camera, and bounds on the error. Each case is drawn once by the exact renderer and then by
 //! every preset, and no picture may hold a value that is not finite. The exact renderer follows the rules of quads here
@@ -18,15 +18,15 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::{Rules, Splats, render};
 
-/// Behind everything, so that transmittance shows.
+/// A background, so that the transmittance is visible.
 const BACKGROUND: [f32; 3] = [0.2, 0.3, 0.4];
 
-/// The difference of a picture from the truth.
+/// The error of a picture.
 #[derive(Clone, Copy, Debug)]
 struct Error {
     /// PSNR in dB.
     db: f64,
-    /// The largest difference of a channel, as a share of the truth where that is brighter than white.
+    /// The largest difference of a channel, relative to the exact value if that is brighter than white.
     worst: f64,
 }
 
@@ -46,7 +46,7 @@ impl Error {
     }
 }
 
-/// Draws exactly, with rules changed by name; a number that makes no sense is a failure.
+/// Draws with the exact renderer and changed rules; fails on NaN.
 fn exact(splats: &(impl Splats + ?Sized), camera: &Camera, changes: &[(&str, &str)]) -> Image {
     let mut rules = Rules::PUBLISHED;
     for (name, value) in changes {
@@ -61,7 +61,7 @@ fn exact(splats: &(impl Splats + ?Sized), camera: &Camera, changes: &[(&str, &st
 /// The rules of quads: no tiles, no early stop.
 const QUADS: [(&str, &str); 2] = [("extent", "unbounded"), ("stop", "none")];
 
-/// A way to draw, with the bound that it is held to.
+/// A way to draw, with its bound.
 struct Way {
     preset: &'static str,
     set: Vec<(String, String)>,
@@ -73,7 +73,7 @@ impl Way {
         Way { preset, set: set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect(), bound }
     }
 
-    /// Every preset, blending in 32-bit floats, tiles without their early stop and extent; then other formats.
+    /// Lists every preset, blending in 32-bit floats, tiles without their early stop and extent; then other formats.
     fn all(factored: bool, bytes: bool) -> Vec<Way> {
         let full = [("target", "rgba32f")];
         let preset = |preset: &'static str| match preset {
@@ -119,7 +119,7 @@ impl Way {
     }
 }
 
-/// Draws a scene from a camera in these ways; none may make a picture with a value that is not finite, or a validation message.
+/// Draws a scene from a camera in these ways; fails on non-finite values and on validation messages.
 fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
     let mut session: Session<Backend> = Session::new(common::device(), scene, "splat", &[]);
     let request = FrameOptions { background: BACKGROUND, read_output: true, ..FrameOptions::default() };
@@ -146,7 +146,7 @@ fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
     drawn
 }
 
-/// Draws a case in every way and holds the errors to its bounds.
+/// Draws a case in every way and checks the errors against its bounds.
 fn hold(name: &str) {
     let Case { scene, factored, bounds, .. } = cases::find(name);
     let (scene, camera) = scene();
@@ -191,10 +191,10 @@ fn hold(name: &str) {
     assert!(failures.is_empty(), "{name}:\n{}", failures.join("\n"));
 }
 
-/// Makes a sentence a test that holds cases to their bounds.
+/// Turns a sentence into a test that checks cases against their bounds.
 macro_rules! held {
     ($($sentence:ident: $($case:literal),+;)+) => {
-        /// The cases that a test holds to their bounds.
+        /// The cases that some test checks.
         const HELD: &[&str] = &[$($($case),+),+];
         $(#[test] fn $sentence() { $(hold($case);)+ })+
     };
@@ -234,7 +234,7 @@ fn every_case_of_the_table_is_held_to_its_bounds() {
     assert!(missing.is_empty(), "{missing:?}");
 }
 
-/// Numbers near the end of f32, where sums overflow and no bound on the error makes sense: the picture is finite all the same.
+/// Numbers near the maximum of f32, where sums overflow and no error bound applies: the picture must still be finite.
 #[test]
 fn numbers_at_the_end_of_their_range_leave_no_value_that_is_not_finite() {
     let camera = cases::small(Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 79.0, (64, 36)));
@@ -298,7 +298,7 @@ fn a_device_says_truly_whether_its_fma_rounds_once() {
     assert_eq!(session.device().info().facts.fused_fma, rest == 1.0);
 }
 
-/// Layers of one opacity each, some floats from the floor of alpha, without falloff and with little.
+/// Layers of one opacity each, a few floats from the alpha floor, without falloff and with little.
 #[test]
 fn a_splat_some_floats_from_the_floor_is_kept_by_all_renderers_or_by_none() {
     let (layers, camera) = (cases::find("floor").scene)();

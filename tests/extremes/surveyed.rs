@@ -1,4 +1,4 @@
-//! A scene ten million units from the origin: its file holds doubles, and nothing of them is lost on the way to the picture.
+//! A scene ten million units from the origin: its file stores doubles, and the picture keeps their precision.
 
 use super::{Error, QUADS, exact};
 use crate::files::Place;
@@ -30,7 +30,7 @@ fn picture(path: &Path) -> Image {
 fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     let (splats, camera, made) = world();
     assert!(made.offset().iter().all(|v| v.abs() > 9e6));
-    // Depths in f64: those of the world have no digits left in f32.
+    // Depths in f64: world depths have no correct digits in f32.
     let rules = [&QUADS[..], &[("depth", "f64")]].concat();
     let truth = exact(splats.as_slice(), &camera, &rules);
     let place = Place::new();
@@ -56,7 +56,7 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     println!("surveyed, recentred: {:.1} dB, worst pixel {:.5}", found.db, found.worst);
     assert!(found.db > 90.0, "{found:?}");
 
-    // What was drawn before: every coordinate rounded to f32 in the world.
+    // The former result: every coordinate rounded to f32 in the world.
     let rounded: Vec<Gaussian> = (splats.iter())
         .map(|splat| Gaussian { position: splat.position.map(|v| f64::from(v as f32)), ..*splat })
         .collect();
@@ -64,7 +64,7 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     println!("surveyed, rounded to f32: {:.1} dB, worst pixel {:.5}", before.db, before.worst);
     assert!(before.db < 30.0, "{before:?}");
 
-    // The camera that frames the scene is made from what was loaded, and sees it.
+    // The framing camera is computed from the loaded scene, and sees it.
     let framed = draw(&[], "framed.npy");
     let lit = framed.rgb.iter().filter(|pixel| (pixel[0] - 0.2).abs() > 0.05).count();
     assert!(lit > 200, "only {lit} pixels show anything");

@@ -1,4 +1,4 @@
-//! A driver whose compiler does not come to an end, under the whole program.
+//! The program with a driver whose compiler never finishes.
 
 use super::Place;
 use crate::common;

@@ -1,4 +1,4 @@
-//! The disk is full at each file in turn: the old file stays, nothing else is left, and the exit code says so.
+//! The disk is full at each file in turn: the old file stays, no other file is left, and the exit code reports it.
 
 use super::{DRAW, Place};
 use rustix::process::{Resource, Rlimit, setrlimit};
@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::os::unix::process::CommandExt;
 use std::process::{Command, Output};
 
-/// Runs the program where no file can grow beyond `bytes`.
+/// Runs the program with a limit of `bytes` on file sizes.
 fn limited(mut command: Command, bytes: u64) -> Output {
     let limit = move || {
         let limit = Rlimit { current: Some(bytes), maximum: Some(bytes) };
@@ -46,7 +46,7 @@ fn a_full_disk_leaves_old_files_whole_whatever_is_written() {
         limits.sort_unstable();
         limits.dedup();
         for limit in limits {
-            // Old files, that differ from the new ones.
+            // Old files that differ from the new ones.
             for name in &outputs {
                 place.write(name, format!("the old {name}"));
             }
@@ -60,7 +60,7 @@ fn a_full_disk_leaves_old_files_whole_whatever_is_written() {
             for (name, bytes) in &found {
                 let old = format!("the old {}", name.trim_start_matches("./"));
                 let is_output = outputs.contains(&name.trim_start_matches("./"));
-                // Times differ from run to run.
+                // Times vary between runs.
                 let whole = if name == "./stats.json" {
                     serde_json::from_slice::<serde_json::Value>(bytes).is_ok()
                 } else {

@@ -1,4 +1,5 @@
-//! The program is killed after a random number of files while it draws twelve cameras: every file that is there is whole.
+//! The program is killed after a random number of files while it draws twelve cameras: every existing file must be
+//! whole.
 
 use super::{DRAW, Place, SIZE};
 use crate::common::long;
@@ -12,7 +13,7 @@ use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant, SystemTime};
 
-/// Kills in the long run, and in the one that everybody does.
+/// Kills: in the long run, and by default.
 const KILLS: (u32, u32) = (1_000, 16);
 
 const CAMERAS: usize = 12;
@@ -61,7 +62,8 @@ fn assert_whole(place: &Place, killed: bool, what: &str) -> usize {
     drawn
 }
 
-/// A signal ends the program by its exit code, or, before that is arranged, by itself; both are the same number in a shell.
+/// Returns the exit code or the signal's number, which are equal in a shell: the program handles a signal only after it
+/// started.
 fn number(status: ExitStatus) -> i32 {
     status.code().or(status.signal().map(|signal| 128 + signal)).unwrap_or(-1)
 }
@@ -88,7 +90,7 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
     let (mut ended, mut midway) = (0, 0);
     for kill in 0..kills {
         let signal = [Signal::KILL, Signal::TERM, Signal::INT][random.below(3)];
-        // Half of the runs draw over the files of the one before.
+        // Half of the runs overwrite the files of the previous run.
         let over = random.below(2) == 0;
         if !over {
             clean();
@@ -100,7 +102,7 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
         // Some runs end before the first file, while the program starts.
         let wanted = random.below(2 * CAMERAS);
         wait_until(&mut child, || written(&place, &names, &before) >= wanted);
-        // Any moment within the writing of a file.
+        // At a random moment while a file is written.
         std::thread::sleep(Duration::from_micros(random.below(2_000) as u64));
         // It may have ended by itself.
         if child.try_wait().expect("asked").is_none() {
@@ -125,7 +127,8 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
     assert!(ended > 0 && midway > 0, "{ended} of {kills} came before the end, {midway} between two files");
 }
 
-/// Inode and time of change of the picture and the array of each camera, where they exist. A file that is replaced has new ones.
+/// Returns inode and modification time of each camera's picture and array, if they exist. Replacing a file changes
+/// both.
 fn stamps(place: &Place, names: &[String]) -> Vec<Option<(u64, SystemTime)>> {
     let both = names.iter().flat_map(|name| [format!("out/{name}.png"), format!("seen-{name}.npy")]);
     both.map(|file| {
@@ -140,7 +143,7 @@ fn written(place: &Place, names: &[String], before: &[Option<(u64, SystemTime)>]
     now.iter().zip(before).filter(|(now, before)| now.is_some() && now != before).count()
 }
 
-/// Waits until something is so, or the program has ended.
+/// Waits until a condition holds or the program has ended.
 fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !is_so() && child.try_wait().expect("asked").is_none() {
@@ -149,7 +152,7 @@ fn wait_until(child: &mut Child, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// Returns true if the process has lavapipe's threads, so that its device is open.
+/// Returns true if the process has lavapipe's threads: its device is open.
 fn has_device(pid: Pid) -> bool {
     let tasks = fs::read_dir(format!("/proc/{}/task", pid.as_raw_nonzero())).into_iter().flatten().flatten();
     tasks
@@ -165,7 +168,8 @@ fn ticks(pid: Pid) -> u64 {
     words.skip(11).take(2).filter_map(|word| word.parse::<u64>().ok()).sum()
 }
 
-/// Lets a signal end the program, also where the tests themselves were started with it ignored, as shells do in the background.
+/// Lets a signal end the program, even if the tests were started with the signal ignored, as shells do in the
+/// background.
 fn undo_ignoring(command: &mut Command, signal: Signal) {
     let undo = move || {
         // SAFETY: the call is safe between fork and exec, and sets what a program has by default.
@@ -180,7 +184,7 @@ fn undo_ignoring(command: &mut Command, signal: Signal) {
 fn a_signal_ends_the_program_with_its_number_and_one_that_is_ignored_does_not() {
     let place = Place::new();
     place.cameras(&["one"]);
-    // Drawn again and again, so that it goes on until the signal.
+    // Drawn repeatedly, so that it runs until the signal.
     let args = [&DRAW[..], &["--repeat", "100000"]].concat();
     for (signal, ignored) in
         [(Signal::INT, false), (Signal::TERM, false), (Signal::HUP, false), (Signal::HUP, true)]
@@ -202,7 +206,7 @@ fn a_signal_ends_the_program_with_its_number_and_one_that_is_ignored_does_not() 
         wait_until(&mut child, || has_device(pid));
         kill_process(pid, signal).expect("it runs");
         if ignored {
-            // It goes on drawing.
+            // It continues drawing.
             let before = ticks(pid);
             wait_until(&mut child, || ticks(pid) > before + 20);
             assert!(child.try_wait().expect("asked").is_none(), "it ends on a signal that is ignored");

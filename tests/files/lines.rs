@@ -1,4 +1,4 @@
-//! Random command lines, given to the real program: it ends by itself, with its own exit code, and destroys nothing.
+//! Random command lines for the real program: it ends by itself, with one of its own exit codes, and destroys nothing.
 
 use super::words::{self, Random};
 use super::{Place, scene};
@@ -10,10 +10,10 @@ use std::io::Write;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-/// Lines in the long run, and in the one that everybody does.
+/// Command lines: in the long run, and by default.
 const LINES: (u64, u64) = (4_000, 150);
 
-/// A command that takes this long hangs.
+/// Time after which a command counts as hung.
 const LONGEST: Duration = Duration::from_secs(120);
 
 /// Fills a folder with the files of [`words::FILES`].
@@ -35,7 +35,7 @@ fn prepared(place: &Place) {
     fs::hard_link(place.at("scene.ply"), place.at("hard.ply")).expect("made");
 }
 
-/// The number of words that may mean a file.
+/// Counts the words that may name a file.
 fn named(words: &[String], file: &str) -> usize {
     let scene = ["scene.ply", "link.ply", "hard.ply"];
     let is_it = |word: &&String| {
@@ -56,7 +56,7 @@ fn no_command_line_ends_the_program_otherwise_or_destroys_a_file_that_it_reads()
     let mut codes: BTreeMap<i32, u32> = BTreeMap::new();
     for number in 0..lines {
         let words = words::line(&mut Random(number));
-        // Standard output may be a picture; nobody draws, as there is no device.
+        // Standard output may be a picture; no command draws, because there is no device.
         let args: Vec<&str> = words.iter().map(String::as_str).collect();
         let mut child = place
             .program(&args)

@@ -1,4 +1,4 @@
-//! What leaves the real program: files that are whole or not there, refusals, exit codes, and text that no terminal obeys.
+//! The outputs of the real program: complete or missing files, refusals, exit codes, and text without terminal escapes.
 
 mod drivers;
 mod full;
@@ -86,12 +86,12 @@ fn collect(folder: &Path, name: &Path, found: &mut BTreeMap<String, Vec<u8>>) {
     }
 }
 
-/// A scene that is drawn quickly.
+/// Returns a scene that is quick to draw.
 pub fn scene() -> Scene {
     synth::generate("demo", 200, 0).expect("the scene is generated")
 }
 
-/// The arguments of a quick drawing of all cameras into `out`.
+/// The arguments of a quick rendering of all cameras into `out`.
 pub const DRAW: [&str; 10] = [
     "render",
     "scene.ply",

@@ -1,4 +1,4 @@
-//! Little memory, few processes, and drivers that are none: an error and an exit code.
+//! Little memory, few processes, and invalid drivers: an error and an exit code.
 
 use super::Place;
 use rustix::process::{Resource, Rlimit, setrlimit};
@@ -47,10 +47,11 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
         .save(&place.at("a.npy"))
         .expect("written");
     fs::set_permissions(place.at("."), fs::Permissions::from_mode(0o777)).expect("set");
-    // Root has no limit on processes; nobody must be able to start the program, wherever it was built.
+    // Root has no limit on processes, so the program runs as another user, who must be able to start it wherever it was
+    // built.
     let program = place.at("program");
     let root = rustix::process::geteuid().is_root();
-    // By a process of its own: a file that this one has open for writing while another test starts a program is busy.
+    // Copied by another process: a file that this process has open for writing, while another test forks, is busy.
     let copied = Command::new("cp").arg(env!("CARGO_BIN_EXE_splatgraph")).arg(&program).status();
     assert!(copied.expect("cp runs").success());
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).expect("set");

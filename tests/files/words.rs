@@ -1,4 +1,4 @@
-//! Random command lines, from words that are right, nearly right, and hostile.
+//! Random command lines from valid, nearly valid and hostile words.
 
 pub use crate::numbers::Random;
 
@@ -8,7 +8,7 @@ impl Random {
     }
 }
 
-/// Files that are there (see `prepared` in the tests), by other names too, and some that are not.
+/// Existing files (see `prepared` in the tests), other spellings of them, and missing ones.
 pub const FILES: [&str; 22] = [
     "scene.ply",
     "./scene.ply",
@@ -34,7 +34,7 @@ pub const FILES: [&str; 22] = [
     "",
 ];
 
-/// Names for outputs: new ones, and those of inputs.
+/// Names for outputs: new ones, and existing inputs.
 const OUTPUTS: [&str; 30] = [
     "out.png",
     "out.exr",
@@ -117,7 +117,7 @@ pub fn line(random: &mut Random) -> Vec<String> {
         ]),
     };
     let mut words: Vec<String> = vec![command.into()];
-    // The operands of each command, mostly.
+    // Mostly the operands of the command.
     let operands = match command {
         "render" | "video" | "view" | "info" | "bench" | "trade" | "sweep" | "advise" | "popping" => {
             random.below(8).min(1)
@@ -161,7 +161,7 @@ pub fn line(random: &mut Random) -> Vec<String> {
     words
 }
 
-/// Adds an option, mostly one of the command's, with a value, mostly of its kind.
+/// Adds an option, mostly one of the command's, with a value, mostly of its type.
 fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
     let own: &[&str] = match command {
         "render" => &[

@@ -8,10 +8,10 @@ use std::process::{Command, Stdio};
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/metal");
 
-/// Sets the language: Metal's is based on C++14, the header needs a little more.
+/// The language: Metal's is based on C++14, and the header needs slightly more.
 ///
-/// Literals are floats, as in Metal, and products and sums are rounded apart, as by lavapipe. Warnings are errors, but for those about what
-/// SPIRV-Cross leaves unused.
+/// Literals are floats, as in Metal, and products and sums are rounded separately, as by lavapipe. Warnings are errors,
+/// except about code that SPIRV-Cross leaves unused.
 const FLAGS: [&str; 12] = [
     "-std=c++17",
     "-Xclang",
@@ -42,10 +42,11 @@ fn clang(folder: &Path, arguments: &[&str]) -> Result<(), String> {
     if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
 }
 
-/// The array of SPIRV-Cross has members for each address space, which C++ cannot distinguish. The header has one without.
+/// SPIRV-Cross's array type has members for each address space, which C++ cannot distinguish. The header's type has
+/// only one set.
 const ARRAY: (&str, &str) = ("template<typename T, size_t Num>\nstruct spvUnsafeArray\n{", "\n};\n");
 
-/// Makes a text C++, in a namespace of its own.
+/// Converts a text to C++, in its own namespace.
 ///
 /// Variables of the threadgroup are distinguished from references to them.
 fn as_cpp(shader: &Shader, msl: &Msl, index: usize) -> String {
@@ -86,7 +87,7 @@ fn attributes(msl: &Msl) -> Vec<&str> {
     line.split("[[").skip(1).map(|rest| rest.split("]]").next().expect("it ends")).collect()
 }
 
-/// Checks that the arguments' places in the text are those that the backend is told. Returns the number of buffers.
+/// Checks that the arguments' indices in the text equal the backend's. Returns the number of buffers.
 pub fn assert_places(shader: &Shader) -> usize {
     let msl = shader.msl.as_ref().expect("translated");
     let found: BTreeSet<String> =
@@ -103,7 +104,7 @@ pub fn assert_places(shader: &Shader) -> usize {
     all.iter().filter(|place| place.starts_with("buffer")).count()
 }
 
-/// Divides shaders among files that are compiled side by side; equal ones are taken once.
+/// Divides shaders among files that are compiled in parallel; duplicates are removed.
 fn files(shaders: &[&Shader], parts: usize) -> (Vec<String>, HashMap<String, usize>) {
     let mut known = HashMap::new();
     let mut files = vec!["#include <metal_stdlib>\n".to_string(); parts];
@@ -146,7 +147,7 @@ fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Fails if the text of a shader is no valid C++ by the header. Returns the number of different texts.
+/// Fails if the text of a shader is not valid C++ with the header. Returns the number of distinct texts.
 pub fn check(shaders: &[&Shader]) -> usize {
     let (files, known) = files(shaders, cores());
     compile(files, &["-fsyntax-only"]);
@@ -160,7 +161,7 @@ pub struct Call<'a> {
     pub groups: [u32; 3],
     pub size: [u32; 3],
     pub lanes: u32,
-    /// Lanes and SIMD-groups take turns in the reverse order.
+    /// True to run lanes and SIMD-groups in reverse order.
     pub reversed: bool,
 }
 
@@ -214,7 +215,7 @@ impl Library {
 
     fn symbol(&self, name: &str) -> *mut c_void {
         let symbol = CString::new(name).expect("a name");
-        // SAFETY: the handle is that of a library that is never closed.
+        // SAFETY: the handle belongs to a library that is never closed.
         let found = unsafe { libc::dlsym(self.handle, symbol.as_ptr()) };
         assert!(!found.is_null(), "there is no `{name}`");
         found

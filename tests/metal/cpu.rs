@@ -1,4 +1,4 @@
-//! Executes the passes of a plan on the CPU, by kernels in Metal's language that clang compiled.
+//! Executes a plan's passes on the CPU, with Metal kernels compiled by clang.
 
 use super::clang::{Call, Image, Library};
 use splatgraph_api::{FrameInputs, SceneData};
@@ -9,7 +9,7 @@ use std::ptr::null_mut;
 /// The byte that memory holds before anything is written to it.
 pub const UNWRITTEN: u8 = 0xa5;
 
-/// Bytes that end where a page ends; the next one may not be touched.
+/// Bytes that end at a page boundary; the next page is inaccessible.
 struct Memory {
     mapping: *mut u8,
     mapped: usize,
@@ -97,7 +97,7 @@ impl<'a> Cpu<'a> {
         u32::from_le_bytes(bytes)
     }
 
-    /// Runs a pass; draws alone are left out, for which it returns false.
+    /// Runs a pass. Returns false for a draw, which it skips.
     pub fn run(&mut self, pass: PassId, reversed: bool) -> Result<bool, String> {
         let plan = self.plan;
         let pass = plan.pass(pass);

@@ -1,4 +1,4 @@
-//! The shaders in Metal's language, without a Mac: they compile as C++, and kernels run on the CPU and give lavapipe's bytes.
+//! The shaders in Metal's language, without a Mac: they compile as C++, and kernels on the CPU give lavapipe's bytes.
 //!
 //! `include/` declares the part of Metal's library that the shaders use, and `machine.cpp` runs threadgroups. [`clang`] compiles,
 //! [`cpu`] executes the passes of a plan, [`parity`] compares them with lavapipe's. docs/metal.md says what this proves.
@@ -17,7 +17,7 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::{Validation, Vulkan};
 use std::sync::Arc;
 
-/// The device that gives the expected bytes. Other tests hold the same plans against the validation layers.
+/// Returns the device for the expected bytes. Other tests check these plans with the validation layers.
 fn lavapipe() -> Vulkan {
     let device = Vulkan::open(&common::options(Validation::Off));
     let device = device.unwrap_or_else(|e| panic!("the tests need lavapipe: {e}"));
@@ -25,9 +25,9 @@ fn lavapipe() -> Vulkan {
     device
 }
 
-/// Runs `body` alone in a process, since kernels can end it.
+/// Runs `body` in its own process, because kernels can crash it.
 ///
-/// `./x test --long` runs it at lavapipe's other widths of subgroups, too.
+/// `./x test --long` also runs it at lavapipe's other subgroup sizes.
 fn at_every_width_of_lavapipe(test: &str, body: impl FnOnce()) {
     common::alone(test, body);
     if common::long() && common::lanes_are_usual() && std::env::var_os(common::ALONE).is_none() {

@@ -9,12 +9,12 @@ use splatgraph_vulkan::Vulkan;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// Some words of a resource that need not be equal.
+/// Words of a resource that need not be equal.
 #[derive(Clone, Copy, Debug)]
 pub struct Loose {
     /// The resource.
     pub resource: &'static str,
-    /// Words of an element, and those of them that may differ, by at most `by`.
+    /// Words of an element, and which of them may differ, by at most `by`.
     pub words: (usize, &'static [usize]),
     /// The words are pairs of half floats.
     pub halves: bool,
@@ -27,9 +27,9 @@ pub struct Loose {
 pub struct Compared {
     /// Kernels that ran.
     pub kernels: usize,
-    /// Words that were equal.
+    /// Equal words.
     pub equal: usize,
-    /// Words that were not, where that was allowed.
+    /// Unequal words within the tolerance.
     pub near: usize,
 }
 
@@ -40,7 +40,8 @@ fn written(plan: &Plan, pass: PassId) -> BTreeSet<ResourceId> {
 
 /// Runs the prologue and one frame of a plan without shared memory on both.
 ///
-/// Each pass starts from what lavapipe had before it. Draws run on lavapipe alone. Fails on every word that differs and is not among `loose`.
+/// Each pass starts from lavapipe's state. Draws run only on lavapipe. Fails on every word that differs and is not in
+/// `loose`.
 pub fn compare(
     device: &mut Vulkan,
     library: &Library,
@@ -51,7 +52,7 @@ pub fn compare(
 ) -> Compared {
     let passes: Vec<PassId> =
         plan.order().filter(|pass| !matches!(plan.pass(*pass).work, Work::Export | Work::Host)).collect();
-    // What each pass wrote; and before the first that writes to a buffer, what was there.
+    // The results of each pass; and the contents of a buffer before its first write.
     let mut inspect: Vec<Inspect> = Vec::new();
     let mut seen = BTreeSet::new();
     for (i, pass) in passes.iter().enumerate() {
@@ -95,7 +96,7 @@ pub fn compare(
                 if let Some(text) = compare_words(&mut compared, found, expected, loose, is_image || i == 0) {
                     panic!("{}: after {}, {name} differs: {text}", plan.name, pass.name);
                 }
-                // What no pass has written to an image yet is anything on lavapipe, and stays known here.
+                // Unwritten image contents are undefined on lavapipe, and known here.
                 if is_image {
                     for (next, found) in std::iter::zip(next.chunks_exact_mut(4), found.chunks_exact(4)) {
                         if found == [UNWRITTEN; 4] {
@@ -116,7 +117,7 @@ fn is_buffer(plan: &Plan, resource: ResourceId) -> bool {
     matches!(plan.resource(resource).shape, Shape::Buffer { .. })
 }
 
-/// Compares word by word; words that nothing wrote here are left out if `unwritten` says so.
+/// Compares word by word; skips words that nothing wrote here if `unwritten` is true.
 fn compare_words(
     compared: &mut Compared,
     found: &[u8],
@@ -150,15 +151,16 @@ impl Loose {
             let halves = [word as u16, (word >> 16) as u16].map(|bits| half::f16::from_bits(bits).to_f32());
             if self.halves { halves } else { [f32::from_bits(word); 2] }
         };
-        // Not a number is near nothing.
+        // NaN is near nothing.
         std::iter::zip(numbers(found), numbers(expected))
             .all(|(found, expected)| (found - expected).abs() <= self.by)
     }
 }
 
-/// Forbids lavapipe to compute in another order than the one written.
+/// Forbids lavapipe to reorder computations.
 ///
-/// Every operation on floats is decorated as those of `precise` variables are. Without that its optimiser factors sums out, and no other
+/// Every float operation is decorated like operations on `precise` variables. Otherwise its optimiser factors out sums,
+/// and no other compiler would give the same bits.
 /// compiler would give the same bits.
 fn in_order(plan: &Plan) -> Plan {
     let mut plan = plan.clone();

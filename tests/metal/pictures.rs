@@ -1,4 +1,4 @@
-//! The kernels that draw: tiles in both variants, and all of the quads but their draw.
+//! The kernels that draw: tiles in both variants, and the quads without their draw.
 
 use super::clang::Library;
 use super::cpu::Cpu;
@@ -16,7 +16,7 @@ use std::path::Path;
 
 const SIZE: (u32, u32) = (160, 90);
 
-/// A scene as a device asks for it.
+/// Supplies a scene's planes to a device.
 struct Planes<'a>(&'a Scene);
 
 impl SceneData for Planes<'_> {
@@ -59,14 +59,14 @@ impl Stage {
         }
     }
 
-    /// Executes a plan on the CPU alone. Returns the bytes of its output; where it draws, of what it draws.
+    /// Executes a plan on the CPU. Returns the bytes of its output, or of a draw's inputs.
     fn run(&self, plan: &Plan, library: &Library, reversed: bool) -> Vec<u8> {
         let mut cpu = Cpu::new(plan, library, &Planes(&self.scene), &self.inputs(plan));
         for id in plan.order() {
             let pass = plan.pass(id);
             let ran = cpu.run(id, reversed).unwrap_or_else(|error| panic!("{}: {error}", pass.name));
             if !ran {
-                // Its arguments count the blocks of the sort, too, which depend on the device.
+                // The arguments contain the number of sort blocks, which depends on the device.
                 let drawn = pass.bindings.iter().filter(|bound| bound.name != "Args");
                 return drawn.flat_map(|bound| cpu.bytes(bound.resource).to_vec()).collect();
             }
@@ -75,7 +75,7 @@ impl Stage {
     }
 }
 
-/// The kernels that GPUs take and those of CPUs, in all forms of their parameters.
+/// The kernels for GPUs and for CPUs, with all forms of their parameters.
 const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
     ("tiled", &[SUBGROUP, ROOM]),
     ("tiled", &[SUBGROUP, ROOM, ("segment", "64"), ("pair_bits", "18")]),
@@ -120,9 +120,10 @@ const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
 const SUBGROUP: (&str, &str) = ("sorter", "subgroup");
 const ROOM: (&str, &str) = ("entries", "20000");
 
-/// Bounds what exp2(), log2() and log() make of the shipped kernels' results.
+/// Bounds on the effect of exp2(), log2() and log() on the shipped kernels' results.
 ///
-/// lavapipe's are polynomials with errors of some 1e-7, those of the C library are rounded almost rightly, and a Mac's will be others again.
+/// lavapipe's are polynomials with errors of some 1e-7, the C library's are nearly correctly rounded, and a Mac's
+/// differ again.
 const POWERS: [Loose; 4] = [
     // The reach of a splat is a root of a logarithm.
     Loose { resource: "splats", words: (8, &[6]), halves: false, by: 1e-6 },
@@ -133,7 +134,7 @@ const POWERS: [Loose; 4] = [
     Loose { resource: "final", words: (1, &[0]), halves: false, by: 1e-5 },
 ];
 
-/// Compares these graphs of a folder, or those that are built in.
+/// Compares these graphs of a folder, or the built-in ones.
 fn compare_all(folder: &str, graphs: &[(&str, &[(&str, &str)])], loose: &[Loose]) {
     let (mut stage, mut device) = (Stage::new(), lavapipe());
     // Metal has no doubles: both compute fma() as lavapipe does.
@@ -147,7 +148,7 @@ fn compare_all(folder: &str, graphs: &[(&str, &[(&str, &str)])], loose: &[Loose]
             "{graph}, {set:?}: {} kernels, {} words equal, {} near",
             found.kernels, found.equal, found.near
         );
-        // So that nothing is allowed that is not needed.
+        // Tolerances that are not needed are refused.
         assert_eq!(found.near > 0, !loose.is_empty(), "{graph}, {set:?}");
     }
 }
@@ -161,7 +162,7 @@ fn shipped_kernels_give_the_words_of_lavapipe_but_for_powers_and_logarithms() {
         },
     );
 }
-/// exp2() and log2() written out. What they compute matters little; both sides compute it in the same order.
+/// exp2() and log2() written out. Their values matter little; both sides compute them in the same order.
 const WRITTEN_OUT: &str = "
 float written_exp2(float x) {
     float c = clamp(x, -126.0, 127.0);
@@ -217,7 +218,7 @@ fn kernels_with_their_powers_and_logarithms_written_out_give_every_byte_of_lavap
 
 /// Compares widths: SIMD-groups of Macs have 32 threads, more than lavapipe's.
 ///
-/// Neither their width nor the order in which they and their lanes take turns changes a result.
+/// Neither the width nor the execution order of groups and lanes changes a result.
 #[test]
 fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads() {
     const NAME: &str = "metal::pictures::kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_of_threads";
@@ -242,12 +243,12 @@ fn kernels_give_the_same_bytes_at_every_width_of_simd_groups_and_in_every_order_
     });
 }
 
-/// Bounds what more lanes change in a channel; the first is a twentieth of a step of 8 bits.
+/// Bounds on the effect of more lanes on a channel; the first is a twentieth of an 8-bit step.
 ///
-/// 8 lanes go through eight rows of a block by products or sums, and round each time; 32 lanes have two pixels each.
+/// 8 lanes walk eight rows of a block by products or sums, rounding each time; 32 lanes have two pixels each.
 const MORE_LANES: [(common::Graph, f32); 2] = [(common::FAST_TILES[1], 2e-4), (common::EXACT_TILES[1], 2e-6)];
 
-/// Compares the CPUs' rasteriser at a Mac's width with that of 8 lanes, which gives every byte of lavapipe.
+/// Compares the CPUs' rasteriser at a Mac's width with 8 lanes, which give exactly lavapipe's bytes.
 ///
 /// No preset chooses it for a Mac.
 #[test]

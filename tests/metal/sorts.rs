@@ -1,4 +1,4 @@
-//! The sorts in both variants, with digits of every width.
+//! The sorts in both variants, with every digit width.
 
 use super::clang::Library;
 use super::cpu::Cpu;
@@ -13,7 +13,7 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::source::render;
 
-/// More than two blocks of each variant, and no whole number of them.
+/// More than two blocks in each variant, and not a whole number of them.
 const COUNT: u32 = 4500;
 
 /// Both variants with digits of every width.
@@ -80,7 +80,7 @@ fn pairs(plan: &Plan, cpu: &Cpu, pass: &str) -> Vec<(u32, u32)> {
     std::iter::zip(words("Keys"), words("Values")).collect()
 }
 
-/// Sorts on the CPU, and by the standard library. Fails if the pairs are not the same.
+/// Sorts on the CPU and with the standard library. Fails if the pairs differ.
 fn sort(plan: &Plan, library: &Library, reversed: bool) -> Result<(), String> {
     let inputs = inputs(reversed);
     let mut cpu = Cpu::new(plan, library, &NoScene, &inputs);
@@ -120,11 +120,11 @@ const BARRIER: &str = "threadgroup_barrier(mem_flags::mem_threadgroup);";
 const SIMD_BARRIER: &str =
     "simdgroup_barrier(mem_flags::mem_device | mem_flags::mem_threadgroup | mem_flags::mem_texture);";
 
-/// Lists mistakes: a piece of the scatter's text, another in its place, and what the machine finds.
+/// Mistakes: a piece of the scatter's text, its replacement, and the machine's error.
 const WRONG: [(&str, &str, &str); 5] = [
-    // Ranks that were never counted are places far away.
+    // Ranks that were never counted point far away.
     (BARRIER, "", "sort/scatter.comp: an access beyond the end of a buffer"),
-    // Lanes that count on lockstep.
+    // Lanes that rely on lockstep.
     (SIMD_BARRIER, "", "sort/scatter.comp: an access beyond the end of a buffer"),
     (
         BARRIER,

@@ -1,4 +1,4 @@
-//! The texts: that every shader has one, what they say, and that they are valid C++.
+//! The shaders' texts: every shader has one, with the expected content, and it is valid C++.
 
 use super::{change, clang, owned, shaders, translated};
 use crate::encoders::page;
@@ -53,7 +53,7 @@ fn every_shader_of_every_graph_on_every_device_is_valid_cpp_with_its_arguments_i
         for device in &devices {
             plans.push(bench.plan(graph, &[], device));
         }
-        // And every other choice that it leaves.
+        // And every other choice that the graph allows.
         let apple = facts::apple_device();
         let params = plans.last().expect("a plan").params.clone();
         for param in params.iter().filter(|param| param.binding == ParamBinding::Const) {
@@ -91,7 +91,7 @@ fn table(shader: &Shader, msl: &Msl) -> String {
     text
 }
 
-/// After a change that is meant to change texts:
+/// After an intended change of texts:
 ///
 /// ```sh
 /// INSTA_UPDATE=always cargo test -p splatgraph --test end_to_end metal::texts

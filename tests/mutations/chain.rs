@@ -1,5 +1,5 @@
-//! Bounds on the calls of barriers that a frame needs, derived from what its passes touch and from nothing that the solver did
-//! about barriers.
+//! Lower bounds on the barrier calls of a frame, derived from the passes' accesses, independent of the solver's
+//! barriers.
 //!
 //! Where one pass depends on another, some call must be recorded between the two. Along a chain of such pairs these calls
 //! are different ones, because the second pass of one pair is the first of the next. So that no list of barriers has fewer
@@ -12,7 +12,7 @@ use splatgraph_framework::ir::Use;
 use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::sync::Barriers;
 
-/// The calls of barriers that a frame of this plan records.
+/// Counts the barrier calls of a frame of this plan.
 pub fn calls(plan: &Plan, barriers: &Barriers) -> usize {
     plan.frame.iter().filter(|pass| !barriers.at(Some(**pass)).is_empty()).count()
 }
@@ -20,7 +20,7 @@ pub fn calls(plan: &Plan, barriers: &Barriers) -> usize {
 /// The passes of the longest chain of one frame, by name, each of which depends on the one before it. `depends` is given two
 /// steps of the frame, the earlier first.
 pub fn longest(plan: &Plan, depends: impl Fn(&Plan, usize, usize) -> bool) -> Vec<&str> {
-    // For each step the length of the longest chain that ends there, and the step before it in that chain.
+    // For each step, the length of the longest chain that ends there, and the previous step in it.
     let mut best: Vec<(usize, Option<usize>)> = Vec::new();
     for step in 0..plan.frame.len() {
         let before =
@@ -41,7 +41,7 @@ fn uses(plan: &Plan, step: usize) -> &[Use] {
     &plan.pass(plan.frame[step]).uses
 }
 
-/// The later step reads what the earlier was the last to write.
+/// Returns true if the later step reads data whose last writer is the earlier step.
 pub fn reads_what_was_written(plan: &Plan, earlier: usize, later: usize) -> bool {
     uses(plan, later).iter().filter(|touch| reads(touch)).any(|touch| {
         let writes = |other: &Use| other.resource == touch.resource && other.accesses.writes();
@@ -49,7 +49,7 @@ pub fn reads_what_was_written(plan: &Plan, earlier: usize, later: usize) -> bool
     })
 }
 
-/// The two steps touch the same memory, and one of them writes it, or they need an image in different layouts.
+/// Returns true if both steps access the same memory and one writes it, or if they need an image in different layouts.
 pub fn conflicts(plan: &Plan, earlier: usize, later: usize) -> bool {
     uses(plan, earlier).iter().any(|one| {
         uses(plan, later).iter().any(|other| {
@@ -61,7 +61,7 @@ pub fn conflicts(plan: &Plan, earlier: usize, later: usize) -> bool {
     })
 }
 
-/// An attachment that is cleared is not read, although blending names the access.
+/// Returns true if a use reads. A cleared attachment is not read, although blending names the access.
 fn reads(touch: &Use) -> bool {
     touch.accesses.reads() && !touch.discards
 }

@@ -15,7 +15,7 @@ use splatgraph_vulkan::sync::model::{Actor, Missing, Replay, Violation, Violatio
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
-/// Why the layer does not see something.
+/// The reason why the layer does not see a mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Blind {
     /// Attachments of dynamic rendering, and the layouts that they are in.
@@ -28,11 +28,11 @@ pub enum Blind {
     Atomics,
     /// Reads and writes of the host.
     Host,
-    /// Accesses of a frame that the host waited for count as complete, even if not made available or visible since.
+    /// Accesses of a frame that the host waited for count as complete, even if they were not made available or visible.
     Fences,
-    /// A write that one access has seen counts as visible to all that wait for that access.
+    /// A write made visible to one access counts as visible to everything that waits for that access.
     SeenByAnother,
-    /// A fill counts as a copy, and the backend says `CLEAR` and `COPY` for the one: each implies the other.
+    /// A fill counts as a copy, and the backend uses both `CLEAR` and `COPY` for either: each implies the other.
     FillsAreCopies,
     /// A buffer and an image in the same memory: images have their own addresses in the layer.
     BesideImages,
@@ -57,7 +57,7 @@ impl fmt::Display for Blind {
     }
 }
 
-/// An access as the layer knows it.
+/// An access as the layer sees it.
 #[derive(Clone, Copy, PartialEq)]
 struct View {
     /// Empty for a change of layout.
@@ -98,7 +98,7 @@ impl Layer<'_> {
         Layer { plan, stores: plan.shaders.iter().map(|shader| stores(&shader.spirv)).collect() }
     }
 
-    /// Predicts whether the layer reports a mutant of the plan's barriers within `frames`; if not, says why.
+    /// Predicts whether the layer reports a mutant of the plan's barriers within `frames`; if not, returns the reason.
     pub fn ought_to_see(&self, mutant: &Barriers, frames: u32) -> Result<(), Blind> {
         let (plan, mutant) = with_fills_as_copies(self.plan, mutant);
         let violations = replay(&plan, &mutant, &Replay { frames, ..Replay::default() });

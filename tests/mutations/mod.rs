@@ -1,10 +1,10 @@
-//! The built-in graphs with one mistake each: every barrier of their plans taken away, and every bit of every mask; and the same of
-//! every dependency, to which the check of dependencies must object.
+//! The built-in graphs with one mistake each: every barrier of their plans removed, and every bit of every mask
+//! cleared; likewise for every dependency, which the check of dependencies must find.
 //!
-//! Three judges look at them. The longest [`chain`] of a frame says how few calls there can be. The oracle of the Vulkan backend has
-//! to accept each plan and to object to each mutant of it, so that nothing is missing and nothing is needless. And the
-//! validation layer, which knows nothing of either, must be silent about the plan and to catch each mutant, unless it is
-//! known not to see what is wrong with it ([`layer`]).
+//! There are three judges. The longest [`chain`] of a frame is the minimum number of calls. The model of the Vulkan
+//! backend must accept each plan and object to each mutant, so that nothing is missing or needless. The validation
+//! layer, which knows neither, must be silent about the plan and catch each mutant, unless it is known not to see the
+//! mistake ([`layer`]).
 
 use splatgraph::draw::backend::Api;
 use splatgraph::draw::builtin;
@@ -34,7 +34,7 @@ mod layer;
 
 const SIZE: (u32, u32) = (64, 36);
 
-/// Frames that each mutant is drawn for: enough for two after the prologue's, and for each copy to be used again.
+/// Frames that each mutant is drawn for: enough for two after the prologue's, and for each copy to be reused.
 const FRAMES: u32 = 3;
 
 fn say(text: &str) {
@@ -114,7 +114,7 @@ fn a_dependency_of_a_preset_that_is_removed_or_has_a_bit_cleared_is_missed() {
             let removed = mutant.dependencies.remove(index);
             missed(&mutant, index, "all");
             mutant.dependencies.insert(index, removed);
-            // Where only the layout change waits, its target is not looked at.
+            // If only the layout change waits, its target is not checked.
             let sides = if whole.hazard == Hazard::LayoutChange { 1 } else { 2 };
             for side in 0..sides {
                 let scope = |d: &Dependency| [d.source, d.target][side];
@@ -185,8 +185,8 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
     assert!(waits > 0, "no barrier is for the arguments of a draw");
 }
 
-/// Counts the writes among the targets of a plan's barriers, and those of them that could go if a write after a write needed
-/// availability alone.
+/// Counts the writes among the targets of a plan's barriers, and how many could go if write-after-write needed only
+/// availability.
 pub fn target_writes(plan: &Plan) -> (usize, usize) {
     let barriers = builds::barriers(plan);
     let all = mutations(plan, &barriers).into_iter().filter(Mutation::clears_a_written_target).count();
@@ -207,7 +207,7 @@ fn target_writes_of_presets_that_could_go_by_availability_alone_are_counted() {
     assert!(spare > 0 && spare <= all);
 }
 
-/// A scene that is another one for every plan, so that no history continues from the plan before and all prologues run.
+/// A scene that differs for every plan, so that no history continues and all prologues run.
 struct Upload<'a>(&'a Scene, u64);
 
 impl SceneData for Upload<'_> {
@@ -268,9 +268,9 @@ impl Bench {
 #[derive(Default)]
 struct Tally {
     mutants: usize,
-    /// By a hazard, or by a layout.
+    /// Caught by a hazard or a layout.
     caught: usize,
-    /// Not by those, but by a mask that names an access and no stage that has it.
+    /// Caught only as a mask with an access that none of its stages can make.
     masks: usize,
     blind: BTreeMap<Blind, usize>,
 }
@@ -340,7 +340,7 @@ fn the_validation_layer_catches_every_mutant_that_it_can_see() {
         let layer = Layer::new(plan);
         let mut tally = Tally::default();
         for mutation in mutations(plan, &barriers) {
-            // The presets have most of their passes in common.
+            // The presets share most of their passes.
             let fresh = met.insert(text(plan, &barriers, &mutation));
             if !fresh && !common::long() && !["splat", "digit4"].contains(&plan.name.as_str()) {
                 continue;

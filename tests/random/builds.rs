@@ -39,7 +39,7 @@ fn facts() -> Facts {
     Facts { device, host: ints.map(|(name, value)| (name.to_string(), Value::Int(value))).into() }
 }
 
-/// Builds the graph of these files. An error is as a user would read it.
+/// Builds the graph of these files. An error is formatted as for a user.
 pub fn plan_with(
     files: &Files,
     settings: Settings,
@@ -67,7 +67,7 @@ pub fn plan(files: &Files, settings: Settings, share_memory: bool) -> Result<Pla
     plan_with(files, settings, share_memory, &mut HeaderCompiler)
 }
 
-/// The plan, unless the builder refused the graph. That it could not solve one is no refusal but a mistake.
+/// Returns the plan, or `None` if the builder refused the graph. A failed solve is not a refusal but a mistake.
 pub fn accepted(built: Result<Plan, String>) -> Result<Option<Plan>, String> {
     match built {
         Err(error) if error.contains("mistake of the solver") => Err(error),
@@ -80,11 +80,11 @@ pub fn barriers(plan: &Plan) -> Barriers {
     splatgraph_vulkan::sync::barriers(plan).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A graph that the builder takes.
+/// A graph that the builder accepts.
 pub struct Case<'a> {
     pub sketch: Sketch,
     pub files: Files,
-    /// Under the first of the recipe's settings, with memory shared.
+    /// The plan under the recipe's first settings, with shared memory.
     pub plan: Plan,
     counts: &'a Counts,
 }
@@ -96,12 +96,12 @@ impl Case<'_> {
         plan.inspect(|plan| self.counts.add(plan))
     }
 
-    /// Counts a plan that came another way.
+    /// Counts a plan built another way.
     pub fn count(&self, plan: &Plan) {
         self.counts.add(plan);
     }
 
-    /// Fails with what the oracle must say of a plan and its dependencies, if it has anything to say. `what` says which plan it is.
+    /// Fails with the model's objections to a plan and its dependencies, if any. `what` names the plan.
     pub fn judge(&self, plan: &Plan, what: &str) -> Result<(), String> {
         if let Some(objection) = oracle::dependencies(plan).first() {
             return Err(format!("{what}: {}\n{}", objection.describe(plan), shown(plan)));
@@ -125,7 +125,7 @@ fn names<T>(flags: impl Iterator<Item = (&'static str, T)>) -> String {
     flags.map(|(name, _)| name).collect::<Vec<_>>().join("|")
 }
 
-/// A plan's passes and barriers, as people can read them.
+/// Formats a plan's passes and barriers.
 pub fn shown(plan: &Plan) -> String {
     let name = |id: PassId| plan.pass(id).name.as_str();
     let shown = |barriers: &[Barrier]| -> String {
@@ -198,10 +198,10 @@ impl Counts {
 /// Graphs of a long run.
 const LONG: u32 = 100_000;
 
-/// Graphs that one random generator makes, so that the graphs are the same whatever the number of threads.
+/// Graphs per random generator, so that the graphs do not depend on the number of threads.
 const BATCH: u32 = 50;
 
-/// Holds `property` against `quick` random graphs, or 100,000 in a long run, on all cores. A failure is shrunk first.
+/// Checks `property` on `quick` random graphs, or 100,000 in a long run, on all cores. A failure is shrunk first.
 ///
 /// # Panics
 /// If the property fails, with the graph; or if the builder refuses more than one graph in ten.

@@ -1,4 +1,4 @@
-//! The contents that graphs declare to be kept, and those that a presented output has.
+//! Contents that graphs declare to keep, and the contents of a presented output.
 
 use splatgraph_framework::ir::{
     Accesses, Layout, Load, Pass, PassId, ResourceId, Run, Stages, Use, Work as PlanWork,
@@ -41,7 +41,7 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
                 Target::Buffer(at) => vec![format!("b{at:02}")],
                 Target::Image(at) => vec![format!("i{at:02}")],
             };
-            // Whether some pass reads the previous frame's contents cannot be told from a plan.
+            // A plan does not show whether a pass reads the previous frame's contents.
             let reads_last = sketch
                 .passes
                 .iter()
@@ -58,7 +58,7 @@ fn a_declared_history_is_kept_unless_every_frame_starts_by_writing_over_it() {
                 let mut uses = plan.passes.iter().flat_map(|pass| &pass.uses);
                 !uses.any(|touch| touch.resource == *id && touch.accesses.reads())
             };
-            // Of a ping-pong buffer, the half that the frame ends with is the history. It may be in no use.
+            // For a ping-pong buffer, the half in front at the end of the frame is the history. It may be unused.
             let free = halves.iter().all(|id| (starts_anew(plan, *id) || unread(id)) && !once(id))
                 || halves.len() < names.len();
             match live {

@@ -1,5 +1,5 @@
-//! Random graphs on the CPU driver, with synchronization validation: a plan gives the same bytes whatever the order of its passes,
-//! whether or not its resources share memory, and with every barrier as wide as can be.
+//! Random graphs on the CPU driver, with synchronization validation: a plan gives equal bytes for every order of its
+//! passes, with and without shared memory, and with maximal barriers.
 
 use splatgraph::draw::backend::Backend;
 use splatgraph_api::{Device, FrameInputs, Inspect, Loader, SceneData};
@@ -24,7 +24,7 @@ use crate::common::{self, long};
 pub struct Bench {
     device: Backend,
     compiler: Glslang,
-    /// Histories are kept from plan to plan of one run.
+    /// Histories persist from plan to plan within a run.
     run: u64,
     loads: u32,
 }
@@ -50,12 +50,12 @@ pub struct Outcome {
     contents: BTreeMap<String, Vec<u8>>,
 }
 
-/// Sets the pace of the host.
+/// The pace of the host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pace {
     /// It waits for each frame before it goes on.
     Waits,
-    /// Two frames are in flight, also of two plans.
+    /// Two frames are in flight, possibly of two plans.
     InFlight,
 }
 
@@ -74,7 +74,7 @@ impl Bench {
         self.run_with(plans, pace, None)
     }
 
-    /// Runs plans as [`Self::run`] does, the first of them with other barriers on Vulkan.
+    /// Runs plans like [`Self::run`], the first with other barriers on Vulkan.
     fn run_with(
         &mut self,
         plans: &[(&Plan, u32)],
@@ -142,7 +142,7 @@ fn is_too_strict(message: &str) -> bool {
     message.contains("SYNC-HAZARD-WRITE-AFTER-WRITE") && (change || message.contains("vkQueueSubmit2"))
 }
 
-/// Every buffer and image of the plan's own, after the last pass of the frame that writes it.
+/// Lists every buffer and image of the plan, after its last writer in the frame.
 fn inspections(plan: &Plan) -> Vec<Inspect> {
     let ids = (0..plan.resources.len() as u32).map(ResourceId);
     let own = ids.filter(|id| plan.resource(*id).source == Source::Transient);
@@ -157,7 +157,7 @@ fn inspections(plan: &Plan) -> Vec<Inspect> {
     .collect()
 }
 
-/// Barriers with everything waiting for everything, and changes of layouts where they are.
+/// Returns barriers that make everything wait for everything, with layout changes where they are.
 fn full_barriers(plan: &Plan) -> Barriers {
     let mut all = barriers(plan);
     let widen = |barriers: &mut Vec<Barrier>| {
@@ -182,7 +182,7 @@ fn full_barriers(plan: &Plan) -> Barriers {
     all
 }
 
-/// Says where two runs differ.
+/// Describes where two runs differ.
 fn same(one: &[Outcome], other: &[Outcome], plan: &Plan, what: &str) -> Result<(), String> {
     if one == other {
         return Ok(());
@@ -197,11 +197,12 @@ fn same(one: &[Outcome], other: &[Outcome], plan: &Plan, what: &str) -> Result<(
     Err(format!("other bytes {what}, in frame {differs} (counted from 0), {names:?}\n{}", shown(plan)))
 }
 
-/// Asks the validation layer to compare each submission with those before it. It reads this when an instance is created.
+/// Makes the validation layer compare each submission with earlier ones. The layer reads this when an instance is
+/// created.
 const COMPARES: (&str, &str) =
     ("VK_LAYER_ENABLES", "VALIDATION_CHECK_ENABLE_SYNCHRONIZATION_VALIDATION_QUEUE_SUBMIT");
 
-/// Returns true if this process compares submissions. If not, runs the test of this name in one that does, and fails with it.
+/// Returns true if this process compares submissions. If not, runs the named test in such a process, and fails with it.
 pub fn compares_submissions(test: &str) -> bool {
     if std::env::var(COMPARES.0).is_ok_and(|value| value == COMPARES.1) {
         return true;
@@ -218,7 +219,7 @@ pub fn compares_submissions(test: &str) -> bool {
     false
 }
 
-/// Runs `property` on random graphs, with all that is asked of a GPU, on one device.
+/// Runs `property` on random graphs with all GPU checks, on one device.
 fn on_device(
     name: &str,
     limits: Limits,

@@ -1,4 +1,4 @@
-//! Histories through changes of the plan, against a model of what they should hold.
+//! Histories across plan changes, compared with a model of their contents.
 //!
 //! The graph counts, keeps a trail and sorts nothing; its constants change how often its ping-pong buffer is swapped and whether
 //! the trail is drawn on. Plans follow one another while frames of the one before are in flight, and what comes out is
@@ -91,7 +91,7 @@ const SHADERS: [(&str, &str); 6] = [
     ),
 ];
 
-/// Holds the contents of the graph's histories.
+/// The expected contents of the graph's histories.
 #[derive(Default)]
 struct Model {
     sum: [u32; 16],

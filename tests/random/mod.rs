@@ -1,4 +1,4 @@
-//! Properties that hold for every graph, held against graphs made at random.
+//! Properties of every graph, checked on random graphs.
 //!
 //! `recipe` has proptest's raw material, `sketch` makes of it a graph that can be built, `render` writes that down as a file and its
 //! shaders, `compiler` replaces the one in C++, `builds` builds and counts, and `orders` finds the other orders of a frame. The
@@ -76,7 +76,7 @@ fn names_decide_nothing() {
     });
 }
 
-/// The plan with nothing in it that a name could be told from.
+/// Returns the plan without names.
 fn nameless(plan: &Plan) -> Plan {
     let mut plan = plan.clone();
     plan.resources.iter_mut().for_each(|r| {
@@ -94,7 +94,7 @@ fn nameless(plan: &Plan) -> Plan {
     plan
 }
 
-/// Clears the texts that say why parameters have no effect: they name passes and lines.
+/// Clears the reasons why parameters have no effect: they contain passes and lines.
 fn clear_reasons(plan: &mut Plan) {
     plan.effects.iter_mut().for_each(|effect| effect.none.iter_mut().for_each(String::clear));
 }
@@ -135,7 +135,7 @@ fn passes_without_readers_decide_nothing() {
     });
 }
 
-/// The plan without lines of files, and without what is not in it.
+/// Returns the plan without line numbers and without culled passes.
 fn placeless(plan: &Plan) -> Plan {
     let mut plan = plan.clone();
     plan.culled.clear();
@@ -311,7 +311,7 @@ fn headers_say_what_the_compiler_finds() {
     let _ = writeln!(std::io::stderr(), "random graphs: headers of {compared} shaders compared");
 }
 
-/// Compiles a shader, and compares all that is found in it.
+/// Compiles a shader, and compares the reflections.
 fn compare_reflections(name: &str, text: &str) -> Result<(), String> {
     let mut library = Library::default();
     library.memory.insert(name.into(), text.into());

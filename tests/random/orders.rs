@@ -1,4 +1,4 @@
-//! The orders that a frame's passes can have.
+//! The possible orders of a frame's passes.
 
 use splatgraph_framework::ir::{PassId, Use, Work};
 use splatgraph_framework::plan::Plan;
@@ -17,7 +17,7 @@ pub fn orders(plan: &Plan, most: usize) -> Vec<Vec<PassId>> {
             b.iter().filter(meets).any(|y| x.accesses.writes() || y.accesses.writes())
         })
     };
-    // Of each pass, those that must come before it.
+    // For each pass, its required predecessors.
     let before: Vec<Vec<usize>> = (0..frame.len())
         .map(|at| (0..at).filter(|other| conflict(frame[*other], frame[at])).collect())
         .collect();

@@ -1,4 +1,4 @@
-//! Races inside of a pass: graphs with one are refused, and the oracle finds one that is put into a plan.
+//! Races inside a pass: graphs with one are refused, and the model finds one that is put into a plan.
 
 use splatgraph_framework::ir::{Accesses, Stages, Use, Work as PlanWork};
 use splatgraph_vulkan::sync::model::{Replay, replay};
@@ -29,7 +29,7 @@ fn a_dispatch_that_writes_the_buffer_of_its_own_arguments_is_refused() {
                     refused.fetch_add(1, Relaxed);
                 }
                 Err(error) => return Err(format!("another error: {error}\nof\n{}", files.graph)),
-                // A condition or a repeat of nothing leaves the pass out.
+                // A false condition or an empty repeat removes the pass.
                 Ok(plan) if plan.passes.iter().all(|pass| !pass.name.starts_with(&format!("p{at:02}"))) => {
                     absent.fetch_add(1, Relaxed);
                 }

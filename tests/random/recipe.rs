@@ -65,7 +65,7 @@ pub struct ImageWish {
     pub history: bool,
 }
 
-/// Some resource, of those that can be what is wanted.
+/// A resource, chosen among those that suit the use.
 #[derive(Clone, Copy, Debug)]
 pub struct Pick {
     pub index: u8,
@@ -130,7 +130,7 @@ impl When {
 pub struct PassWish {
     pub kind: Kind,
     pub reads: Vec<(Pick, Stage)>,
-    /// With whether the previous contents are read as well, and (in a draw) where.
+    /// Each with true if the previous contents are read as well, and (in a draw) the stage.
     pub writes: Vec<(Pick, bool, Stage)>,
     /// A buffer of arguments, and which of its ranges.
     pub indirect: Option<(Pick, u8)>,
@@ -158,7 +158,7 @@ pub enum Kind {
     },
 }
 
-/// Selects the stages of a draw.
+/// The stages of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     Vertex,
@@ -166,7 +166,7 @@ pub enum Stage {
     Both,
 }
 
-/// Places a pass in the file, if it may stand anywhere.
+/// The place of a pass in the file, if it is free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stands {
     InPlace,
@@ -174,7 +174,7 @@ pub enum Stands {
     Last,
 }
 
-/// Limits the size of graphs.
+/// Limits on the size of graphs.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     pub buffers: usize,
@@ -183,7 +183,7 @@ pub struct Limits {
     pub items: usize,
     /// Passes after repeats, the last one included.
     pub passes: usize,
-    /// Leave out what no GPU is to be requested: indirect arguments that may be zero or anything.
+    /// Excludes work that no GPU should run: indirect arguments that may be zero or arbitrary.
     pub runs: bool,
 }
 
@@ -211,7 +211,7 @@ pub fn recipes(limits: Limits) -> impl Strategy<Value = Recipe> {
         })
 }
 
-/// True so often of so many times.
+/// True with probability `of` / `times`.
 fn weighted(of: u32, times: u32) -> impl Strategy<Value = bool> + Clone {
     (0..times).prop_map(move |n| n >= times - of)
 }

@@ -1,8 +1,9 @@
-//! A sketch as text: `graph.ron` and its shaders.
+//! Writes a sketch as text: `graph.ron` and its shaders.
 //!
-//! Shaders compute pure functions of their inputs: words are mixed with a hash, images that are drawn to get whole
-//! numbers that a float holds exactly, and no invocation reads what another one of the same pass writes. (Draws write buffers by
-//! `atomicMax`, which comes to the same in every order.) So two runs that differ in a byte differ because of their barriers.
+//! Shaders compute pure functions of their inputs: words are mixed with a hash, drawn images get integers that floats
+//! represent exactly, and no invocation reads data that another one of its pass writes. (Draws write buffers by
+//! `atomicMax`, whose result does not depend on the order.) So if two runs differ in a byte, the cause is their
+//! barriers.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -18,14 +19,14 @@ pub struct Files {
     pub parts: Vec<(String, String)>,
 }
 
-/// Sets the names, and adds passes or includes.
+/// The naming, and additional passes or includes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Style {
-    /// Other names of the same length, which sort the other way round.
+    /// True for other names of equal length, which sort in reverse.
     pub other_names: bool,
-    /// Passes without readers, after those of the others that stand in their place.
+    /// True to add passes without readers, after the others.
     pub idle_passes: bool,
-    /// Puts passes that access only buffers into graphs of their own, which are included.
+    /// True to move passes that access only buffers into included graphs.
     pub includes: bool,
     /// Depth of the include that is being written.
     pub depth: usize,
@@ -158,7 +159,7 @@ impl Writer<'_> {
         }
     }
 
-    /// Returns true if ports can take all accessed resources: they take no images.
+    /// Returns true if ports can take all accessed resources: none is an image.
     fn fits_a_part(&self, node: &Node) -> bool {
         match node {
             Node::Pass(at) => {
@@ -357,7 +358,7 @@ impl Writer<'_> {
     }
 }
 
-/// The buffers that nodes touch, with whether more than the front of one is meant.
+/// Collects the buffers that nodes touch, with true if more than a front is used.
 fn touched(nodes: &[Node], sketch: &Sketch, buffers: &mut BTreeMap<usize, bool>) {
     for node in nodes {
         match node {
@@ -507,7 +508,7 @@ fn compute(sketch: &Sketch, pass: &Pass, slots: &[Slot], local: u32, all: bool) 
         format!("//: local {local}\n"),
         format!("layout(local_size_x = {local}) in;\n"),
     );
-    // Whatever the number of workgroups, everything is written.
+    // Everything is written, for any number of workgroups.
     let _ = write!(
         text,
         "void main() {{

@@ -1,8 +1,9 @@
-//! From a recipe to a graph that can be built: wishes are resolved to resources, and those that no graph can grant are dropped.
+//! Converts a recipe to a valid graph: wishes are resolved to resources, and impossible ones are dropped.
 //!
-//! A pass may read a buffer only after a write, which depends on conditions, repeats and swaps. So
-//! the sketch is walked under every setting of the constants, and whatever any of them would make invalid goes. The walk
-//! is a model of the language of its own, in a few lines; where it and the builder disagree, a graph is refused, and those are counted.
+//! A pass may read a buffer only after a write, which depends on conditions, repeats and swaps. So the sketch is walked
+//! under every setting of the constants, and everything that is invalid under any of them is dropped. The walk is a
+//! small independent model of the language. Where it and the builder disagree, a graph is refused, and refusals are
+//! counted.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -112,12 +113,12 @@ fn front(of: Target) -> Ref {
 /// One half of a ping-pong buffer, or (half 0) any other resource.
 type Real = (Target, usize);
 
-/// Names a read of contents that no pass wrote.
+/// A read of contents that no pass wrote.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Fault {
-    /// By a binding.
+    /// Through a binding.
     Read(usize),
-    /// By a target.
+    /// Through a target.
     Keep(usize),
     Indirect,
 }
@@ -195,7 +196,7 @@ impl Sketch {
         }
     }
 
-    /// The resource that a wish comes to; any, if there is none of the kind.
+    /// Returns the resource of a wish; any resource if none suits.
     fn resolve(&self, pick: Pick) -> Ref {
         let buffers = (0..self.buffers.len()).map(Target::Buffer);
         let all: Vec<Target> = buffers.chain((0..self.images.len()).map(Target::Image)).collect();
@@ -227,7 +228,7 @@ impl Sketch {
         }
     }
 
-    /// Resolves a pass, without regard to others.
+    /// Resolves a pass, ignoring the others.
     fn pass(&self, wish: &PassWish, limits: Limits) -> Option<Pass> {
         let work = match &wish.kind {
             Kind::Dispatch { once, local } => Work::Dispatch { once: *once, local: *local },
@@ -376,10 +377,10 @@ impl Sketch {
                     let writers = past.writers.get(&real).copied().unwrap_or(0);
                     let carried = self.history(what.of) && is_final(real, &runs.fronts);
                     match (what.half, once) {
-                        // What nothing ever writes is not read.
+                        // Contents that nothing writes are not read.
                         (Half::Last, _) if writers == 0 => false,
                         (Half::Last, true) => !past.once.contains(&real),
-                        // The frame's writers follow those who read what the last frame left.
+                        // The frame's writers come after readers of the previous frame's contents.
                         (Half::Last, false) => !framed.contains(&real),
                         (_, true) => written.contains(&real),
                         // A single writer runs before its readers, wherever in the file it stands.
@@ -408,7 +409,7 @@ impl Sketch {
                 }
             }
         }
-        // From the back, so that the numbers before stay what they are.
+        // From the back, so that earlier indices stay valid.
         for (at, fault) in faults.iter().rev() {
             let Pass { work, binds, indirect, .. } = &mut self.passes[*at];
             match (fault, work) {
@@ -437,7 +438,7 @@ impl Sketch {
         !faults.is_empty() || self.stats.len() != stats
     }
 
-    /// Moves passes in the file that may stand anywhere, because nothing that they touch has several writers.
+    /// Moves passes whose place in the file is free, because none of their resources has several writers.
     fn move_passes(&mut self) {
         let mut writers: BTreeMap<Target, usize> = BTreeMap::new();
         count_writers(&self.nodes, &self.passes, 1, &mut writers);

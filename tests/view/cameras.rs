@@ -1,4 +1,4 @@
-//! The command that draws the window's picture again, and cameras far from the world's origin.
+//! The command that redraws the window's picture, and cameras far from the world's origin.
 
 use super::twin::{SIZE, Twin};
 use crate::common;

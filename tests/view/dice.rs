@@ -1,8 +1,8 @@
-//! Random numbers that are the same on every run.
+//! Deterministic random numbers.
 
 use crate::numbers::Random;
 
-/// A generator with the draws that a visit to the viewer needs.
+/// A generator with the draws for a session in the viewer.
 pub struct Dice(Random);
 
 impl Dice {
@@ -26,12 +26,12 @@ impl Dice {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// One of these.
+    /// Returns one of these, uniformly.
     pub fn of<'a, T>(&mut self, all: &'a [T]) -> &'a T {
         &all[self.below(all.len())]
     }
 
-    /// One of these, each as often as its number says.
+    /// Returns one of these, weighted by its number.
     pub fn weighted<T: Copy>(&mut self, all: &[(usize, T)]) -> T {
         let mut left = self.below(all.iter().map(|(weight, _)| weight).sum());
         for (weight, one) in all {

@@ -1,11 +1,11 @@
-//! What can go wrong around the real window: command lines, displays that are not there or vanish, and passes that run for long.
+//! Failures around the real window: command lines, missing and vanishing displays, and slow passes.
 
 use super::program::{Program, middle};
 use super::screen::comes;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-/// Runs `splatgraph view` without a display; gives the exit code and the messages.
+/// Runs `splatgraph view` without a display; returns the exit code and the messages.
 fn view(args: &[&str], change: impl FnOnce(&mut Command)) -> (Option<i32>, String) {
     let folder = tempfile::tempdir().expect("a folder");
     let mut command = Command::new(env!("CARGO_BIN_EXE_splatgraph"));
@@ -33,7 +33,7 @@ fn values_without_a_meaning_are_refused_before_anything_is_loaded() {
         (&["--show", "none,graph"], "expected --show none alone"),
         (&["--background", "0,2,0"], "expected the channels of --background from 0 to 1, found 2"),
     ] {
-        // A scene that is not there would be the next error.
+        // A missing scene would be the next error.
         let args: Vec<&str> = ["nothing.ply"].into_iter().chain(args.iter().copied()).collect();
         let (code, errors) = view(&args, |_| {});
         assert_eq!(code, Some(2), "{args:?}: {errors}");
@@ -158,7 +158,7 @@ fn while_a_pass_runs_for_long_the_window_says_so_is_used_and_can_be_closed() {
     let named = comes(|| program.window.title().contains("has been running for"));
     assert!(named, "the title is {}", program.window.title());
     program.until(0, "the slow pass", |event| event["event"] == "slow");
-    // What is not the picture goes on.
+    // Everything but the picture goes on.
     let toggle = middle(program.control("panel:Inspector"));
     let mut since = program.now();
     program.window.point(toggle);

@@ -1,13 +1,12 @@
-//! Files that are damaged under a running viewer.
+//! Files damaged under a running viewer.
 //!
-//! Every case damages one file of those that the pictures and the window are drawn from (cut, emptied, bits flipped, bytes put
-//! in, lines lost or there twice, no UTF-8), draws until the viewer has made up its mind, and mends the file. The viewer must
-//! live; it must say what is wrong and where; the picture must be the same to the last bit while that is so; and afterwards,
-//! too.
+//! Every case damages one file of the pictures or the window (cut, emptied, bits flipped, bytes inserted, lines lost or
+//! doubled, invalid UTF-8), draws until the viewer has settled, and mends the file. The viewer must survive and report
+//! what is wrong and where. Meanwhile and afterwards, the picture must be bit-identical.
 //!
-//! A damaged shader that still builds is not run on a device: it may write anywhere, and
-//! lavapipe would take this process down with it. So each damaged file is first built beside the viewer, in another copy of the
-//! folder, which also says what to expect: an error of just that text, or the same plan as before (the damage is in a comment).
+//! A damaged shader that still builds is not run on a device: it may write anywhere, and lavapipe would take this
+//! process down with it. So each damaged file is first built beside the viewer, in another copy of the folder. That
+//! build also gives the expected result: an error with the same text, or an equal plan (the damage is in a comment).
 //! Cases that give another plan are counted and left out.
 
 use super::dice::Dice;
@@ -31,14 +30,14 @@ const SIZE: (u32, u32) = (64, 36);
 /// The parameters that A's graph is set to.
 const NARROW: (&str, i64) = ("key_bits", 8);
 
-/// So many viewers at once share the cases.
+/// Number of viewers that share the cases.
 const VIEWERS: u64 = 4;
 
 const SHORT: usize = 160;
 const LONG: usize = 2_000;
 
-/// One case in so many waits for the watcher to notice the damage, and then for the time that a file is given to become whole.
-/// In the others the renderer is told at once. That it is mended the watcher notices in all of them.
+/// One case per this many waits for the watcher to notice the damage, and then for the delay of broken files. In the
+/// others the renderer is told at once. The watcher always has to notice the mending.
 const WATCHED: usize = 25;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -66,7 +65,7 @@ const DAMAGES: [(usize, Damage); 7] = [
 fn a_file_that_is_damaged_under_a_running_viewer_costs_neither_it_nor_its_picture() {
     let begun = Instant::now();
     let cases = if common::long() { LONG } else { SHORT };
-    // What a viewer waits for, most of the time, is time to pass.
+    // A viewer mostly waits for time to pass.
     let viewers: Vec<_> = (0..VIEWERS)
         .map(|seed| {
             std::thread::spawn(move || {
@@ -84,20 +83,20 @@ fn a_file_that_is_damaged_under_a_running_viewer_costs_neither_it_nor_its_pictur
         }
     }
     println!("{cases} cases in {:.1} s: {counted:#?}", begun.elapsed().as_secs_f64());
-    // Else this has shown nothing.
+    // Otherwise this has tested nothing.
     let failed: usize =
         counted.iter().filter(|((_, what), _)| *what == "failed").map(|(_, count)| count).sum();
     assert!(failed > cases / 2, "{failed} of {cases} failed");
 }
 
-/// Names the outcome of a damaged file.
+/// The outcome of a damaged file.
 #[derive(Clone, Debug, PartialEq)]
 enum Outcome {
     /// There is no plan, for this reason.
     Failed(String),
-    /// The plan is the same.
+    /// The plan is unchanged.
     Same,
-    /// It is another.
+    /// The plan differs.
     Other,
 }
 
@@ -106,7 +105,7 @@ struct Fuzz {
     dice: Dice,
     /// Builds files, to find out whether they do.
     beside: Beside,
-    /// The files that each is drawn from, by their names in the folder.
+    /// The files of each, by their names in the folder.
     files: Vec<(RendererId, Vec<String>)>,
     /// The pictures of A and the window.
     shown: [Vec<[f32; 3]>; 2],
@@ -119,7 +118,7 @@ impl Fuzz {
         let mut viewer = TestShell::new(&options, ("demo", 400), "pipelines/splat.ron", SIZE);
         viewer.shell.panels.hidden = true;
         viewer.settle();
-        // One pass of the sort instead of four: a frame costs less, and all files are still in it.
+        // One sort pass instead of four: a frame is cheaper, and still uses all files.
         let (name, bits) = NARROW;
         viewer.shell.viewer.a.renderer.set_param(name, Some(Value::Int(bits)));
         viewer.settle();
@@ -249,7 +248,7 @@ fn damaged(shipped: &[u8], damage: Damage, dice: &mut Dice) -> Vec<u8> {
     bytes
 }
 
-/// Another copy of the files, where plans are built for no device.
+/// Another copy of the files, for building plans without a device.
 struct Beside {
     folder: tempfile::TempDir,
     planners: BTreeMap<&'static str, Building>,

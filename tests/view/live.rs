@@ -102,7 +102,7 @@ fn the_digit_width_changes_while_it_runs_and_the_picture_does_not_flicker() {
             ),
         }
     }
-    // 8 bits are the default for keys of 32: nothing of them is left to say on the command line.
+    // 8 bits are the default for 32-bit keys, so the command line need not mention them.
     assert_eq!(twin.viewer.a.renderer.set().keys().collect::<Vec<_>>(), ["sorter", "key_bits"]);
     twin.close();
 }
@@ -116,7 +116,7 @@ fn a_live_parameter_changes_the_next_picture_without_a_new_plan() {
     let built = plans(&twin);
     twin.viewer.a.renderer.set_param("budget", Some(Value::Float(0.25)));
     assert_ne!(twin.picture(RendererId::A).rgb, before.rgb);
-    // A new plan, for another reason, has it too.
+    // A new plan for another reason has it as well.
     let dimmed = twin.picture(RendererId::A);
     twin.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(4)));
     twin.next_plan();

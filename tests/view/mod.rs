@@ -1,5 +1,5 @@
-//! The viewer: what a person does with it, done by scripts. The real program's window needs an X server; the long
-//! runs read their memory, files and threads in /proc.
+//! The viewer as a user operates it, by scripts. The real program's window needs an X server; the long runs read their
+//! memory, files and threads in /proc.
 
 mod cameras;
 mod dice;

@@ -35,15 +35,15 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
 
-/// Nothing takes so long, on whatever machine.
+/// Time limit for anything, on any machine.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Few pixels for many points: tools have the room that they have on a display, and a frame costs little.
+/// Few pixels per point: tools have as much room as on a display, and a frame is cheap.
 const PIXELS_PER_POINT: f32 = 0.25;
 /// Sizes of the window, in points.
 const SIZES: [(f32, f32); 5] =
     [(1600.0, 900.0), (1280.0, 800.0), (700.0, 600.0), (500.0, 400.0), (1200.0, 340.0)];
 
-/// A viewer and somebody who plays with it.
+/// A viewer and a random user.
 struct Monkey<D: Device> {
     shell: Shell<D>,
     dice: Dice,
@@ -52,7 +52,7 @@ struct Monkey<D: Device> {
     calls: u64,
     input: VecDeque<Vec<Input>>,
     folder: tempfile::TempDir,
-    /// What was done, for messages.
+    /// The actions so far, for messages.
     deeds: VecDeque<String>,
     dropped: bool,
 }
@@ -158,7 +158,7 @@ impl<D: Device> Monkey<D> {
         self.dropped = false;
         let mut deed = if looks { self.look() } else { self.change() };
         if looks && self.hits_floating_tool() {
-            // Whoever aims at what lies below a floating tool hits a control of that.
+            // A click on something below a floating tool would hit one of the tool's controls.
             self.input.clear();
             deed += " is covered";
         }
@@ -328,7 +328,7 @@ impl<D: Device> Monkey<D> {
         text
     }
 
-    /// Returns any control of a kind, except those that ask for something outside of the window.
+    /// Returns a random control of a kind, except those that open something outside of the window.
     fn any(&mut self, kind: impl Fn(&str) -> bool) -> Option<String> {
         let names = self.shell.panels.controls.iter().map(|(name, _)| name);
         let names: Vec<String> = names.filter(|name| kind(name)).map(str::to_owned).collect();
@@ -442,7 +442,7 @@ fn after_five_hundred_random_actions_the_picture_is_the_one_that_render_draws() 
     while monkey.shell.viewer.a.renderer.failure().is_some() && begun.elapsed() < PATIENCE {
         monkey.settle();
     }
-    // A single picture has no frame before it, whose order it could be drawn in.
+    // A single picture has no previous frame with an order to use.
     if monkey.shell.viewer.a.renderer.set().contains_key("order_of") {
         monkey.shell.viewer.a.renderer.set_param("order_of", None);
         monkey.settle();

@@ -1,4 +1,4 @@
-//! The real program with a window, followed by the events that it writes.
+//! The real program with a window, observed by the events that it writes.
 
 use super::screen::{PATIENCE, Pixels, Screen, Window, comes};
 use super::twin::copy_of_shipped_files;
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// A rectangle of the window: left, top, right, bottom, in pixels.
 pub type Rect = [i32; 4];
 
-/// `splatgraph view` on a screen of its own, with graphs, shaders and a scene of its own, until it is dropped.
+/// `splatgraph view` on its own screen, with its own graphs, shaders and scene, until it is dropped.
 pub struct Program {
     process: Child,
     pub window: Window,
@@ -26,7 +26,8 @@ pub struct Program {
 }
 
 impl Program {
-    /// Starts it, and waits until it shows what it was requested. It draws all the time, so that frames can be waited for.
+    /// Starts it, and waits until it shows the requested picture. It draws continuously, so that frames can be waited
+    /// for.
     pub fn start(splats: u32, args: &[&str]) -> Program {
         let args: Vec<&str> = ["--continuous"].into_iter().chain(args.iter().copied()).collect();
         let mut program = Program::launch(splats, &args, |_| {});
@@ -36,12 +37,12 @@ impl Program {
         program
     }
 
-    /// Starts it, once its folder is arranged.
+    /// Starts it after preparing its folder.
     pub fn launch(splats: u32, args: &[&str], arrange: impl FnOnce(&Path)) -> Program {
         Program::launch_with(splats, args, |_| {}, arrange)
     }
 
-    /// Does the same after a change of its command.
+    /// Like `launch`, after a change to its command.
     pub fn launch_with(
         splats: u32,
         args: &[&str],
@@ -85,7 +86,7 @@ impl Program {
         self.folder.path().join(name)
     }
 
-    /// Changes a text in a file, which must be there; gives what the file was.
+    /// Replaces a text in a file, which must contain it; returns the old contents.
     pub fn edit(&self, name: &str, from: &str, to: &str) -> String {
         let text = fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
         assert!(text.contains(from), "{name} has no `{from}`");
@@ -97,7 +98,7 @@ impl Program {
         fs::write(self.path(name), text).unwrap_or_else(|error| panic!("{name}: {error}"));
     }
 
-    /// Reads the events that are new, and says how many there are now.
+    /// Reads the new events, and returns their total number.
     pub fn now(&mut self) -> usize {
         let all = fs::read(self.path("events.jsonl")).unwrap_or_default();
         let new = &all[self.read..];
@@ -130,7 +131,7 @@ impl Program {
         )
     }
 
-    /// Waits for an event after the first `since`, and gives it.
+    /// Waits for an event after the first `since`, and returns it.
     pub fn until(&mut self, since: usize, what: &str, is_it: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
         let mut next = since;
@@ -181,7 +182,7 @@ impl Program {
         self.act();
     }
 
-    /// The next plan of a viewport that was built for this cause, perhaps among others.
+    /// Waits for the next plan of a viewport that was built for this cause, perhaps among others.
     pub fn swapped(&mut self, since: usize, who: &str, cause: &str) -> Value {
         let event = self.until(since, &format!("a plan of {who} because of {cause}"), |event| {
             let causes = event["causes"].as_array().into_iter().flatten();
@@ -214,7 +215,7 @@ impl Program {
         found
     }
 
-    /// Lets the program see what was done.
+    /// Waits until the program has processed the input.
     pub fn act(&mut self) {
         // The first of these frames may have begun before.
         self.frames(2);
@@ -226,7 +227,7 @@ impl Program {
         self.act();
     }
 
-    /// Clicks a control, once it stands still: a menu that opens takes its place in its second frame.
+    /// Clicks a control once it stands still: an opening menu reaches its position in its second frame.
     pub fn click(&mut self, name: &str) {
         let mut place = self.control(name);
         loop {
@@ -255,7 +256,7 @@ impl Program {
         self.act();
     }
 
-    /// Turns the wheel by a notch: towards the screen, or towards the person.
+    /// Turns the wheel by a notch, away from the user or towards.
     pub fn wheel(&mut self, away: bool) {
         let button = if away { 4 } else { 5 };
         self.window.press(button);
@@ -298,7 +299,7 @@ impl Program {
         self.view_until(what, |shown| shown == expected);
     }
 
-    /// Waits until the view shows something else than this, and gives it once it stays.
+    /// Waits until the view shows something else, and returns it once it is stable.
     pub fn view_is_not(&mut self, what: &str, former: &Pixels) -> Pixels {
         self.view_until(what, |shown| shown.differs(former) > 0.01);
         self.still()
@@ -319,12 +320,12 @@ impl Program {
         }
     }
 
-    /// Waits for the program's end, and gives it with what it said on its standard error.
+    /// Waits for the program's end; returns its status and standard error.
     pub fn end(self) -> (ExitStatus, String) {
         self.end_before(|| {})
     }
 
-    /// Does the same, and looks at its folder before that is gone.
+    /// Like `end`, but calls `look` before its folder is removed.
     pub fn end_before(mut self, look: impl FnOnce()) -> (ExitStatus, String) {
         let mut ended = None;
         comes(|| {

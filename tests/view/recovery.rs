@@ -1,8 +1,8 @@
-//! Things are broken and mended again, over and over: the picture and the memory afterwards are those from before.
+//! Things are broken and mended repeatedly: picture and memory afterwards must be as before.
 //!
-//! Each cycle breaks one thing of every kind: a graph, a shader, a scene, a size, an inspection, and the device itself, which is closed
-//! and opened again as after its loss. `SPLATGRAPH_LONG` runs more cycles. `SPLATGRAPH_RECOVERY=FILE.csv` writes a row after each breaking
-//! and each mending, for a plot.
+//! Each cycle breaks one thing of every kind: a graph, a shader, a scene, a size, an inspection, and the device itself,
+//! which is closed and reopened as after its loss. `SPLATGRAPH_LONG` runs more cycles. `SPLATGRAPH_RECOVERY=FILE.csv`
+//! writes a row after each step, for a plot.
 
 use super::soak::process::resident;
 use super::whole::{PATIENCE, TestShell};
@@ -27,7 +27,7 @@ const SHADER: &str = "shaders/project.comp";
 const INCLUDE: &str = "pipelines/parts/sort.ron";
 const HEADER: &str = "shaders/camera.glsl";
 
-/// As in the soak test: the allocator's padding depends on what was there before.
+/// As in the soak test: the allocator's padding depends on earlier allocations.
 const PADDING_BYTES: u64 = 4 << 10;
 
 struct Cycles {
@@ -102,11 +102,11 @@ impl Cycles {
         }
     }
 
-    /// Compares with the state before everything.
+    /// Compares with the initial state.
     fn check(&mut self, kind: &str) {
         self.viewer.settle();
         let picture = self.viewer.picture(RendererId::A);
-        // The buffers that are made to read a picture are new with a new plan.
+        // The readback buffers are recreated with a new plan.
         let device = self.viewer.shell.viewer.a.renderer.device().expect("the device is there");
         let memory: Vec<(String, u64)> =
             device.memory().into_iter().filter(|(name, _)| !name.contains("readback")).collect();
@@ -135,7 +135,7 @@ impl Cycles {
         self.check(kind);
     }
 
-    /// Replaces a file by a pipe, which no reader comes to the end of.
+    /// Replaces a file by a pipe, which never ends.
     fn no_file(&mut self, cycle: u32, kind: &str, name: &str) {
         let (shipped, path) = (self.viewer.shipped[name].clone(), self.viewer.path(name));
         std::fs::remove_file(&path).expect("it is removed");

@@ -1,4 +1,4 @@
-//! A screen for the real program: an X server without a display (Xvfb), and a person's hands on it, by the XTEST extension.
+//! A screen for the real program: an X server without a display (Xvfb), and a user's input, by the XTEST extension.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -10,13 +10,13 @@ use x11rb::protocol::xtest::ConnectionExt as _;
 use x11rb::rust_connection::RustConnection;
 use x11rb::wrapper::ConnectionExt as _;
 
-/// Nothing takes so long, on whatever machine.
+/// Time limit for anything, on any machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Sets the interval of polling, which takes time from the program.
+/// Interval of polling, which takes time from the program.
 const LOOK: Duration = Duration::from_millis(25);
 
-/// Waits for something that tells nothing by itself; whether it came.
+/// Polls for a condition; returns true if it came.
 pub fn comes(mut is_there: impl FnMut() -> bool) -> bool {
     let begun = Instant::now();
     while !is_there() {
@@ -28,7 +28,7 @@ pub fn comes(mut is_there: impl FnMut() -> bool) -> bool {
     true
 }
 
-/// An X server of the test's own, until it is dropped.
+/// An X server for one test; dropping it stops the server.
 pub struct Screen {
     process: Child,
     display: String,
@@ -36,7 +36,7 @@ pub struct Screen {
 
 impl Screen {
     pub fn start(width: u32, height: u32) -> Screen {
-        // It looks for a display number that is free, and writes it to its standard output.
+        // It picks a free display number and writes it to its standard output.
         let mut process = Command::new("Xvfb")
             .args(["-displayfd", "1", "-nolisten", "tcp", "-noreset"])
             .args(["-screen", "0", &format!("{width}x{height}x24")])
@@ -47,7 +47,7 @@ impl Screen {
                 panic!("this test needs the X server Xvfb (Debian and Ubuntu: package `xvfb`): {why}")
             });
         let output = process.stdout.take().expect("the output is a pipe");
-        // From here on it is stopped also if something panics.
+        // From here on it is stopped even after a panic.
         let mut screen = Screen { process, display: String::new() };
         let mut number = String::new();
         let read = BufReader::new(output).read_line(&mut number);
@@ -56,7 +56,7 @@ impl Screen {
         screen
     }
 
-    /// As in the variable DISPLAY.
+    /// The value of the variable DISPLAY.
     pub fn display(&self) -> &str {
         &self.display
     }
@@ -83,7 +83,7 @@ impl Pixels {
         self.rgb[y * self.width + x]
     }
 
-    /// The share of pixels that are not the same in both; all of them if the sizes are not.
+    /// Returns the share of pixels that differ; 1 if the sizes differ.
     pub fn differs(&self, other: &Pixels) -> f64 {
         if (self.width, self.height) != (other.width, other.height) {
             return 1.0;
@@ -103,7 +103,7 @@ pub struct Window {
 }
 
 impl Window {
-    /// A window that is yet to come.
+    /// Returns a window that has not appeared yet.
     pub fn on(screen: &Screen) -> Window {
         let (connection, number) =
             RustConnection::connect(Some(screen.display())).expect("the server answers");
@@ -116,7 +116,7 @@ impl Window {
         Window { connection, root, id: 0, keys }
     }
 
-    /// Waits for it: the one on the screen that can be asked to close. Whether it came.
+    /// Waits for the window on the screen that can be asked to close. Returns true if it appeared.
     pub fn appears(&mut self) -> bool {
         let polite = self.atom("WM_PROTOCOLS");
         let look = || -> Result<Option<u32>, ReplyError> {
@@ -132,7 +132,7 @@ impl Window {
         };
         let mut found = None;
         comes(|| {
-            // A window that goes away while it is asked is none.
+            // A window that vanishes during the query does not count.
             found = look().unwrap_or(None);
             found.is_some()
         });
@@ -168,24 +168,24 @@ impl Window {
         String::from_utf8_lossy(&asked.reply().expect("answered").value).into_owned()
     }
 
-    /// When this returns, the window has its new size.
+    /// Resizes the window, and waits until it has its new size.
     pub fn resize(&self, width: u32, height: u32) {
         let size = ConfigureWindowAux::new().width(width).height(height);
         let sent = self.connection.configure_window(self.id, &size).expect("sent");
         sent.check().expect("the window is resized");
     }
 
-    /// Takes it from the screen.
+    /// Unmaps the window.
     pub fn unmap(&self) {
         self.connection.unmap_window(self.id).expect("sent").check().expect("the window goes");
     }
 
-    /// Puts it back.
+    /// Maps the window again.
     pub fn map(&self) {
         self.connection.map_window(self.id).expect("sent").check().expect("the window comes back");
     }
 
-    /// Tells it that it is an icon, or is none, as a window manager does.
+    /// Tells it that it is iconified or not, like a window manager.
     pub fn set_minimised(&self, minimised: bool) {
         let (state, hidden) = (self.atom("_NET_WM_STATE"), self.atom("_NET_WM_STATE_HIDDEN"));
         let states: &[u32] = if minimised { &[hidden] } else { &[] };
@@ -194,7 +194,7 @@ impl Window {
         sent.expect("sent").check().expect("the property is set");
     }
 
-    /// Sends the message of a window manager when a person closes a window.
+    /// Sends a window manager's message for closing a window.
     pub fn ask_to_close(&self) {
         let (protocols, delete) = (self.atom("WM_PROTOCOLS"), self.atom("WM_DELETE_WINDOW"));
         let event = ClientMessageEvent::new(32, self.id, protocols, [delete, x11rb::CURRENT_TIME, 0, 0, 0]);
@@ -209,7 +209,7 @@ impl Window {
         let format = ImageFormat::Z_PIXMAP;
         let image = self.connection.get_image(format, self.id, x, y, width as u16, height as u16, u32::MAX);
         let image = image.expect("asked").reply().expect("answered");
-        // 32 bits per pixel at depth 24, as every server of today has it.
+        // 32 bits per pixel at depth 24, as on every current server.
         let rgb: Vec<[u8; 3]> = match self.connection.setup().image_byte_order {
             ImageOrder::LSB_FIRST => image.data.chunks_exact(4).map(|p| [p[2], p[1], p[0]]).collect(),
             _ => image.data.chunks_exact(4).map(|p| [p[1], p[2], p[3]]).collect(),

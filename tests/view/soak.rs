@@ -1,9 +1,9 @@
-//! Thousands of frames of the whole viewer while everything about it changes all the time.
+//! Thousands of frames of the whole viewer under constant change.
 //!
-//! A seeded generator does something every few frames: files are edited, broken, emptied, replaced and mended; parameters, graphs
-//! and scenes are changed; the window is resized and minimised; pictures are compared, exchanged and inspected; and the mouse
-//! moves the camera and clicks on the panels. Every so often all of it is brought back to the same reference state, and that
-//! must be what it was: the same pictures, and no more memory.
+//! A seeded generator does something every few frames: files are edited, broken, emptied, replaced and mended;
+//! parameters, graphs and scenes are changed; the window is resized and minimised; pictures are compared, exchanged and
+//! inspected; and the mouse moves the camera and clicks on the panels. At intervals everything is restored to the same
+//! reference state, which must be as before: equal pictures, and no more memory.
 //!
 //! These must hold:
 //!
@@ -44,7 +44,7 @@ use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-/// The window in the reference state.
+/// The window size in the reference state.
 const SIZE: (u32, u32) = (400, 225);
 /// Pixels of the picture per pixel of the window, then: 64 x 36 of them.
 const SCALE: f32 = 0.16;
@@ -58,26 +58,26 @@ struct Length {
     frames: u64,
     /// Frames from one reference state to the next.
     cycle: u64,
-    /// Bytes that the resident memory may be larger by in the last third than in the middle one.
+    /// Tolerated growth of the resident memory from the middle third to the last, in bytes.
     noise: u64,
 }
 
-/// Caches are still filling all the time: the driver's, the validation layers', those of compiled shaders. Only what is lost in
-/// every frame shows in the resident memory; the device's is exact.
+/// Caches are still filling: the driver's, the validation layers', and those of compiled shaders. Only a leak in every
+/// frame shows in the resident memory; the device's memory is exact.
 const SHORT: Length = Length { frames: 600, cycle: 60, noise: 96 << 20 };
-/// The rest is memory that allocators keep after it was freed, and some 10 KiB for every text of a shader that was
-/// compiled: of these each compiler remembers the last thousand.
+/// The remainder is memory that allocators keep after it was freed, and some 10 KiB per compiled shader text, of which
+/// each compiler caches the last thousand.
 const LONG: Length = Length { frames: 10_000, cycle: 500, noise: 24 << 20 };
 
-/// The allocator of the device's memory counts what it leaves free before a piece for the sake of its alignment as a part of
-/// that piece. This depends on what stood before it, so that the sum is never quite the same.
+/// The device's allocator counts alignment gaps as part of the next allocation. The gaps depend on earlier allocations,
+/// so the sum varies slightly.
 const PADDING_BYTES: u64 = 4 << 10;
 
 /// Bytes of texels: egui packs its letters into 2048 x 2048 of them at most, buffers are powers of two, and there is one per
 /// frame in flight.
 const MOST_TEXELS: u64 = 2 * (32 << 20);
 
-/// Panics on whatever thread.
+/// Number of panics on any thread.
 static PANICS: AtomicUsize = AtomicUsize::new(0);
 
 #[test]
@@ -112,8 +112,7 @@ fn soak(length: Length) {
     soak.viewer.close();
 }
 
-/// The first third is for everything to have happened once: caches fill. Of what is left, the second half must not have more than
-/// the first.
+/// In the first third caches fill. Of the rest, the second half must not have more than the first.
 fn check_growth(references: &[Reference], noise: u64) {
     let third = references.len() / 3;
     assert!(third >= 3, "{} reference states are too few to tell", references.len());
@@ -190,7 +189,7 @@ struct Soak {
     start: Navigation,
     /// The files that are not as they are shipped.
     edited: BTreeSet<String>,
-    /// Numbers what must differ.
+    /// Numbers things that must differ.
     number: u64,
     deeds: u64,
     plans: u64,
@@ -271,7 +270,7 @@ impl Soak {
         self.note();
     }
 
-    /// Counts what happened, and looks whether a frame was lost.
+    /// Counts events, and checks for lost frames.
     fn note(&mut self) {
         for event in std::mem::take(&mut self.viewer.events) {
             match event {
@@ -302,7 +301,7 @@ impl Soak {
         }
     }
 
-    /// Frames that were due and are not drawn.
+    /// Returns the number of due frames that were not drawn.
     fn lost(&mut self) -> u64 {
         let drawn = self.viewer.drawn();
         assert!(drawn <= self.viewer.due, "{drawn} frames were drawn, and {} were due", self.viewer.due);
@@ -318,7 +317,7 @@ impl Soak {
         self.viewer.frame();
         self.edited.clear();
         self.viewer.shell.panels.hidden = true;
-        // Times are never the same.
+        // Times always vary.
         self.viewer.shell.panels.hud = false;
         self.viewer.shell.panels.help = false;
         let scene = self.viewer.path(self.scenes[0]);
@@ -341,7 +340,7 @@ impl Soak {
             }
         }
         self.viewer.restore(cycle);
-        // What is shown fades out.
+        // Notifications fade out.
         for _ in 0..30 {
             self.viewer.frame();
         }
@@ -391,7 +390,7 @@ impl Soak {
     }
 }
 
-/// In which pixels two pictures differ, in words.
+/// Describes the pixels in which two pictures differ.
 fn difference(now: &Image, before: &Image) -> String {
     if (now.width, now.height) != (before.width, before.height) {
         return format!("{} x {}, and was {} x {}", now.width, now.height, before.width, before.height);

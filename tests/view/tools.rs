@@ -1,4 +1,4 @@
-//! The tools around the picture: what they show is true, and only a person changes anything.
+//! The tools around the picture: they show true values, and only the user changes settings.
 
 use super::whole::{PIXELS_PER_POINT, TestShell};
 use crate::common;
@@ -19,7 +19,7 @@ const SIZE: (u32, u32) = (640, 360);
 fn viewer(graph: &str) -> TestShell {
     let mut viewer =
         TestShell::new(&common::options(Validation::Synchronization), ("demo", 500), graph, SIZE);
-    // The one opened last is in front of its tabs.
+    // The tab opened last is in front.
     let tools = [Tool::Cameras, Tool::Inspector, Tool::Times, Tool::Timeline, Tool::Parameters];
     viewer.shell.panels.open_tools(&tools);
     viewer.settle();
@@ -154,7 +154,7 @@ fn one_selection_runs_through_timeline_and_inspector() {
     let scatter = names(&viewer, "scatter").into_iter().find(|name| name.starts_with("pass:"));
     let scatter = scatter.expect("the timeline shows a pass that scatters");
     let pass = scatter.strip_prefix("pass:").expect("a name").to_owned();
-    // Passes are as wide as their times, which the first frames still change before the pointer is there.
+    // Pass widths follow their times, which still vary in the first frames.
     for _ in 0..20 {
         assert!(viewer.click(&scatter));
         viewer.act();
@@ -198,7 +198,7 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     assert!(viewer.click("worst"));
     viewer.act();
     assert!(viewer.shell.viewer.comparison_is_current());
-    // What is requested together with a change is measured after it.
+    // An inspection requested together with a change is measured after it.
     let splat = viewer.path("pipelines/splat.ron");
     let b = viewer.shell.viewer.b.as_mut().expect("there is a B");
     b.renderer.choose(&splat.to_string_lossy(), Default::default());
@@ -241,7 +241,7 @@ fn b_draws_another_scene_from_the_same_place_of_the_world() {
     assert_eq!(viewer.shell.viewer.scene_of(RendererId::B).count(), 300);
     let command = viewer.shell.viewer.render_command(RendererId::B, "b.png".as_ref()).expect("there is a B");
     assert!(command.contains("other.ply"), "{command}");
-    // Exchanged, each keeps its scene, and nothing is read again.
+    // After the exchange, each keeps its scene, and nothing is read again.
     viewer.shell.viewer.exchange();
     viewer.settle();
     assert_eq!(viewer.shell.viewer.scene_path(), other);

@@ -1,4 +1,4 @@
-//! The viewer without its window, as a script drives it: files are edited, parameters changed, and pictures read back.
+//! The viewer without its window, driven by a script: files are edited, parameters changed, and pictures read back.
 
 use crate::common;
 use splatgraph::draw::backend::Backend;
@@ -12,13 +12,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Nothing takes so long, on whatever machine.
+/// Time limit for anything, on any machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The pictures' size.
 pub const SIZE: (u32, u32) = (96, 54);
 
-/// A viewer over graphs and shaders of its own, which can be edited.
+/// A viewer over its own copy of graphs and shaders, which can be edited.
 pub struct Twin {
     /// Draws.
     pub viewer: Viewer<Backend>,
@@ -42,13 +42,13 @@ impl Twin {
         let mut viewer = Viewer::new(common::device(), (scene, path), &graph, &set, Arc::new(|| {}))
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
-        // No frame is left out, also if it is the same, and however slow the machine is.
+        // Draw every frame, even an unchanged one, however slow the machine is.
         viewer.continuous = true;
         viewer.a.renderer.patience = PATIENCE;
         Twin { viewer, events: Vec::new(), size: SIZE, folder }
     }
 
-    /// The same, once its first frame is drawn.
+    /// Like `new`, after its first frame is drawn.
     pub fn drawing(graph: &str, splats: u32, set: &[(&str, &str)]) -> Twin {
         let mut twin = Twin::new(graph, splats, set);
         twin.until("the first plan", |event| matches!(event, Event::Swapped { renderer: RendererId::A, .. }));
@@ -68,7 +68,7 @@ impl Twin {
         fs::write(self.path(name), text).unwrap_or_else(|error| panic!("{name}: {error}"));
     }
 
-    /// Changes a text in a file, which must be there.
+    /// Replaces a text in a file, which must contain it.
     pub fn edit(&self, name: &str, from: &str, to: &str) {
         let text = self.read(name);
         assert!(text.contains(from), "{name} has no `{from}`");
@@ -99,7 +99,7 @@ impl Twin {
         }
     }
 
-    /// Draws frames until something happens, and gives it.
+    /// Draws frames until an event satisfies `is_it`, and returns it.
     pub fn until(&mut self, what: &str, is_it: impl Fn(&Event) -> bool) -> Event {
         let begun = Instant::now();
         let mut seen = self.events.len();
@@ -126,12 +126,12 @@ impl Twin {
         self.frame();
     }
 
-    /// The next plan of A.
+    /// Waits for A's next plan.
     pub fn next_plan(&mut self) -> Event {
         self.until("a new plan of A", |event| matches!(event, Event::Swapped { renderer: RendererId::A, .. }))
     }
 
-    /// The next mistake.
+    /// Waits for the next error.
     pub fn next_failure(&mut self) -> String {
         match self.until("a mistake", |event| matches!(event, Event::Failed { .. })) {
             Event::Failed { text, .. } => text,
@@ -164,7 +164,7 @@ impl Twin {
         self.viewer.a.history.frames()
     }
 
-    /// Closes it; the validation layers must have had nothing to say.
+    /// Closes it; fails on validation messages.
     pub fn close(mut self) {
         self.viewer.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let messages = self.viewer.into_device().expect("the device is not lost").close();

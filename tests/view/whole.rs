@@ -1,5 +1,5 @@
-//! The whole viewer without its window: pictures, panels and the window's own graph, driven by events as a window system sends
-//! them.
+//! The whole viewer without its window: pictures, panels and the window's own graph, driven by events like a window
+//! system's.
 
 use super::twin::copy_of_shipped_files;
 use crate::common;
@@ -21,16 +21,16 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-/// Nothing takes so long, on whatever machine.
+/// Time limit for anything, on any machine.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
-/// As long as nothing is new, a frame is drawn this often.
+/// Interval between frames while nothing is new.
 const REST: Duration = Duration::from_millis(20);
 
-/// Few pixels for many points: the panels have the room that they have on a display, and a frame costs little.
+/// Few pixels per point: panels have as much room as on a display, and a frame is cheap.
 pub const PIXELS_PER_POINT: f32 = 0.4;
 
-/// A viewer over graphs and shaders of its own, which can be edited.
+/// A viewer over its own copy of graphs and shaders, which can be edited.
 pub struct TestShell {
     pub shell: Shell<Backend>,
     /// Events that were not taken yet.
@@ -39,15 +39,16 @@ pub struct TestShell {
     pub size: (u32, u32),
     /// Calls of [`TestShell::frame`] so far.
     pub calls: u64,
-    /// Frames that had to be drawn so far: one of A for each call once it has a plan of the scene, one of B if it is shown and has one.
+    /// Frames due so far: one of A for each call once it has a plan of the scene, and one of B if it is shown and has
+    /// one.
     pub due: u64,
-    /// Frames of the window that had to be drawn, and were not.
+    /// Due frames of the window that were not drawn.
     pub undrawn_windows: u64,
     /// Input of the frames to come.
     input: VecDeque<Vec<Input>>,
     /// The files as they are shipped.
     pub shipped: BTreeMap<String, String>,
-    /// Other threads have something new.
+    /// Signalled when other threads have something new.
     woken: Receiver<()>,
     folder: tempfile::TempDir,
 }
@@ -60,7 +61,7 @@ impl TestShell {
         let path = folder.path().join("scene.ply");
         let scene = synth::generate(scene.0, scene.1, 0).expect("the scene is generated");
         scene.write_ply(&path).expect("the scene is written");
-        // As the file has it, whose numbers are rounded: so it is the same when it is opened again.
+        // Rounded as in the file, so that reopening the file gives an equal scene.
         let scene = Scene::load(&path, splatgraph_assets::QUIET).expect("the scene is loaded");
         let graph = folder.path().join(graph);
         let window = folder.path().join("pipelines/view/window.ron");
@@ -69,14 +70,14 @@ impl TestShell {
         let (sender, woken) = channel();
         let wake = || {
             let sender = sender.clone();
-            // A viewer that is gone needs no waking.
+            // A dropped viewer needs no waking.
             Arc::new(move || _ = sender.send(()))
         };
         let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], wake())
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
         viewer.folder = folder.path().to_owned();
-        // No frame is left out, also if it is the same, and however slow the machine is.
+        // Draw every frame, even an unchanged one, however slow the machine is.
         viewer.continuous = true;
         viewer.a.renderer.patience = PATIENCE;
         let mut shell = Shell::with_graph(viewer, canvas, &window.to_string_lossy(), wake())
@@ -112,7 +113,7 @@ impl TestShell {
         fs::write(self.path(name), text).unwrap_or_else(|error| panic!("{name}: {error}"));
     }
 
-    /// Has a frame to come get this input; those that were planned before come first.
+    /// Plans input for a coming frame, after the input planned before.
     pub fn plan_input(&mut self, input: Vec<Input>) {
         self.input.push_back(input);
     }
@@ -162,7 +163,7 @@ impl TestShell {
         let input = RawInput {
             viewports: [(ViewportId::ROOT, viewport)].into_iter().collect(),
             screen_rect: Some(Rect::from_min_size(Pos2::ZERO, points)),
-            // Frames come as they do on a display: what takes time (a drag, a fade) takes the same number of them everywhere.
+            // Fixed frame times: what takes time (a drag, a fade) takes as many frames on every machine.
             time: Some(self.calls as f64 / 60.0),
             events: self.input.pop_front().unwrap_or_default(),
             focused: true,
@@ -278,7 +279,7 @@ impl TestShell {
         image_of(&pixels).expect("it has colours")
     }
 
-    /// Closes it; the validation layers must have had nothing to say.
+    /// Closes it; fails on validation messages.
     pub fn close(mut self) {
         self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let devices = self.shell.into_devices();

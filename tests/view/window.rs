@@ -1,4 +1,4 @@
-//! The real window, as a person uses it: a pointer and a keyboard act on it, and what counts is what the display shows.
+//! The real window as a user operates it, by pointer and keyboard, judged by the display's contents.
 
 use super::program::{Program, middle};
 use super::screen::{Pixels, comes};
@@ -46,11 +46,11 @@ fn a_window_at_rest_draws_nothing_until_something_happens() {
     let since = program.now();
     sleep(Duration::from_secs(3));
     assert_eq!(program.now(), since, "something is drawn");
-    // A control under the pointer is drawn anew...
+    // A control under the pointer is redrawn...
     program.window.point(middle(control));
     program.frame_after(since);
     program.rests();
-    // ...and so is what a key shows, a window that was away, another size, and an edited file.
+    // ...and so are the effect of a key, a restored window, another size, and an edited file.
     let mut since = program.now();
     program.window.key('h'.into());
     program.frame_after(since);
@@ -90,7 +90,7 @@ fn a_window_that_cannot_be_drawn_says_why_and_ends() {
     assert!(errors.contains("pipelines/view/window.ron:1:6"), "{errors}");
 }
 
-/// Each control of a parameter has a plan built, and the keys are the camera's afterwards.
+/// Each parameter's control triggers a build, and the keys control the camera afterwards.
 fn parameters(program: &mut Program, first: &Pixels) {
     let passes = |event: &serde_json::Value| event["passes"].as_u64().expect("it has passes");
     let since = program.now();
@@ -104,7 +104,7 @@ fn parameters(program: &mut Program, first: &Pixels) {
     program.settle();
     let narrow = program.swapped(since, "a", "digit_bits");
     assert!(passes(&narrow) > passes(&started), "{narrow}");
-    // A scene is sorted the same whatever the digits.
+    // The sorted order does not depend on the digits.
     program.view_is("the same picture with other digits", first);
 
     let since = program.now();
@@ -129,7 +129,7 @@ fn parameters(program: &mut Program, first: &Pixels) {
     assert!(unsorted != *first);
 }
 
-/// The list of graphs: there and back again.
+/// Switches to another graph in the list and back.
 fn presets(program: &mut Program, first: &Pixels) {
     let since = program.now();
     program.click("graph");
@@ -153,7 +153,7 @@ fn click_scale(program: &mut Program) {
     program.click("scale");
 }
 
-/// Pointer and keys over the view move the camera, and elsewhere they do not.
+/// Pointer and keys over the view move the camera, but not elsewhere.
 fn camera(program: &mut Program, first: &Pixels) {
     let view = program.control("view");
     let [x, y] = middle(view);
@@ -190,7 +190,7 @@ fn camera(program: &mut Program, first: &Pixels) {
         event["name"] == "param:sorter" && event["top"].as_f64() == Some(place[1].into())
     });
 
-    // Keys are the camera's after a control was used, and not while a number is being written.
+    // Keys move the camera after a control was used, but not while a number is being edited.
     click_scale(program);
     program.keys(&['0', '.', '5', 'f'].map(u32::from));
     // Leaves the field, then the menu that lies over the picture.
@@ -249,7 +249,7 @@ fn files(program: &mut Program, first: &Pixels) {
     program.view_is("all colours", first);
 }
 
-/// A mistake is told over the last good picture, until it is mended.
+/// A mistake is reported over the last good picture until it is mended.
 fn mistakes(program: &mut Program, first: &Pixels) {
     assert_eq!(program.find("mistakes"), None);
     let since = program.now();
@@ -351,7 +351,7 @@ fn screen(program: &mut Program, first: &Pixels) {
     }
 }
 
-/// Returns true if two pictures of different sizes may show the same scene: their mean colours are alike.
+/// Returns true if two pictures of different sizes may show the same scene: their mean colours are similar.
 fn shows_the_same_in_another_size(a: &Pixels, b: &Pixels) -> bool {
     let mean = |pixels: &Pixels| {
         let mut sum = [0u64; 3];

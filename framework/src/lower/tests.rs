@@ -116,7 +116,7 @@ fn a_choice_draws_the_first_graph_whose_needs_hold_and_says_why_it_passed_others
     ];
     assert_eq!(said, expected);
     assert!(found.fallbacks.iter().all(|fallback| !fallback.preference));
-    // The settings of a preset go with it.
+    // The settings of a preset apply with it.
     assert_eq!(found.params[0].value, Value::Int(8));
 
     let preferred = plan(
@@ -124,7 +124,7 @@ fn a_choice_draws_the_first_graph_whose_needs_hold_and_says_why_it_passed_others
     );
     assert!(preferred.fallbacks[0].preference, "{:?}", preferred.fallbacks);
     assert_eq!(preferred.based_on, ["narrow"]);
-    // A preset of a choice is one of the graph that is chosen.
+    // A preset of a choice applies to the chosen graph.
     let mut files = SHADERS.to_vec();
     let (choice, preset) = (
         r#"Choice(summary: "", of: [(graph: "wide"), (graph: "narrow")])"#,
@@ -140,7 +140,7 @@ fn a_choice_draws_the_first_graph_whose_needs_hold_and_says_why_it_passed_others
     assert_eq!((found.params[0].value.clone(), found.drawn()), (Value::Int(3), "narrow"));
 }
 
-/// A renderer of two parts: one makes a buffer, the other shows it.
+/// Returns a renderer of two parts: one makes a buffer, the other shows it.
 fn of_parts(include: &str, more: &str) -> Vec<(&'static str, String)> {
     let maker = r#"Graph(version: 1, summary: "makes", params: {
             "size": Const(Int(default: 64, range: (1, 128))),
@@ -452,7 +452,7 @@ fn the_default_of_an_exposed_parameter_sees_what_its_include_sets_at_every_depth
         let passes = passes
             .join("\n")
             .replace("p.part.words", if include.contains("middle") { "p.part.words" } else { "p.words" });
-        // The includer has a parameter of the same name, which means something else.
+        // The includer has a parameter of this name with another meaning.
         let graph = graph(WIDTH, &passes);
         let mut files = SHADERS.to_vec();
         files.extend([("graph.ron", graph.as_str()), ("part.ron", part), ("middle.ron", middle)]);

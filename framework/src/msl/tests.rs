@@ -1,4 +1,4 @@
-//! The places of arguments, and what is refused.
+//! Argument indices, and refusals.
 
 use super::*;
 use crate::build;
@@ -55,7 +55,7 @@ fn plan(shader: &str, buffers: usize) -> Plan {
         .unwrap_or_else(|errors| panic!("{}", render(&files, &errors, false)))
 }
 
-/// A shader that reads `buffers` buffers, whose bindings go downwards, and one that it declares alone.
+/// Returns a shader that reads `buffers` buffers with descending bindings, and declares one that it does not use.
 fn shader(buffers: usize, size: &str) -> String {
     let blocks: String = (0..buffers)
         .map(|i| format!("layout(binding = {}, std430) buffer B{i} {{ uint b{i}[]; }};\n", 60 - i))
@@ -134,7 +134,7 @@ fn sizes_take_the_place_of_a_buffer() {
     assert!(errors[0].problem.ends_with("found 32"), "{errors:?}");
 }
 
-/// SPIRV-Cross throws, and the program goes on.
+/// SPIRV-Cross throws, and the program continues.
 #[test]
 fn what_is_no_spirv_is_an_error_with_the_shaders_name() {
     let mut plan = plan(&shader(1, ""), 1);

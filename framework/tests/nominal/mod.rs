@@ -1,11 +1,12 @@
-//! A nominal scene and device, for plans of the shipped graphs without either: their facts, and what can be imported.
+//! A nominal scene and device, for plans without a real one: their facts and importable data.
 
 use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Value};
 
 /// Bytes of the camera's uniform block.
 pub const CAMERA_BYTES: u64 = 256;
 
-/// Makes the facts of a scene of `count` splats of degree 3, drawn at a size in pixels by a device of 32 lanes with every feature.
+/// Returns the facts of a scene of `count` splats of degree 3, drawn at a size in pixels by a device of 32 lanes with
+/// every feature.
 pub fn facts(count: u32, (width, height): (u32, u32)) -> Facts {
     let device = DeviceFacts {
         subgroup_size: 32,

@@ -1,4 +1,4 @@
-//! Disturbs the viewer: edits of files, and input as a person gives it.
+//! Disturbances of the viewer: file edits and user input.
 
 use super::{SCALE, SIZE, Soak};
 use egui::{Event as Input, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
@@ -142,7 +142,7 @@ impl Soak {
                 self.edit(name, String::new());
             }
             Deed::Replace => {
-                // As many editors save: a new file takes the place of the old one.
+                // Many editors save by replacing the file.
                 let name = *self.dice.of(&COMMENTED);
                 self.number += 1;
                 let text = format!("{}\n// Replaced, number {}.\n", self.viewer.shipped[name], self.number);

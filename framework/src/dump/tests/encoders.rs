@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A hand-made dump with encoders: a few of its passes, with one of everything.
+/// Returns a hand-made dump with encoders: a few of its passes, with every construct once.
 pub fn encoded(dump: Dump) -> Dump {
     let place = |name: &str| {
         let resource = dump.resources.iter().find(|r| r.name == name).map(|r| r.declared.clone());

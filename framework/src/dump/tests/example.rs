@@ -1,4 +1,4 @@
-//! A plan to test with, made by hand: what a graph that sorts splats becomes, with everything that a plan can have; and its dump, with
+//! A hand-made plan for tests: a graph that sorts splats, with every construct that a plan can have; and its dump, with
 //! barriers as an API may place them.
 
 use std::collections::BTreeMap;
@@ -28,7 +28,7 @@ fn origin(line: u32) -> Origin {
     Origin { file: "pipelines/splat.ron".into(), line, column: 5 }
 }
 
-/// `digits` iterations of the sort, over `count` splats.
+/// Returns a plan with `digits` iterations of the sort, over `count` splats.
 pub fn splat(digits: u32, count: u64) -> Plan {
     let mut m = Maker { resources: vec![], shaders: vec![], passes: vec![], blocks: vec![] };
     let scene = |name: &str, plane| Source::Scene { attribute: format!("scene.{name}"), plane };
@@ -121,14 +121,14 @@ pub fn splat(digits: u32, count: u64) -> Plan {
     m.finish(last, args, digits)
 }
 
-/// The dump of a plan with barriers: before each pass one for all that it depends on, and one for each layout change.
+/// Returns a plan's dump with barriers: before each pass one for all its dependencies, and one per layout change.
 pub fn dump(plan: &Plan) -> Dump {
     let ids = |ids: &[PassId]| ids.iter().copied().map(Some).collect::<Vec<_>>();
     let calls = [ids(&plan.prologue), vec![None], ids(&plan.frame)].concat();
     crate::dump::dump(plan).with_barriers(calls.into_iter().map(|at| call(plan, at)))
 }
 
-/// The barriers before a pass, or of the handover.
+/// Returns the barriers before a pass, or in the handover.
 fn call(plan: &Plan, at: Option<PassId>) -> Vec<DumpBarrier> {
     let here = |d: &&Dependency| match at {
         Some(pass) => d.second == pass && d.since != Since::Prologue,

@@ -11,7 +11,7 @@ use crate::plan::Plan;
 use crate::testing;
 use example::dump;
 
-/// A dump in which the frame's passes take 1, 2, 3, ... milliseconds, as far as a run has times for them.
+/// Returns a dump whose frame passes take 1, 2, 3, ... milliseconds, where a run has times for them.
 fn timed(plan: Plan) -> Dump {
     let dump = dump(&plan);
     let times =
@@ -54,7 +54,7 @@ fn barriers_are_numbered_in_the_order_of_recording() {
     let plain = dump(&example::splat(4, 1000));
     let mut calls: Vec<_> = plain.passes.iter().map(|pass| pass.barriers.clone()).collect();
     calls.insert(2, plain.handover.clone());
-    // The prologue has one, too.
+    // The prologue has one as well.
     calls[1] = plain.handover.clone();
     let dump = super::dump(&example::splat(4, 1000)).with_barriers(calls);
     let ids: Vec<u32> = dump.barriers().map(|b| b.id).collect();
@@ -102,7 +102,7 @@ fn what_outlives_a_frame_has_no_lifetime() {
     for name in ["exposure", "covariances", "position", "camera", "readback"] {
         assert_eq!(resource(&by_history, name).lifetime, None, "{name}");
     }
-    // What a frame reads before it writes must have been there before.
+    // A frame can only read before writing if the contents existed before.
     let id = plan.find_resource("splats").expect("it is there");
     let writer = plan.passes.iter_mut().find(|p| p.name == "project").expect("it is there");
     writer.uses.retain(|t| t.resource != id);
@@ -123,7 +123,7 @@ fn names_say_which_passes_a_repeat_made() {
     assert_eq!(dump.pass("sort.clear").unwrap().repeat, None);
 }
 
-/// Which repeat each of these passes belongs to.
+/// Returns the repeat that each of these passes belongs to.
 fn grouped(names: &[&str]) -> Vec<Option<String>> {
     let any = dump(&example::splat(4, 1000)).passes[2].clone();
     let mut passes: Vec<DumpPass> =
@@ -164,7 +164,7 @@ fn times_are_summed_by_phase_and_frame_and_a_missing_one_leaves_no_sum() {
     let phase = |name: &str| dump.phases.iter().find(|p| p.name == name).unwrap();
     assert_eq!(phase("key").gpu_ms, Some(ms("scan_blocks") + ms("compact")));
     assert_eq!(phase("load").gpu_ms, None, "the prologue has no times");
-    // 18 passes of the frame do something that a run times.
+    // A run times 18 passes of the frame.
     assert_eq!(dump.gpu_ms, Some((1..=18).map(f64::from).sum()));
     assert_eq!(dump.pass("export").unwrap().gpu_ms, None);
 
@@ -225,7 +225,7 @@ fn the_picture_has_an_edge_for_every_pass_that_is_waited_for() {
     assert_eq!(dot.matches('{').count(), dot.matches('}').count());
 }
 
-/// The data that a page holds.
+/// Returns the data embedded in a page.
 fn data_of(page: &str) -> serde_json::Value {
     let (_, rest) = page.split_once("<script type=\"application/json\" id=\"dump\">").expect("it has data");
     let (data, _) = rest.split_once("</script>").expect("the data ends");
@@ -247,7 +247,7 @@ fn the_page_holds_the_whole_dump() {
 
 #[test]
 fn the_page_asks_no_network() {
-    // What the page refers to within itself is no request.
+    // References within the page are not requests.
     let page = html(&dump(&example::splat(4, 1000))).replace("url(#", "");
     for word in [" src=", "<link", "@import", "url(", "fetch(", "XMLHttpRequest", "import("] {
         assert!(!page.contains(word), "{word}");

@@ -1,4 +1,4 @@
-//! The JSON against `docs/dump.schema.json`, and that against `docs/dump.md`.
+//! The JSON against `docs/dump.schema.json`, and the schema against `docs/dump.md`.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -11,7 +11,7 @@ use crate::dump::json;
 const SCHEMA: &str = include_str!("../../../../docs/dump.schema.json");
 const PAGE: &str = include_str!("../../../../docs/dump.md");
 
-/// A walk over the part of JSON Schema (2020-12) that this schema uses.
+/// Validates JSON against the part of JSON Schema (2020-12) that this schema uses.
 struct Validator<'a> {
     root: &'a Value,
     /// Places of the schema whose field had a value other than null and the empty list.
@@ -19,7 +19,7 @@ struct Validator<'a> {
 }
 
 impl<'a> Validator<'a> {
-    /// `at` is where the schema stands in the file, `path` where the value does.
+    /// Checks a value; `at` is the schema's place in the file, `path` the value's.
     fn check(&mut self, schema: &'a Value, at: &str, value: &Value, path: &str) -> Result<(), String> {
         let fail = |what: String| Err(format!("{path}: {what} (by {at}): {value:.80}"));
         for (keyword, rule) in schema.as_object().expect("a schema is an object") {

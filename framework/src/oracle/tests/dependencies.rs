@@ -1,4 +1,4 @@
-//! Lists of dependencies with one thing wrong, and what the check says of them.
+//! Lists of dependencies with one mistake each, and the check's objections.
 
 use super::sketch::*;
 use crate::oracle::dependencies;
@@ -12,7 +12,7 @@ fn found(mut sketch: Sketch, change: impl FnOnce(&mut Plan)) -> Vec<String> {
     dependencies(&sketch.plan).iter().map(|objection| objection.describe(&sketch.plan)).collect()
 }
 
-/// A write, two reads, and a write of other memory in the place of the first.
+/// A write, two reads, and a write of an alias of the written memory.
 fn shared() -> Sketch {
     let mut s = Sketch::new();
     let (x, y) = (s.buffer("x"), s.buffer("y"));
@@ -24,7 +24,7 @@ fn shared() -> Sketch {
     s
 }
 
-/// An image that is drawn to, exported, and brought back in the next frame.
+/// An image that is drawn to, exported, and reused in the next frame.
 fn drawn() -> Sketch {
     let mut s = Sketch::new();
     let image = s.image("image");

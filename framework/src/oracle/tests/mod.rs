@@ -1,4 +1,4 @@
-//! Tests of the checker on plans made by hand, each with one thing right or wrong.
+//! Tests of the checker on hand-made plans, each with one property right or wrong.
 
 mod dependencies;
 #[allow(dead_code)]

@@ -1,8 +1,8 @@
-//! Plans made by hand, for the tests of this crate and of the Vulkan backend.
+//! Hand-made plans for the tests of this crate and of the Vulkan backend.
 
 use splatgraph_framework::{ir::*, plan::*};
 
-/// A plan in the making. Buffers have 64 bytes and memory of their own unless a test says otherwise.
+/// A plan under construction. Buffers have 64 bytes and their own memory unless a test changes it.
 pub struct Sketch {
     pub plan: Plan,
 }
@@ -46,7 +46,7 @@ impl Sketch {
         self.sized(name, BYTES)
     }
 
-    /// As large as a buffer.
+    /// Adds an image as large as a buffer.
     pub fn image(&mut self, name: &str) -> ResourceId {
         let shape = Shape::Image { format: Format::Rgba8Unorm, width: 4, height: 4 };
         self.resource(name, shape, Source::Transient)

@@ -1,5 +1,5 @@
-//! Real files, and the system's real events. Nothing is measured: a wait ends with the change, or fails after a minute. Where
-//! nothing should come, something else is saved afterwards, and must be all that comes.
+//! Real files, and the system's real events. Nothing is timed: a wait ends with the change, or fails after a minute. To
+//! check that no change is reported, a test saves another file afterwards; only that one may be reported.
 
 use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,11 +9,11 @@ use crate::source::{Kind, Library, SourceMap};
 
 const LONG: Duration = Duration::from_secs(60);
 
-/// As in life, but that no look-round can stand in for an event that did not come, and that no pause of the machine can make
-/// a file be gone for long.
+/// The real delays, except that no regular look can replace a missing event, and no pause of the machine can make a
+/// file seem missing for long.
 const EVENTS: Patience = Patience { rounds: None, gone: LONG, ..PATIENCE };
 
-/// Files in a folder, and a watcher on them.
+/// Files in a folder, and a watcher for them.
 struct Desk {
     root: tempfile::TempDir,
     watcher: Watcher,
@@ -22,7 +22,7 @@ struct Desk {
 }
 
 impl Desk {
-    /// A folder with these files, all of them watched.
+    /// Creates a folder with these files, all of them watched.
     fn new(files: &[(&str, &str)]) -> Desk {
         Desk::with(EVENTS, true, files)
     }
@@ -57,25 +57,25 @@ impl Desk {
         fs::write(path, text).expect("saved");
     }
 
-    /// Watches these, as they are now.
+    /// Watches these files in their current state.
     fn want(&mut self, names: &[&str]) {
         self.wanted = names.iter().map(|name| self.path(name)).collect();
         self.built();
     }
 
-    /// As if everything had just been built.
+    /// Records everything as just built.
     fn built(&mut self) -> Vec<Wanted> {
         let read = |path: &PathBuf| Wanted { path: path.clone(), content: Content::at(path) };
         let wanted: Vec<Wanted> = self.wanted.iter().map(read).collect();
         self.watcher.watch(&wanted);
-        // What is done next is not noticed because everything is looked at now.
+        // Wait until this look is over, so that the next change needs its own event.
         let (sender, answer) = channel();
         self.watcher.inbox.send(Message::Answer(sender)).expect("the thread runs");
         answer.recv().expect("the thread answers");
         wanted
     }
 
-    /// The next change's files, by name.
+    /// Returns the files of the next change, by name.
     #[track_caller]
     fn change(&mut self) -> Vec<String> {
         let change = self.whole_change();
@@ -96,7 +96,7 @@ impl Desk {
         }
     }
 
-    /// Fails if something changed that was not told: of what is saved from here on, only this comes.
+    /// Fails if there is an unreported change: of everything saved from here on, only this is reported.
     #[track_caller]
     fn nothing_changed(&mut self) {
         let text = format!("{:?}", Instant::now());
@@ -206,7 +206,7 @@ fn a_file_that_never_stands_still_is_a_change_nevertheless() {
 
 #[test]
 fn a_change_does_not_wait_long_for_a_file_that_is_still_moving() {
-    // `b` moves all the time, and would wait for long; `a` is saved once.
+    // `b` changes all the time and would wait for long; `a` is saved once.
     let patience = Patience { moving: LONG, ..EVENTS };
     let mut desk = Desk::with(patience, true, &[("a", "one"), ("b", "one")]);
     let b = desk.path("b");
@@ -277,7 +277,7 @@ fn a_folder_that_is_removed_and_restored_is_watched_on() {
         fs::remove_dir_all(desk.path(folder)).expect("removed");
         desk.save("p/shaders/a", "one");
         desk.save("p/shaders/b", &format!("restored {round}"));
-        // `a` is as it was; that it was away for a moment is nothing.
+        // `a` is unchanged: its brief absence does not count.
         assert_eq!(desk.change(), ["p/shaders/b"]);
         desk.built();
         desk.save("p/shaders/a", &format!("saved {round}"));
@@ -288,7 +288,7 @@ fn a_folder_that_is_removed_and_restored_is_watched_on() {
     }
 }
 
-/// On macOS this is left to the rounds; see [`EVERY_FOLDER`].
+/// On macOS the regular looks find this; see [`EVERY_FOLDER`].
 #[cfg(not(target_os = "macos"))]
 #[test]
 fn a_folder_that_is_exchanged_far_above_is_noticed() {
@@ -301,7 +301,7 @@ fn a_folder_that_is_exchanged_far_above_is_noticed() {
     desk.save("p/q/r/a", "three");
     assert_eq!(desk.change(), ["p/q/r/a"]);
     desk.built();
-    // What went away is no longer meant.
+    // The old target is no longer watched.
     desk.want(&["p/q/r/a", "sentinel"]);
     desk.save("old/q/r/a", "four");
     desk.nothing_changed();
@@ -320,7 +320,7 @@ fn a_link_that_is_turned_to_another_place_is_a_change() {
         fs::rename(desk.path("..tmp"), desk.path("..data")).expect("renamed");
         assert_eq!(desk.change(), ["a"]);
         desk.built();
-        // And what it leads to now is watched.
+        // The new target is watched.
         desk.save(&format!("{version}/a"), "edited in place");
         assert_eq!(desk.change(), ["a"]);
         desk.built();
@@ -358,7 +358,7 @@ fn a_change_that_was_taken_is_not_told_again_when_an_older_build_is_done() {
     desk.watcher.watch(&old);
     desk.save("sentinel", "saved");
     assert_eq!(desk.change(), ["sentinel"]);
-    // But a file that goes back to what that build has read is a change: the newer build will not have it.
+    // But a file that returns to that build's contents is a change: the newer build does not have them.
     desk.save("a", "one");
     assert_eq!(desk.change(), ["a"]);
 }
@@ -374,7 +374,7 @@ fn of_two_builds_that_read_different_texts_one_is_out_of_date() {
 
 const BUILTIN: &[(&str, &str)] = &[("shaders/splat.frag", "built in")];
 
-/// Lists the files that a build of `pipelines/a.ron` would read, with the shader that it would find.
+/// Lists the files that a build of `pipelines/a.ron` would read, and the shader that it finds.
 fn build(desk: &mut Desk) -> (Vec<Wanted>, String) {
     let mut files = SourceMap::new(Library { builtin: BUILTIN, ..Library::default() });
     let graph = desk.path("pipelines/a.ron");
@@ -391,18 +391,18 @@ fn a_file_that_appears_earlier_in_the_search_is_a_change() {
     let patience = Patience { gone: Duration::from_millis(300), ..EVENTS };
     let mut desk = Desk::with(patience, true, &[("pipelines/a.ron", "")]);
     assert_eq!(build(&mut desk).1, "built in");
-    // In place of what is built in, in a folder that is not there yet.
+    // Replaces a built-in file, in a folder that does not exist yet.
     desk.save("shaders/splat.frag", "beside the graphs");
     assert!(desk.change().contains(&"shaders/splat.frag".to_string()));
     assert_eq!(build(&mut desk).1, "beside the graphs");
-    // And one that is nearer to the graph than that.
+    // A file nearer to the graph.
     desk.save("pipelines/splat.frag", "beside the graph");
     assert_eq!(desk.change(), ["pipelines/splat.frag"]);
     let (wanted, text) = build(&mut desk);
     assert_eq!(text, "beside the graph");
-    // What comes later in the search does not matter now.
+    // Later places in the search do not matter now.
     assert!(wanted.iter().all(|wanted| !wanted.path.ends_with("shaders/splat.frag")), "{wanted:?}");
-    // Back to what is built in.
+    // Back to the built-in file.
     fs::remove_dir_all(desk.path("shaders")).expect("removed");
     fs::remove_file(desk.path("pipelines/splat.frag")).expect("removed");
     assert_eq!(desk.change(), ["pipelines/splat.frag"]);

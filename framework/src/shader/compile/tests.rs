@@ -3,7 +3,7 @@ use crate::ir::ShaderStage;
 use crate::source::{Kind, Library, render};
 use std::time::Duration;
 
-/// Files in memory, and a compiler that remembers.
+/// Files in memory, and a compiler with a cache.
 struct Bench {
     files: SourceMap,
     compiler: Glslang,
@@ -16,7 +16,7 @@ impl Bench {
         Bench { files: SourceMap::new(Library { memory, ..Library::default() }), compiler: Glslang::new() }
     }
 
-    /// Compiles in a worker: this program of tests, which is requested the test that serves.
+    /// Compiles in a worker: this test program, running only the test that serves.
     fn in_worker(mut self, limits: Limits) -> Bench {
         let program = std::env::current_exe().expect("this program");
         let test = "shader::compile::tests::the_worker_of_the_other_tests_serves_when_it_is_asked";
@@ -67,7 +67,7 @@ layout(local_size_x = 64) in;
 layout(set = 0, binding = 0, std430) buffer Out { uint o[]; };
 ";
 
-/// Diagnostics of one shader, as `line:column: text | message | label`.
+/// Returns the diagnostics of one shader, as `line:column: text | message | label`.
 fn errors(body: &str) -> Vec<String> {
     errors_of(&[("shaders/a.comp", &format!("{HEAD}{body}"))], &[])
 }
@@ -176,7 +176,7 @@ fn an_error_in_an_included_file_is_shown_there() {
     let files = [("shaders/a.comp", shader.as_str()), ("shaders/common/math.glsl", math)];
     let found = errors_of(&files, &[("BITS", "3")]);
     assert_eq!(found, ["shaders/common/math.glsl 4:18: y | `y`: undeclared identifier | "]);
-    // After the include, lines are those of the shader again, and the defines move none.
+    // After the include, line numbers are the shader's again, and the defines do not shift them.
     let shader = shader.replace("twice(BITS)", "BITS + z");
     let math = math.replace('y', "x");
     let files = [("shaders/a.comp", shader.as_str()), ("shaders/common/math.glsl", math.as_str())];
@@ -337,7 +337,7 @@ fn a_byte_order_mark_and_foreign_comments_are_allowed() {
     assert_eq!(errors("uint \0;").len(), 1);
 }
 
-/// Runs in the worker's process only; elsewhere nobody asks.
+/// Does something only in the worker's process.
 #[test]
 fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
     serve_if_asked();
@@ -375,7 +375,7 @@ fn a_shader_that_crashes_the_compiler_is_an_error() {
 fn a_shader_that_takes_too_much_memory_or_time_is_an_error() {
     let little = Limits { memory_bytes: 160 << 20, time: Duration::from_secs(60) };
     let mut bench = Bench::new(&[]).in_worker(little);
-    // With long names there is more memory than time to each.
+    // With long names, memory runs out before time.
     let error = next(&mut bench, &bomb(40).replace("o[1]", &"o".repeat(1000))).unwrap_err();
     assert!(error.contains("the compiler ran out of its 160 MiB of memory on this shader"), "{error}");
     next(&mut bench, SOUND).expect("the next one is compiled");

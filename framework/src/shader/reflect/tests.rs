@@ -420,7 +420,7 @@ fn bindings_that_a_graph_cannot_give_are_named() {
         "{out}layout(set = 0, binding = 0, rg16f) uniform image2D i;\nvoid main() {{ o = imageLoad(i, ivec2(0)); }}"
     );
     assert!(refused(&format).contains("`i` has the format rg16f"));
-    // A sampler that no code uses is no one's business.
+    // An unused sampler is ignored.
     compute("layout(set = 0, binding = 0) uniform sampler2D tex;\nvoid main() {}");
 }
 

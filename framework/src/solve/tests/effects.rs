@@ -1,4 +1,4 @@
-//! Which passes depend on a parameter, for each way in which a pass can, and why none does.
+//! The passes that depend on a parameter, for each kind of dependency, and the reasons for having none.
 
 use crate::plan::Plan;
 use crate::testing::{SHADERS, dispatch, graph, plan_of, plan_with_capacities};
@@ -14,7 +14,7 @@ fn show() -> String {
     dispatch("show", "show.comp", r#""In": "a", "Image": "image""#)
 }
 
-/// The passes that depend on a parameter, `+` in front if it decides which passes there are; or why it has no effect.
+/// Returns the passes that depend on a parameter, after `+` if it decides which passes exist; or why it has no effect.
 fn effect_in(plan: &Plan, parameter: &str) -> String {
     let effect = plan.effect(parameter).expect("a parameter of the graph");
     let names: Vec<&str> = effect.passes.iter().map(|id| plan.pass(*id).name.as_str()).collect();
@@ -66,7 +66,7 @@ fn a_value_is_followed_through_lets_and_the_defaults_of_other_parameters() {
     let params = format!(r#"{P} "r": Const(Int(default: "p + 1", range: (1, 64))),"#);
     assert_eq!(with(&params, r#""more": "r""#, &[]), "make");
     assert_eq!(with(&params, r#""more": "r""#, &[("r", "9")]), NONE, "the default is not used");
-    // A range refuses values, and changes none.
+    // A range refuses values, but changes none.
     let params = format!(r#"{P} "r": Const(Int(default: 5, range: (1, "p"))),"#);
     assert_eq!(with(&params, r#""more": "r""#, &[]), NONE);
 }
@@ -103,7 +103,7 @@ fn a_define_counts_where_the_text_of_a_shader_depends_on_it() {
     let skipped = format!("{NONE}; the shader of `make` uses it where an `#if` does not hold");
     assert_eq!(with(&make(), "", "#if 0 P"), skipped);
     assert_eq!(with(&make(), r#""half_p": "p / 2""#, "HALF_P"), "make");
-    // A text has no define, and with another value of `p` there would be one.
+    // A text has no define, but with another value of `p` there would be one.
     assert_eq!(with(&make(), r#""kind": "p > 4 ? 'many' : 'few'""#, "KIND"), "make");
     let of_both = r#""k": "p > 4 ? 'many' : 'few'""#;
     assert_eq!(with(&make(), of_both, "K P"), "make");
@@ -237,7 +237,7 @@ fn a_pass_that_is_left_out_counts_as_far_as_its_accesses_go() {
         effect(&[make(), twice.replace("unread", "first"), twice, show()]),
         format!("{NONE}; it is used by `first` and others, and nothing reads what they write")
     );
-    // With another value, it could be a pass that is read.
+    // With another value, it could be a pass whose result is read.
     assert_eq!(effect(&[make(), unread("when: \"p > 4\", size:"), show()]), "+ ");
     assert_eq!(effect(&[make(), unread("size:").replace("\"b\"", "\"p > 4 ? 'b' : 'a'\""), show()]), "+ ");
     let text = graph(P, &[make(), unread("size:").replace("make.comp", "text.comp"), show()].join("\n"));

@@ -61,7 +61,7 @@ fn of_a_ping_pong_resource_the_half_that_the_frame_ends_with_lives_on_for_odd_an
         assert_eq!(plan.resource(real).history.as_deref(), Some("order"));
         let others = plan.resources.iter().filter(|r| r.history.is_some()).count();
         assert_eq!(others, 1, "the other half is as any other buffer");
-        // All of the frame's passes are needed, for the next frame.
+        // All of the frame's passes are needed by the next frame.
         assert_eq!(plan.culled, []);
     }
 }
@@ -137,7 +137,7 @@ fn only_what_was_declared_so_lives_on_and_it_can_only_be_read() {
     assert!(text.contains("written and bound twice"), "{text}");
 }
 
-/// The resource of a name, with whether its contents are kept and whether it shares memory.
+/// Returns a resource by name, whether its contents persist, and whether it shares memory.
 fn kept_and_shared(plan: &Plan, name: &str) -> (bool, bool) {
     let id = plan.find_resource(name).expect("it is used");
     (plan.resource(id).history.is_some(), plan.aliases(id).next().is_some())
@@ -145,7 +145,7 @@ fn kept_and_shared(plan: &Plan, name: &str) -> (bool, bool) {
 
 #[test]
 fn a_history_that_frames_write_in_part_keeps_the_rest() {
-    // Of a shader it is not known whether it writes the whole: `make` may leave a part as it was.
+    // It is unknown whether a shader writes everything: `make` may leave a part unchanged.
     let passes = [
         dispatch("first", "make.comp", r#""Out": "a""#),
         dispatch("second", "copy.comp", r#""In": "a", "Out": "b""#),
@@ -155,7 +155,7 @@ fn a_history_that_frames_write_in_part_keeps_the_rest() {
     let plan = plan(&with_history(&passes), &[]).unwrap();
     assert_eq!(kept_and_shared(&plan, "past"), (true, false), "{}", shown(&plan));
     assert_eq!(plan.pass(plan.prologue[0]).name, "start(past)");
-    // The same buffer without the word is one like any other.
+    // Without the keyword, the buffer is an ordinary one.
     let plain = with_history(&passes).replace(
         "past\": Buffer(stride: 4, count: 64, history: true)",
         "past\": Buffer(stride: 4, count: 64)",
@@ -178,7 +178,7 @@ fn a_history_that_every_frame_writes_over_before_it_reads_is_none() {
     let plan = plan(&with_history(&overwritten), &[]).unwrap();
     assert!(plan.resources.iter().all(|r| r.history.is_none()), "{}", shown(&plan));
     assert_eq!(plan.prologue, []);
-    // The same with what keeps something: a fill that is not the first, and a target that is not cleared.
+    // Variants that keep contents: a fill that is not first, and a target that is not cleared.
     let mut kept = overwritten.clone();
     kept.swap(0, 1);
     kept[2] = kept[2].replace("Clear(0, 0, 0, 0)", "Keep");

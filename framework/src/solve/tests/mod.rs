@@ -10,12 +10,12 @@ use crate::plan::{Dependency, Plan, Since};
 use crate::solve::reorder;
 use crate::testing::{apart, dispatch, graph, plan};
 
-/// Every resource in its own memory.
+/// Solves with every resource in its own memory.
 fn solved(params: &str, passes: &[String]) -> Plan {
     apart(&graph(params, &passes.join("\n"))).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Resources in shared memory where they can be.
+/// Solves with shared memory.
 fn packed(passes: &[String]) -> Plan {
     plan(&graph("", &passes.join("\n")), &[]).unwrap_or_else(|error| panic!("{error}"))
 }
@@ -28,7 +28,7 @@ fn shown(plan: &Plan) -> String {
     format!("\n{}{:#?}", plan.order().map(pass).collect::<String>(), plan.layout_changes)
 }
 
-/// The names of the frame's passes, as they run.
+/// Lists the names of the frame's passes, in execution order.
 fn frame(plan: &Plan) -> Vec<&str> {
     plan.frame.iter().map(|id| plan.pass(*id).name.as_str()).collect()
 }
@@ -40,7 +40,7 @@ fn dependencies(plan: &Plan, pass: &str) -> Vec<String> {
     plan.dependencies_of(id).iter().map(|dependency| line(plan, dependency)).collect()
 }
 
-/// `WriteAfterRead on a (b) after make of the frame before`.
+/// Formats a dependency: `WriteAfterRead on a (b) after make of the frame before`.
 fn line(plan: &Plan, dependency: &Dependency) -> String {
     let Dependency { hazard, first, since, resource, alias, .. } = *dependency;
     let alias = alias.map_or(String::new(), |id| format!(" ({})", plan.resource(id).name));

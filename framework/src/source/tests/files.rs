@@ -19,7 +19,7 @@ fn library(memory: &[(&str, &str)]) -> SourceMap {
     SourceMap::new(Library { builtin: BUILTIN, memory, ..Library::default() })
 }
 
-/// A folder that is gone when the test is over.
+/// A folder that is removed at the end of the test.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -113,7 +113,7 @@ fn a_graph_on_disk_finds_its_shaders_in_the_folder_beside_its_own() {
     let scatter = finds(&mut files, Some(graph), "sort/scatter.comp", Kind::Shader, "scatter");
     finds(&mut files, Some(graph), "own.comp", Kind::Shader, "own");
     finds(&mut files, Some(scatter), "camera.glsl", Kind::Shader, "camera");
-    // What is not on disk is the built-in one, also beside a shader that stands in for a built-in one.
+    // Files that are not on disk are built-in ones, even next to a shader that replaces a built-in one.
     finds(&mut files, Some(scatter), "common.glsl", Kind::Shader, "built-in common");
     finds(&mut files, Some(graph), "covariance.comp", Kind::Shader, "built-in covariance");
 }
@@ -148,7 +148,7 @@ fn links_are_followed_to_the_one_file() {
     let mut files = library(&[]);
     let real = files.find(None, &folder.path("a/real.ron"), Kind::Graph).unwrap();
     assert_eq!(files.find(None, &folder.path("b/link/real.ron"), Kind::Graph), Ok(real));
-    // Behind the link, `..` is the folder that holds `a`, not `b`.
+    // Behind the link, `..` is the folder that contains `a`, not `b`.
     finds(&mut files, None, &folder.path("b/link/../b/other.ron"), Kind::Graph, "other");
 }
 
@@ -302,7 +302,7 @@ fn an_unknown_file_has_a_name_and_no_text() {
     assert_eq!(files.line_column(Span { file: FileId(3), start: 5, end: 7 }), (1, 1));
 }
 
-/// Lists the files that a map has looked at, by path under the folder, with their contents.
+/// Lists the files that a map has tried, by path under the folder, with their contents.
 fn looked(files: &SourceMap, folder: &Folder) -> Vec<(String, Content)> {
     let mut below = Vec::new();
     for wanted in files.wanted() {
@@ -328,7 +328,7 @@ fn files_that_are_read_aside_are_forgotten() {
     });
     assert_eq!(read, [None, Some("one".into()), None, Some("built-in covariance".into())]);
     assert_eq!((files.wanted(), files.opened().count()), (wanted, opened));
-    // Read again, a file is as it is then.
+    // Reading a file again gives its new contents.
     fs::write(folder.path("shaders/b.comp"), "two").unwrap();
     finds(&mut files, Some(graph), "b.comp", Kind::Shader, "two");
     finds(&mut files, Some(graph), "covariance.comp", Kind::Shader, "built-in covariance");
@@ -359,7 +359,7 @@ fn a_map_knows_what_it_read_and_where_it_looked_in_vain() {
         ("shaders/covariance.comp", Content::Missing),
     ];
     let mut looked = looked(&files, &folder);
-    // Both ways to the shaders' folder are the same one; where it is not there, a name has two places.
+    // Both paths to the shaders' folder are equal; if the folder is missing, a name has two places.
     looked.dedup();
     looked.sort_by(|a, b| a.0.cmp(&b.0));
     looked.dedup();
@@ -441,7 +441,7 @@ fn a_graph_names_no_files_outside_of_its_folders() {
             let Err(error) = files.find(Some(from), name, kind) else { panic!("{name} is found") };
             let sentence = error.to_string();
             assert!(!sentence.contains("root:") && error.nearest.is_none(), "{sentence}");
-            // From another folder, some of the names lead to nothing.
+            // From another folder, some of the names lead nowhere.
             let refused = error.why.is_some_and(|why| why.contains("lies outside of the graph's folder, "));
             assert!(refused || from != graph && name.starts_with(".."), "{sentence}");
         }
@@ -449,7 +449,7 @@ fn a_graph_names_no_files_outside_of_its_folders() {
     // A misspelt name outside is not completed from the folder there.
     let error = files.find(Some(graph), "../../../out/secrit.ron", Kind::Graph).unwrap_err();
     assert_eq!(error.nearest, None);
-    // What was opened by its own name is not open to the graph.
+    // A file opened by its own name is still closed to the graph.
     files.find(None, &absolute, Kind::Shader).unwrap();
     files.find(Some(graph), &absolute, Kind::Shader).unwrap_err();
     let include_roots = vec![PathBuf::from(folder.path("out"))];

@@ -79,7 +79,7 @@ fn the_name_of_a_field_and_the_key_of_a_map_have_their_own_places() {
     key_is("{1: 2, 'c': 3, (4, 5): 6}", root().key("'c'"), "'c'");
     value_is("{1: 2, 'c': 3, (4, 5): 6}", root().key("(4, 5)"), "6");
     key_is("(r#type: 1)", root().field("type"), "r#type");
-    // What has no name of its own is its own place.
+    // An element without a name is its own key.
     key_is("[7, 8]", root().index(1), "8");
 }
 
@@ -307,7 +307,7 @@ fn hostile_depth_is_an_error_and_not_a_stack_overflow() {
     assert_eq!(Outline::parse(FileId(0), &comment).unwrap_err().message, "a comment is not closed");
 }
 
-/// A value that `ron` can write in its own ways.
+/// A value that `ron` can write in several ways.
 #[derive(Clone, Debug, Serialize)]
 enum Tree {
     Unit,
@@ -340,7 +340,7 @@ fn tree() -> impl Strategy<Value = Tree> {
     })
 }
 
-/// Every leaf is where the outline says.
+/// Checks that every leaf is at the outline's place.
 fn check(outline: &Outline, text: &str, tree: &Tree, path: Path) {
     let found = |path: &Path| {
         let span = outline.value(path);
