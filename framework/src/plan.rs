@@ -261,7 +261,7 @@ pub struct Warning {
     pub origin: Origin,
 }
 
-/// Describes a buffer or an image. Ping-pong resources appear as two, named `keys#0` and `keys#1`.
+/// A buffer or an image. Ping-pong resources appear as two, named `keys#0` and `keys#1`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resource {
     /// Unique in the plan.

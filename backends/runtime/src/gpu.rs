@@ -38,7 +38,7 @@ impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
 pub trait Gpu: Sized + Send + Sync + 'static {
     /// A device memory allocation, freed when it is dropped.
     type Memory: Memory;
-    /// Names the object that an allocation is dedicated to.
+    /// The object that an allocation is dedicated to.
     type Dedicated: Copy + Debug + PartialEq;
     /// A buffer without memory.
     type UnboundBuffer;
@@ -474,14 +474,14 @@ pub struct ImageLayout<'a, G: Gpu> {
 
 /// A draw's vertex and instance counts.
 pub enum Draw<'a, G: Gpu> {
-    /// Counts known to the host.
+    /// The host knows the counts.
     Direct {
         /// Vertices per instance.
         vertices: u32,
         /// Instances.
         instances: u32,
     },
-    /// Counts in four words at a byte offset of a buffer.
+    /// The counts are in four words at a byte offset of a buffer.
     Indirect(&'a Buffer<G>, u64),
 }
 

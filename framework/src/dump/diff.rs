@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use super::form::{DUMP_VERSION, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource, DumpTouch};
 use super::text::{comes_after, mask_text};
 
-/// Lists the differences between two dumps, `a` and `b`.
+/// The differences between two dumps, `a` and `b`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Diff {
     /// Version of the dumps and of this form.

@@ -11,7 +11,7 @@ use crate::plan::Since;
 /// Version of the JSON form; raised when a field changes its meaning or is removed.
 pub const DUMP_VERSION: u32 = 4;
 
-/// Holds a plan with names in place of numbers.
+/// A plan with names in place of numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dump {
     /// Version of the form, [`DUMP_VERSION`].
@@ -124,7 +124,7 @@ pub struct Totals {
     pub host_bytes: u64,
 }
 
-/// Counts the barriers of one part of a plan.
+/// Counts of the barriers in one part of a plan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BarrierTotals {
     /// Number of calls; barriers recorded together are one call.
@@ -256,7 +256,7 @@ pub struct DumpPass {
     pub declared: Origin,
 }
 
-/// Locates a pass in a repeat.
+/// The position of a pass in a repeat.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Iteration {
     /// The [repeat](DumpRepeat::name).
@@ -377,7 +377,7 @@ pub struct DumpDependency {
 /// A barrier between earlier and later commands, with Vulkan's meaning.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpBarrier {
-    /// Counts from 1 in the order of recording: prologue, handover, frame.
+    /// Number of the barrier, from 1 in recording order: prologue, handover, frame.
     pub id: u32,
     /// The pass that follows it; `None` in the handover.
     pub before: Option<Declared>,

@@ -32,7 +32,7 @@ use std::ops::Range;
 use crate::ir::Value;
 pub use tree::{ExprError, Scope};
 
-/// Holds a parsed expression.
+/// A parsed expression.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expr {
     root: tree::Node,

@@ -72,7 +72,7 @@ impl Accesses {
     }
 }
 
-/// Names an image layout, as in Vulkan.
+/// An image layout, as in Vulkan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Layout {
     /// The contents may be discarded.
@@ -87,7 +87,7 @@ pub enum Layout {
     TransferTarget,
 }
 
-/// Classifies the conflict behind a dependency.
+/// The conflict behind a dependency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Hazard {
     /// A read must see an earlier write.

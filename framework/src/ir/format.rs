@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Names a format of an image.
+/// A pixel format of images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Format {
     /// Four channels of 8 bits, from 0 to 1.
@@ -61,7 +61,7 @@ impl Format {
     }
 }
 
-/// Names the primitives of a draw.
+/// The primitives of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Topology {
     /// Three vertices per triangle.
@@ -70,7 +70,7 @@ pub enum Topology {
     TriangleStrip,
 }
 
-/// Selects the contents of a target before the draw.
+/// The contents of a target before the draw.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Load {
     /// Fills the target with red, green, blue and alpha.
@@ -79,7 +79,7 @@ pub enum Load {
     Keep,
 }
 
-/// Combines a fragment with its target: `s` is the shader's output, `d` the target.
+/// The blending of a fragment with its target: `s` is the shader's output, `d` the target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Blend {
     /// `d = s`

@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Indexes the files of a [`SourceMap`](crate::source::SourceMap).
+/// An index into the files of a [`SourceMap`](crate::source::SourceMap).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct FileId(pub u32);
 
-/// Marks a range of bytes in a file, `start..end`.
+/// A byte range of a file, `start..end`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Span {
     /// The file.
@@ -17,13 +17,13 @@ pub struct Span {
     pub end: usize,
 }
 
-/// Locates a declaration in a graph file, for messages.
+/// The position of a declaration in a graph file, for messages.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
     /// The file's path.
     pub file: String,
-    /// Counts from 1.
+    /// Line, counted from 1.
     pub line: u32,
-    /// Counts characters, from 1.
+    /// Column in characters, counted from 1.
     pub column: u32,
 }

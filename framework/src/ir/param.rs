@@ -10,7 +10,7 @@ pub const LIVE_BINDING: u32 = 31;
 /// The generated block of live parameters.
 pub const LIVE_BLOCK: &str = "Live";
 
-/// Describes a parameter that the graph declares, with its value.
+/// A parameter of the graph, with its value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Param {
     /// The name.
@@ -46,7 +46,7 @@ impl Param {
     }
 }
 
-/// Lists the values that a parameter may take. Ranges are inclusive.
+/// The values that a parameter may take. Ranges are inclusive.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Domain {
     /// `true` and `false`.

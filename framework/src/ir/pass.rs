@@ -13,7 +13,7 @@ pub const EXPORT: &str = "export";
 /// The pass after the frame in which the host reads the statistics.
 pub const HOST: &str = "host";
 
-/// Says how often a pass runs.
+/// How often a pass runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Run {
     /// In the prologue.
@@ -22,7 +22,7 @@ pub enum Run {
     Frame,
 }
 
-/// Describes one dispatch, draw, fill or export.
+/// One dispatch, draw, fill or export.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pass<R = ResourceId, S = ShaderId> {
     /// Unique in the plan, for instance `sort.histogram[2]`.
@@ -63,7 +63,7 @@ impl Pass {
     }
 }
 
-/// Describes the command of a pass.
+/// The command of a pass.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Work<R = ResourceId, S = ShaderId> {
     /// Runs a compute shader.
@@ -108,7 +108,7 @@ pub enum Work<R = ResourceId, S = ShaderId> {
     Host,
 }
 
-/// Counts the workgroups of a dispatch.
+/// The number of workgroups of a dispatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Groups<R = ResourceId> {
     /// Workgroups in x, y, z, within the device's limits.
@@ -125,10 +125,10 @@ pub enum Groups<R = ResourceId> {
     },
 }
 
-/// Counts the vertices and instances of a draw.
+/// The numbers of vertices and instances of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DrawCall<R = ResourceId> {
-    /// Numbers known when the plan is built.
+    /// The numbers are known when the plan is built.
     Direct {
         /// Vertices of an instance.
         vertices: u32,
@@ -144,7 +144,7 @@ pub enum DrawCall<R = ResourceId> {
     },
 }
 
-/// Describes a colour attachment.
+/// A colour attachment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target<R = ResourceId> {
     /// The image.
@@ -170,7 +170,7 @@ pub struct Binding<R = ResourceId> {
     pub resource: R,
 }
 
-/// Names the type of a descriptor.
+/// The type of a descriptor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DescriptorKind {
     /// A storage buffer.
@@ -181,7 +181,7 @@ pub enum DescriptorKind {
     StorageImage,
 }
 
-/// Describes a pass's accesses to a resource in one set of stages.
+/// A pass's accesses to a resource in one set of stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Use<R = ResourceId> {
     /// The resource.

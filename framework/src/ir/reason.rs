@@ -6,7 +6,7 @@ use std::fmt;
 
 use super::Value;
 
-/// Explains the value of an expression: the expression, and the values of the names that it used.
+/// The reason for an expression's value: its text, and the values of the names that it used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reason {
     /// The expression, as in the file.
@@ -49,7 +49,7 @@ impl fmt::Display for Unmet {
     }
 }
 
-/// Records that a choice passed over a graph.
+/// A graph that a choice passed over, and the next one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fallback {
     /// The graph whose requirements do not hold.

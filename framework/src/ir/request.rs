@@ -30,7 +30,7 @@ impl From<DeviceFacts> for Facts {
     }
 }
 
-/// Lists the data that a graph can import, by full name.
+/// The data that a graph can import, by full name.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Catalog {
     /// Attributes of the scene.
@@ -41,7 +41,7 @@ pub struct Catalog {
     pub buffers: BTreeMap<String, HostBuffer>,
 }
 
-/// Describes a storage buffer that the host supplies with every frame.
+/// A storage buffer that the host supplies with every frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HostBuffer {
     /// Bytes of an element.
@@ -50,7 +50,7 @@ pub struct HostBuffer {
     pub least: u64,
 }
 
-/// Describes an attribute of the scene: `planes` buffers of `count` elements.
+/// An attribute of the scene: `planes` buffers of `count` elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Attribute {
     /// Bytes of an element.

@@ -77,7 +77,7 @@ impl Source {
 }
 
 bitflags! {
-    /// Lists the uses of a resource, over all passes of a plan.
+    /// The uses of a resource, over all passes of a plan.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Usage: u32 {
         /// Bound as a storage buffer or storage image.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Features, Format};
 
-/// Holds a compiled shader module and the defines that it was compiled with.
+/// A compiled shader module, with its defines.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shader {
     /// Path, as in the graph: for instance `sort/scatter.comp`.
@@ -72,7 +72,7 @@ pub struct MslArgument {
     pub index: u32,
 }
 
-/// Names the pipeline stage of a shader.
+/// The pipeline stage of a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum ShaderStage {
     /// `.vert`
@@ -95,7 +95,7 @@ impl ShaderStage {
     }
 }
 
-/// Lists the declarations and accesses of a SPIR-V module.
+/// The declarations and accesses of a SPIR-V module.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reflection {
     /// The stage of its entry point.
@@ -118,7 +118,7 @@ pub struct Reflection {
     pub features: Features,
 }
 
-/// Describes a block or image that a shader binds.
+/// A block or image that a shader binds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReflectedBinding {
     /// Name of the block (`Keys` in `buffer Keys { uint keys[]; }`) or of the image variable.
@@ -141,7 +141,7 @@ pub struct ReflectedBinding {
     pub writes_first: bool,
 }
 
-/// Describes the type and layout of a binding.
+/// The type and layout of a binding.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ReflectedKind {
     /// A storage buffer.
@@ -165,7 +165,7 @@ pub enum ReflectedKind {
     },
 }
 
-/// Describes a push-constant block.
+/// A push-constant block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PushBlock {
     /// Size in bytes.
@@ -174,7 +174,7 @@ pub struct PushBlock {
     pub members: Vec<Member>,
 }
 
-/// Describes a member of a uniform or push-constant block.
+/// A member of a uniform or push-constant block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Member {
     /// The name.
@@ -187,7 +187,7 @@ pub struct Member {
     pub used: bool,
 }
 
-/// Names the type of a block's member.
+/// The type of a block's member.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MemberKind {
     /// `uint`
@@ -200,7 +200,7 @@ pub enum MemberKind {
     Other,
 }
 
-/// Describes an input or output of a stage.
+/// An input or output of a stage.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Varying {
     /// The name.

@@ -82,7 +82,7 @@ impl Lowered {
     }
 }
 
-/// Indexes [`Lowered::resources`].
+/// An index into [`Lowered::resources`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ResourceHandle(pub u32);
 
@@ -93,7 +93,7 @@ impl ResourceHandle {
     }
 }
 
-/// Describes a buffer or an image. Each half of a ping-pong resource is one, named `keys#0` and `keys#1`.
+/// A buffer or an image. Each half of a ping-pong resource is one, named `keys#0` and `keys#1`.
 #[derive(Clone, Debug)]
 pub struct LoweredResource {
     /// Unique in the graph.
@@ -158,7 +158,7 @@ pub struct RemovedPass {
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
-/// Describes one dispatch, draw or fill; its shaders are names.
+/// One dispatch, draw or fill; its shaders are names.
 #[derive(Clone, Debug)]
 pub struct LoweredPass {
     /// Unique in the graph.
@@ -191,7 +191,7 @@ pub struct LoweredPass {
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
-/// Holds a shader's name as written.
+/// A shader's name as written.
 #[derive(Clone, Debug)]
 pub struct ShaderName {
     /// The name.
@@ -200,7 +200,7 @@ pub struct ShaderName {
     pub span: Span,
 }
 
-/// Describes the command of a pass.
+/// The command of a pass.
 #[derive(Clone, Debug)]
 pub enum LoweredWork {
     /// Runs a compute shader.

@@ -19,7 +19,7 @@ use crate::source::{Diagnostic, Outline, Path, SourceMap};
 /// Maximum number of passes after repeats: far beyond any use, but few enough that a typing error cannot exhaust memory.
 pub(super) const MAX_PASSES: usize = 20_000;
 
-/// Limits the work of the walk: declarations with their entries, and iterations of repeats.
+/// Maximum work of the walk: declarations with their entries, and iterations of repeats.
 const MAX_STEPS: usize = 25 * MAX_PASSES;
 
 /// The state of the walk.
@@ -32,7 +32,7 @@ pub(super) struct Lowering<'a> {
     pub resource_names: BTreeMap<String, Span>,
     pub ping_pongs: Vec<PingPong>,
     pub passes: Vec<LoweredPass>,
-    /// Counts towards [`MAX_STEPS`].
+    /// Work so far, limited by [`MAX_STEPS`].
     steps: usize,
     pub choices: Choices<'a>,
     pub known: Known,

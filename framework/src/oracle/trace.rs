@@ -12,7 +12,7 @@ use crate::ir::{
 };
 use crate::plan::Plan;
 
-/// Describes one kind of access at one stage.
+/// One kind of access at one stage.
 #[derive(Clone)]
 pub struct Access {
     /// The accessed resource.
@@ -67,7 +67,7 @@ pub struct Actions {
     pub clashes: Vec<Clash>,
 }
 
-/// Locates a resource in the cells.
+/// The cells of a resource.
 pub struct ResourceCells {
     /// All cells of its memory, and its own cells, in the first copy.
     all: Range<usize>,
@@ -106,7 +106,7 @@ pub struct Trace {
     pub cells: Vec<Range<u64>>,
 }
 
-/// Describes an access before memory is cut into cells.
+/// An access before memory is cut into cells.
 struct Extent {
     pass: usize,
     resource: ResourceId,

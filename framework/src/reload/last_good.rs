@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 /// Delay of errors after a file change.
 pub const GRACE: Duration = Duration::from_millis(200);
 
-/// Identifies one build, to be passed back with its outcome.
+/// One build, to be passed back with its outcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Attempt {
     number: u64,

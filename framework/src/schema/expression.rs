@@ -76,7 +76,7 @@ pub struct ResourceName {
     pub range: Range<usize>,
 }
 
-/// Selects a part of a resource.
+/// A part of a resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// `name`: the resource, or the front of a ping-pong resource.

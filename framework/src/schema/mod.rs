@@ -164,7 +164,7 @@ impl<'de> Deserialize<'de> for Number {
     }
 }
 
-/// Declares a parameter.
+/// A parameter's declaration.
 #[derive(Clone, Debug, Deserialize)]
 pub enum ParamDecl {
     /// A change rebuilds the plan.
@@ -173,7 +173,7 @@ pub enum ParamDecl {
     Live(ParamKind),
 }
 
-/// Declares the type, range and texts of a parameter.
+/// The type, range and texts of a parameter.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum ParamKind {
@@ -280,7 +280,7 @@ pub struct Import {
     pub planes: Option<Number>,
 }
 
-/// Declares a resource that the includer supplies.
+/// A resource that the includer supplies.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Port {
@@ -288,7 +288,7 @@ pub enum Port {
     Buffer {
         /// Bytes per element.
         stride: Number,
-        /// Takes both halves of a ping-pong buffer; otherwise only the front half.
+        /// True to take both halves of a ping-pong buffer; otherwise only the front.
         #[serde(default)]
         ping_pong: bool,
     },
@@ -300,7 +300,7 @@ pub enum Port {
     },
 }
 
-/// Selects the parameters of an included graph that become the includer's.
+/// The parameters of an included graph that become the includer's.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Expose {
@@ -310,7 +310,7 @@ pub enum Expose {
     Only(Vec<String>),
 }
 
-/// Declares a resource.
+/// A resource's declaration.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum ResourceDecl {
@@ -340,7 +340,7 @@ pub enum ResourceDecl {
 }
 
 // For the lint, see `Document`.
-/// Declares a pass, or a construct that makes passes.
+/// A pass, or a construct that generates passes.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -452,7 +452,7 @@ fn every_frame() -> Run {
 }
 
 // For the lint, see `Document`.
-/// Counts the workgroups of a dispatch.
+/// The number of workgroups of a dispatch.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 pub enum Size {
@@ -464,7 +464,7 @@ pub enum Size {
     Indirect(Reference, Number),
 }
 
-/// Counts something in one to three dimensions: `(n)`, `(x, y)` or `(x, y, z)`.
+/// A count in one to three dimensions: `(n)`, `(x, y)` or `(x, y, z)`.
 ///
 /// A single dimension is folded into y if it exceeds the limit in x.
 #[derive(Clone, Debug, PartialEq)]
@@ -493,11 +493,11 @@ impl<'de> Deserialize<'de> for Extent {
     }
 }
 
-/// Counts the vertices and instances of a draw.
+/// The numbers of vertices and instances of a draw.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Call {
-    /// Counts that are known when the plan is built.
+    /// The numbers are known when the plan is built.
     Direct {
         /// Number of vertices per instance.
         vertices: Number,
@@ -508,7 +508,7 @@ pub enum Call {
     Indirect(Reference, Number),
 }
 
-/// Declares a colour attachment.
+/// A colour attachment.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename = "Target")]
 pub struct TargetDecl {

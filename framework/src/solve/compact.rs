@@ -11,7 +11,7 @@ use crate::lower::{Lowered, ResourceHandle};
 use crate::plan::{Plan, Resource};
 use crate::source::SourceMap;
 
-/// Numbers the used resources and shaders of a graph.
+/// The plan's ids of the used resources and shaders.
 struct Ids<'a> {
     lowered: &'a Lowered,
     /// Ids by handle; `None` for unused ones.

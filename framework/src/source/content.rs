@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// Maximum size of a file to read: graphs and shaders are smaller, and other files must not fill the memory.
 pub(super) const LARGEST_FILE: u64 = 16 << 20;
 
-/// Identifies the contents of a path.
+/// The contents of a path, identified by a hash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Content {
     /// No file. A folder counts as none, and does not end a search either.

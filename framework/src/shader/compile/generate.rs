@@ -21,7 +21,7 @@ pub(super) const MOST_DEPTH: usize = 32;
 /// Maximum size of SPIR-V in bytes. The longest allowed text gives about 3 MiB.
 const MOST_SPIRV_BYTES: usize = 8 << 20;
 
-/// Identifies a compilation by all its inputs.
+/// All inputs of a compilation, which identify it.
 #[derive(Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Key {
     pub stage: ShaderStage,
@@ -61,7 +61,7 @@ pub(super) enum IncludeProblem {
     TooMuch,
 }
 
-/// Provides included texts to glslang. Units are named by number, which makes the log easy to parse.
+/// The included texts, for glslang. Units are named by number, which makes the log easy to parse.
 struct Includes<'a> {
     key: &'a Key,
     /// The stack of included units, the shader itself first.

@@ -51,7 +51,7 @@ pub(super) fn on_large_stack<T: Send, W: FnOnce() -> T + Send>(work: W) -> Optio
     })
 }
 
-/// Marks the start and the end of a compilation for the watching thread.
+/// The start or the end of a compilation, sent to the watching thread.
 enum Turn {
     Begin,
     End,

@@ -13,7 +13,7 @@ use rspirv::spirv::{Op, Word};
 
 use super::module::{Module, Type, id};
 
-/// Collects the ids of the variables that the code accesses.
+/// The ids of the variables that the code accesses.
 #[derive(Debug, Default)]
 pub(super) struct Accesses {
     pub reads: HashSet<Word>,
@@ -36,7 +36,7 @@ impl Accesses {
     }
 }
 
-/// Classifies an access through a pointer or to an image.
+/// The effect of an access through a pointer or to an image.
 #[derive(Clone, Copy, PartialEq)]
 enum Effect {
     Nothing,
