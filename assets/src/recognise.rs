@@ -45,9 +45,9 @@ pub enum SceneFormat {
     Spz,
     /// antimatter15's `.splat`.
     Splat,
-    /// PlayCanvas's SOG in one file, version 2. It is read alone.
+    /// PlayCanvas's SOG in one file, version 2; read, not written.
     Sog,
-    /// Mark Kellogg's `.ksplat`. It is read alone.
+    /// Mark Kellogg's `.ksplat`; read, not written.
     Ksplat,
 }
 

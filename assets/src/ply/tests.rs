@@ -298,7 +298,7 @@ fn a_scene_that_exceeds_the_memory_is_refused_from_its_header() {
     assert!(with(enough - 1).is_err());
 }
 
-/// Makes a file of `count` splats of bytes alone, whose rows take no room on disk.
+/// Creates a sparse file of `count` splats of bytes, whose rows take no room on disk.
 #[cfg(unix)]
 fn sparse(folder: &std::path::Path, count: u64) -> std::path::PathBuf {
     let properties: String = property_names(3).iter().map(|n| format!("property uchar {n}\n")).collect();

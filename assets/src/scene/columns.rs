@@ -52,7 +52,7 @@ impl Rows<'_> {
         self.push_wide(splat, splat.position.map(f64::from), norm);
     }
 
-    /// Stores a splat whose position has more precision than f32; [`Splat::position`] is not read.
+    /// Stores a splat with a position beyond f32 precision; [`Splat::position`] is not read.
     #[inline]
     pub(crate) fn push_wide(&mut self, splat: &Splat, position: [f64; 3], norm: f64) {
         let floats = sh_floats(self.degree);

@@ -48,7 +48,7 @@ const PARTS: [Part; 12] = [
 
 /// Generates the scene. Shares are proportional to `count`; surfaces are covered at any count, more finely with more.
 pub(super) fn demo(count: u32, seed: u64) -> Result<Scene, SceneMemoryError> {
-    // The splats, those that are mirrored, and a part of them while it is made.
+    // The splats, the mirrored ones, and the part being generated.
     let needed = u64::from(count) * (3 * size_of::<Splat>() as u64) + Scene::host_bytes(count.into(), 3);
     SceneMemoryError::check(count.into(), 3, needed)?;
     let count = count as usize;
@@ -65,7 +65,7 @@ pub(super) fn demo(count: u32, seed: u64) -> Result<Scene, SceneMemoryError> {
     }
     let left = count - splats.len();
     splats.extend(pond::reflection(&mut Random::new(seed, 99), &mirrored, left));
-    // Too few splats for any part to have one: what is left has nothing to reflect.
+    // Too few splats for every part to have one: the remainder has nothing to mirror.
     let missing = count - splats.len();
     splats.extend(knot::knot(&mut Random::new(seed, 0), missing));
     Scene::try_generate(count as u32, 3, |index| splats[index])
