@@ -30,7 +30,7 @@ impl Gpu for MetalGpu {
     type UnboundImage = UnboundImage;
     type Buffer = Buffer;
     type Image = Texture;
-    // Encoders with fences of the device come with the pipelines.
+    // Fences and encoders come with the pipelines.
     type Synchronization = ();
     type Pipelines = Pipelines;
     type Bindings = ArgumentTables;
@@ -175,7 +175,7 @@ impl Gpu for MetalGpu {
         Ok((told.0 > 0 && told.1 > 0).then_some(told))
     }
 
-    /// A layer is never lost.
+    /// Does nothing: a layer is never lost.
     fn renew_surface(&self) -> Result<(), BackendError> {
         Ok(())
     }
@@ -193,7 +193,7 @@ impl Gpu for MetalGpu {
         Ok(swapchain.acquire())
     }
 
-    /// The draw is recorded with the submission, which knows the fences of the frame.
+    /// The draw is recorded at submission, when the frame's fences are known.
     fn record_blit(
         &self,
         show: Show<Self>,
@@ -205,14 +205,14 @@ impl Gpu for MetalGpu {
         Ok(())
     }
 
-    /// Returns the draw's command buffer presents it.
+    /// Does nothing more: the draw's command buffer presents.
     fn present(&self, _: Show<Self>) -> Result<Presented, BackendError> {
         capture::end();
         Ok(Presented::Shown)
     }
 }
 
-/// Refuses validation that the process was not started with: Metal cannot turn it on later.
+/// Refuses validation unless the process was started with it: Metal cannot enable it later.
 fn check_validation(validation: Validation) -> Result<(), BackendError> {
     let names = ["MTL_DEBUG_LAYER", "METAL_DEVICE_WRAPPER_TYPE"];
     let is_on = names.iter().any(|name| std::env::var_os(name).is_some_and(|value| value == "1"));

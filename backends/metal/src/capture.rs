@@ -1,7 +1,7 @@
 //! A frame of the window for Xcode, as a `.gputrace`.
 //!
-//! The capture begins with the first commands that are recorded after it was requested, and ends when the window's next frame was
-//! handed over. Metal writes documents only for programs that were started with `METAL_CAPTURE_ENABLED=1` (or by Xcode).
+//! The capture begins with the first commands recorded after the request, and ends when the window's next frame is
+//! submitted. Metal writes documents only for programs started with `METAL_CAPTURE_ENABLED=1` (or by Xcode).
 
 use crate::objc;
 use metal::{CaptureDescriptor, CaptureManager, DeviceRef, MTLCaptureDestination};
@@ -24,7 +24,7 @@ fn state() -> MutexGuard<'static, State> {
 /// Captures the next frame of the window into the document `path`, which does not exist.
 ///
 /// # Errors
-/// The program was not started in a way that lets it capture, or a capture is running.
+/// The program was started without support for captures, or a capture is running.
 pub fn capture_next_frame(path: PathBuf) -> Result<(), String> {
     let able =
         objc::pool(|| CaptureManager::shared().supports_destination(MTLCaptureDestination::GpuTraceDocument));
@@ -40,7 +40,7 @@ pub fn capture_next_frame(path: PathBuf) -> Result<(), String> {
     Ok(())
 }
 
-/// Begins the capture that was requested, before commands are recorded. Returns Metal's reason if there is none.
+/// Begins the requested capture, before commands are recorded. Returns Metal's reason if it fails.
 pub(crate) fn begin(device: &DeviceRef) -> Option<String> {
     let mut state = state();
     let State::Asked(path) = &*state else { return None };
@@ -55,7 +55,7 @@ pub(crate) fn begin(device: &DeviceRef) -> Option<String> {
     begun.err()
 }
 
-/// Ends the capture that is running, once a frame was handed to the window.
+/// Ends the running capture, once a frame was submitted to the window.
 pub(crate) fn end() {
     let mut state = state();
     if matches!(*state, State::Running) {

@@ -1,7 +1,7 @@
-//! Tables of arguments: the bindings of a plan's passes.
+//! Argument tables: the bindings of a plan's passes.
 //!
-//! Metal keeps no sets of descriptors: each argument is set in the encoder before its command. So the tables are lists on the host of
-//! what to set where.
+//! Metal has no descriptor sets: each argument is set in the encoder before its command. The tables are therefore
+//! host-side lists of the arguments to set.
 
 use crate::gpu::MetalGpu;
 use crate::lower::{ArgumentSlot, Stage};
@@ -15,7 +15,7 @@ use splatgraph_runtime::{BindingTarget, binding_copies};
 pub struct ArgumentTables {
     /// By pass, then by copy; empty for passes that bind nothing.
     tables: Vec<Vec<Table>>,
-    /// The places of the bindings, by pass.
+    /// The slots of the bindings, by pass.
     places: Vec<Vec<((u32, u32), ArgumentSlot)>>,
 }
 
@@ -23,20 +23,20 @@ pub struct ArgumentTables {
 #[derive(Clone, Default)]
 pub(crate) struct Table {
     pub arguments: Vec<(ArgumentSlot, Argument)>,
-    /// The sizes in bytes of the buffers of each stage that asks for some, by buffer index.
+    /// The sizes in bytes of the buffers of each stage that needs any, by buffer index.
     pub sizes: Vec<(Stage, [u32; Msl::MOST_BUFFERS as usize])>,
 }
 
 /// An object to set.
 #[derive(Clone)]
 pub(crate) enum Argument {
-    /// A buffer from a byte on.
+    /// A buffer, starting at this byte.
     Buffer(Buffer, u64),
     Texture(Texture),
 }
 
 impl ArgumentTables {
-    /// Makes the tables of all passes that run and bind something.
+    /// Creates the tables of all passes that run and have bindings.
     pub(crate) fn new(plan: &Plan, pipelines: &Pipelines) -> ArgumentTables {
         let mut tables = vec![Vec::new(); plan.passes.len()];
         let mut places = vec![Vec::new(); plan.passes.len()];
@@ -55,7 +55,7 @@ impl ArgumentTables {
         ArgumentTables { tables, places }
     }
 
-    /// Writes one binding of one copy of a pass's table.
+    /// Writes one binding in one copy of a pass's table.
     pub(crate) fn write(
         &mut self,
         pass: PassId,
@@ -80,12 +80,12 @@ impl ArgumentTables {
         }
     }
 
-    /// Drops the objects of a pass, which its table would keep.
+    /// Drops the objects of a pass, which its table would keep alive.
     pub(crate) fn clear(&mut self, pass: PassId) {
         self.tables[pass.index()].fill(Table::default());
     }
 
-    /// Returns the table of a pass for the frame in this slot; none for passes that bind nothing.
+    /// Returns the table of a pass for the frame in this slot; `None` for passes without bindings.
     pub(crate) fn of(&self, pass: PassId, slot: usize) -> Option<&Table> {
         let copies = &self.tables[pass.index()];
         copies.get(slot.checked_rem(copies.len())?)

@@ -1,18 +1,18 @@
-//! The machine's GPUs: what they are, and what graphs may know of them.
+//! The machine's GPUs: their properties, and their facts for graphs.
 
 use crate::features::{self, Told};
 use crate::objc;
 use metal::{Device, MTLGPUFamily};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
 
-/// A GPU and what is known of it.
+/// A GPU and its properties.
 pub(crate) struct Physical {
     pub raw: Device,
     pub info: DeviceInfo,
     pub told: Told,
 }
 
-/// Every GPU of the machine.
+/// Lists the machine's GPUs.
 pub(crate) fn all() -> Vec<Physical> {
     objc::pool(|| Device::all().into_iter().enumerate().map(|(index, raw)| describe(raw, index)).collect())
 }
@@ -43,7 +43,7 @@ fn describe(raw: Device, index: usize) -> Physical {
         kind: if raw.has_unified_memory() { "integrated" } else { "discrete" }.to_string(),
         driver: format!("Metal, macOS {}", objc::system()),
         facts: features::limits(&told).facts(),
-        // Accesses of buffers are not checked, and nothing can be requested.
+        // Buffer accesses are not checked, and no checks can be requested.
         robustness: Robustness::default(),
         heap: Heap {
             bytes: told.working_set,

@@ -1,16 +1,16 @@
-//! Metal's answers as [`BackendError`]s.
+//! Converts Metal's failures to [`BackendError`]s.
 //!
-//! Metal hardly fails at calls: objects that cannot be made are `nil`, and commands that fail do so when they run. Then their command
-//! buffer has an error, and nothing that was to come of it can be relied on: the device counts as lost, and is opened anew.
+//! Metal's calls rarely fail: objects that cannot be created are `nil`, and commands fail when they run. Then their
+//! command buffer has an error, and none of its results are reliable: the device counts as lost and is reopened.
 
 use splatgraph_api::BackendError;
 
-/// Returns the error of a call that made no object.
+/// Returns the error of a call that created no object.
 pub fn no_object(call: &'static str) -> BackendError {
     BackendError::Api { call, answer: "nil".to_string() }
 }
 
-/// Returns the error of a command buffer that ended with one.
+/// Returns the error of a failed command buffer.
 ///
 /// `code` is its `MTLCommandBufferError`, `text` the description.
 pub fn of_command_buffer(code: i64, text: &str) -> BackendError {

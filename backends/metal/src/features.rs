@@ -1,12 +1,12 @@
-//! The limits of an Apple GPU, and what shaders may do on it.
+//! The limits and shader features of an Apple GPU.
 //!
-//! Metal tells few numbers itself; the others hold for whole families of GPUs. They are those of Apple's "Metal Feature Set Tables" for
-//! the family Apple 7, the first of the Macs' (M1), which later ones only exceed.
+//! Metal reports few numbers; the others hold for whole families of GPUs. They are from Apple's "Metal Feature Set
+//! Tables" for family Apple 7, the first on Macs (M1); later families only exceed them.
 
 use splatgraph_framework::ir::{Features, Format, Msl};
 use splatgraph_runtime::{FormatSupport, Limits, SubgroupLimits};
 
-/// Holds the numbers that a device tells of itself.
+/// The numbers that a device reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Told {
     /// `maxBufferLength`
@@ -22,7 +22,7 @@ pub struct Told {
 }
 
 impl Told {
-    /// The minimum of a Mac of family Apple 7, for plans that are built without one.
+    /// The minimum of a Mac of family Apple 7, for plans built without a device.
     pub const LEAST: Told = Told {
         max_buffer_bytes: 4 << 30,
         threadgroup_bytes: 32 << 10,
@@ -32,15 +32,15 @@ impl Told {
     };
 }
 
-/// Lanes of a SIMD group, of every Apple GPU.
+/// Lanes of a SIMD group on every Apple GPU.
 pub const LANES: u32 = 32;
 
-/// Returns the limits that plans are held against.
+/// Returns the limits that plans are checked against.
 pub fn limits(told: &Told) -> Limits {
     // Push constants and the sizes of buffers take an entry each.
     let buffers = Msl::MOST_BUFFERS - 2;
     Limits {
-        // The sizes of buffers reach shaders as 32-bit words.
+        // Shaders receive the sizes of buffers as 32-bit words.
         max_storage_bytes: told.max_buffer_bytes.min(u64::from(u32::MAX)),
         max_uniform_bytes: 64 << 10,
         max_buffer_bytes: told.max_buffer_bytes,
@@ -57,7 +57,7 @@ pub fn limits(told: &Told) -> Limits {
         max_storage_images: Msl::MOST_TEXTURES,
         heap_bytes: told.working_set,
         device_memory_types: 1,
-        // Placed by what each resource says it needs.
+        // Each resource's own requirements determine its place.
         buffer_image_granularity: 1,
         independent_blend: true,
         subgroup: SubgroupLimits {
@@ -67,22 +67,23 @@ pub fn limits(told: &Told) -> Limits {
             selectable: false,
             max_per_group: told.max_threads[0] / LANES,
         },
-        // Not documented; docs/metal-mac.md says how to find out. Plans for devices that do not round are right on all.
+        // Not documented; docs/metal-mac.md tells how to find out. Plans for devices that do not round are correct on
+        // all.
         rounds_half: false,
         fused_fma: true,
         features: features(),
         timestamp_bits: 64,
-        // Samples can be resolved when their command buffer has completed.
+        // Samples can be resolved only after their command buffer has completed.
         live_timestamps: false,
         // Apple's GPUs count nanoseconds.
         timestamp_period: 1.0,
     }
 }
 
-/// Lists what shaders may do in Metal's language 2.4 on family Apple 7.
+/// Lists the shader features of Metal's language 2.4 on family Apple 7.
 pub fn features() -> Features {
     let missing = Features::FLOAT64
-        // Minimum and maximum alone, on later families.
+        // Only minimum and maximum, on later families.
         | Features::BUFFER_INT64_ATOMICS
         | Features::SHARED_INT64_ATOMICS
         // Need version 3 of the language, or are absent.
@@ -101,9 +102,9 @@ pub fn features() -> Features {
     Features::all() - missing
 }
 
-/// Says for what a format's images can be used.
+/// Returns the uses of images in a format.
 ///
-/// 32-bit floats are blended where they are filtered (MoltenVK issue 2301), as on all Macs with Apple silicon.
+/// 32-bit float formats are blendable if they are filterable (MoltenVK issue 2301), as on all Macs with Apple silicon.
 pub fn format_support(format: Format, filters_floats: bool) -> FormatSupport {
     let integers = format == Format::R32Uint;
     let floats = matches!(format, Format::R32Float | Format::Rgba32Float);

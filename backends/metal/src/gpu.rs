@@ -1,8 +1,8 @@
-//! The opened device, and what executors share of it.
+//! The open device, and the state that its executors share.
 //!
-//! Metal's objects count their owners, and command buffers are owners of what their commands use: nothing is destroyed under the GPU's
-//! hands. Resources are untracked, so that Metal orders nothing by itself; what orders the frames of several executors is here: the
-//! submissions that may not have completed, and those that all later ones wait for.
+//! Metal's objects are reference-counted, and command buffers own what their commands use: nothing is destroyed while
+//! the GPU uses it. Resources are untracked, so Metal orders nothing by itself. Frames of several executors are ordered
+//! here: by the submissions that may not have completed, and the submissions that all later ones wait for.
 
 use crate::device::Physical;
 use crate::error::no_object;
@@ -17,10 +17,10 @@ use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// The longest time that one pass may run where the program does not say. macOS ends commands itself after some seconds.
+/// Default time limit of one pass. macOS itself ends commands after some seconds.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// An opened Apple GPU; see [`crate::Metal`].
+/// An open Apple GPU; see [`crate::Metal`].
 pub struct MetalGpu {
     pub(crate) device: Device,
     pub(crate) queue: CommandQueue,
@@ -28,14 +28,14 @@ pub struct MetalGpu {
     pub(crate) messages: Arc<Messages>,
     pub(crate) builtin: Builtin,
     pub(crate) surface: Option<Surface>,
-    /// The counters of timestamps, where encoders can sample them at their ends.
+    /// The timestamp counters, if encoders can sample them at their ends.
     pub(crate) timestamps: Option<CounterSet>,
     pub(crate) filters_floats: bool,
-    /// Encoders and commands are named after the graph, for captures and for Metal's own messages.
+    /// True if encoders and commands are labelled, for captures and Metal's messages.
     pub(crate) labels: bool,
     pub(crate) patience: Duration,
     pub(crate) compile_patience: Duration,
-    /// Bytes of the memory of objects.
+    /// Total bytes of objects.
     pub(crate) allocated: AtomicU64,
     /// Submissions that may not have completed.
     in_flight: Mutex<Vec<Submission>>,
@@ -47,12 +47,12 @@ pub(crate) struct Submission {
     pub event: SharedEvent,
     pub value: u64,
     pub last: CommandBuffer,
-    /// All that is recorded later waits for it.
+    /// True if all later recordings wait for it.
     pub publishes: bool,
 }
 
 impl Submission {
-    /// Returns true once it has completed or failed. A failed one signals nothing, so the host signals for its waiters.
+    /// Returns true once it has completed or failed. A failed one signals nothing, so the host signals its event.
     pub fn is_done(&self) -> bool {
         let signalled = self.event.signaled_value() >= self.value;
         let status = objc::status(&self.last);
@@ -92,7 +92,7 @@ impl MetalGpu {
         })
     }
 
-    /// Locks the list of submissions that may not have completed; those that have are gone from it.
+    /// Locks the list of submissions that may not have completed, and removes the completed ones.
     pub(crate) fn in_flight(&self) -> MutexGuard<'_, Vec<Submission>> {
         let mut all = self.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
         all.retain(|submission| !submission.is_done());
@@ -109,7 +109,7 @@ impl MetalGpu {
     }
 }
 
-/// Finds the counters of timestamps, where they can be sampled at the ends of encoders: Apple's GPUs sample nowhere else.
+/// Finds the timestamp counters, if they can be sampled at the ends of encoders: Apple's GPUs sample nowhere else.
 fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
     if !device.supports_counter_sampling(MTLCounterSamplingPoint::AtStageBoundary) {
         return None;
@@ -120,12 +120,12 @@ fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
 /// The backend's own pipelines.
 pub(crate) struct Builtin {
     pub fill_words: ComputePipelineState,
-    /// A word that nobody reads.
+    /// A word for writes without effect.
     pub scratch: Buffer,
     pub clear_floats: ComputePipelineState,
     pub clear_words: ComputePipelineState,
     pub show: RenderPipelineState,
-    /// Pixels as they are, and interpolated.
+    /// Samplers: nearest, and linear.
     pub nearest: SamplerState,
     pub linear: SamplerState,
 }
@@ -175,7 +175,7 @@ impl Builtin {
     }
 }
 
-/// Returns the options of what the device alone touches.
+/// Returns the resource options of device-only memory.
 pub(crate) fn private() -> MTLResourceOptions {
     MTLResourceOptions::StorageModePrivate | MTLResourceOptions::HazardTrackingModeUntracked
 }
@@ -189,7 +189,7 @@ fn sampler(device: &DeviceRef, filter: MTLSamplerMinMagFilter) -> SamplerState {
     device.new_sampler(&descriptor)
 }
 
-/// Compiles a library. Shaders count on every rounding, so that fast math is off.
+/// Compiles a library. Fast math is off, because shaders depend on exact rounding.
 pub(crate) fn library(device: &DeviceRef, source: &str, name: &str) -> Result<Library, BackendError> {
     let options = CompileOptions::new();
     options.set_fast_math_enabled(false);
@@ -222,7 +222,7 @@ pub(crate) fn kernel(
     let descriptor = ComputePipelineDescriptor::new();
     descriptor.set_label(name);
     descriptor.set_compute_function(Some(function));
-    // So many must run at a time, whatever registers that leaves to each.
+    // This many threads must run at a time, whatever number of registers that leaves to each.
     descriptor.set_max_total_threads_per_threadgroup(threads);
     descriptor
         .set_thread_group_size_is_multiple_of_thread_execution_width(threads.is_multiple_of(LANES.into()));

@@ -1,22 +1,23 @@
 //! Runs plans on Apple GPUs.
 //!
-//! The crate has two halves. One lowers a plan to Metal's terms, as plain data. It calls nothing of Apple's, and is compiled and tested
-//! everywhere:
+//! The crate has two halves. One lowers a plan to Metal's terms, as plain data. It makes no Apple calls, and is
+//! compiled and tested everywhere:
 //!
-//! - [`features`]: the limits of a device, from the few numbers that Metal tells;
-//! - [`sync`]: the passes divided into encoders, with fences between them, and the model of Metal's rules that checks them;
+//! - [`features`]: the limits of a device, from the few numbers that Metal reports;
+//! - [`sync`]: the passes divided into encoders with fences between them, and the model of Metal's rules that checks
+//!   them;
 //! - [`dump`]: the encoders for `splatgraph dump`;
 //! - [`lower`]: pipelines, arguments, usages and copies;
-//! - [`walk`]: which encoder is opened, ordered and closed when, as the passes of a frame come by;
-//! - [`error`]: Metal's answers as errors.
+//! - [`walk`]: when to open, order and close each encoder, as the passes of a frame are announced;
+//! - [`error`]: converts Metal's failures to errors.
 //!
-//! The other half, for Apple's systems alone, makes the objects and walks over that data. Its files are named after those of the
-//! Vulkan backend: `surface` and `device`; `gpu`; `memory`, `pipelines`, `descriptors` (tables of arguments), `queue`, `encoder` and
-//! `swapchain`; and `backend`, which is all of these as the runtime's [`Gpu`](splatgraph_runtime::Gpu). Besides there are `objc`, the
-//! calls that the crate `metal` lacks, and `capture`, a frame for Xcode.
+//! The other half, only for Apple's systems, creates the objects and follows this data. Its files are named after the
+//! Vulkan backend's: `surface` and `device`; `gpu`; `memory`, `pipelines`, `descriptors` (argument tables), `queue`,
+//! `encoder` and `swapchain`; and `backend`, which implements the runtime's [`Gpu`](splatgraph_runtime::Gpu). In
+//! addition, `objc` has the calls that the crate `metal` lacks, and `capture` records a frame for Xcode.
 //!
-//! Nobody has run that half: it is compiled and linted for Apple silicon on other systems. `docs/metal-mac.md` lists what is to be looked
-//! at first on a Mac.
+//! That half has never been run: it is compiled and linted for Apple silicon on other systems. `docs/metal-mac.md`
+//! lists the first things to check on a Mac.
 
 #![deny(missing_docs)]
 
@@ -63,6 +64,6 @@ pub use capture::capture_next_frame;
 #[cfg(target_vendor = "apple")]
 pub use gpu::MetalGpu;
 
-/// An opened Apple GPU, and the plan that it executes.
+/// An open Apple GPU and the plan that it executes.
 #[cfg(target_vendor = "apple")]
 pub type Metal = splatgraph_runtime::Executor<MetalGpu>;

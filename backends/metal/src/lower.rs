@@ -1,26 +1,27 @@
 //! The plan in Metal's terms, as plain data.
 //!
-//! Everything here is a pure function of the plan: formats, blends and usages become Metal's, passes that can share a pipeline do, and
-//! the bindings of each pass get their places in the tables of arguments, as the translated shaders have them. Nothing calls the API,
-//! so that the lowering is tested on any machine.
+//! Everything here is a pure function of the plan. Formats, blends and usages become Metal's, passes share a pipeline
+//! if they can, and the bindings of each pass get their indices in the argument tables, as in the translated shaders.
+//! Nothing calls the API, so the lowering can be tested on any machine.
 //!
-//! Two things need no lowering. Arguments of indirect commands have the same layout in both APIs: three words of a dispatch
-//! (`MTLDispatchThreadgroupsIndirectArguments`), and four of a draw (`MTLDrawPrimitivesIndirectArguments`: vertices, instances, first
-//! vertex, first instance). And threadgroup memory is declared in the shaders, with its size. The y axis points up in Metal's clip
-//! space and down in Vulkan's: the translated vertex shaders negate it, so that viewports and images are the same.
+//! Two things need no lowering. Arguments of indirect commands have equal layouts in both APIs: three words of a
+//! dispatch (`MTLDispatchThreadgroupsIndirectArguments`), and four of a draw (`MTLDrawPrimitivesIndirectArguments`:
+//! vertices, instances, first vertex, first instance). And threadgroup memory is declared in the shaders, with its
+//! size. The y axis points up in Metal's clip space and down in Vulkan's: the translated vertex shaders negate it, so
+//! viewports and images are unchanged.
 
 use splatgraph_api::{BackendError, LimitExceeded, Unit};
 use splatgraph_framework::{ir::*, plan::*};
 use std::sync::Arc;
 
-/// The state that a pipeline is made from. Equal states are one pipeline.
+/// The state of a pipeline. Passes with equal states share a pipeline.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PipelineState {
     /// `MTLComputePipelineDescriptor`
     Compute {
         /// The kernel.
         shader: ShaderId,
-        /// Threads of a threadgroup in x, y and z, which Metal is told with each dispatch.
+        /// Threadgroup size in x, y and z, passed with each dispatch.
         threads: [u32; 3],
     },
     /// `MTLRenderPipelineDescriptor`
@@ -29,7 +30,7 @@ pub enum PipelineState {
         vertex: ShaderId,
         /// The fragment function.
         fragment: ShaderId,
-        /// The primitives, which Metal is told with each draw; a class of them with the pipeline.
+        /// The primitives, passed with each draw; the pipeline has their class.
         topology: Topology,
         /// The colour attachments.
         targets: Vec<TargetState>,
@@ -41,20 +42,20 @@ pub enum PipelineState {
 pub struct TargetState {
     /// The format of the image.
     pub format: Format,
-    /// None where the fragment replaces what is there.
+    /// `None` if the fragment replaces the target.
     pub blend: Option<BlendState>,
 }
 
 /// `colour = source * source factor + target * target factor`, likewise for alpha.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BlendState {
-    /// Factors of the colour, of source and target.
+    /// Factors of the colour, for source and target.
     pub color: (BlendFactor, BlendFactor),
-    /// Factors of alpha.
+    /// Factors of alpha, for source and target.
     pub alpha: (BlendFactor, BlendFactor),
 }
 
-/// `MTLBlendFactor`, of which plans need these.
+/// The values of `MTLBlendFactor` that plans use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlendFactor {
     /// 0
@@ -67,7 +68,7 @@ pub enum BlendFactor {
     DestinationAlpha,
 }
 
-/// A stage with tables of arguments of its own.
+/// A stage, which has its own argument tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// Kernels.
@@ -83,36 +84,36 @@ pub enum Stage {
 pub struct StageArguments {
     /// The stage.
     pub stage: Stage,
-    /// The translated shader, which places them.
+    /// The translated shader, which assigns their indices.
     pub msl: Arc<Msl>,
 }
 
 /// A slot in a table of arguments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ArgumentSlot {
-    /// The stage whose tables these are.
+    /// The stage of the table.
     pub stage: Stage,
-    /// The table is that of textures, not that of buffers.
+    /// True for the table of textures, false for the table of buffers.
     pub texture: bool,
     /// The index in the table.
     pub index: u32,
-    /// The shader asks for the size of the buffer, which has this index in the words of sizes, too.
+    /// True if the shader needs the buffer's size; it has this index in the words of sizes.
     pub sized: bool,
 }
 
-/// Pipelines and arguments of a whole plan.
+/// The pipelines and arguments of a whole plan.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Lowered {
     /// The pipelines.
     pub pipelines: Vec<PipelineState>,
     /// Index into [`Lowered::pipelines`] by pass; only dispatches and draws that run have one.
     pub of_pass: Vec<Option<usize>>,
-    /// The stages of each pass, by pass; none for those without a pipeline.
+    /// The stages of each pass; empty for passes without a pipeline.
     pub arguments: Vec<Vec<StageArguments>>,
 }
 
 impl Lowered {
-    /// Lists the places of a binding of a pass: none in stages that do not reach it.
+    /// Lists the argument slots of a pass's binding, in the stages that reach it.
     pub fn places(&self, pass: PassId, binding: &Binding) -> impl Iterator<Item = ArgumentSlot> {
         let at = (binding.binding, binding.element);
         self.arguments[pass.index()].iter().filter_map(move |stage| {
@@ -126,7 +127,7 @@ impl Lowered {
 /// Lowers a checked plan.
 ///
 /// # Errors
-/// A shader was not translated, or needs more arguments than Metal has places for.
+/// A shader was not translated, or exceeds the size of an argument table.
 pub fn lower(plan: &Plan) -> Result<Lowered, BackendError> {
     let passes = plan.passes.len();
     let mut lowered =
@@ -198,7 +199,7 @@ fn arguments(shader: &Shader, stage: Stage) -> Result<StageArguments, BackendErr
     Ok(StageArguments { stage, msl: msl.clone() })
 }
 
-/// None where the fragment replaces what is there.
+/// Lowers a blend; `None` if the fragment replaces the target.
 pub fn blend(blend: Blend) -> Option<BlendState> {
     use BlendFactor as F;
     match blend {
@@ -218,7 +219,7 @@ pub fn blend(blend: Blend) -> Option<BlendState> {
     }
 }
 
-/// `MTLTextureUsage`, of which images need these.
+/// The flags of `MTLTextureUsage` that images use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TextureUsage {
     /// `MTLTextureUsageShaderRead`
@@ -229,7 +230,7 @@ pub struct TextureUsage {
     pub render_target: bool,
 }
 
-/// Lowers the usage of an image. Copies need none; images are cleared by a kernel, and shown by a draw that samples them.
+/// Lowers the usage of an image. Copies need no flag; a kernel clears images, and a draw samples them to show them.
 pub fn image_usage(usage: Usage) -> TextureUsage {
     TextureUsage {
         shader_read: usage.intersects(Usage::STORAGE | Usage::COPY_SOURCE),
@@ -238,23 +239,23 @@ pub fn image_usage(usage: Usage) -> TextureUsage {
     }
 }
 
-/// Threads of a threadgroup of the kernels that fill a buffer (x alone) or an image.
+/// Threadgroup size of the kernels that fill a buffer (x only) or an image.
 pub const CLEAR_THREADS: [u32; 2] = [16, 16];
 
-/// Returns the threadgroups that write `words` words, 256 with each.
+/// Returns the number of threadgroups for filling `words` words, 256 per group.
 ///
-/// There are never more in x than a dispatch may have: the kernel continues with a stride.
+/// It never exceeds the limit in x: the kernel continues with a stride.
 pub fn fill_groups(words: u64) -> u32 {
     const MOST: u64 = 65535;
     words.div_ceil(256).min(MOST) as u32
 }
 
-/// Returns the threadgroups that write an image.
+/// Returns the number of threadgroups for filling an image.
 pub fn clear_groups((width, height): (u32, u32)) -> [u32; 2] {
     [width.div_ceil(CLEAR_THREADS[0]), height.div_ceil(CLEAR_THREADS[1])]
 }
 
-/// Returns true if pixels of a picture are interpolated where it is shown in another size.
+/// Returns true if a picture is interpolated when it is shown in another size.
 pub fn interpolates(format: Format, same_size: bool, filters_floats: bool) -> bool {
     let filtered = match format {
         Format::Rgba8Unorm | Format::Rgba16Float => true,
@@ -264,17 +265,18 @@ pub fn interpolates(format: Format, same_size: bool, filters_floats: bool) -> bo
     filtered && !same_size
 }
 
-/// Samples of a counter sample buffer at most: 32 KiB of 8 bytes each.
+/// Maximum number of samples in a counter sample buffer: 32 KiB of 8 bytes each.
 pub const MOST_SAMPLES: u32 = 4096;
 
-/// Returns the index of a sample for a timestamp of the runtime, if it has one.
+/// Returns the sample index of a runtime timestamp, if it has one.
 ///
-/// The first two, of the whole frame, have none, as command buffers tell them; nor have those that there is no room for.
+/// The first two timestamps, of the whole frame, come from the command buffer instead. Timestamps beyond the buffer's
+/// capacity have none.
 pub fn sample(timestamp: u32) -> Option<u32> {
     timestamp.checked_sub(2).filter(|sample| *sample < MOST_SAMPLES)
 }
 
-/// Interprets the value of a counter: 0 was not sampled, and all ones is `MTLCounterErrorValue`.
+/// Interprets a counter's value: 0 was not sampled, and all ones is `MTLCounterErrorValue`.
 pub fn counted(value: u64) -> Option<u64> {
     (value != 0 && value != u64::MAX).then_some(value)
 }
@@ -292,7 +294,7 @@ mod tests {
         Some(Arc::new(Msl { source: String::new(), entry: "main0".to_string(), arguments, push, sizes }))
     }
 
-    /// Returns the plan with translations: the vertex shader sees the camera, and the fragment shader all three.
+    /// Returns the plan with translations: the vertex shader reads the camera, the fragment shader all three bindings.
     fn translated() -> Plan {
         let mut plan = plan();
         plan.shaders[0].msl = msl(vec![argument(0, 0, false, 0)], Some(1), Some(2));
@@ -306,7 +308,7 @@ mod tests {
     fn passes_of_one_shader_and_state_share_a_pipeline() {
         let lowered = lower(&translated()).unwrap();
         assert_eq!(lowered.pipelines.len(), 2);
-        // By pass: a fill, two dispatches, a draw, the export and the host's step.
+        // By pass: a fill, two dispatches, a draw, the export and the host's pass.
         assert_eq!(lowered.of_pass, [None, Some(0), Some(0), Some(1), None, None]);
         assert_eq!(lowered.pipelines[0], PipelineState::Compute { shader: ShaderId(0), threads: [64, 1, 1] });
     }

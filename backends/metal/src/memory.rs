@@ -1,7 +1,7 @@
-//! Buffers, images and the memory that they are placed in.
+//! Buffers, images and their memory.
 //!
-//! Memory of the device is a placement heap, at whose start its objects are placed: several, where the plan lets them share it. Memory
-//! that the host sees is one buffer, which is the object as well. Everything is untracked.
+//! Device memory is a placement heap with its objects at the start: several, if the plan lets them alias. Host-visible
+//! memory is a single buffer, which is the object itself. Everything is untracked.
 
 use crate::error::no_object;
 use crate::gpu::{MetalGpu, private};
@@ -14,7 +14,7 @@ use splatgraph_runtime::{BufferDesc, ImageDesc, Location, MemoryKind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-/// A piece of memory.
+/// A memory allocation.
 pub struct Memory {
     backing: Backing,
     bytes: u64,
@@ -22,13 +22,13 @@ pub struct Memory {
 }
 
 enum Backing {
-    /// For objects that the device alone touches.
+    /// Memory that only the device accesses.
     Heap(Heap),
-    /// Mapped.
+    /// Mapped memory.
     Buffer(Buffer),
 }
 
-/// No object of Metal's demands memory of its own.
+/// No Metal object requires a dedicated allocation.
 pub(crate) type Requirements = splatgraph_runtime::Requirements<()>;
 
 impl Memory {
@@ -53,7 +53,7 @@ impl Memory {
                     Backing::Heap(heap)
                 })
             }
-            // The host writes it in order, and never reads it.
+            // The host writes it sequentially, and never reads it.
             Location::Upload => {
                 let options = shared | MTLResourceOptions::CPUCacheModeWriteCombined;
                 objc::new_buffer(&gpu.device, bytes, options).map(Backing::Buffer)
@@ -78,8 +78,8 @@ impl splatgraph_runtime::Memory for Memory {
 
     fn mapped(&self) -> &[u8] {
         let Backing::Buffer(buffer) = &self.backing else { return &[] };
-        // SAFETY: the contents of a shared buffer are this long, and alive as long as it is. The runtime looks at them only while
-        // no submission writes them.
+        // SAFETY: the contents of a shared buffer have this length and live as long as the buffer. The runtime reads
+        // them only while no submission writes them.
         unsafe { std::slice::from_raw_parts(buffer.contents().cast(), self.bytes as usize) }
     }
 
@@ -108,15 +108,15 @@ pub struct UnboundImage {
     descriptor: TextureDescriptor,
 }
 
-/// Describes a buffer and the memory that it needs.
+/// Describes a buffer and its memory requirements.
 pub(crate) fn create_buffer(gpu: &MetalGpu, desc: &BufferDesc) -> (UnboundBuffer, Requirements) {
-    // Shaders and fills reach whole words.
+    // Shaders and fills access whole words.
     let bytes = desc.bytes.next_multiple_of(4);
     let needed = gpu.device.heap_buffer_size_and_align(bytes, private());
     (UnboundBuffer { name: desc.name.to_string(), bytes }, requirements(needed, MemoryKind::Linear))
 }
 
-/// Describes an image and the memory that it needs.
+/// Describes an image and its memory requirements.
 pub(crate) fn create_image(gpu: &MetalGpu, desc: &ImageDesc) -> (UnboundImage, Requirements) {
     let descriptor = TextureDescriptor::new();
     descriptor.set_texture_type(MTLTextureType::D2);
@@ -153,7 +153,7 @@ pub(crate) fn bind_image(image: &UnboundImage, memory: &Memory) -> Result<Textur
 }
 
 fn requirements(needed: MTLSizeAndAlign, kind: MemoryKind<()>) -> Requirements {
-    // One kind of memory for all.
+    // There is a single memory type.
     Requirements {
         size: needed.size.next_multiple_of(needed.align.max(1)),
         alignment: needed.align,

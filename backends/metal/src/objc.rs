@@ -1,7 +1,8 @@
 //! Calls of Objective-C that the crate `metal` lacks, or makes in a way that cannot fail.
 //!
-//! Each is one message with the types of Apple's headers. What can be `nil` is an `Option`. Objects whose method's name begins with
-//! `new` are returned retained, and their wrapper releases them; all others belong to the autorelease pool of the caller, who has one.
+//! Each call is one message with the types of Apple's headers. Results that can be `nil` are `Option`s. Methods whose
+//! name begins with `new` return retained objects, which their wrapper releases; all other objects belong to the
+//! caller's autorelease pool, which must exist.
 
 use metal::foreign_types::ForeignType;
 use metal::objc::runtime::{BOOL, Object, YES};
@@ -11,12 +12,12 @@ use std::ffi::{CStr, CString, c_char, c_void};
 use std::path::Path;
 use std::ptr::NonNull;
 
-/// `MTLCommandBufferStatus` of one that ended well.
+/// `MTLCommandBufferStatus` of a completed command buffer.
 pub(crate) const COMPLETED: u64 = 4;
-/// `MTLCommandBufferStatus` of one that ended with an error.
+/// `MTLCommandBufferStatus` of a failed command buffer.
 pub(crate) const FAILED: u64 = 5;
 
-/// Runs `body` with an autorelease pool, which frees what the calls in it return unowned.
+/// Runs `body` in an autorelease pool.
 pub(crate) fn pool<T>(body: impl FnOnce() -> T) -> T {
     metal::objc::rc::autoreleasepool(body)
 }
@@ -62,7 +63,7 @@ pub(crate) fn max_buffer_length(device: &DeviceRef) -> u64 {
     unsafe { msg_send![device, maxBufferLength] }
 }
 
-/// Returns the bytes that this process has allocated of the device's memory.
+/// Returns the bytes of device memory that this process has allocated.
 pub(crate) fn allocated_bytes(device: &DeviceRef) -> u64 {
     // SAFETY: a property of type NSUInteger.
     unsafe { msg_send![device, currentAllocatedSize] }
@@ -87,14 +88,14 @@ pub(crate) fn system() -> String {
     })
 }
 
-/// Returns true if this is the thread that may change views.
+/// Returns true on the main thread, the only one that may change views.
 pub(crate) fn is_main_thread() -> bool {
     // SAFETY: a class method that takes nothing and returns a BOOL.
     let answer: BOOL = unsafe { msg_send![class!(NSThread), isMainThread] };
     answer == YES
 }
 
-/// Orders the dispatches of an encoder before it before those after it.
+/// Orders an encoder's earlier dispatches before its later ones.
 pub(crate) fn memory_barrier(encoder: &ComputeCommandEncoderRef, buffers: bool, textures: bool) {
     // MTLBarrierScopeBuffers and MTLBarrierScopeTextures.
     let scope = u64::from(buffers) | u64::from(textures) << 1;
@@ -129,14 +130,14 @@ pub(crate) fn device_times(commands: &CommandBufferRef) -> (f64, f64) {
     unsafe { (msg_send![commands, GPUStartTime], msg_send![commands, GPUEndTime]) }
 }
 
-/// Blocks until an event has this value or the time is over. Returns true in the first case.
+/// Blocks until an event has this value, or the time is over. Returns false if the time is over.
 pub(crate) fn wait_for_event(event: &SharedEventRef, value: u64, milliseconds: u64) -> bool {
     // SAFETY: the method (since macOS 12) takes two uint64_t, and returns a BOOL.
     let answer: BOOL = unsafe { msg_send![event, waitUntilSignaledValue: value timeoutMS: milliseconds] };
     answer == YES
 }
 
-/// Reads the first `count` samples of a counter sample buffer of timestamps, which are 64-bit words. None where Metal gives none.
+/// Reads the first `count` timestamps of a counter sample buffer as 64-bit words; `None` if Metal returns no data.
 pub(crate) fn resolve(samples: &CounterSampleBufferRef, count: usize) -> Option<Vec<u64>> {
     pool(|| {
         let range = NSRange::new(0, count as u64);
@@ -157,7 +158,7 @@ pub(crate) fn resolve(samples: &CounterSampleBufferRef, count: usize) -> Option<
     })
 }
 
-/// Names the document that a capture is written to.
+/// Sets the document of a capture.
 pub(crate) fn set_output(descriptor: &CaptureDescriptorRef, path: &Path) -> Result<(), String> {
     let text = path.to_str().and_then(|path| CString::new(path).ok());
     let text = text.ok_or_else(|| format!("expected a path in Unicode, found {}", path.display()))?;
@@ -200,7 +201,7 @@ unsafe extern "C" {
     fn CGColorSpaceRelease(space: *mut c_void);
 }
 
-/// Says that a layer's pixels are sRGB, as encoded for display.
+/// Sets a layer's colour space to sRGB: its pixels are display-encoded.
 pub(crate) fn set_srgb(layer: &MetalLayerRef) {
     // SAFETY: the name is a constant of the framework; the layer retains the space that is created here and released.
     unsafe {

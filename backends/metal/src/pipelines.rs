@@ -1,4 +1,4 @@
-//! Pipelines, fences and the encoders of a plan, made once per plan.
+//! Pipelines, fences and the encoders of a plan, created once per plan.
 
 use crate::features::LANES;
 use crate::gpu::{self, MetalGpu};
@@ -18,7 +18,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A pipeline, with what Metal wants to be told with each of its commands.
+/// A pipeline, with the parameters that Metal takes with each of its commands.
 #[derive(Clone)]
 pub(crate) enum Pipeline {
     Compute { raw: ComputePipelineState, threads: MTLSize },
@@ -32,10 +32,11 @@ pub struct Pipelines {
     pub(crate) order: Arc<Order>,
 }
 
-/// The order of a plan's frames: its encoders and their fences. Encoders keep it until their submission is noted in it.
+/// The order of a plan's frames: its encoders and their fences. Encoders hold it until their submission is recorded in
+/// it.
 pub(crate) struct Order {
     walked: Mutex<Walked>,
-    /// The fences of both divisions: merged, by pass.
+    /// The fences of both divisions: merged, and by pass.
     fences: [Vec<Fence>; 2],
     /// The pass that makes the output readable by copies.
     pub export: Option<PassId>,
@@ -60,7 +61,7 @@ impl Pipelines {
     ) -> Result<Pipelines, BackendError> {
         let plan = &*translated(plan)?;
         let lowered = lower::lower(plan)?;
-        // Needed only until the pipelines are made.
+        // Needed only until the pipelines are created.
         let mut functions = HashMap::new();
         let mut pipelines = Vec::new();
         for (done, state) in lowered.pipelines.iter().enumerate() {
@@ -97,7 +98,7 @@ impl Pipelines {
         })
     }
 
-    /// Returns a pass's pipeline; none where it runs none.
+    /// Returns a pass's pipeline; `None` if it has none.
     pub(crate) fn of(&self, pass: PassId) -> Option<&Pipeline> {
         self.lowered.of_pass[pass.index()].map(|pipeline| &self.pipelines[pipeline])
     }
@@ -118,7 +119,7 @@ fn translated(plan: &Plan) -> Result<Cow<'_, Plan>, BackendError> {
 
 fn function(gpu: &MetalGpu, plan: &Plan, shader: ShaderId) -> Result<Function, BackendError> {
     let shader = plan.shader(shader);
-    // The lowering has seen to it that there is a translation.
+    // The lowering guarantees that there is a translation.
     let Some(Msl { source, entry, .. }) = shader.msl.as_deref() else {
         unreachable!("a lowered plan is translated")
     };

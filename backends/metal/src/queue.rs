@@ -11,10 +11,10 @@ use splatgraph_api::BackendError;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The longest that a wait for the whole queue sleeps between two looks at submissions that may have failed.
+/// Interval at which a wait for the whole queue looks for failed submissions.
 const SLICE: Duration = Duration::from_millis(50);
 
-/// The start of a submission's commands.
+/// The condition for a submission's commands to start.
 pub(crate) struct After<'a> {
     /// The event that they wait for, and its value.
     pub event: (&'a SharedEventRef, u64),
@@ -22,11 +22,11 @@ pub(crate) struct After<'a> {
     pub all: bool,
 }
 
-/// Submits a frame, or an upload, and after it the draw into a window. `commands` are those of the frame, then of the window; the last
-/// has been told to signal `done`.
+/// Submits a frame or an upload, followed by the draw into a window. `commands` are the frame's, then the window's; the
+/// last one signals `done`.
 ///
-/// `after` is the event that they wait for from their beginning. It gets its value when what was published before them has completed,
-/// whoever recorded it, or all that was submitted before them.
+/// They start after the event `after`. It gets its value when the earlier published work of all executors has
+/// completed, or all earlier submissions have.
 pub(crate) fn submit(
     gpu: &MetalGpu,
     commands: &[CommandBuffer],
@@ -53,10 +53,11 @@ pub(crate) fn submit(
     Ok(())
 }
 
-/// Blocks until command buffers, the last of which signals `done`, have completed, or the time is over. Returns true in the first case.
+/// Blocks until command buffers, the last of which signals `done`, have completed, or the time is over. Returns false
+/// if the time is over.
 ///
 /// # Errors
-/// One of them ended with an error. Its event gets its value all the same, so that nobody waits for it for ever.
+/// One of them failed. Its event gets its value anyway, so that no waiter hangs.
 pub(crate) fn wait(
     commands: &[CommandBuffer],
     done: (&SharedEventRef, u64),
@@ -68,7 +69,7 @@ pub(crate) fn wait(
     if failed().is_none() && !complete() && !limit.is_zero() {
         let milliseconds = u64::try_from(limit.as_millis()).unwrap_or(u64::MAX).max(1);
         if objc::wait_for_event(event, value, milliseconds) {
-            // The event was the last command: what is left to do is Metal's own work on the host.
+            // The event was the last command: only Metal's own work on the host is left.
             commands.iter().for_each(|commands| commands.wait_until_completed());
         }
     }
@@ -82,9 +83,10 @@ pub(crate) fn wait(
     Ok(complete())
 }
 
-/// Blocks until everything that was submitted before has completed or failed, or the time is over. Returns true in the first case.
+/// Blocks until all earlier submissions have completed or failed, or the time is over. Returns false if the time is
+/// over.
 ///
-/// Others can submit meanwhile.
+/// Other threads can submit meanwhile.
 pub(crate) fn idle(gpu: &MetalGpu, limit: Duration) -> bool {
     let begun = Instant::now();
     let before = gpu.in_flight().clone();
@@ -100,7 +102,7 @@ pub(crate) fn idle(gpu: &MetalGpu, limit: Duration) -> bool {
     true
 }
 
-/// The timestamps of a frame: the first two are those of its command buffer, the others samples at the ends of encoders.
+/// The timestamps of a frame. The first two are its command buffer's; the others are samples at the ends of encoders.
 #[derive(Clone)]
 pub struct Timestamps(Arc<Times>);
 
@@ -111,19 +113,19 @@ struct Times {
 
 #[derive(Default)]
 struct Written {
-    /// The frame has completed. Until then, and if it never does, samples are those of frames before.
+    /// True once the frame has completed. Until then, samples are from earlier frames.
     completed: bool,
     /// Start and end of the frame, in nanoseconds.
     frame: Option<[u64; 2]>,
-    /// By sample: the frame that was recorded last takes it.
+    /// By sample: true if the last recorded frame takes it.
     samples: Vec<bool>,
 }
 
 impl Timestamps {
     /// Creates `count` timestamps.
     ///
-    /// Those of passes are missing where the device samples no counters at the ends of encoders, or has no more counter buffers: macOS
-    /// has 32 (gpuweb issue 3652).
+    /// Passes have none if the device cannot sample counters at the ends of encoders, or has no counter buffers left:
+    /// macOS has 32 (gpuweb issue 3652).
     pub(crate) fn new(gpu: &MetalGpu, count: u32) -> Timestamps {
         let samples = u64::from(count.saturating_sub(2).min(lower::MOST_SAMPLES));
         let buffer = gpu.timestamps.as_ref().filter(|_| samples > 0).and_then(|set| {
@@ -149,22 +151,23 @@ impl Timestamps {
         written.samples.fill(false);
     }
 
-    /// Takes two samples for an encoder, from `first` on, if there are that many.
+    /// Takes two samples for an encoder, starting at `first`, if they exist.
     pub(crate) fn take(&self, first: u32) -> Option<&CounterSampleBuffer> {
         let samples = self.0.samples.as_ref()?;
         self.written().samples.get_mut(first as usize..first as usize + 2)?.fill(true);
         Some(samples)
     }
 
-    /// Notes the times of the frame's command buffer, in seconds.
+    /// Records the times of the frame's command buffer, in seconds.
     pub(crate) fn completed(&self, (start, end): (f64, f64)) {
         let mut written = self.written();
         written.completed = true;
-        // Zero where Metal has none.
+        // Zero if Metal has none.
         written.frame = (start > 0.0 && end >= start).then(|| [start, end].map(|s| (s * 1e9) as u64));
     }
 
-    /// Reads the first `count` timestamps, in nanoseconds; none of a frame that has not completed, and no pair that ends before it starts.
+    /// Reads the first `count` timestamps, in nanoseconds; `None` before the frame has completed, and for pairs that
+    /// end before they start.
     pub(crate) fn read(&self, count: u32) -> Vec<Option<u64>> {
         let written = self.written();
         let used = written.samples.iter().rposition(|&taken| taken).map_or(0, |last| last + 1);

@@ -1,4 +1,4 @@
-//! The layer of a window, whose content Metal draws.
+//! The layer of a window, which shows Metal's drawables.
 
 use crate::objc;
 use metal::{MTLPixelFormat, MetalLayer};
@@ -7,18 +7,18 @@ use splatgraph_api::BackendError;
 use splatgraph_runtime::Window;
 use std::sync::Arc;
 
-/// The format of a window's pixels: display-encoded, so that nothing is converted.
+/// The window's pixel format, without conversion: colours are display-encoded.
 pub(crate) const FORMAT: MTLPixelFormat = MTLPixelFormat::BGRA8Unorm;
 
 /// The layer of a window.
 pub(crate) struct Surface {
     pub layer: MetalLayer,
-    // The layer is its view's.
+    // The view belongs to the window.
     _window: Arc<dyn Window>,
 }
 
 impl Surface {
-    /// Gives the window a layer that shows the images of `device`.
+    /// Gives the window a layer that shows images of `device`.
     pub fn new(window: Arc<dyn Window>, device: &metal::DeviceRef) -> Result<Surface, BackendError> {
         let handle = window.window_handle().map_err(no_handle)?.as_raw();
         let RawWindowHandle::AppKit(handle) = handle else {

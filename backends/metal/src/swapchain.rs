@@ -1,7 +1,8 @@
 //! Drawables of a window's layer, and the draw of a frame's output into them.
 //!
-//! A layer has three drawables, which go back and forth between it and the program. The output is drawn into one by a triangle that
-//! covers it, scaled where the sizes differ, in a command buffer of its own: the frame does not wait for the window.
+//! A layer has three drawables, which go back and forth between it and the program. A triangle draws the output over
+//! the whole drawable, scaled if the sizes differ. The draw has its own command buffer, so the frame does not wait for
+//! the window.
 
 use crate::error::no_object;
 use crate::gpu::MetalGpu;
@@ -28,7 +29,7 @@ struct Output {
 }
 
 impl Swapchain {
-    /// Gives the layer's drawables a size, and paces them.
+    /// Sets the size and pacing of the layer's drawables.
     pub(crate) fn new(gpu: &MetalGpu, size: (u32, u32), vsync: bool) -> Result<Swapchain, BackendError> {
         let Some(surface) = &gpu.surface else {
             return Err(BackendError::Invalid("the device was opened without a window".to_string()));
@@ -41,7 +42,7 @@ impl Swapchain {
         Ok(Swapchain { layer, size, drawable: None, output: None })
     }
 
-    /// Acquires a drawable. Blocks until there is one, for a second at most (`allowsNextDrawableTimeout`).
+    /// Acquires a drawable. Blocks until there is one, for at most a second (`allowsNextDrawableTimeout`).
     pub(crate) fn acquire(&mut self) -> Acquired {
         self.drawable = objc::pool(|| self.layer.next_drawable().map(ToOwned::to_owned));
         match &self.drawable {
@@ -50,15 +51,15 @@ impl Swapchain {
         }
     }
 
-    /// Names the output that is drawn into the acquired drawable.
+    /// Sets the output to draw into the acquired drawable.
     pub(crate) fn set_output(&mut self, output: &Image<MetalGpu>) {
         self.output = Some(Output { texture: output.raw.clone(), format: output.format, size: output.size });
     }
 
     /// Records the draw of the output, and its presentation.
     ///
-    /// It waits for the export's fences and updates them: it takes its place among the export's copies. Where there are none, it
-    /// waits for the event of the frame.
+    /// The draw joins the export's copies: it waits for their fences and updates them. Without fences, it waits for the
+    /// frame's event.
     pub(crate) fn draw(
         &mut self,
         gpu: &MetalGpu,

@@ -1,9 +1,9 @@
-//! For the tests of this crate: hand-made plans, and encoders in short.
+//! For the tests of this crate: hand-made plans, and a short notation for encoders.
 
 use crate::sync::*;
 use splatgraph_framework::{ir::*, plan::*, solve::add_dependencies};
 
-/// A plan in the making. Buffers and images have 64 bytes and memory of their own unless a test says otherwise.
+/// A plan under construction. Buffers and images have 64 bytes and their own memory unless a test changes it.
 pub struct Sketch {
     pub plan: Plan,
 }
@@ -53,7 +53,7 @@ impl Sketch {
         self.resource(name, Shape::Buffer { stride: 4, count: 16 }, Source::Transient)
     }
 
-    /// Adds a buffer of which each frame in flight has its own.
+    /// Adds a buffer with a copy per frame in flight.
     pub fn readback(&mut self) -> ResourceId {
         self.resource("readback", Shape::Buffer { stride: 4, count: 16 }, Source::Readback)
     }
@@ -63,7 +63,7 @@ impl Sketch {
         self.resource(name, shape, Source::Transient)
     }
 
-    /// Puts the second into the memory of the first.
+    /// Puts the second resource into the memory of the first.
     pub fn share(&mut self, first: ResourceId, second: ResourceId) {
         let block = self.plan.resource(first).block.expect("a transient one");
         self.plan.resources[second.index()].block = Some(block);
@@ -89,7 +89,7 @@ impl Sketch {
         self.pass(name, Run::Frame, DISPATCH, uses);
     }
 
-    /// A dispatch whose arguments start at a byte of a buffer.
+    /// Adds a dispatch whose arguments start at a byte of a buffer.
     pub fn dispatch_from(&mut self, name: &str, buffer: ResourceId, offset: u64, uses: &[Use]) {
         let groups = Groups::Indirect { buffer, offset };
         let uses = [&[arguments(buffer)], uses].concat();
@@ -101,7 +101,7 @@ impl Sketch {
         self.pass(name, Run::Frame, Work::Fill { buffer, value: 0 }, &uses);
     }
 
-    /// A draw into an image, which it clears or keeps.
+    /// Adds a draw into an image, which it clears or keeps.
     pub fn draw(&mut self, name: &str, image: ResourceId, load: Load, uses: &[Use]) {
         self.draw_by(name, DrawCall::Direct { vertices: 3, instances: 1 }, image, load, uses);
     }
@@ -123,7 +123,7 @@ impl Sketch {
         self.pass(name, Run::Frame, work, &[&[target], uses].concat());
     }
 
-    /// The export of an image, and of the first word of a buffer.
+    /// Adds the export of an image, and of the first word of a buffer.
     pub fn export(&mut self, image: ResourceId, word_of: Option<ResourceId>) {
         let mut uses = vec![touch(image, Stages::COPY, Accesses::TRANSFER_READ)];
         if let Some(buffer) = word_of {
@@ -141,14 +141,14 @@ impl Sketch {
         self.pass("host", Run::Frame, Work::Host, &uses);
     }
 
-    /// Returns the encoders of the prologue and of the frame, a line for each.
+    /// Formats the encoders of the prologue and of the frame, a line each.
     pub fn told(&self, division: Division) -> (Vec<String>, Vec<String>) {
         let encoders = encoders(&self.plan, division);
         let lines = |of: &[Encoding]| of.iter().map(|encoding| tell(&self.plan, encoding)).collect();
         (lines(&encoders.prologue), lines(&encoders.frame))
     }
 
-    /// Returns the encoders of the frame, as few as there can be.
+    /// Formats the encoders of the frame in the merged division.
     pub fn frame(&self) -> Vec<String> {
         self.told(Division::Merged).1
     }
@@ -186,7 +186,8 @@ pub fn fragments_write(resource: ResourceId) -> Use {
     touch(resource, Stages::FRAGMENT, Accesses::STORAGE_WRITE)
 }
 
-/// For instance `compute after 0: make, (buffers) use; then 1`, where numbers are fences and `0v` is before or after vertices.
+/// Formats an encoder: `compute after 0: make, (buffers) use; then 1`. Numbers are fences; `0v` is before or after the
+/// vertex stage.
 pub fn tell(plan: &Plan, encoding: &Encoding) -> String {
     let fences = |uses: &[FenceUse]| {
         let one = |of: &FenceUse| match of.stages {
@@ -216,7 +217,7 @@ pub fn tell(plan: &Plan, encoding: &Encoding) -> String {
     line
 }
 
-/// Two dispatches, a draw and a copy, each of which needs the one before.
+/// Returns two dispatches, a draw and a copy, each of which depends on the previous one.
 pub fn chain() -> Sketch {
     let mut s = Sketch::new();
     let (x, y, image) = (s.buffer("x"), s.buffer("y"), s.image("image"));

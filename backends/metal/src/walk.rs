@@ -1,29 +1,30 @@
 //! The walk over a plan's encoders while a frame is recorded.
 //!
-//! The runtime announces passes one by one. A walk answers with [`Move`]s: close this encoder, open that one, wait for its fences,
-//! barrier. It holds what depends on the frame: passes of the prologue, which only the first runs; copies of inspected resources in the
-//! midst of an encoder; and fences that nothing has updated yet, which nothing waits for.
+//! The runtime announces passes one by one. A walk answers with [`Move`]s: close this encoder, open that one, wait for
+//! its fences, barrier. It handles what depends on the frame: passes of the prologue, which only the first frame runs;
+//! copies of inspected resources in the middle of an encoder; and fences that nothing has updated yet, which nothing
+//! waits for.
 //!
-//! Every encoder whose pass is announced is opened, also where its pass is left out: orders may lead through it from one encoder to a
-//! third.
+//! Every encoder with an announced pass is opened, even if the pass is skipped: dependencies may pass through it from
+//! one encoder to another.
 
 use crate::sync::{Division, EncoderKind, Encoders, FenceUse, MemoryBarrier, encoders};
 use splatgraph_framework::{ir::*, plan::*};
 
-/// The encoders of a plan in both divisions, and what frames know of their fences.
+/// The encoders of a plan in both divisions, and the state of their fences across frames.
 #[derive(Debug)]
 pub struct Walked {
     divisions: [Divided; 2],
-    /// The division of the last frame that was submitted.
+    /// The division of the last submitted frame.
     last: Option<Division>,
 }
 
 #[derive(Debug)]
 struct Divided {
     encoders: Encoders,
-    /// The encoder of each pass, counted through prologue and frame, and the pass's place in it.
+    /// The encoder of each pass, counted through prologue and frame, and the pass's position in it.
     places: Vec<Option<(usize, usize)>>,
-    /// Marks each fence that a submitted frame has updated.
+    /// By fence: true if a submitted frame has updated it.
     updated: Vec<bool>,
 }
 
@@ -52,7 +53,7 @@ impl Walked {
         &self.divisions[usize::from(division == Division::Passes)]
     }
 
-    /// Notes that the frame of this walk was submitted.
+    /// Records that the frame of this walk was submitted.
     pub fn submitted(&mut self, walk: &Walk) {
         let Some(division) = walk.division else { return };
         self.divisions[usize::from(division == Division::Passes)].updated.clone_from(&walk.updated);
@@ -60,13 +61,12 @@ impl Walked {
     }
 }
 
-/// Tells the executor what to do next.
+/// The executor's next action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Move {
-    /// Orders everything that comes after everything that was submitted before: the encoders of this frame are others than those of
-    /// the frame before, and know nothing of their fences.
+    /// Waits for all earlier submissions. Fences do not carry over: this frame has new encoders.
     AfterAll,
-    /// Orders everything that comes after everything before: the prologue is over.
+    /// Orders everything later after everything earlier, at the end of the prologue.
     HandOver,
     /// Updates a fence after the last command of the open encoder.
     Update(FenceUse),
@@ -84,7 +84,7 @@ pub enum Move {
 #[derive(Clone, Debug, Default)]
 pub struct Walk {
     division: Option<Division>,
-    /// The encoder of the pass that was announced last, and whether it is open.
+    /// The encoder of the pass announced last, and true if it is open.
     current: Option<(usize, bool)>,
     updated: Vec<bool>,
 }
@@ -107,14 +107,14 @@ impl Walk {
                 moves.push(Move::AfterAll);
             }
         }
-        // The host's step has none.
+        // The host's pass has none.
         let Some((index, place)) = divided.places[pass.index()] else { return };
         let encoding = divided.encoding(index);
         match self.current {
             Some((current, true)) if current == index => {
                 moves.extend(encoding.passes[place].barrier.map(Move::Barrier));
             }
-            // Whatever it waits for was waited for before it was interrupted, and all before that is done.
+            // Its waits were made before it was interrupted, and everything before that has completed.
             Some((current, false)) if current == index => moves.push(Move::Open(encoding.kind)),
             _ => {
                 self.close(walked, moves);
@@ -133,9 +133,9 @@ impl Walk {
         self.current = Some((index, true));
     }
 
-    /// Closes the open encoder for something that the plan knows nothing of.
+    /// Closes the open encoder for work outside the plan.
     ///
-    /// That must be ordered after everything before it and before everything after it.
+    /// That work must be ordered after everything before it and before everything after it.
     pub fn interrupt(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
         self.close(walked, moves);
         if let Some((_, open)) = &mut self.current {
@@ -148,7 +148,7 @@ impl Walk {
         self.interrupt(walked, moves);
     }
 
-    /// Closes the open encoder. It updates its fences also if it is opened again: then it does so once more.
+    /// Closes the open encoder. It updates its fences even if it is opened again, and then updates them again.
     fn close(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
         let (Some(division), Some((index, true))) = (self.division, self.current) else { return };
         for update in &walked.of(division).encoding(index).updates {
@@ -158,7 +158,7 @@ impl Walk {
         moves.push(Move::Close);
     }
 
-    /// Returns the division of the frame, once a pass was announced.
+    /// Returns the division of the frame once a pass has been announced.
     pub fn division(&self) -> Option<Division> {
         self.division
     }
@@ -168,9 +168,9 @@ impl Walk {
         self.current.is_some_and(|(_, open)| open)
     }
 
-    /// Lists the fences that the encoder of a pass updates: whoever waits for them waits for it.
+    /// Lists the fences that the encoder of a pass updates.
     ///
-    /// Commands that take their place behind that pass wait for them, and update them once more.
+    /// Commands that join this pass wait for these fences and update them again.
     pub fn updates<'a>(&self, walked: &'a Walked, pass: PassId) -> &'a [FenceUse] {
         let Some(divided) = self.division.map(|division| walked.of(division)) else { return &[] };
         divided.places[pass.index()].map_or(&[], |(index, _)| &divided.encoding(index).updates)

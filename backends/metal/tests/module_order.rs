@@ -1,4 +1,4 @@
-//! Checks that the imports of the crate run one way.
+//! Checks that imports follow the order of the crate's modules.
 
 use std::path::Path;
 

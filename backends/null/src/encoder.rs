@@ -1,4 +1,4 @@
-//! The recording of commands into the journal.
+//! Records commands into the journal.
 
 use crate::gpu::{Bindings, NullGpu, Synchronization, Ticks, Timestamps};
 use crate::journal::{Call, Owned, Used};

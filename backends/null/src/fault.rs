@@ -1,47 +1,47 @@
-//! Faults: calls that are made to fail.
+//! Fault injection: calls that fail on purpose.
 
 /// A call that fails, once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// The kind of call.
     pub point: Point,
-    /// The calls of this kind that succeed before it.
+    /// Number of calls of this kind that succeed before it.
     pub after: u64,
 }
 
-/// A kind of call that can fail, and how.
+/// A kind of call that can fail, and its failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Point {
     /// Memory cannot be allocated.
     Allocate,
     /// An object other than memory cannot be created.
     Create,
-    /// The driver does not come to the end of a pipeline until [`Journal::resume`](crate::Journal::resume).
+    /// The driver hangs in a pipeline until [`Journal::resume`](crate::Journal::resume).
     Compile,
     /// The device is lost when commands are submitted.
     Submit,
-    /// The device is lost while it executes a submission, half of whose timestamps are written.
+    /// The device is lost during a submission, half of whose timestamps are written.
     Execute,
-    /// The device does not come to the end of a submission, nor of any after it, until [`Journal::resume`](crate::Journal::resume);
-    /// half of the submission's timestamps are written.
+    /// The device hangs in a submission, and in all later ones, until [`Journal::resume`](crate::Journal::resume); half
+    /// of the submission's timestamps are written.
     Hang,
     /// The swapchain is out of date when an image is acquired.
     AcquireOutOfDate,
-    /// The window gives no image in time.
+    /// The window gives no image within the time limit.
     AcquireTimeout,
     /// The surface is lost when an image is acquired.
     AcquireLost,
-    /// An image is acquired, and another swapchain would fit better.
+    /// The acquired image is suboptimal.
     AcquireSuboptimal,
     /// The swapchain is out of date when an image is presented.
     PresentOutOfDate,
     /// The surface is lost when an image is presented.
     PresentLost,
-    /// The image is shown, and another swapchain would fit better.
+    /// The image is presented, and the swapchain is suboptimal.
     PresentSuboptimal,
     /// The device is lost when an image is presented.
     Present,
-    /// The surface cannot be queried, since it is lost.
+    /// The surface cannot be queried, because it is lost.
     Surface,
 }
 

@@ -11,14 +11,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// A device to open.
+/// The options for opening a device.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// The device's limits.
     pub limits: Limits,
-    /// The size in pixels of the window that frames are shown in, if there is one.
+    /// The size of the window in pixels, if there is one.
     pub window: Option<(u32, u32)>,
-    /// Bytes of the device's memory that can be allocated in all, as its driver says; it grants more.
+    /// Bytes of device memory that the driver reports as allocatable; it grants more.
     pub budget: Option<u64>,
     /// The calls that fail.
     pub faults: Vec<Fault>,
@@ -26,7 +26,7 @@ pub struct Config {
     pub patience: Duration,
     /// See [`splatgraph_api::Options::compile_patience`].
     pub compile_patience: Duration,
-    /// The word that the host reads wherever it reads: in statistics, pictures and inspections.
+    /// The word returned for everything that the host reads: statistics, pictures and inspections.
     pub read: u32,
 }
 
@@ -38,14 +38,14 @@ impl Default for Config {
             budget: None,
             faults: Vec::new(),
             patience: Duration::from_millis(20),
-            // Long enough for a thread to be given a processor on a busy machine.
+            // Long enough for a thread to be scheduled on a busy machine.
             compile_patience: Duration::from_secs(1),
             read: 0,
         }
     }
 }
 
-/// An opened device that executes nothing; see [`crate::Null`].
+/// An open device that executes nothing; see [`crate::Null`].
 pub struct NullGpu {
     pub(crate) limits: Limits,
     pub(crate) budget: Option<u64>,
@@ -60,7 +60,7 @@ pub struct NullGpu {
     _owned: Owned,
 }
 
-/// Returns the limits of the device that [`Config::default`] opens: about those of a desktop GPU.
+/// Returns the limits of the device that [`Config::default`] opens, similar to a desktop GPU's.
 pub fn limits() -> Limits {
     Limits {
         max_storage_bytes: 1 << 30,
@@ -124,7 +124,7 @@ impl NullGpu {
         (info, Arc::new(gpu))
     }
 
-    /// Creates an object, unless a fault prevents it.
+    /// Creates an object, unless a fault is due.
     pub(crate) fn create(&self, object: Object, name: &str) -> Result<Owned, BackendError> {
         if self.journal.fails(Point::Create) {
             let reason = format!("a fault prevents the creation of {object:?}");
@@ -133,7 +133,7 @@ impl NullGpu {
         Ok(self.journal.create(object, name))
     }
 
-    /// Refuses once the device is lost.
+    /// Fails if the device is lost.
     pub(crate) fn check_lost(&self, call: &str) -> Result<(), BackendError> {
         if self.journal.is_lost() {
             return Err(BackendError::DeviceLost(format!("{call} found the device lost")));
@@ -142,7 +142,7 @@ impl NullGpu {
     }
 }
 
-/// Memory, which is mapped unless it is the device's alone.
+/// Memory; mapped unless it is device-only.
 pub struct Memory {
     pub(crate) bytes: u64,
     pub(crate) mapped: Vec<u8>,
@@ -170,12 +170,12 @@ impl Drop for Memory {
     }
 }
 
-/// The number of the object that each binding and element points to.
+/// The number of the object at each binding and element.
 pub(crate) type Targets = HashMap<(u32, u32), u64>;
 
 /// The dependencies of each pass, from the plan.
 pub struct Synchronization {
-    /// By pass, and after these of the handover: the number of dependencies, and the layout changes.
+    /// By pass, then for the handover: the number of dependencies, and the layout changes.
     waits: Vec<(usize, Vec<LayoutChange>)>,
 }
 

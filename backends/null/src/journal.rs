@@ -1,4 +1,4 @@
-//! The journal: every call, the objects that are alive, and the submissions that have not completed.
+//! The journal: every call, the live objects, and the submissions in flight.
 
 use crate::fault::{Fault, Point};
 use splatgraph_framework::ir::{DescriptorKind, Layout};
@@ -150,7 +150,7 @@ pub enum Call {
     },
 }
 
-/// Something that a submission uses.
+/// An object or bindings that a submission uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Used {
     /// An object, by its number.
@@ -167,9 +167,9 @@ struct State {
     reached: BTreeMap<Point, u64>,
     faults: Vec<Fault>,
     in_flight: Vec<InFlight>,
-    /// The device executes nothing that is submitted.
+    /// True if the device executes nothing that is submitted.
     hangs: bool,
-    /// The compilers that do not come to an end.
+    /// The number of hanging compilers.
     compilers: u64,
     lost: bool,
 }
@@ -180,20 +180,20 @@ struct InFlight {
     encoder: u64,
     /// The objects and bindings that its commands use.
     used: HashSet<Used>,
-    /// It never completes.
+    /// True if it never completes.
     hung: bool,
 }
 
-/// The part of a submission in the device's hanging.
+/// A submission's role when the device hangs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Hung {
-    /// The device hangs in it.
+    /// The device hangs in this submission.
     In,
-    /// The device hangs in one before it.
+    /// The device hangs in an earlier one.
     Behind,
 }
 
-/// The record of a device, shared by all that was made from it.
+/// The record of a device, shared by all of its objects.
 #[derive(Clone, Default)]
 pub struct Journal {
     state: Arc<Mutex<State>>,
@@ -210,12 +210,12 @@ impl Journal {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the calls since the last time.
+    /// Takes the calls since the last time.
     pub fn take(&self) -> Vec<Call> {
         std::mem::take(&mut self.state().calls)
     }
 
-    /// Counts the objects that are alive, by kind.
+    /// Counts the live objects, by kind.
     pub fn alive(&self) -> BTreeMap<Object, i64> {
         self.state().alive.iter().filter(|(_, count)| **count != 0).map(|(&k, &v)| (k, v)).collect()
     }
@@ -233,7 +233,7 @@ impl Journal {
         self.state().calls.push(call);
     }
 
-    /// Counts a call of a kind, and says whether it is to fail.
+    /// Counts a call of a kind, and returns true if it must fail.
     pub(crate) fn fails(&self, point: Point) -> bool {
         let mut state = self.state();
         let reached = state.reached.entry(point).or_default();
@@ -248,12 +248,12 @@ impl Journal {
         state.in_flight.clear();
     }
 
-    /// Makes the device hang in everything that is submitted, until [`Journal::resume`].
+    /// Makes the device hang in all later submissions, until [`Journal::resume`].
     pub fn hang(&self) {
         self.state().hangs = true;
     }
 
-    /// Lets a device that [hangs](Point::Hang) finish what it has, and go on.
+    /// Lets a device that [hangs](Point::Hang) finish its work and continue.
     pub fn resume(&self) {
         let mut state = self.state();
         state.hangs = false;
@@ -261,7 +261,7 @@ impl Journal {
         state.in_flight.iter_mut().for_each(|submission| submission.hung = false);
     }
 
-    /// Compiles a pipeline, which may take until [`Journal::resume`].
+    /// Compiles a pipeline; a fault makes it block until [`Journal::resume`].
     pub(crate) fn compile(&self) {
         if !self.fails(Point::Compile) {
             return;
@@ -272,7 +272,7 @@ impl Journal {
         }
     }
 
-    /// Counts a submission, and says whether the device hangs.
+    /// Counts a submission, and returns whether it hangs.
     pub(crate) fn hangs(&self) -> Option<Hung> {
         let now = self.fails(Point::Hang);
         let mut state = self.state();
@@ -286,7 +286,7 @@ impl Journal {
         }
     }
 
-    /// Returns true if the submission of an encoder, or any, hangs.
+    /// Returns true if the submission of an encoder, or any if `None`, hangs.
     pub(crate) fn is_hung(&self, encoder: Option<&Owned>) -> bool {
         let of = |submission: &InFlight| encoder.is_none_or(|encoder| encoder.number == submission.encoder);
         self.state().in_flight.iter().any(|submission| submission.hung && of(submission))
@@ -310,14 +310,14 @@ impl Journal {
         self.state().in_flight.push(InFlight { encoder: encoder.number, used, hung });
     }
 
-    /// Objects to an encoder that is used before its last submission was waited for.
+    /// Reports an encoder that is reused before its last submission was waited for.
     pub(crate) fn check_idle(&self, encoder: &Owned, action: &str) {
         if self.state().in_flight.iter().any(|submission| submission.encoder == encoder.number) {
             self.messages.add(format!("encoder `{}` is {action} while it is in flight", encoder.name));
         }
     }
 
-    /// Objects to a change of something that a submission in flight uses.
+    /// Reports a change to something that a submission in flight uses.
     pub(crate) fn check_unused(&self, used: Used, what: impl FnOnce() -> String) {
         if self.state().in_flight.iter().any(|submission| submission.used.contains(&used)) {
             self.messages.add(format!("{} while it is in flight", what()));

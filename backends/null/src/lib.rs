@@ -1,12 +1,12 @@
 //! A backend that executes nothing and records every call.
 //!
-//! [`Null`] runs plans through the same runtime as every other backend, in microseconds and on any machine. Its [`Journal`] has
-//! every call that the runtime made, in order and comparable, and counts the objects that are alive. It also checks the promises
-//! that the runtime makes to an API: an object is not destroyed, nor a binding written, while a submission that uses it has not
-//! completed, and an encoder is not used again before it was waited for. A broken promise is a validation message.
+//! [`Null`] runs plans through the runtime that every other backend uses, in microseconds and on any machine. Its
+//! [`Journal`] records every call of the runtime in order, and counts live objects. It also checks the runtime's
+//! guarantees to an API: while a submission is in flight, its objects are not destroyed and its bindings not written;
+//! and an encoder is not reused before it was waited for. A broken guarantee is a validation message.
 //!
-//! [`Fault`]s make the n-th call of a kind fail: allocations, submissions, the swapchain. Tests of frames, histories, swaps and
-//! faults run on it.
+//! [`Fault`]s make the n-th call of a kind fail: allocations, submissions, the swapchain. Tests of frames, histories,
+//! swaps and faults run on it.
 
 #![deny(missing_docs)]
 
@@ -22,13 +22,13 @@ pub use journal::{Call, Journal, Object};
 
 use splatgraph_api::BackendError;
 
-/// A device that executes nothing, and the plan that it would execute.
+/// A device that executes nothing, with a plan.
 pub type Null = splatgraph_runtime::Executor<NullGpu>;
 
 /// Opens a device, and returns it with the journal of its calls, which outlives it.
 ///
 /// # Errors
-/// The error of a fault in the creation of its first objects.
+/// The error of a fault during the creation of the device's first objects.
 pub fn open(config: &Config) -> (Result<Null, BackendError>, Journal) {
     let (info, gpu) = NullGpu::new(config);
     let journal = gpu.journal.clone();

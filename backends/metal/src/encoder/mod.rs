@@ -1,9 +1,10 @@
-//! The recording of commands into a command buffer.
+//! Records commands into a command buffer.
 //!
-//! The plan's order is not decided here: [`Walk`](crate::walk::Walk) says which encoder a pass belongs to, and what it waits for. An encoder is opened with
-//! the first of its commands, since only then are the targets of draws and the samples of times known.
+//! The plan's order is not decided here: [`Walk`](crate::walk::Walk) tells which encoder a pass belongs to, and what it
+//! waits for. An encoder is opened with its first command, because only then are the targets of draws and the timestamp
+//! samples known.
 //!
-//! Every call has an autorelease pool of its own: what Metal leaves to the pool does not wait for the end of the thread.
+//! Every call has its own autorelease pool, so that Metal's autoreleased objects are freed before the thread ends.
 
 use crate::capture;
 use crate::descriptors::ArgumentTables;
@@ -30,7 +31,7 @@ pub use state::Encoder;
 use state::{Bound, Open};
 
 impl Encoder {
-    /// Submits what was recorded, and behind it the draw of the output into a window.
+    /// Submits the recorded commands, followed by the draw of the output into a window.
     pub(crate) fn submit(&mut self, window: Option<&mut Swapchain>) -> Result<(), BackendError> {
         objc::pool(|| self.submit_pooled(window))
     }
@@ -54,7 +55,7 @@ impl Encoder {
                 }
                 _ => window.draw(&self.gpu, &[], frame)?,
             };
-            // The value that says that all is done comes after that of the frame.
+            // The value for completion comes after the frame's own.
             shown.encode_wait_for_event(&self.done.0, self.done.1);
             self.done.1 += 1;
             shown.encode_signal_event(&self.done.0, self.done.1);
@@ -69,7 +70,7 @@ impl Encoder {
         Ok(())
     }
 
-    /// Blocks until the last submission has completed, or the time is over. Returns true in the first case.
+    /// Blocks until the last submission has completed, or the time is over. Returns false if the time is over.
     pub(crate) fn wait(&mut self, limit: Duration) -> Result<bool, BackendError> {
         let done = objc::pool(|| queue::wait(&self.submitted, (&self.done.0, self.done.1), limit))?;
         if let (true, Some(frame)) = (done, self.submitted.first()) {
@@ -81,13 +82,13 @@ impl Encoder {
         Ok(done)
     }
 
-    /// Makes what the walk says of the encoders.
+    /// Executes the walk's moves.
     fn follow(&mut self) {
         let moves = std::mem::take(&mut self.moves);
         for step in &moves {
             match *step {
                 Move::AfterAll => self.after_all = true,
-                // What is submitted later may begin before an event that only these commands wait for.
+                // Later submissions may begin before an event that only these commands wait for.
                 Move::HandOver => {
                     self.order_midst();
                     self.publishes = true;
@@ -111,8 +112,8 @@ impl Encoder {
         self.moves.clear();
     }
 
-    /// Ends everything that was recorded, and lets what comes wait for it and for all that was submitted before: these commands, and
-    /// those that are submitted later, whose fences know nothing of what comes here.
+    /// Orders all later commands after everything recorded and everything submitted earlier. It covers later
+    /// submissions as well, whose fences do not include these commands.
     fn order_everything(&mut self) {
         self.interrupt();
         self.after_all = true;
@@ -120,7 +121,7 @@ impl Encoder {
         self.order_midst();
     }
 
-    /// Lets the commands that come wait for those before them.
+    /// Orders later commands after earlier ones in this recording.
     fn order_midst(&mut self) {
         let (event, value) = &mut self.midst;
         *value += 1;
@@ -130,7 +131,7 @@ impl Encoder {
         }
     }
 
-    /// Closes the plan's encoder, or that of copies which the plan knows nothing of.
+    /// Closes the plan's encoder, or an encoder of copies outside the plan.
     fn interrupt(&mut self) {
         if let Some(order) = self.order.clone() {
             self.walk.interrupt(&order.walked(), &mut self.moves);
@@ -143,13 +144,13 @@ impl Encoder {
 impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
     fn begin(&mut self) -> Result<(), BackendError> {
         objc::pool(|| {
-            // An encoder that is dropped must have ended; the recording before may have been given up.
+            // An encoder must have ended before it is dropped; the earlier recording may have been abandoned.
             self.close();
             if let Some(reason) = capture::begin(&self.gpu.device) {
                 self.gpu.messages.add(format!("no frame is captured: {reason}"));
             }
             let commands = self.gpu.commands(&self.name)?;
-            // What that is for is known when they are submitted.
+            // Its meaning is decided at submission.
             self.others.1 += 1;
             commands.encode_wait_for_event(&self.others.0, self.others.1);
             self.commands = Some(commands);
@@ -172,7 +173,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         objc::pool(|| {
             let order = self.order.get_or_insert_with(|| pipelines.order.clone()).clone();
             let timed = timed && self.gpu.timestamps.is_some();
-            // What the plan knows nothing of ends with its next pass.
+            // Work outside the plan ends with the plan's next pass.
             if !self.walk.is_open() {
                 self.close();
             }
@@ -204,7 +205,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         }
     }
 
-    /// The walk has its own: Metal's encoders are ordered by fences, and images have no layouts.
+    /// Does nothing: the walk orders Metal's encoders by fences, and images have no layouts.
     fn synchronize<'a>(
         &mut self,
         _: &(),
@@ -229,7 +230,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         self.publishes = true;
     }
 
-    /// The host sees whatever was written, once the command buffer has completed.
+    /// Does nothing: all writes are visible to the host once the command buffer has completed.
     fn copies_to_host(&mut self) {}
 
     fn bind(
@@ -269,7 +270,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         objc::pool(|| {
             let Some(encoder) = self.compute() else { return };
             let Some(threads) = self.bound.dispatch(&encoder) else { return };
-            // Metal's validation allows no empty dispatch.
+            // Metal's validation refuses empty dispatches.
             if [x, y, z].contains(&0) {
                 return self.gpu.builtin.fill(&encoder, &self.gpu.builtin.scratch, [0, 0]);
             }
@@ -294,7 +295,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
             let Some(encoder) = self.render(targets) else { return };
             let Some(primitives) = self.bound.draw(&encoder) else { return };
             match draw {
-                // Nor an empty draw. Its encoder clears the targets.
+                // Metal's validation refuses empty draws as well. The encoder has cleared the targets.
                 Draw::Direct { vertices: 0, .. } | Draw::Direct { instances: 0, .. } => {}
                 Draw::Direct { vertices, instances } => {
                     encoder.draw_primitives_instanced(primitives, 0, vertices.into(), instances.into());
@@ -366,7 +367,8 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         self.times = Some(timestamps.clone());
     }
 
-    /// Those of a pass are samples of its encoder, which the first of its commands opens: of both, the first names them.
+    /// A pass's two timestamps are samples of its encoder, which its first command opens; the first timestamp names
+    /// both.
     fn timestamp(&mut self, _: &Timestamps, index: u32) {
         if let (Some(sample), Some(_)) = (lower::sample(index), self.next)
             && sample.is_multiple_of(2)
@@ -377,7 +379,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
 }
 
 impl Drop for Encoder {
-    /// Metal asks that encoders end before they are released.
+    /// Metal requires encoders to end before they are released.
     fn drop(&mut self) {
         objc::pool(|| self.close());
     }

@@ -1,4 +1,4 @@
-//! The encoders of Metal's: opened with their fences, samples and targets, and closed again.
+//! Opens Metal's encoders with their fences, samples and targets, and closes them.
 
 use super::state::{Encoder, Open};
 use crate::gpu::MetalGpu;
@@ -10,8 +10,8 @@ use splatgraph_runtime::Image;
 
 impl Encoder {
     pub(super) fn update(&mut self, update: FenceUse) {
-        // Orders lead also through encoders whose passes are left out, and Metal may drop one without commands, fences and all. So it
-        // gets one that changes nothing. (Draws are never left out.)
+        // Dependencies can pass through encoders whose passes are skipped, and Metal may drop an encoder without
+        // commands, including its fences. So it gets a command without effect. (Draws are never skipped.)
         match self.next {
             Some(EncoderKind::Compute) => {
                 if let Some(encoder) = self.compute() {
@@ -58,14 +58,14 @@ impl Encoder {
         }
     }
 
-    /// Returns the samples that the encoder which is opened now takes: the buffer and the index of the first of two.
+    /// Returns the samples for the encoder being opened: the buffer and the index of the first of two.
     fn samples(&mut self) -> Option<(CounterSampleBuffer, u64)> {
         let first = self.sample.take()?;
         let samples = self.times.as_ref()?.take(first)?;
         Some((samples.clone(), first.into()))
     }
 
-    /// Waits for the fences of the encoder that was just opened, and names it.
+    /// Waits for the fences of the newly opened encoder, and labels it.
     fn opened(&mut self) {
         self.next = None;
         let waits = std::mem::take(&mut self.waits);
@@ -105,7 +105,7 @@ impl Encoder {
             let commands = self.commands.as_ref()?;
             self.open = Open::Compute(objc::pool(|| {
                 let descriptor = ComputePassDescriptor::new();
-                // Nothing waits for anything but by barriers and fences.
+                // Only barriers and fences order its commands.
                 descriptor.set_dispatch_type(MTLDispatchType::Concurrent);
                 if let (Some((buffer, first)), Some(samples)) =
                     (&samples, descriptor.sample_buffer_attachments().object_at(0))
@@ -195,7 +195,7 @@ impl Encoder {
     }
 }
 
-/// Lowers the stages of a fence; `usual` where the plan names none.
+/// Lowers the stages of a fence; `usual` if the plan names none.
 fn stages(fence: FenceUse, usual: MTLRenderStages) -> MTLRenderStages {
     match fence.stages {
         Some(RenderStages::Vertex) => MTLRenderStages::Vertex,

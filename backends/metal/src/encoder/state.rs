@@ -12,7 +12,7 @@ use std::ffi::c_void;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The encoder of Metal's that commands are recorded to.
+/// The open Metal encoder, to which commands are recorded.
 pub(super) enum Open {
     None,
     Compute(ComputeCommandEncoder),
@@ -24,33 +24,33 @@ pub(super) enum Open {
 pub struct Encoder {
     pub(super) name: String,
     pub(super) commands: Option<CommandBuffer>,
-    /// The last submission, until it was waited for.
+    /// The last submission, until it has been waited for.
     pub(super) submitted: Vec<CommandBuffer>,
     /// Signalled when a submission has completed.
     pub(super) done: (SharedEvent, u64),
-    /// Signalled and waited for in the midst of the commands.
+    /// Signalled and waited for between commands of this recording.
     pub(super) midst: (Event, u64),
-    /// Signalled when what the commands wait for from their beginning has completed; see [`submit`](crate::queue::submit).
+    /// Signalled when the earlier work that the commands wait for has completed; see [`submit`](crate::queue::submit).
     pub(super) others: (SharedEvent, u64),
-    /// They wait for everything submitted before them, and not only for what was published.
+    /// True if they wait for everything submitted earlier, and not only for published work.
     pub(super) after_all: bool,
-    /// All that is submitted later waits for them.
+    /// True if all later submissions wait for them.
     pub(super) publishes: bool,
     pub(super) walk: Walk,
     pub(super) order: Option<Arc<Order>>,
     pub(super) moves: Vec<Move>,
-    /// The encoder that commands are recorded to.
+    /// The open encoder.
     pub(super) open: Open,
-    /// The encoder that the next command opens, and the fences that it then waits for.
+    /// The encoder that the next command opens; it then waits for its fences.
     pub(super) next: Option<EncoderKind>,
     pub(super) waits: Vec<FenceUse>,
     pub(super) bound: Bound,
-    /// Takes the times of the frame.
+    /// The frame's timestamps.
     pub(super) times: Option<Timestamps>,
     /// The first of two samples of the next encoder.
     pub(super) sample: Option<u32>,
     pub(super) label: String,
-    /// Debug groups that are open in the encoder.
+    /// Number of debug groups open in the encoder.
     pub(super) groups: usize,
     pub(super) gpu: Arc<MetalGpu>,
 }
@@ -60,7 +60,7 @@ pub struct Encoder {
 pub(super) struct Bound {
     pub(super) pipeline: Option<Pipeline>,
     pub(super) table: Table,
-    /// Words to copy with the command: push constants, and sizes of buffers.
+    /// Words copied with the command: push constants, and sizes of buffers.
     pub(super) bytes: Vec<u8>,
     pub(super) copied: Vec<(Stage, u32, Range<usize>)>,
 }
@@ -93,7 +93,7 @@ impl Encoder {
 }
 
 impl Bound {
-    /// Sets pipeline and arguments of a dispatch. Returns the threads of its threadgroups.
+    /// Sets the pipeline and arguments of a dispatch. Returns the size of its threadgroups.
     pub fn dispatch(&self, encoder: &ComputeCommandEncoderRef) -> Option<MTLSize> {
         let Some(Pipeline::Compute { raw, threads }) = &self.pipeline else { return None };
         encoder.set_compute_pipeline_state(raw);
@@ -111,7 +111,7 @@ impl Bound {
         Some(*threads)
     }
 
-    /// Sets pipeline and arguments of a draw. Returns its primitives.
+    /// Sets the pipeline and arguments of a draw. Returns its primitive type.
     pub fn draw(&self, encoder: &RenderCommandEncoderRef) -> Option<MTLPrimitiveType> {
         let Some(Pipeline::Draw { raw, primitives }) = &self.pipeline else { return None };
         encoder.set_render_pipeline_state(raw);
@@ -140,7 +140,7 @@ impl Bound {
     }
 }
 
-/// Metal copies the bytes during the call.
+/// Returns a pointer to bytes; Metal copies them during the call.
 fn pointer(bytes: &[u8]) -> *const c_void {
     bytes.as_ptr().cast()
 }
