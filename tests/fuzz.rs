@@ -40,8 +40,8 @@ impl Random {
     }
 }
 
-/// Damages a file as an editor or an accident might.
-fn damaged(text: &[u8], random: &mut Random) -> (&'static str, Vec<u8>) {
+/// Damages a file as an editor or an accident might; says how.
+pub fn damaged(text: &[u8], random: &mut Random) -> (&'static str, Vec<u8>) {
     let mut bytes = text.to_vec();
     let mut lines: Vec<&[u8]> = text.split_inclusive(|byte| *byte == b'\n').collect();
     let [one, other] = [random.below(lines.len()), random.below(lines.len())];

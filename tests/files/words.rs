@@ -3,121 +3,39 @@
 pub use crate::numbers::Random;
 
 impl Random {
-    fn of<'a>(&mut self, words: &[&'a str]) -> &'a str {
-        words[self.below(words.len())]
+    /// Draws a word of a list. `~` is a space, and two spaces have an empty word between them.
+    fn word(&mut self, words: &str) -> String {
+        let words: Vec<&str> = words.split(' ').collect();
+        words[self.below(words.len())].replace('~', " ")
     }
 }
 
-/// Existing files (see `prepared` in the tests), other spellings of them, and missing ones.
-pub const FILES: [&str; 22] = [
-    "scene.ply",
-    "./scene.ply",
-    "link.ply",
-    "hard.ply",
-    "cameras.json",
-    "stats.json",
-    "graph.ron",
-    "step.comp",
-    "a.npy",
-    "b.npy",
-    "a.png",
-    "pics",
-    "more",
-    ".",
-    "pipe",
-    "scene.ply/x.png",
-    "missing.ply",
-    "cameras.json#0",
-    "cameras.json#one",
-    "cameras.json#99",
-    "arrays.npz#x",
-    "",
-];
+/// Files that are there (see `prepared` in the tests), by other names too, and some that are not.
+pub const FILES: &str = "scene.ply ./scene.ply link.ply hard.ply cameras.json stats.json graph.ron \
+    step.comp a.npy b.npy a.png pics more . pipe scene.ply/x.png missing.ply cameras.json#0 \
+    cameras.json#one cameras.json#99 arrays.npz#x ";
 
-/// Names for outputs: new ones, and existing inputs.
-const OUTPUTS: [&str; 30] = [
-    "out.png",
-    "out.exr",
-    "out.npy",
-    "out.ply",
-    "out.json",
-    "out.html",
-    "new/folder/out.png",
-    "out",
-    "out.png/x.npy",
-    "-",
-    "/dev/null",
-    "/dev/full",
-    "new/./out.png",
-    "new/../out.png",
-    "out.jpg",
-    "",
-    ".",
-    "..",
-    "scene.ply",
-    "./scene.ply",
-    "link.ply",
-    "hard.ply",
-    "cameras.json",
-    "stats.json",
-    "graph.ron",
-    "step.comp",
-    "a.npy",
-    "a.png",
-    "pics",
-    "\u{202e}gnp.\x1b[2J.png",
-];
+/// Names for outputs: new ones, and those of inputs.
+const OUTPUTS: &str = "out.png out.exr out.npy out.ply out.json out.html new/folder/out.png out \
+    out.png/x.npy - /dev/null /dev/full new/./out.png new/../out.png out.jpg  . .. scene.ply ./scene.ply \
+    link.ply hard.ply cameras.json stats.json graph.ron step.comp a.npy a.png pics \u{202e}gnp.\x1b[2J.png";
 
-const NUMBERS: [&str; 16] = [
-    "0",
-    "1",
-    "-1",
-    "2",
-    "100",
-    "0.5",
-    "-0.5",
-    "nan",
-    "inf",
-    "1e300",
-    "4294967296",
-    "18446744073709551616",
-    "",
-    "x",
-    "0x10",
-    " 3",
-];
+const NUMBERS: &str = "0 1 -1 2 100 0.5 -0.5 nan inf 1e300 4294967296 18446744073709551616  x 0x10 ~3";
 
-const GRAPHS: [&str; 8] = ["graph.ron", "unsorted", "nope", "scene.ply", "pics", "", "../splat", "pipe"];
+const GRAPHS: &str = "graph.ron unsorted nope scene.ply pics  ../splat pipe";
 
 /// Makes the words of a command line, without the program's name.
 pub fn line(random: &mut Random) -> Vec<String> {
     let command = match random.below(30) {
-        0 => random.of(&["help", "rendre", "", "devices"]),
-        _ => random.of(&[
-            "render",
-            "render",
-            "render",
-            "view",
-            "dump",
-            "check",
-            "info",
-            "compare",
-            "compare",
-            "synth",
-            "synth",
-            "bench",
-            "trade",
-            "sweep",
-            "advise",
-            "popping",
-            "experiment",
-            "evaluate",
-            "convert",
-            "video",
-        ]),
+        0 => random.word("help rendre  devices"),
+        _ => random.word(
+            "render render render view dump check info compare compare synth synth bench trade \
+            sweep advise popping experiment evaluate convert video",
+        ),
     };
-    let mut words: Vec<String> = vec![command.into()];
-    // Mostly the operands of the command.
+    let command = command.as_str();
+    let mut words = vec![command.to_owned()];
+    // The operands of each command, mostly.
     let operands = match command {
         "render" | "video" | "view" | "info" | "bench" | "trade" | "sweep" | "advise" | "popping" => {
             random.below(8).min(1)
@@ -129,12 +47,12 @@ pub fn line(random: &mut Random) -> Vec<String> {
     };
     for _ in 0..operands {
         let word = match command {
-            "dump" | "check" => random.of(&GRAPHS),
-            "experiment" => random.of(&["order", "sh", "nope", ""]),
-            "synth" => random.of(&["demo", "demo", "uniform", "uniform", "nope", ""]),
-            _ => random.of(&FILES),
+            "dump" | "check" => random.word(GRAPHS),
+            "experiment" => random.word("order sh nope "),
+            "synth" => random.word("demo demo uniform uniform nope "),
+            _ => random.word(FILES),
         };
-        words.push(word.into());
+        words.push(word);
     }
     for _ in 0..random.below(4) {
         option(command, random, &mut words);
@@ -163,140 +81,71 @@ pub fn line(random: &mut Random) -> Vec<String> {
 
 /// Adds an option, mostly one of the command's, with a value, mostly of its type.
 fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
-    let own: &[&str] = match command {
-        "render" => &[
-            "-o",
-            "-o",
-            "--format",
-            "--json",
-            "--json",
-            "--repeat",
-            "--inspect",
-            "--cameras",
-            "--size",
-            "--background",
-            "--set",
-            "--pipeline",
-            "--validate",
-            "--device",
-        ],
-        "view" => &[
-            "--events",
-            "--screenshot",
-            "--cameras",
-            "--size",
-            "--background",
-            "--split",
-            "--gain",
-            "--scale",
-            "--frames",
-            "--inspect",
-            "--show",
-            "--as",
-            "--compare",
-            "--compare-set",
-        ],
-        "video" => &[
-            "-o",
-            "-o",
-            "--format",
-            "--cameras",
-            "--closed",
-            "--orbit",
-            "--seconds",
-            "--fps",
-            "--samples",
-            "--shutter",
-            "--size",
-            "--set",
-            "--device",
-        ],
-        "dump" => &["-o", "--format", "--diff", "--times", "--scene", "--size", "--set", "--set-b"],
-        "compare" => &["--diff", "--diff", "--gain", "--min-psnr", "--json", "--by-number"],
-        "synth" => &["-o", "-o", "--cameras", "--count", "--seed", "--enlarge"],
-        "bench" => &[
-            "-o",
-            "--json",
-            "--cameras",
-            "--pipelines",
-            "--sizes",
-            "--splats",
-            "--suite",
-            "--pairs",
-            "--set",
-            "--rounds",
-            "--frames",
-        ],
-        "trade" | "sweep" | "advise" | "popping" | "experiment" => &[
-            "-o",
-            "-o",
-            "--cameras",
-            "--size",
-            "--pipeline",
-            "--rounds",
-            "--frames",
-            "--json",
-            "--psnr",
-            "--device",
-        ],
-        _ => &["--set", "--json", "--size", "--device", "--cameras"],
+    let own = match command {
+        "render" => {
+            "-o -o --format --json --json --repeat --inspect --cameras --size --background --set \
+            --pipeline --validate --device"
+        }
+        "view" => {
+            "--events --screenshot --cameras --size --background --split --gain --scale --frames \
+            --inspect --show --as --compare --compare-set"
+        }
+        "video" => {
+            "-o -o --format --cameras --closed --orbit --seconds --fps --samples --shutter --size \
+            --set --device"
+        }
+        "dump" => "-o --format --diff --times --scene --size --set --set-b",
+        "compare" => "--diff --diff --gain --min-psnr --json --by-number",
+        "synth" => "-o -o --cameras --count --seed --enlarge",
+        "bench" => "-o --json --cameras --pipelines --sizes --splats --suite --pairs --set --rounds --frames",
+        "trade" | "sweep" | "advise" | "popping" | "experiment" => {
+            "-o -o --cameras --size --pipeline \
+            --rounds --frames --json --psnr --device"
+        }
+        _ => "--set --json --size --device --cameras",
     };
     let name = match random.below(40) {
-        0 => random.of(&[
-            "-o",
-            "--json",
-            "--inspect",
-            "--",
-            "-",
-            "--nope",
-            "-x",
-            "--help",
-            "--version",
-            "--format",
-        ]),
-        _ => random.of(own),
+        0 => random.word("-o --json --inspect -- - --nope -x --help --version --format"),
+        _ => random.word(own),
     };
     let hostile = random.below(5) == 0;
-    let mut of = |good: &[&str], bad: &[&str]| random.of(if hostile { bad } else { good }).to_owned();
-    let value = match name {
-        "-o" if command == "synth" => of(&["out.ply", "new/out.ply", "./out.ply"], &OUTPUTS),
-        "-o" if command == "video" => of(&["out.gif", "new/out.apng", "out.y4m", "out", "pics"], &OUTPUTS),
-        "--fps" => of(&["24", "30000/1001"], &["0", "30/0", "1e9", "29.97", "4294967297"]),
-        "-o" | "--diff" if command != "dump" => {
-            of(&["out.png", "out.exr", "new/out.npy", "out", "pics"], &OUTPUTS)
-        }
-        "--screenshot" => of(&["out.png", "new/out.exr"], &OUTPUTS),
-        "-o" | "--events" | "--json" => of(&["out.json", "out.html", "new/out.txt", "-"], &OUTPUTS),
-        "--cameras" if command == "synth" => of(&["out.json", "new/out.json", "-"], &OUTPUTS),
-        "--cameras" => of(&["cameras.json", "cameras.json#0", "cameras.json#one"], &FILES),
+    let mut of = |good: &str, bad: &str| random.word(if hostile { bad } else { good });
+    let value = match name.as_str() {
+        "-o" if command == "synth" => of("out.ply new/out.ply ./out.ply", OUTPUTS),
+        "-o" if command == "video" => of("out.gif new/out.apng out.y4m out pics", OUTPUTS),
+        "--fps" => of("24 30000/1001", "0 30/0 1e9 29.97 4294967297"),
+        "-o" | "--diff" if command != "dump" => of("out.png out.exr new/out.npy out pics", OUTPUTS),
+        "--screenshot" => of("out.png new/out.exr", OUTPUTS),
+        "-o" | "--events" | "--json" => of("out.json out.html new/out.txt -", OUTPUTS),
+        "--cameras" if command == "synth" => of("out.json new/out.json -", OUTPUTS),
+        "--cameras" => of("cameras.json cameras.json#0 cameras.json#one", FILES),
         "--inspect" => of(
-            &["keys@scatter", "keys@scatter=keys.npy", "a@b=new/keys.npy"],
-            &["@", "keys", "a@b=a.npy", "a@b=", "a@b=keys.txt", "=", "a@b==c.npy"],
+            "keys@scatter keys@scatter=keys.npy a@b=new/keys.npy",
+            "@ keys a@b=a.npy a@b= a@b=keys.txt = a@b==c.npy",
         ),
-        "--set" | "--set-b" | "--compare-set" => of(
-            &["digit_bits=4", "cutoff=3"],
-            &["digit_bits=nan", "=", "nope=1", "\x1b[31m=1", "cutoff=1e300", "a"],
-        ),
-        "--size" => of(&["64x48", "1x1"], &["0x1", "64", "4294967295x1", "x", "-1x-1", "64 x 48", "32769x1"]),
-        "--sizes" => of(&["64x48", "64x48,1x1"], &["64x48,64x48", "64x48,", ",", "0x1"]),
-        "--pipelines" => of(&["unsorted", "splat,graph.ron"], &["splat,splat", ",", "nope", "splat,,key16"]),
-        "--splats" | "--pairs" => of(&["1", "20,40"], &["20,20", "0", ",", "-1", "4294967296", "x"]),
-        "--suite" => of(&["frames", "sort"], &["nope", ""]),
-        "--background" => of(&["0,0,0", "-1,0,0"], &["1,2", "nan,0,0", "a,b,c", ",,", "1,2,3,4", "--json"]),
-        "--format" if command == "dump" => of(&["text", "json", "html", "dot"], &["png", "", "yaml"]),
-        "--format" => of(&["png", "exr", "npy"], &["jpg", "text", "", "PNG"]),
-        "--pipeline" | "--compare" => of(&["unsorted", "graph.ron"], &GRAPHS),
-        "--count" => of(&["1", "20"], &["0", "-1", "x", "4294967296"]),
-        "--enlarge" | "--scene" => of(&["scene.ply"], &FILES),
-        "--times" => of(&["stats.json"], &FILES),
-        "--show" => of(&["settings", "graph,none"], &[",", "nope", ""]),
-        "--as" => of(&["split", "difference"], &["nope", ""]),
-        "--device" => of(&["llvmpipe", "0"], &["99", "nope", "\x1b]0;x\x07", ""]),
-        _ => of(&["1", "2", "0.5"], &NUMBERS),
+        "--set" | "--set-b" | "--compare-set" => {
+            of("digit_bits=4 cutoff=3", "digit_bits=nan = nope=1 \x1b[31m=1 cutoff=1e300 a")
+        }
+        "--size" => of("64x48 1x1", "0x1 64 4294967295x1 x -1x-1 64~x~48 32769x1"),
+        "--sizes" => of("64x48 64x48,1x1", "64x48,64x48 64x48, , 0x1"),
+        "--pipelines" => of("unsorted splat,graph.ron", "splat,splat , nope splat,,key16"),
+        "--splats" | "--pairs" => of("1 20,40", "20,20 0 , -1 4294967296 x"),
+        "--suite" => of("frames sort", "nope "),
+        "--background" => of("0,0,0 -1,0,0", "1,2 nan,0,0 a,b,c ,, 1,2,3,4 --json"),
+        "--format" if command == "dump" => of("text json html dot", "png  yaml"),
+        "--format" => of("png exr npy", "jpg text  PNG"),
+        "--pipeline" | "--compare" => of("unsorted graph.ron", GRAPHS),
+        "--count" => of("1 20", "0 -1 x 4294967296"),
+        "--enlarge" | "--scene" => of("scene.ply", FILES),
+        "--times" => of("stats.json", FILES),
+        "--show" => of("settings graph,none", ", nope "),
+        "--as" => of("split difference", "nope "),
+        "--device" => of("llvmpipe 0", "99 nope \x1b]0;x\x07 "),
+        _ => of("1 2 0.5", NUMBERS),
     };
     match random.below(20) {
         0..4 => words.push(format!("{name}={value}")),
-        4 => words.push(name.into()),
-        _ => words.extend([name.into(), value]),
+        4 => words.push(name),
+        _ => words.extend([name, value]),
     }
 }

@@ -9,9 +9,10 @@
 //! build also gives the expected result: an error with the same text, or an equal plan (the damage is in a comment).
 //! Cases that give another plan are counted and left out.
 
-use super::dice::Dice;
 use super::whole::TestShell;
 use crate::common;
+use crate::fuzz::damaged;
+use crate::numbers::Random;
 use splatgraph::draw::backend::{Backend, Validation};
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::{Planner, Settings};
@@ -40,27 +41,6 @@ const LONG: usize = 2_000;
 /// others the renderer is told at once. The watcher always has to notice the mending.
 const WATCHED: usize = 25;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Damage {
-    Cut,
-    Emptied,
-    Flipped,
-    PutIn,
-    LineTwice,
-    LineLost,
-    NoText,
-}
-
-const DAMAGES: [(usize, Damage); 7] = [
-    (6, Damage::Cut),
-    (1, Damage::Emptied),
-    (8, Damage::Flipped),
-    (6, Damage::PutIn),
-    (3, Damage::LineTwice),
-    (3, Damage::LineLost),
-    (2, Damage::NoText),
-];
-
 #[test]
 fn a_file_that_is_damaged_under_a_running_viewer_costs_neither_it_nor_its_picture() {
     let begun = Instant::now();
@@ -76,7 +56,7 @@ fn a_file_that_is_damaged_under_a_running_viewer_costs_neither_it_nor_its_pictur
             })
         })
         .collect();
-    let mut counted: BTreeMap<(Damage, &str), usize> = BTreeMap::new();
+    let mut counted: BTreeMap<(&str, &str), usize> = BTreeMap::new();
     for viewer in viewers {
         for (key, count) in viewer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)) {
             *counted.entry(key).or_default() += count;
@@ -102,14 +82,14 @@ enum Outcome {
 
 struct Fuzz {
     viewer: TestShell,
-    dice: Dice,
+    dice: Random,
     /// Builds files, to find out whether they do.
     beside: Beside,
     /// The files of each, by their names in the folder.
     files: Vec<(RendererId, Vec<String>)>,
     /// The pictures of A and the window.
     shown: [Vec<[f32; 3]>; 2],
-    counted: BTreeMap<(Damage, &'static str), usize>,
+    counted: BTreeMap<(&'static str, &'static str), usize>,
 }
 
 impl Fuzz {
@@ -125,7 +105,7 @@ impl Fuzz {
         let shown = [viewer.picture(RendererId::A).rgb, viewer.window().rgb];
         let mut beside = Beside::new(&viewer);
         let files = [RendererId::A, RendererId::Window].map(|who| (who, beside.files(who))).into();
-        Fuzz { viewer, dice: Dice::new(seed), beside, files, shown, counted: BTreeMap::new() }
+        Fuzz { viewer, dice: Random(seed), beside, files, shown, counted: BTreeMap::new() }
     }
 
     fn case(&mut self, number: usize) {
@@ -135,8 +115,7 @@ impl Fuzz {
         let (name, damage, bytes, expected) = loop {
             let name = self.dice.of(&files);
             let shipped = self.viewer.shipped[name].as_bytes();
-            let damage = self.dice.weighted(&DAMAGES);
-            let bytes = damaged(shipped, damage, &mut self.dice);
+            let (damage, bytes) = damaged(shipped, &mut self.dice);
             if bytes == shipped {
                 continue;
             }
@@ -145,7 +124,7 @@ impl Fuzz {
                 outcome => break (name.clone(), damage, bytes, outcome),
             }
         };
-        let case = format!("case {number}: {damage:?} {name}");
+        let case = format!("case {number}: {name} {damage}");
         self.count(damage, if expected == Outcome::Same { "harmless" } else { "failed" });
         self.viewer.events.clear();
         self.viewer.write(&name, &bytes);
@@ -177,7 +156,7 @@ impl Fuzz {
         assert_eq!(self.viewer.undrawn_windows, 0, "{case}");
     }
 
-    fn count(&mut self, damage: Damage, what: &'static str) {
+    fn count(&mut self, damage: &'static str, what: &'static str) {
         *self.counted.entry((damage, what)).or_default() += 1;
     }
 
@@ -211,44 +190,7 @@ fn has_place(text: &str) -> bool {
     })
 }
 
-fn damaged(shipped: &[u8], damage: Damage, dice: &mut Dice) -> Vec<u8> {
-    let mut bytes = shipped.to_vec();
-    let mut lines: Vec<&[u8]> = shipped.split_inclusive(|byte| *byte == b'\n').collect();
-    let line = dice.below(lines.len());
-    match damage {
-        Damage::Cut => bytes.truncate(dice.below(bytes.len())),
-        Damage::Emptied => bytes.clear(),
-        Damage::Flipped => {
-            for _ in 0..1 + dice.below(3) {
-                let at = dice.below(bytes.len());
-                bytes[at] ^= 1 << dice.below(8);
-            }
-        }
-        Damage::PutIn => {
-            let at = dice.below(bytes.len() + 1);
-            let count = 1 + dice.below(8);
-            let new: Vec<u8> =
-                (0..count).map(|_| *dice.of(b"(){}[],;:\"'#/*\\\n\0 aZ09_-+=<&|@$\x7f")).collect();
-            bytes.splice(at..at, new);
-        }
-        Damage::LineTwice => {
-            lines.insert(line, lines[line]);
-            bytes = lines.concat();
-        }
-        Damage::LineLost => {
-            lines.remove(line);
-            bytes = lines.concat();
-        }
-        Damage::NoText => {
-            let at = dice.below(bytes.len() + 1);
-            let new: &[u8] = dice.of::<&[u8]>(&[b"\xff", b"\xc0\x80", b"\xed\xa0\x80", b"\xf0\x9f"]);
-            bytes.splice(at..at, new.iter().copied());
-        }
-    }
-    bytes
-}
-
-/// Another copy of the files, for building plans without a device.
+/// Another copy of the files, where plans are built for no device.
 struct Beside {
     folder: tempfile::TempDir,
     planners: BTreeMap<&'static str, Building>,

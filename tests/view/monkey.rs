@@ -10,8 +10,8 @@
 //!
 //! `SPLATGRAPH_LONG` runs 10,000 actions on every preset.
 
-use super::dice::Dice;
 use super::twin::copy_of_shipped_files;
+use crate::numbers::Random;
 use crate::{common, images};
 use egui::{
     Event as Input, Key, Modifiers, MouseWheelUnit, PointerButton, Popup, Pos2, RawInput, Rect, TouchPhase,
@@ -46,7 +46,7 @@ const SIZES: [(f32, f32); 5] =
 /// A viewer and a random user.
 struct Monkey<D: Device> {
     shell: Shell<D>,
-    dice: Dice,
+    dice: Random,
     /// Size of the window, in points.
     size: (f32, f32),
     calls: u64,
@@ -76,7 +76,7 @@ impl<D: Device> Monkey<D> {
             .unwrap_or_else(|error| panic!("the shell opens: {error}"));
         shell.window_mut().patience = PATIENCE;
         shell.panels.open_tools(&Tool::ALL);
-        let dice = Dice::new(seed);
+        let dice = Random(seed);
         let (input, deeds) = (VecDeque::new(), VecDeque::new());
         let mut monkey =
             Monkey { shell, dice, size: SIZES[0], calls: 0, input, folder, deeds, dropped: false };
@@ -336,7 +336,7 @@ impl<D: Device> Monkey<D> {
     }
 
     fn within(&mut self, rect: Rect) -> Pos2 {
-        let share = |dice: &mut Dice| dice.below(1000) as f32 / 1000.0;
+        let share = |dice: &mut Random| dice.below(1000) as f32 / 1000.0;
         rect.min + Vec2::new(share(&mut self.dice) * rect.width(), share(&mut self.dice) * rect.height())
     }
 

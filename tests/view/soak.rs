@@ -22,9 +22,9 @@
 mod deeds;
 pub mod process;
 
-use super::dice::Dice;
 use super::whole::{PATIENCE, TestShell};
 use crate::common;
+use crate::numbers::Random;
 use deeds::{DEEDS, GRAPHS};
 use egui::Event as Input;
 use indexmap::IndexMap;
@@ -183,7 +183,7 @@ fn device_memory(viewer: &TestShell) -> DeviceMemory {
 
 struct Soak {
     viewer: TestShell,
-    dice: Dice,
+    dice: Random,
     begun: Instant,
     /// The camera of the reference state.
     start: Navigation,
@@ -236,7 +236,7 @@ impl Soak {
         let start = viewer.shell.viewer.navigation.clone();
         let mut soak = Soak {
             viewer,
-            dice: Dice::new(1),
+            dice: Random(1),
             begun: Instant::now(),
             start,
             edited: BTreeSet::new(),

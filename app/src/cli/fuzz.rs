@@ -126,7 +126,7 @@ fn in_folder(folder: &Path, word: &str) -> String {
         Some((option, value)) if option.starts_with('-') => (format!("{option}="), value),
         _ => (String::new(), word),
     };
-    let is_file =
-        words::FILES.contains(&value) || value.contains(['.', '/']) && !value.starts_with(['/', '-']);
+    let is_file = words::FILES.split(' ').any(|file| file == value)
+        || value.contains(['.', '/']) && !value.starts_with(['/', '-']);
     if is_file { format!("{option}{}/{value}", folder.display()) } else { word.to_owned() }
 }
