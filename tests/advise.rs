@@ -1,16 +1,14 @@
 //! `advise` as a command: a scene's needs, and the cheapest setting within a budget.
 
 use crate::common;
-use crate::files::Place;
+use crate::place::Place;
 use serde_json::Value;
 use splatgraph::draw::keys::{Keys, Mapping};
 use splatgraph::draw::session::Session;
-use splatgraph::io::image::Image;
 use splatgraph::{draw::camera, draw::capture, studies::metrics};
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::Rules;
 use std::collections::HashMap;
-use std::fs;
 
 /// Returns a camera at the origin that looks along z.
 fn ahead() -> Camera {
@@ -34,10 +32,7 @@ fn advice(scene: &Scene) -> (String, Value) {
     let place = Place::new();
     scene.write_ply(place.at("own.ply")).expect("the scene is written");
     Camera::save(&[ahead()], place.at("ahead.json")).expect("the camera is written");
-    let output = place.run(&["advise", "own.ply", "-c", "ahead.json", "--json", "advice.json"]);
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    let json = fs::read(place.at("advice.json")).expect("it is written");
-    (String::from_utf8_lossy(&output.stdout).into_owned(), serde_json::from_slice(&json).expect("JSON"))
+    (place.done("advise own.ply -c ahead.json --json advice.json"), place.json("advice.json"))
 }
 
 fn bits(advice: &Value, map: &str) -> Option<u64> {
@@ -116,7 +111,7 @@ fn splats_below_the_alpha_floor_count_neither_for_keys_nor_for_harmonics() {
 
 #[test]
 fn keys_are_predicted_as_the_shader_makes_them() {
-    let scene = crate::files::scene();
+    let scene = crate::place::scene();
     let camera = splatgraph_assets::synth::demo_cameras().swap_remove(0).resized(96, 54);
     let range = camera::depth_range(&camera, &scene.bounds()).map(|z| z as f32);
     // The exact renderer computes depths like the shader.
@@ -151,14 +146,9 @@ fn keys_are_predicted_as_the_shader_makes_them() {
 fn the_advised_command_draws_the_promised_psnr() {
     let place = Place::new();
     place.cameras(&["one", "two"]);
-    let budget =
-        ["advise", "scene.ply", "-c", "cameras.json", "--psnr", "40", "--rounds", "1", "--frames", "1"];
-    let output = place.run(&[&budget[..], &["--json", "advice.json"]].concat());
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{text}{errors}");
-    let json: Value =
-        serde_json::from_slice(&fs::read(place.at("advice.json")).expect("written")).expect("JSON");
+    let text =
+        place.done("advise scene.ply -c cameras.json --psnr 40 --rounds 1 --frames 1 --json advice.json");
+    let json = place.json("advice.json");
     let promised: Vec<f64> =
         json["advised"]["psnr_db"].as_array().expect("a list").iter().filter_map(Value::as_f64).collect();
     assert!(promised.len() == 2 && promised.iter().all(|db| *db >= 40.0), "{text}");
@@ -169,36 +159,19 @@ fn the_advised_command_draws_the_promised_psnr() {
 
     // The printed command, unchanged, and with unrounded pictures.
     let command = text.lines().find_map(|line| line.strip_prefix("splatgraph ")).expect("a command");
-    let words: Vec<&str> = command.split(' ').collect();
-    let (code, errors) = place.code(&words);
-    assert_eq!(code, Some(0), "{command}: {errors}");
+    place.done(command);
     assert!(
         ["one", "two"].iter().all(|name| place.at(&format!("advised/{name}.png")).is_file()),
         "{command}"
     );
-    let unrounded: Vec<&str> =
-        words[..words.len() - 1].iter().copied().chain(["drawn", "--format", "npy"]).collect();
-    let (code, errors) = place.code(&unrounded);
-    assert_eq!(code, Some(0), "{command}: {errors}");
-    let exact = [
-        "render",
-        "scene.ply",
-        "-c",
-        "cameras.json",
-        "--backend",
-        "reference",
-        "-o",
-        "exact",
-        "--format",
-        "npy",
-    ];
-    assert_eq!(place.code(&exact).0, Some(0));
+    let (drawing, _) = command.rsplit_once(' ').expect("words");
+    place.done(&format!("{drawing} drawn --format npy"));
+    place.done("render scene.ply -c cameras.json --backend reference -o exact --format npy");
     for (name, promised) in ["one", "two"].iter().zip(promised) {
-        let load = |folder: &str| Image::load(&place.at(&format!("{folder}/{name}.npy"))).expect("a picture");
+        let load = |folder: &str| place.image(&format!("{folder}/{name}.npy"));
         let found = metrics::compare(&load("drawn"), &load("exact")).expect("of one size").psnr();
         assert!((found - promised).abs() < 1e-6, "{name}: {found}, promised {promised}");
     }
 
-    let (code, errors) = place.code(&["advise", "scene.ply", "--psnr", "0"]);
-    assert!(code == Some(2) && errors.contains("expected a number above 0"), "{errors}");
+    place.refuses("", &[("advise scene.ply --psnr 0", 2, "expected a number above 0")]);
 }

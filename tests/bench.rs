@@ -1,24 +1,16 @@
 //! `bench` as a command: interleaved graphs, the copy limit, and sorting on its own.
 
-use crate::files::Place;
+use crate::place::Place;
 use serde_json::Value;
-use splatgraph::io::image::Image;
-use std::fs;
 
-/// The minimum number of frames.
-const SHORT: [&str; 6] = ["bench", "--rounds", "2", "--frames", "1", "--validate"];
-
-fn json(place: &Place, name: &str) -> Value {
-    serde_json::from_slice(&fs::read(place.at(name)).expect("it is written")).expect("JSON")
-}
+/// As few frames as there can be.
+const SHORT: &str = "bench --rounds 2 --frames 1 --validate";
 
 /// Runs the program, which must succeed, and returns what it printed.
-fn done(place: &Place, args: &[&str]) -> String {
-    let output = place.run(&[&SHORT[..], args].concat());
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{args:?}: {errors}");
+fn done(place: &Place, more: &str) -> String {
+    let (text, errors) = place.said(&format!("{SHORT} {more}"));
     assert!(errors.contains("validation: no messages"), "{errors}");
-    String::from_utf8_lossy(&output.stdout).into_owned()
+    text
 }
 
 fn rows(report: &Value) -> &Vec<Value> {
@@ -37,26 +29,12 @@ fn graphs_are_measured_in_turns_in_every_size_and_number_of_splats() {
     place.cameras(&["one", "two"]);
     let text = done(
         &place,
-        &[
-            "scene.ply",
-            "-c",
-            "cameras.json",
-            "--pipelines",
-            "splat,unsorted",
-            "--sizes",
-            "64x48,128x96",
-            "--splats",
-            "200,300",
-            "--json",
-            "bench.json",
-            "-o",
-            "out",
-        ],
+        "scene.ply -c cameras.json --pipelines splat,unsorted --sizes 64x48,128x96 --splats 200,300 --json bench.json -o out",
     );
     for words in ["scene, 300 splats, 128x96", "passes of unsorted", "back_to_front", "of copy"] {
         assert!(text.contains(words), "{words}: {text}");
     }
-    let report = json(&place, "bench.json");
+    let report = place.json("bench.json");
     assert_eq!((&report["version"], &report["effort"]["rounds"]), (&1.into(), &2.into()));
     assert!(report["device"].as_str().is_some_and(|name| name.contains("llvmpipe")), "{}", report["device"]);
     // On a CPU, a copy does not bound passes, and pass times are not meaningful.
@@ -94,7 +72,7 @@ fn graphs_are_measured_in_turns_in_every_size_and_number_of_splats() {
             found["memory"].as_array().unwrap().iter().map(|m| m["bytes"].as_u64().unwrap()).sum();
         assert_eq!(found["memory_bytes"].as_u64(), Some(buffers));
     }
-    let csv = fs::read_to_string(place.at("out/bench.csv")).expect("it is written");
+    let csv = place.text("out/bench.csv");
     let columns = |line: &str| line.split(',').count();
     assert!(csv.lines().all(|line| columns(line) == 13), "{csv}");
     assert!(
@@ -102,9 +80,9 @@ fn graphs_are_measured_in_turns_in_every_size_and_number_of_splats() {
         "{csv}"
     );
     for name in ["splats-scene-64x48", "splats-scene-128x96", "sizes-scene-200", "sizes-scene-300"] {
-        let svg = fs::read_to_string(place.at(&format!("out/{name}.svg"))).expect("it is written");
+        let svg = place.text(&format!("out/{name}.svg"));
         assert!(svg.contains("unsorted") && svg.contains("<polyline"), "{svg}");
-        let plot = Image::load(&place.at(&format!("out/{name}.png"))).expect("a picture");
+        let plot = place.image(&format!("out/{name}.png"));
         assert!(plot.rgb.iter().any(|pixel| *pixel != plot.rgb[0]), "it is not empty");
     }
 }
@@ -127,35 +105,19 @@ fn a_graph_that_draws_no_scene_is_measured_too() {
           output: "image",
         )"#,
     );
-    let output = place.run(
-        &[&SHORT[..], &["scene.ply", "--pipelines", "fill.ron", "--sizes", "64x2", "--json", "-"]].concat(),
-    );
-    let report: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on standard output");
+    let (json, errors) = place.said(&format!("{SHORT} scene.ply --pipelines fill.ron --sizes 64x2 --json -"));
+    let report: Value = serde_json::from_str(&json).expect("JSON alone on standard output");
     let found = &rows(&report)[0]["found"]["Ok"];
     assert_eq!(part(&found["mean"]["passes"], "fill")["bytes"], 64 * 2 * 4);
-    let errors = String::from_utf8_lossy(&output.stderr);
     assert!(errors.contains("passes of fill.ron"), "the tables stand beside the JSON: {errors}");
 }
 
 #[test]
 fn the_sort_alone_is_measured_and_what_does_not_fit_says_why() {
     let place = Place::new();
-    let text = done(
-        &place,
-        &[
-            "--suite",
-            "sort",
-            "--pairs",
-            "5000,20000,67108864",
-            "--json",
-            "sort.json",
-            "-o",
-            "out",
-            "--set",
-            "digit_bits=4",
-        ],
-    );
-    let report = json(&place, "sort.json");
+    let text =
+        done(&place, "--suite sort --pairs 5000,20000,67108864 --json sort.json -o out --set digit_bits=4");
+    let report = place.json("sort.json");
     let found: Vec<(u64, u64, bool)> = rows(&report)
         .iter()
         .map(|row| {
@@ -178,10 +140,10 @@ fn the_sort_alone_is_measured_and_what_does_not_fit_says_why() {
         assert_eq!(passes.map(|count| count as u64), Some(1 + 3 * row["key_bits"].as_u64().unwrap() / 4));
     }
     assert!(text.contains("67,108,864, 32 bits: not sorted: `keys#0` has 256 MiB"), "{text}");
-    let csv = fs::read_to_string(place.at("out/bench.csv")).expect("it is written");
+    let csv = place.text("out/bench.csv");
     assert_eq!(csv.lines().count(), 1 + 9, "{csv}");
     assert!(csv.lines().all(|line| line.matches(',').count() >= 10), "{csv}");
-    let svg = fs::read_to_string(place.at("out/sort.svg")).expect("it is written");
+    let svg = place.text("out/sort.svg");
     assert!(svg.contains("keys of 24 bits"), "{svg}");
 }
 
@@ -189,37 +151,32 @@ fn the_sort_alone_is_measured_and_what_does_not_fit_says_why() {
 fn mistakes_are_told_before_anything_is_drawn_and_a_candidate_that_does_not_fit_is_a_row() {
     let place = Place::new();
     place.cameras(&["one"]);
-    for (args, code, why) in [
-        (&["scene.ply", "--pipelines", "splat,splta"][..], 1, "there is no graph `splta`"),
-        (&["scene.ply", "--set", "digit_bitz=4"], 1, "did you mean `digit_bits`"),
-        (&["scene.ply", "--set", "key_bits=99"], 1, "99 is not in 8 to 32"),
-        (&["scene.ply", "--pipelines", "splat,splat"], 2, "expected each once, found `splat` twice"),
-        (&["scene.ply", "--pipelines", "splat,,key16"], 2, "found an empty one"),
-        (&["scene.ply", "--sizes", "64x48,64"], 2, "expected WIDTHxHEIGHT"),
-        (&["scene.ply", "--splats", "0"], 2, "0 is not in 1.."),
-        (
-            &["scene.ply", "-c", "cameras.json", "-c", "cameras.json"],
-            2,
-            "expected one --cameras for all scenes",
-        ),
-        (&["scene.ply", "--pairs", "100"], 2, "add --suite sort"),
-        (&["scene.ply", "--suite", "sort"], 2, "SCENE is for --suite frames"),
-        (&["--suite", "sort", "--set", "key_bits=8"], 2, "--set key_bits: --suite sort sets it itself"),
-        (&["scene.ply", "--json", "scene.ply"], 2, "--json would overwrite the scene"),
-        (&["missing.ply"], 1, "missing.ply"),
-    ] {
-        let before = place.files(".");
-        let found = place.code(&[&SHORT[..], args].concat());
-        assert!(found.0 == Some(code) && found.1.contains(why), "{args:?}: {found:?}");
-        assert!(place.files(".") == before, "{args:?} changes files");
-    }
-    let small =
-        ["scene.ply", "--pipelines", "unsorted,bench/copy", "--set", "mebibytes=4000", "--sizes", "32x24"];
-    let refused = place.code(&[&SHORT[..], &small].concat());
-    assert!(refused.0 == Some(1) && refused.1.contains("no parameter `mebibytes`"), "{refused:?}");
+    place.refuses(
+        SHORT,
+        &[
+            ("scene.ply --pipelines splat,splta", 1, "there is no graph `splta`"),
+            ("scene.ply --set digit_bitz=4", 1, "did you mean `digit_bits`"),
+            ("scene.ply --set key_bits=99", 1, "99 is not in 8 to 32"),
+            ("scene.ply --pipelines splat,splat", 2, "expected each once, found `splat` twice"),
+            ("scene.ply --pipelines splat,,key16", 2, "found an empty one"),
+            ("scene.ply --sizes 64x48,64", 2, "expected WIDTHxHEIGHT"),
+            ("scene.ply --splats 0", 2, "0 is not in 1.."),
+            ("scene.ply -c cameras.json -c cameras.json", 2, "expected one --cameras for all scenes"),
+            ("scene.ply --pairs 100", 2, "add --suite sort"),
+            ("scene.ply --suite sort", 2, "SCENE is for --suite frames"),
+            ("--suite sort --set key_bits=8", 2, "--set key_bits: --suite sort sets it itself"),
+            ("scene.ply --json scene.ply", 2, "--json would overwrite the scene"),
+            ("missing.ply", 1, "missing.ply"),
+            (
+                "scene.ply --pipelines unsorted,bench/copy --set mebibytes=4000 --sizes 32x24",
+                1,
+                "no parameter `mebibytes`",
+            ),
+        ],
+    );
     place
         .write("large.ron", "Preset(graph: \"bench/copy\", summary: \"4 GB\", set: { \"mebibytes\": 4000 })");
-    let text = done(&place, &["scene.ply", "--pipelines", "unsorted,large.ron", "--sizes", "32x24"]);
+    let text = done(&place, "scene.ply --pipelines unsorted,large.ron --sizes 32x24");
     assert!(
         text.contains("large.ron: not drawn: `from` has 4000 MiB") && text.contains("passes of unsorted"),
         "{text}"

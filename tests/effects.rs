@@ -2,7 +2,7 @@
 
 use crate::common;
 #[cfg(target_os = "linux")]
-use crate::files::{DRAW, Place};
+use crate::place::{DRAW, Place};
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::view::paint;
 use splatgraph::{draw::builtin, studies::bench};
@@ -215,17 +215,15 @@ fn tiles_on_a_gpu_name_the_parameters_that_the_sort_of_splats_alone_has() {
 
 /// The lines of standard error that name a parameter without an effect, of a command that succeeds.
 #[cfg(target_os = "linux")]
-fn told(place: &Place, args: &[&str]) -> Vec<String> {
-    let (code, errors) = place.code(args);
-    assert_eq!(code, Some(0), "{args:?}: {errors}");
-    errors.lines().filter(|line| line.contains("has no effect")).map(str::to_string).collect()
+fn told(place: &Place, line: &str) -> Vec<String> {
+    place.said(line).1.lines().filter(|line| line.contains("has no effect")).map(str::to_string).collect()
 }
 
 #[cfg(target_os = "linux")]
 #[test]
 fn check_warns_of_a_setting_without_an_effect_and_says_for_which_devices() {
     let place = Place::new();
-    let found = told(&place, &["check", "tiled", "--set", "budget=0.5", "--set", "sh_degree=1"]);
+    let found = told(&place, "check tiled --set budget=0.5 --set sh_degree=1");
     let [line] = &found[..] else { panic!("{found:?}") };
     assert!(
         line.starts_with("warning: tiled, 4, 8, 16, 32, 64 lanes: `budget` has no effect: nothing in"),
@@ -238,9 +236,8 @@ fn check_warns_of_a_setting_without_an_effect_and_says_for_which_devices() {
 fn render_says_once_that_a_setting_has_no_effect_and_draws() {
     let place = Place::new();
     place.cameras(&["one", "two"]);
-    let draw = [&DRAW[..], &["--set", "sh_degree=1"]].concat();
-    let setting = ["--set", "digit_bits=4", "--set", "digit_bits=5"];
-    let found = told(&place, &[&draw[..], &setting[..]].concat());
+    let draw = format!("{DRAW} out --set sh_degree=1");
+    let found = told(&place, &format!("{draw} --set digit_bits=4 --set digit_bits=5"));
     let [line] = &found[..] else { panic!("{found:?}") };
     assert!(
         line.starts_with("unsorted: `digit_bits` has no effect: nothing in this plan depends on it;"),
@@ -254,9 +251,10 @@ fn render_says_once_that_a_setting_has_no_effect_and_draws() {
 #[test]
 fn bench_says_once_that_a_setting_has_no_effect() {
     let place = Place::new();
-    let short = ["bench", "scene.ply", "--rounds", "1", "--frames", "1", "--sizes", "32x32,48x32"];
-    let found =
-        told(&place, &[&short[..], &["--pipelines", "unsorted,splat", "--set", "digit_bits=4"]].concat());
+    let found = told(
+        &place,
+        "bench scene.ply --rounds 1 --frames 1 --sizes 32x32,48x32 --pipelines unsorted,splat --set digit_bits=4",
+    );
     let [line] = &found[..] else { panic!("{found:?}") };
     assert!(line.starts_with("unsorted: `digit_bits` has no effect"), "{line}");
 }
@@ -266,16 +264,14 @@ fn bench_says_once_that_a_setting_has_no_effect() {
 fn trade_does_not_measure_a_parameter_without_an_effect_and_says_so() {
     let place = Place::new();
     place.cameras(&["one"]);
-    let short = ["trade", "scene.ply", "-c", "cameras.json", "--rounds", "1", "--frames", "1"];
     let idle = r#"Graph(version: 1, summary: "", output: "scene.picture",
         params: { "idle": Const(Int(default: 1, range: (0, 2), exact: 1)) },
         passes: [Include(graph: "auto", name: "scene", expose: All)],
     )"#;
-    std::fs::write(place.at("idle.ron"), idle).expect("writable");
-    let more = ["--pipeline", "idle.ron", "--only", "idle", "--only", "low_pass"];
-    let output = place.run(&[&short[..], &more].concat());
-    let (table, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert_eq!(output.status.code(), Some(0), "{errors}");
+    place.write("idle.ron", idle);
+    let (table, errors) = place.said(
+        "trade scene.ply -c cameras.json --rounds 1 --frames 1 --pipeline idle.ron --only idle --only low_pass",
+    );
     let told: Vec<&str> = errors.lines().filter(|line| line.contains("has no effect")).collect();
     let [line] = &told[..] else { panic!("{errors}") };
     assert!(

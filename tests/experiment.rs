@@ -1,17 +1,14 @@
 //! `experiment` as a command: pages that illustrate an equation.
 
-use crate::files::Place;
+use crate::place::Place;
 use splatgraph_assets::{Scene, synth};
 use std::collections::BTreeMap;
-use std::fs;
 
 /// Runs an experiment of a small picture, and returns its page.
-fn page(place: &Place, kind: &str, more: &[&str]) -> String {
-    let args =
-        ["experiment", kind, "scene.ply", "-c", "cameras.json#0", "--device", "llvmpipe", "--validate"];
-    let (code, errors) = place.code(&[&args[..], more].concat());
-    assert_eq!(code, Some(0), "{errors}");
-    fs::read_to_string(place.at(&format!("experiment-{kind}.html"))).expect("the page is written")
+fn page(place: &Place, kind: &str, more: &str) -> String {
+    let line = "scene.ply -c cameras.json#0 --device llvmpipe --validate";
+    place.done(&format!("experiment {kind} {line} {more}"));
+    place.text(&format!("experiment-{kind}.html"))
 }
 
 /// The cells of every row of the page's tables, by the row's first cell; the first row of a name counts.
@@ -38,8 +35,8 @@ fn number(cell: &str) -> f64 {
 fn the_page_on_the_order_has_every_way_with_its_picture_and_the_errors_that_theory_demands() {
     let place = Place::new();
     place.cameras(&["one", "two"]);
-    let page = page(&place, "order", &[]);
-    // Four variants and their differences, and five pictures of two splats.
+    let page = page(&place, "order", "");
+    // Four ways and their differences, and five pictures of two splats.
     assert_eq!(page.matches("data:image/png;base64,").count(), 4 + 4 + 5, "pictures");
     assert_eq!(page.matches("<svg").count(), 1, "a plot");
     let rows = rows(&page);
@@ -71,7 +68,7 @@ fn the_page_on_bands_has_a_row_for_each_direction_and_more_bands_are_nearer_to_t
     // Enough splats for a surface, including glossy ones.
     synth::generate("demo", 3000, 0).expect("a scene").write_ply(place.at("scene.ply")).expect("written");
     place.cameras(&["one"]);
-    let page = page(&place, "sh", &["--size", "96x64"]);
+    let page = page(&place, "sh", "--size 96x64");
     // The whole; from each of three directions four pictures, three differences and the exact one.
     assert_eq!(page.matches("data:image/png;base64,").count(), 1 + 3 * 8, "pictures");
     let rows = rows(&page);
@@ -96,7 +93,7 @@ fn a_scene_of_degree_0_has_a_page_that_says_so() {
     let glossy = synth::generate("demo", 50, 0).expect("a scene");
     Scene::generate(50, 0, |index| glossy.splat(index)).write_ply(place.at("scene.ply")).expect("written");
     place.cameras(&["one"]);
-    let page = page(&place, "sh", &[]);
+    let page = page(&place, "sh", "");
     assert!(page.contains("The scene has degree 0 only"), "{page}");
     assert!(!page.contains("data:image"), "no pictures");
 }
@@ -105,16 +102,15 @@ fn a_scene_of_degree_0_has_a_page_that_says_so() {
 fn a_page_goes_over_no_input_and_mistakes_are_told_before_anything_is_drawn() {
     let place = Place::new();
     place.cameras(&["one"]);
-    for (args, code, why) in [
-        (&["order", "scene.ply", "-o", "scene.ply"][..], 2, "would overwrite the scene"),
-        (&["sh", "scene.ply", "-c", "cameras.json", "-o", "cameras.json"], 2, "would overwrite the cameras"),
-        (&["order", "missing.ply"], 1, "missing.ply"),
-        (&["sh", "scene.ply", "-c", "cameras.json#9"], 1, "has no camera `9`"),
-        (&["colour", "scene.ply"], 2, "colour"),
-        (&["order", "scene.ply", "--size", "0x1"], 2, "WIDTHxHEIGHT"),
-    ] {
-        let found = place.code(&[&["experiment"], args].concat());
-        assert!(found.0 == Some(code) && found.1.contains(why), "{args:?}: {found:?}");
-    }
-    assert!(!place.at("experiment-order.html").exists());
+    place.refuses(
+        "experiment",
+        &[
+            ("order scene.ply -o scene.ply", 2, "would overwrite the scene"),
+            ("sh scene.ply -c cameras.json -o cameras.json", 2, "would overwrite the cameras"),
+            ("order missing.ply", 1, "missing.ply"),
+            ("sh scene.ply -c cameras.json#9", 1, "has no camera `9`"),
+            ("colour scene.ply", 2, "colour"),
+            ("order scene.ply --size 0x1", 2, "WIDTHxHEIGHT"),
+        ],
+    );
 }

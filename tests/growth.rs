@@ -1,8 +1,7 @@
 //! Growing parameters: pictures of a graph whose list is too small at first, on a real driver.
 
 use crate::common;
-use crate::files::Place;
-use serde_json::Value as Json;
+use crate::place::Place;
 use splatgraph::draw::backend::Backend;
 use splatgraph::draw::session::{FrameOptions, Session, image_of};
 use splatgraph::io::image::Image;
@@ -42,27 +41,17 @@ fn every_frame_of_a_session_is_whole_also_those_in_flight() {
 #[test]
 fn a_picture_on_disk_is_whole_or_not_there() {
     let place = Place::new();
-    let render = |rest: &[&str]| {
-        let all = ["render", "scene.ply", "--pipeline", GRAPH, "-o", "out.png", "--json", "out.json"];
-        place.code(&[&all[..], rest].concat())
-    };
-    let whole = ["--size", "64x48", "--repeat", "5", "--set", "entries=7", "--inspect", "list@list=list.npy"];
-    let (code, errors) = render(&whole);
-    assert_eq!(code, Some(0), "{errors}");
-    assert_eq!(white(&Image::load(&place.at("out.png")).expect("a picture")), 64 * 48);
-    let stats: Json =
-        serde_json::from_slice(&fs::read(place.at("out.json")).expect("written")).expect("JSON");
+    let render = format!("render scene.ply --pipeline {GRAPH} -o out.png --json out.json");
+    place.done(&format!("{render} --size 64x48 --repeat 5 --set entries=7 --inspect list@list=list.npy"));
+    assert_eq!(white(&place.image("out.png")), 64 * 48);
+    let stats = place.json("out.json");
     assert_eq!(stats[0]["parameters"]["entries"], 3840, "{stats}");
     assert_eq!((&stats[0]["counts"]["entries_needed"], &stats[0]["frames"]), (&3072.into(), &5.into()));
     assert_eq!(stats[0]["inspected"][0]["shape"][0], 3840, "{stats}");
     for name in ["out.png", "out.json", "list.npy"] {
         fs::remove_file(place.at(name)).expect("it was written");
     }
-    let (code, errors) = render(&["--size", "80x60"]);
-    assert_eq!(code, Some(1), "{errors}");
-    assert!(
-        errors.contains("needs at most 4096 entries") && errors.contains("found one that needs 4800"),
-        "{errors}"
-    );
-    assert!(!place.at("out.png").exists() && !place.at("out.json").exists());
+    for why in ["needs at most 4096 entries", "found one that needs 4800"] {
+        place.refuses(&render, &[("--size 80x60", 1, why)]);
+    }
 }

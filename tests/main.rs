@@ -43,6 +43,7 @@ mod outputs;
 mod page;
 mod parameters;
 mod parity;
+mod place;
 mod plans;
 #[cfg(target_os = "linux")]
 mod popping;

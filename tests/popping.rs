@@ -1,16 +1,13 @@
 //! `popping`: the error that changes from frame to frame, as a command.
 
-use crate::files::Place;
+use crate::place::Place;
 use serde_json::Value;
 use splatgraph_assets::{Camera, synth};
-use std::fs;
 
 /// Runs the command without an error, with validation, and returns its JSON.
-fn popping(place: &Place, more: &[&str]) -> Value {
-    let args = ["popping", "scene.ply", "--device", "llvmpipe", "--validate", "--json", "popping.json"];
-    let (code, errors) = place.code(&[&args[..], more].concat());
-    assert_eq!(code, Some(0), "{errors}");
-    serde_json::from_slice(&fs::read(place.at("popping.json")).expect("it is written")).expect("JSON")
+fn popping(place: &Place, more: &str) -> Value {
+    place.done(&format!("popping scene.ply --device llvmpipe --validate --json popping.json {more}"));
+    place.json("popping.json")
 }
 
 /// A number of a variant's summary.
@@ -25,12 +22,9 @@ fn of(found: &Value, name: &str, key: &str) -> f64 {
 fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
     let place = Place::new();
     synth::generate("demo", 3000, 0).expect("a scene").write_ply(place.at("scene.ply")).expect("written");
-    let mut command: Vec<&str> = vec!["--frames", "4", "--step", "2", "--size", "96x64", "-o", "out"];
-    for name in ["splat", "front_to_back", "unsorted", "stale_order"] {
-        command.extend(["-p", name]);
-    }
-    command.extend(["--with", "key_bits=8", "--with", "key_bits=12", "--with", "key_bits=32"]);
-    let found = popping(&place, &command);
+    let graphs = "-p splat -p front_to_back -p unsorted -p stale_order";
+    let bits = "--with key_bits=8 --with key_bits=12 --with key_bits=32";
+    let found = popping(&place, &format!("--frames 4 --step 2 --size 96x64 -o out {graphs} {bits}"));
     let pop = |name: &str| of(&found, name, "pop");
 
     // Each number is next to its step.
@@ -55,8 +49,8 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
     assert!(changes("unsorted", "true_order_changes") > 100.0, "{found:#}");
     assert_eq!(changes("key_bits=32", "order_changes"), changes("key_bits=32", "true_order_changes"));
 
-    // A constant order gives an error that drifts: at a hundredth of the step, no pixel changes much.
-    let finer = ["--frames", "3", "--step", "0.02", "--size", "96x64", "-p", "unsorted"];
+    // An order that stays makes an error that drifts: at a hundredth of the step, no pixel changes much.
+    let finer = "--frames 3 --step 0.02 --size 96x64 -p unsorted";
     let worst = |found: &Value| {
         found["variants"].as_array().expect("a list").iter().find_map(|row| {
             (row["summary"]["name"] == "unsorted")
@@ -65,7 +59,7 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
         })
     };
     let (coarse, fine) =
-        (worst(&found).expect("a number"), worst(&popping(&place, &finer)).expect("a number"));
+        (worst(&found).expect("a number"), worst(&popping(&place, finer)).expect("a number"));
     assert!(fine > 0.0 && fine < 0.1 * coarse, "{fine} of {coarse}");
 
     for row in found["variants"].as_array().expect("a list") {
@@ -78,20 +72,17 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
             assert!(number("true_change") > 0.0, "the camera moves: {step}");
         }
     }
-    let csv = fs::read_to_string(place.at("out/popping.csv")).expect("it is written");
+    let csv = place.text("out/popping.csv");
     assert_eq!(csv.lines().count(), 1 + 7 * 3, "{csv}");
-    assert!(fs::read_to_string(place.at("out/popping.svg")).expect("it is written").contains("key_bits=8"));
-    assert!(fs::read(place.at("out/popping.png")).expect("it is written").starts_with(b"\x89PNG"));
+    assert!(place.text("out/popping.svg").contains("key_bits=8"));
+    assert!(place.bytes("out/popping.png").starts_with(b"\x89PNG"));
 }
 
 #[test]
 fn a_camera_at_rest_pops_in_no_order() {
     let place = Place::new();
     place.cameras(&["one", "two", "three"]);
-    let found = popping(
-        &place,
-        &["-c", "cameras.json", "-p", "unsorted", "-p", "stale_order", "--with", "key_bits=8"],
-    );
+    let found = popping(&place, "-c cameras.json -p unsorted -p stale_order --with key_bits=8");
     for name in ["unsorted", "stale_order", "key_bits=8"] {
         assert_eq!((of(&found, name, "pop"), of(&found, name, "worst_step")), (0.0, 0.0), "{found:#}");
     }
@@ -107,18 +98,18 @@ fn mistakes_on_a_path_are_told_before_anything_is_drawn() {
     let mut cameras = Camera::load(place.at("cameras.json")).expect("cameras");
     cameras[1] = cameras[1].resized(32, 24);
     Camera::save(&cameras, place.at("sizes.json")).expect("written");
-    for (args, code, why) in [
-        (&["-c", "sizes.json"][..], 1, "expected pictures of one size along the path"),
-        (&["-p", "splatt"], 1, "splatt"),
-        (&["--with", "key_bits"], 2, "NAME=VALUE"),
-        (&["--with", "key_bitz=8"], 1, "key_bitz"),
-        (&["--frames", "1"], 2, "--frames"),
-        (&["--step", "many"], 2, "degrees"),
-        (&["--json", "scene.ply"], 2, "would overwrite the scene"),
-        (&["-c", "cameras.json", "--json", "cameras.json"], 2, "would overwrite the cameras"),
-        (&["--size", "16384x16384"], 1, "expected true pictures of at most 4096 MiB"),
-    ] {
-        let found = place.code(&[&["popping", "scene.ply"], args].concat());
-        assert!(found.0 == Some(code) && found.1.contains(why), "{args:?}: {found:?}");
-    }
+    place.refuses(
+        "popping scene.ply",
+        &[
+            ("-c sizes.json", 1, "expected pictures of one size along the path"),
+            ("-p splatt", 1, "splatt"),
+            ("--with key_bits", 2, "NAME=VALUE"),
+            ("--with key_bitz=8", 1, "key_bitz"),
+            ("--frames 1", 2, "--frames"),
+            ("--step many", 2, "degrees"),
+            ("--json scene.ply", 2, "would overwrite the scene"),
+            ("-c cameras.json --json cameras.json", 2, "would overwrite the cameras"),
+            ("--size 16384x16384", 1, "expected true pictures of at most 4096 MiB"),
+        ],
+    );
 }

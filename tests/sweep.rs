@@ -1,22 +1,16 @@
 //! `sweep` as a command: quality and time with decreasing numbers of splats.
 
-use crate::files::Place;
+use crate::place::Place;
 use serde_json::Value;
-use splatgraph::io::image::Image;
-use std::fs;
 
-/// Three steps with the minimum number of frames.
-const SHORT: [&str; 9] =
-    ["sweep", "scene.ply", "--size", "64x48", "--steps", "3", "--rounds", "1", "--frames"];
+/// Three steps with as few frames as there can be.
+const SHORT: &str = "sweep scene.ply --size 64x48 --steps 3 --rounds 1 --frames 1";
 
 #[test]
 fn a_sweep_holds_every_choice_against_the_truth_and_writes_what_it_found() {
     let place = Place::new();
-    let output = place.run(&[&SHORT[..], &["1", "-o", "out"]].concat());
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{errors}");
-    let text = fs::read(place.at("out/sweep.json")).expect("it is written");
-    let swept: Value = serde_json::from_slice(&text).expect("JSON");
+    place.done(&format!("{SHORT} -o out"));
+    let swept = place.json("out/sweep.json");
     let steps = swept["steps"].as_array().expect("steps");
     // All splats, then two steps of four choices.
     assert_eq!(steps.len(), 1 + 4 * 2);
@@ -41,33 +35,29 @@ fn a_sweep_holds_every_choice_against_the_truth_and_writes_what_it_found() {
     assert_eq!(number(step("nearest", 50), "drawn"), visible / 4);
     assert_eq!(swept["closer"].as_array().map(Vec::len), Some(8));
 
-    let csv = fs::read_to_string(place.at("out/sweep.csv")).expect("it is written");
+    let csv = place.text("out/sweep.csv");
     assert_eq!(csv.lines().count(), 10, "{csv}");
     for name in ["quality", "times", "trade", "shares", "approach"] {
-        Image::load(&place.at(&format!("out/{name}.png"))).expect("a plot");
-        assert!(fs::read_to_string(place.at(&format!("out/{name}.svg"))).expect("a plot").contains("</svg>"));
+        place.image(&format!("out/{name}.png"));
+        assert!(place.text(&format!("out/{name}.svg")).contains("</svg>"));
     }
-    let picture = Image::load(&place.at("out/pictures/screen-size-50.png")).expect("a picture");
+    let picture = place.image("out/pictures/screen-size-50.png");
     assert_eq!((picture.width, picture.height), (64, 48));
-    let page = fs::read_to_string(place.at("out/sweep.html")).expect("it is written");
+    let page = place.text("out/sweep.html");
     assert_eq!(page.matches("<img").count(), 4 * 3, "all, and two steps, of each choice");
 }
 
 #[test]
 fn mistakes_are_told_and_no_input_is_written_over() {
     let place = Place::new();
-    let short = |more: &[&str]| place.code(&[&SHORT[..], &["1"], more].concat());
-    for (more, code, why) in [
-        (&["--steps", "1"][..], 2, "--steps"),
-        (&["--set", "alpha_flor=0.1"], 1, "did you mean `alpha_floor`"),
-        (&["-o", "scene.ply"], 2, "scene.ply/sweep.html, which cannot be written"),
-    ] {
-        let found = short(more);
-        assert!(found.0 == Some(code) && found.1.contains(why), "{more:?}: {found:?}");
-    }
-    let before = fs::read(place.at("scene.ply")).expect("the scene");
-    fs::write(place.at("sweep.json"), &before).expect("a copy");
-    let (code, errors) = place.code(&["sweep", "sweep.json", "-o", "."]);
-    assert!(code == Some(2) && errors.contains("sweep.json"), "no output over an input: {errors}");
-    assert_eq!(fs::read(place.at("sweep.json")).expect("the copy"), before);
+    place.refuses(
+        SHORT,
+        &[
+            ("--steps 1", 2, "--steps"),
+            ("--set alpha_flor=0.1", 1, "did you mean `alpha_floor`"),
+            ("-o scene.ply", 2, "scene.ply/sweep.html, which cannot be written"),
+        ],
+    );
+    place.write("sweep.json", place.bytes("scene.ply"));
+    place.refuses("sweep sweep.json", &[("-o .", 2, "sweep.json")]);
 }

@@ -1,40 +1,24 @@
 //! `trade` as a command: the ledger of each setting's savings and costs.
 
-use crate::files::Place;
+use crate::place::Place;
 use serde_json::Value;
-use splatgraph::io::image::Image;
-use std::fs;
 
-/// Two settings of two cameras, with as few frames as there can be.
-const SHORT: [&str; 13] = [
-    "trade",
-    "scene.ply",
-    "-c",
-    "cameras.json",
-    "--rounds",
-    "1",
-    "--frames",
-    "1",
-    "--only",
-    "key_bits = 8",
-    "--only",
-    "preset unsorted",
-    "-o",
-];
+/// As few frames as there can be.
+const SHORT: &str = "trade scene.ply -c cameras.json --rounds 1 --frames 1";
+
+/// Draws the pictures of `true/`.
+const TRUTH: &str = "render scene.ply -c cameras.json -o true --format npy";
 
 fn ledger(place: &Place) -> Value {
-    serde_json::from_slice(&fs::read(place.at("ledger/ledger.json")).expect("it is written")).expect("JSON")
+    place.json("ledger/ledger.json")
 }
 
 #[test]
 fn the_ledger_holds_each_setting_against_the_truth_and_goes_on_after_an_interruption() {
     let place = Place::new();
     place.cameras(&["one", "two"]);
-    let args = [&SHORT[..], &["ledger"]].concat();
-    let first = place.run(&args);
-    let errors = String::from_utf8_lossy(&first.stderr);
-    assert_eq!(first.status.code(), Some(0), "{errors}");
-    let table = String::from_utf8_lossy(&first.stdout).into_owned();
+    let line = format!("{SHORT} --only 'key_bits = 8' --only 'preset unsorted' -o ledger");
+    let table = place.done(&line);
     for name in ["setting", "exact", "key_bits = 8", "preset unsorted"] {
         assert!(table.contains(name), "{table}");
     }
@@ -52,23 +36,22 @@ fn the_ledger_holds_each_setting_against_the_truth_and_goes_on_after_an_interrup
         assert!(found("preset unsorted", camera)["inversions"].as_u64() > Some(1000), "{table}");
         assert!(found("exact", camera)["time"]["gpu_ms"].as_f64() > Some(0.0), "{table}");
     }
-    let csv = fs::read_to_string(place.at("ledger/ledger.csv")).expect("it is written");
+    let csv = place.text("ledger/ledger.csv");
     assert_eq!(csv.lines().count(), 4, "{csv}");
-    let page = fs::read_to_string(place.at("ledger/ledger.html")).expect("it is written");
+    let page = place.text("ledger/ledger.html");
     assert!(page.contains("<svg") && page.contains("preset unsorted"), "{page}");
     for file in ["preset unsorted.png", "preset unsorted.difference.png", "truth.one.png"] {
-        assert!(place.at(&format!("ledger/pictures/{file}")).is_file(), "{file}");
+        assert!(place.at(format!("ledger/pictures/{file}")).is_file(), "{file}");
     }
     assert!(page.contains("src=\"pictures/preset%20unsorted%2Edifference%2Epng\""), "{page}");
-    let plot = Image::load(&place.at("ledger/ledger.png")).expect("a picture");
+    let plot = place.image("ledger/ledger.png");
     assert!(plot.rgb.iter().any(|pixel| *pixel != plot.rgb[0]), "it is not empty");
 
     // The result of an interruption: the first rows.
     let mut part = whole.clone();
     part["rows"].as_array_mut().expect("rows").truncate(2);
     place.write("ledger/ledger.json", part.to_string());
-    let again = place.run(&args);
-    assert!(String::from_utf8_lossy(&again.stderr).contains("2 rows of an earlier run are kept"));
+    assert!(place.said(&line).1.contains("2 rows of an earlier run are kept"));
     let complete = ledger(&place);
     assert_eq!(complete["rows"].as_array().map(Vec::len), Some(6));
     assert_eq!((&complete["rows"][0], &complete["rows"][1]), (&whole["rows"][0], &whole["rows"][1]));
@@ -78,24 +61,21 @@ fn the_ledger_holds_each_setting_against_the_truth_and_goes_on_after_an_interrup
 fn the_truth_can_be_pictures_of_a_folder_and_mistakes_are_told_before_anything_is_drawn() {
     let place = Place::new();
     place.cameras(&["one"]);
-    let (code, errors) =
-        place.code(&["render", "scene.ply", "-c", "cameras.json", "-o", "true", "--format", "npy"]);
-    assert_eq!(code, Some(0), "{errors}");
-    let short = ["trade", "scene.ply", "-c", "cameras.json", "--rounds", "1", "--frames", "1", "--only"];
-    let output = place.run(&[&short[..], &["defaults", "--truth", "true"]].concat());
-    let table = String::from_utf8_lossy(&output.stdout).into_owned();
+    place.done(TRUTH);
+    let short = format!("{SHORT} --only");
+    let table = place.done(&format!("{short} defaults --truth true"));
     let line = table.lines().find(|line| line.contains("defaults")).expect("a line");
     assert!(line.contains("equal"), "the defaults drew the truth: {table}");
-    for (more, code, why) in [
-        (&["nothing"][..], 2, "expected the begin of a setting's name"),
-        (&["defaults", "--truth", "missing"], 1, "expected the picture one.npy, .exr or .png in missing"),
-        (&["defaults", "--truth", "true", "--size", "32x32"], 1, "expected 32 x 32 pixels"),
-        (&["defaults", "--rounds", "0"], 2, "--rounds"),
-        (&["defaults", "--truth", "ledger/pictures"], 2, "name another --output"),
-    ] {
-        let found = place.code(&[&short[..], more].concat());
-        assert!(found.0 == Some(code) && found.1.contains(why), "{more:?}: {found:?}");
-    }
+    place.refuses(
+        &short,
+        &[
+            ("nothing", 2, "expected the begin of a setting's name"),
+            ("defaults --truth missing", 1, "expected the picture one.npy, .exr or .png in missing"),
+            ("defaults --truth true --size 32x32", 1, "expected 32 x 32 pixels"),
+            ("defaults --rounds 0", 2, "--rounds"),
+            ("defaults --truth ledger/pictures", 2, "name another --output"),
+        ],
+    );
 }
 
 /// The numbers of a row of the only camera.
@@ -110,44 +90,37 @@ fn psnr(place: &Place, setting: &str) -> Option<f64> {
 fn a_ledger_is_not_resumed_with_the_rows_of_another_truth_graph_or_preset() {
     let place = Place::new();
     place.cameras(&["one"]);
-    let truth = ["render", "scene.ply", "-c", "cameras.json", "-o", "true", "--format", "npy"];
-    assert_eq!(place.code(&truth).0, Some(0));
-    let short = ["trade", "scene.ply", "-c", "cameras.json", "--rounds", "1", "--frames", "1", "--only"];
-    let trade = |more: &[&str]| {
-        let (code, errors) = place.code(&[&short[..], more].concat());
-        assert_eq!(code, Some(0), "{errors}");
-        errors
-    };
-    let against = ["defaults", "--truth", "true"];
-    trade(&against);
+    place.done(TRUTH);
+    let trade = |more: &str| place.said(&format!("{SHORT} --only {more}")).1;
+    let against = "defaults --truth true";
+    trade(against);
     assert_eq!(psnr(&place, "defaults"), None, "the defaults drew the truth");
-    assert!(trade(&against).contains("2 rows of an earlier run are kept"));
+    assert!(trade(against).contains("2 rows of an earlier run are kept"));
 
     // Other pictures under the same names.
-    assert_eq!(place.code(&[&truth[..], &["--background", "1,1,1"]].concat()).0, Some(0));
-    let errors = trade(&against);
+    place.done(&format!("{TRUTH} --background 1,1,1"));
+    let errors = trade(against);
     assert!(
         errors.contains("rows of an earlier run are measured anew: measured with another truth")
             && !errors.contains("are kept"),
         "{errors}"
     );
     let resumed = psnr(&place, "defaults").expect("not equal");
-    trade(&[&against[..], &["-o", "fresh"]].concat());
-    place.write("ledger/ledger.json", fs::read(place.at("fresh/ledger.json")).expect("it is written"));
+    trade(&format!("{against} -o fresh"));
+    place.write("ledger/ledger.json", place.bytes("fresh/ledger.json"));
     assert!(resumed < 30.0 && psnr(&place, "defaults") == Some(resumed), "{resumed}");
 
     // A preset of the folder stands before the built-in one; the graph's own rows stay.
     let preset = |bits: u32| {
         let text = format!("Preset(graph: \"splat\", summary: \"Keys\", set: {{ \"key_bits\": {bits} }})");
-        fs::create_dir_all(place.at("pipelines")).expect("a folder");
         place.write("pipelines/key16.ron", text);
     };
     preset(16);
-    trade(&["preset key16"]);
-    assert!(trade(&["preset key16"]).contains("2 rows of an earlier run are kept"));
+    trade("'preset key16'");
+    assert!(trade("'preset key16'").contains("2 rows of an earlier run are kept"));
     let before = psnr(&place, "preset key16");
     preset(8);
-    let errors = trade(&["preset key16"]);
+    let errors = trade("'preset key16'");
     assert!(
         errors.contains("measured with another graph")
             && errors.contains("1 rows of an earlier run are kept"),
@@ -160,22 +133,17 @@ fn a_ledger_is_not_resumed_with_the_rows_of_another_truth_graph_or_preset() {
 fn settings_with_the_plan_of_another_are_not_measured_and_a_stale_order_earns_no_mark() {
     let place = Place::new();
     place.cameras(&["one"]);
-    fs::create_dir_all(place.at("pipelines")).expect("a folder");
     place.write("pipelines/digit8.ron", "Preset(graph: \"splat\", summary: \"Nothing\", set: {})");
-    let short = ["trade", "scene.ply", "-c", "cameras.json", "-p", "splat", "--rounds", "1", "--frames", "1"];
-    let only = ["--only", "defaults", "--only", "preset digit8", "--only", "preset stale_order"];
-    let output = place.run(&[&short[..], &only].concat());
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{errors}");
+    let only = "--only defaults --only 'preset digit8' --only 'preset stale_order'";
+    let (table, errors) = place.said(&format!("{SHORT} -p splat {only}"));
     assert!(errors.contains("not measured: `preset digit8` has the plan of `defaults`"), "{errors}");
-    let table = String::from_utf8_lossy(&output.stdout);
     let row = table.lines().find(|line| line.contains("preset stale_order")).expect("a row");
     assert!(row.starts_with(' ') && row.ends_with("still views hide its cost"), "{table}");
     assert!(table.contains("`preset stale_order` is not judged"), "{table}");
     assert!(!table.contains("digit8"), "{table}");
     // One round is not enough to judge time.
     assert!(table.contains("too noisy to tell whether") && table.contains("at least 8 rounds"), "{table}");
-    let csv = fs::read_to_string(place.at("ledger/ledger.csv")).expect("it is written");
+    let csv = place.text("ledger/ledger.csv");
     assert!(
         csv.lines().any(|line| line.starts_with("\"preset stale_order\"") && line.contains("not judged")),
         "{csv}"

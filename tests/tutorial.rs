@@ -5,65 +5,21 @@ use splatgraph::io::image::Image;
 use splatgraph::studies::metrics;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::Stdio;
 
-use crate::common;
-
-/// The size of the pictures.
-const SIZE: &str = "128x72";
+use crate::place::Place;
 
 fn tutorial() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/tutorial")
 }
 
-fn splatgraph(folder: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_splatgraph"))
-        .args(args)
-        .current_dir(folder)
-        .output()
-        .expect("the program runs")
-}
-
-/// Standard output of a command that succeeds.
-fn done(folder: &Path, args: &[&str]) -> String {
-    let output = splatgraph(folder, args);
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "splatgraph {}: {errors}", args.join(" "));
-    String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
-/// A folder with a scene of 20,000 splats.
-fn scene() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().expect("a folder");
-    done(
-        folder.path(),
-        &["synth", "demo", "--count", "20000", "-o", "scene.ply", "--cameras", "cameras.json"],
-    );
-    folder
-}
-
-/// Checks a graph and draws it with validation, from the first camera.
-fn drawn(folder: &Path, graph: &str, set: &[&str]) -> Image {
-    let text = done(folder, &["check", graph]);
+/// Checks a graph and draws it with validation, from the first camera. `more` has parameters.
+fn drawn(place: &Place, graph: &str, more: &str) -> Image {
+    let text = place.done(&format!("check {graph}"));
     assert!(text.contains(": OK\n"), "{text}");
-    let mut args = vec![
-        "render",
-        "scene.ply",
-        "-c",
-        "cameras.json#0",
-        "-p",
-        graph,
-        "--size",
-        SIZE,
-        "--validate",
-        "-o",
-        "out.npy",
-    ];
-    args.extend(set.iter().flat_map(|set| ["--set", set]));
-    let device = common::device_option();
-    args.extend(device.as_deref());
-    done(folder, &args);
-    Image::load(&folder.join("out.npy")).expect("a picture")
+    let line = "render scene.ply -c cameras.json#0 --size 128x72 --validate -o out.npy";
+    place.done(&format!("{line} -p {graph} {more}"));
+    place.image("out.npy")
 }
 
 /// PSNR in decibels; infinite for equal pictures.
@@ -77,39 +33,40 @@ fn pixels(image: &Image) -> impl Iterator<Item = [f32; 3]> + '_ {
 
 #[test]
 fn every_step_of_the_tutorial_draws_what_it_teaches() {
-    let scene = scene();
-    let folder = scene.path();
-    let step = |name: &str, set: &[&str]| {
-        drawn(folder, &tutorial().join(name).with_extension("ron").display().to_string(), set)
+    let place = Place::demo(20000);
+    let step = |name: &str, more: &str| {
+        drawn(&place, &tutorial().join(name).with_extension("ron").display().to_string(), more)
     };
-    let splat = drawn(folder, "splat", &[]);
-    let auto = drawn(folder, "auto", &[]);
-    let renderer = step("renderer", &[]);
+    let splat = drawn(&place, "splat", "");
+    let auto = drawn(&place, "auto", "");
+    let renderer = step("renderer", "");
     assert!(psnr(&renderer, &splat) > 50.0, "{}", psnr(&renderer, &splat));
-    // The previous steps lack harmonics and the order.
-    let base = drawn(folder, "splat", &["sh_degree=0"]);
-    let sorted = step("sorted", &[]);
+    // Harmonics, and the order, are what the steps before lack.
+    let base = drawn(&place, "splat", "--set sh_degree=0");
+    let sorted = step("sorted", "");
     assert!(psnr(&sorted, &base) > 50.0 && psnr(&sorted, &splat) < 45.0);
-    assert!(psnr(&step("sorted", &["sh_degree=3"]), &renderer) > 60.0);
-    let blended = step("blended", &[]);
+    assert!(psnr(&step("sorted", "--set sh_degree=3"), &renderer) > 60.0);
+    let blended = step("blended", "");
     assert!(psnr(&blended, &sorted) < 30.0, "{}", psnr(&blended, &sorted));
-    assert!(psnr(&step("ellipses", &[]), &sorted) < 30.0);
-    let points = step("points", &[]);
+    assert!(psnr(&step("ellipses", ""), &sorted) < 30.0);
+    let points = step("points", "");
     let lit = pixels(&points).filter(|rgb| *rgb == [1.0, 0.8, 0.5]).count();
     let dark = pixels(&points).filter(|rgb| *rgb == [0.0; 3]).count();
     assert!(lit > 1000 && dark > 1000 && lit + dark == 128 * 72, "{lit} points, {dark} dark");
-    let rings = step("paint", &[]);
-    assert!(psnr(&rings, &step("paint", &["width=40"])) < 20.0, "the slider changes the rings");
-    // Depth is grey; the nearest is the brightest.
-    let depth = step("depth", &[]);
+    let rings = step("paint", "");
+    assert!(psnr(&rings, &step("paint", "--set width=40")) < 20.0, "the slider changes the rings");
+    // Depth is grey, and the nearest is the brightest.
+    let depth = step("depth", "");
     assert!(pixels(&depth).all(|[r, g, b]| (r - g).abs() < 1e-5 && (g - b).abs() < 1e-5));
     let range = pixels(&depth).fold((1.0f32, 0.0f32), |(low, high), [r, ..]| (low.min(r), high.max(r)));
     assert!(range.0 < 0.4 && range.1 > 0.8 && range.1 < 1.01, "{range:?}");
     // Filters at 0 leave the picture as it is.
-    assert_eq!(psnr(&step("post", &["grey=0"]), &auto), f64::INFINITY);
-    assert!(pixels(&step("post", &["grey=1"])).all(|[r, g, b]| (r - g).abs() < 1e-5 && (g - b).abs() < 1e-5));
-    assert_eq!(psnr(&step("outlines", &["strength=0"]), &auto), f64::INFINITY);
-    let outlined = step("outlines", &[]);
+    assert_eq!(psnr(&step("post", "--set grey=0"), &auto), f64::INFINITY);
+    assert!(
+        pixels(&step("post", "--set grey=1")).all(|[r, g, b]| (r - g).abs() < 1e-5 && (g - b).abs() < 1e-5)
+    );
+    assert_eq!(psnr(&step("outlines", "--set strength=0"), &auto), f64::INFINITY);
+    let outlined = step("outlines", "");
     assert!(
         pixels(&outlined)
             .zip(pixels(&auto))
@@ -120,63 +77,56 @@ fn every_step_of_the_tutorial_draws_what_it_teaches() {
 
 #[test]
 fn every_start_is_written_checked_and_drawn() {
-    let scene = scene();
-    let folder = scene.path();
+    let place = Place::demo(20000);
     for (start, name) in [("splat", "my.ron"), ("compute", "rings.ron"), ("post", "new/grey.ron")] {
-        let text = done(folder, &["new", name, "--from", start]);
+        let text = place.done(&format!("new {name} --from {start}"));
         assert!(text.contains(&format!("splatgraph render -p {name} -o")), "{text}");
-        let picture = drawn(folder, name, &[]);
+        let picture = drawn(&place, name, "");
         let first = picture.rgb[0];
         assert!(pixels(&picture).any(|rgb| rgb != first), "{start} draws one colour");
-        let again = splatgraph(folder, &["new", name, "--from", start]);
-        assert_eq!(again.status.code(), Some(2), "{start} overwrites its files");
-        done(folder, &["new", name, "--from", start, "--force"]);
+        let again = format!("new {name} --from {start}");
+        place.refuses(&again, &[("", 2, name)]);
+        place.done(&format!("{again} --force"));
     }
 }
 
 #[test]
 fn a_graph_of_the_program_is_printed_as_it_is_and_checked_where_it_is_copied_to() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let folder = folder.path();
-    let text = done(folder, &["source", "filters/edges"]);
+    let place = Place::empty();
+    let text = place.done("source filters/edges");
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../pipelines/filters/edges.ron");
     assert_eq!(text, std::fs::read_to_string(file).expect("there"));
-    std::fs::write(folder.join("mine.ron"), text).expect("writable");
-    assert!(done(folder, &["check", "mine.ron"]).starts_with("mine.ron: OK"));
-    let list = done(folder, &["source"]);
+    place.write("mine.ron", text);
+    assert!(place.done("check mine.ron").starts_with("mine.ron: OK"));
+    let list = place.done("source");
     assert!(list.contains("  parts/depth_order ") && list.contains("  sort/scatter.comp "), "{list}");
     assert!(!list.contains('\u{1b}'), "a pipe gets no colours");
-    let unknown = splatgraph(folder, &["source", "parts/depth_ordr"]);
-    assert_eq!(unknown.status.code(), Some(1));
-    let errors = String::from_utf8_lossy(&unknown.stderr);
-    assert!(errors.contains("did you mean `parts/depth_order`?"), "{errors}");
+    place.refuses("source", &[("parts/depth_ordr", 1, "did you mean `parts/depth_order`?")]);
 }
 
 #[test]
 fn parameters_are_listed_as_text_and_as_json_with_the_devices_defaults() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let folder = folder.path();
-    let text = done(folder, &["params", "filters/edges"]);
+    let place = Place::empty();
+    let text = place.done("params filters/edges");
     assert!(text.contains("\n  strength ") && text.contains("live 0.0..4.0 [1.0]"), "{text}");
-    let json: serde_json::Value = serde_json::from_str(&done(folder, &["params", "--json"])).expect("JSON");
+    let json = place.told("params --json");
     assert_eq!(json["graph"], "auto");
     let names: Vec<&str> =
         json["parameters"].as_array().expect("a list").iter().filter_map(|p| p["name"].as_str()).collect();
     assert!(names.contains(&"sh_degree") && names.contains(&"key_bits"), "{names:?}");
     // Helps name the command instead of listing them.
     for command in ["render", "check"] {
-        let help = done(folder, &[command, "--help"]);
+        let help = place.done(&[command, "--help"]);
         assert!(help.contains("splatgraph params NAME") && !help.contains("jacobian_limit"), "{help}");
     }
 }
 
 #[test]
 fn diagnostics_are_json_for_programs() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let folder = folder.path();
-    let text = done(folder, &["source", "filters/edges"]).replace("\"scene.picture\"", "\"scene.pictre\"");
-    std::fs::write(folder.join("mine.ron"), &text).expect("writable");
-    let output = splatgraph(folder, &["check", "mine.ron", "splat", "--json"]);
+    let place = Place::empty();
+    let text = place.done("source filters/edges").replace("\"scene.picture\"", "\"scene.pictre\"");
+    place.write("mine.ron", &text);
+    let output = place.run("check mine.ron splat --json");
     assert_eq!(output.status.code(), Some(1));
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let found = &json[0]["diagnostics"][0];
@@ -193,19 +143,15 @@ fn diagnostics_are_json_for_programs() {
 
 #[test]
 fn an_editor_is_told_the_mistakes_of_a_graph_on_standard_output() {
-    let folder = tempfile::tempdir().expect("a folder");
-    done(folder.path(), &["new", "my.ron", "--from", "compute"]);
-    let file = folder.path().join("my.ron").canonicalize().expect("there");
+    let place = Place::empty();
+    place.done("new my.ron --from compute");
+    let file = place.at("my.ron").canonicalize().expect("there");
     let text = std::fs::read_to_string(&file).expect("text").replace("\"rgba32f\"", "\"Rgba32Float\"");
     let document = serde_json::json!({
         "uri": format!("file://{}", file.display()), "languageId": "ron", "version": 1, "text": text,
     });
-    let mut server = Command::new(env!("CARGO_BIN_EXE_splatgraph"))
-        .arg("lsp")
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("the program runs");
+    let mut server =
+        place.program("lsp").stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program runs");
     let mut input = server.stdin.take().expect("piped");
     let mut send = |id: Option<u32>, method: &str, params: serde_json::Value| {
         let mut message = serde_json::json!({ "jsonrpc": "2.0", "method": method, "params": params });

@@ -1,11 +1,9 @@
 //! A scene ten million units from the origin: its file stores doubles, and the picture keeps their precision.
 
 use super::{Error, QUADS, exact};
-use crate::files::Place;
-use splatgraph::io::image::Image;
+use crate::place::Place;
 use splatgraph_assets::{Camera, Scene, synth};
 use splatgraph_reference::{Gaussian, Splats};
-use std::path::Path;
 
 const SIZE: (u32, u32) = (96, 54);
 
@@ -22,10 +20,6 @@ fn world() -> (Vec<Gaussian>, Camera, Scene) {
     ((0..1000).map(moved).collect(), local.relative_to(offset.map(|v| -v)), scene)
 }
 
-fn picture(path: &Path) -> Image {
-    Image::load(path).expect("a picture")
-}
-
 #[test]
 fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     let (splats, camera, made) = world();
@@ -34,8 +28,7 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     let rules = [&QUADS[..], &[("depth", "f64")]].concat();
     let truth = exact(splats.as_slice(), &camera, &rules);
     let place = Place::new();
-    let synth = ["synth", "surveyed", "--count", "1000", "-o", "far.ply", "--cameras", "far.json"];
-    assert_eq!(place.code(&synth).0, Some(0));
+    place.done("synth surveyed --count 1000 -o far.ply --cameras far.json");
     let loaded = Scene::load(place.at("far.ply"), splatgraph_assets::QUIET).expect("it loads");
     assert_eq!(loaded.offset(), made.offset(), "the reader finds the origin that the writer had");
     let off = loaded.positions().iter().flatten().zip(made.positions().iter().flatten());
@@ -44,15 +37,13 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     let written = Camera::load(place.at("far.json")).expect("cameras");
     assert_eq!(written[0].position, camera.position);
 
-    let draw = |more: &[&str], out: &str| {
-        let size = format!("{}x{}", SIZE.0, SIZE.1);
-        let background = ["--background", "0.2,0.3,0.4", "-p", "splat", "--set", "target=rgba32f", "-o", out];
-        let (code, errors) =
-            place.code(&[&["render", "far.ply", "--size", &size], more, &background].concat());
-        assert_eq!(code, Some(0), "{errors}");
-        picture(&place.at(out))
+    let (width, height) = SIZE;
+    let render = format!("render far.ply --size {width}x{height} --background 0.2,0.3,0.4 -p splat");
+    let draw = |more: &str, out: &str| {
+        place.done(&format!("{render} --set target=rgba32f {more} -o {out}"));
+        place.image(out)
     };
-    let found = Error::of("surveyed", &draw(&["-c", "far.json"], "far.npy"), &truth);
+    let found = Error::of("surveyed", &draw("-c far.json", "far.npy"), &truth);
     println!("surveyed, recentred: {:.1} dB, worst pixel {:.5}", found.db, found.worst);
     assert!(found.db > 90.0, "{found:?}");
 
@@ -64,8 +55,8 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     println!("surveyed, rounded to f32: {:.1} dB, worst pixel {:.5}", before.db, before.worst);
     assert!(before.db < 30.0, "{before:?}");
 
-    // The framing camera is computed from the loaded scene, and sees it.
-    let framed = draw(&[], "framed.npy");
+    // The camera that frames the scene is made from what was loaded, and sees it.
+    let framed = draw("", "framed.npy");
     let lit = framed.rgb.iter().filter(|pixel| (pixel[0] - 0.2).abs() > 0.05).count();
     assert!(lit > 200, "only {lit} pixels show anything");
 }
@@ -73,16 +64,13 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
 #[test]
 fn the_origin_of_a_scene_is_shown_and_that_of_others_is_not() {
     let place = Place::new();
-    let synth = ["synth", "surveyed", "--count", "50", "-o", "far.ply", "--cameras", "far.json"];
-    assert_eq!(place.code(&synth).0, Some(0));
-    let info =
-        |args: &[&str]| String::from_utf8_lossy(&place.run(&[&["info"], args].concat()).stdout).into_owned();
-    let text = info(&["far.ply", "-c", "far.json"]);
+    place.done("synth surveyed --count 50 -o far.ply --cameras far.json");
+    let text = place.done("info far.ply -c far.json");
     let origin = text.lines().find(|line| line.contains("origin")).expect("a line");
     assert!(origin.contains("(9999360, -9999360, 9999360), subtracted from positions and cameras"), "{text}");
     let depth = text.lines().find(|line| line.contains("depth, origin")).expect("a line");
     assert!(depth.contains("lost to outliers"), "the camera sees the scene: {text}");
-    assert!(!info(&["scene.ply"]).contains("subtracted"));
-    let json: serde_json::Value = serde_json::from_str(&info(&["far.ply", "--json"])).expect("JSON");
+    assert!(!place.done("info scene.ply").contains("subtracted"));
+    let json = place.told("info far.ply --json");
     assert_eq!(json["report"]["place"]["offset"][0], 9_999_360.0);
 }

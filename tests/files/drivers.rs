@@ -1,7 +1,7 @@
 //! The program with a driver whose compiler never finishes.
 
-use super::Place;
 use crate::common;
+use crate::place::Place;
 use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
@@ -29,8 +29,8 @@ fn a_command_ends_with_an_error_although_the_drivers_compiler_never_does() {
         Command::new("cc").args(["-shared", "-fPIC", source, "-o"]).arg(&library).arg("-ldl").status();
     assert!(built.expect("a C compiler").success());
     for (after, args) in [
-        (0, &["render", "scene.ply", "-c", "cameras.json", "-o", "a.png"][..]),
-        (2, &["bench", "scene.ply", "-c", "cameras.json", "--pipelines", "splat", "--json", "a.json"]),
+        (0, "render scene.ply -c cameras.json -o a.png"),
+        (2, "bench scene.ply -c cameras.json --pipelines splat --json a.json"),
     ] {
         let output = place
             .program(args)

@@ -1,6 +1,6 @@
 //! The disk is full at each file in turn: the old file stays, no other file is left, and the exit code reports it.
 
-use super::{DRAW, Place};
+use crate::place::{DRAW, Place};
 use rustix::process::{Resource, Rlimit, setrlimit};
 use std::collections::BTreeMap;
 use std::os::unix::process::CommandExt;
@@ -25,20 +25,14 @@ fn a_full_disk_leaves_old_files_whole_whatever_is_written() {
         .save(&place.at("a.npy"))
         .expect("written");
     let inputs = place.files(".");
-    let render =
-        [&DRAW[..9], &["out.png", "--json", "stats.json", "--inspect", "order@compact=seen.npy"]].concat();
-    let commands: Vec<(Vec<&str>, Vec<&str>)> = vec![
-        (
-            vec!["synth", "demo", "--count", "50", "-o", "new.ply", "--cameras", "new.json"],
-            vec!["new.ply", "new.json"],
-        ),
-        (vec!["dump", "unsorted", "--format", "html", "-o", "plan.html"], vec!["plan.html"]),
-        (vec!["compare", "a.npy", "a.npy", "--diff", "diff.exr"], vec!["diff.exr"]),
-        (render, vec!["out.png", "seen.npy", "stats.json"]),
-    ];
-    for (args, outputs) in commands {
-        let whole = place.run(&args);
-        assert!(whole.status.success(), "{args:?}: {}", String::from_utf8_lossy(&whole.stderr));
+    let render = format!("{DRAW} out.png --json stats.json --inspect order@compact=seen.npy");
+    for (args, outputs) in [
+        ("synth demo --count 50 -o new.ply --cameras new.json", &["new.ply", "new.json"][..]),
+        ("dump unsorted --format html -o plan.html", &["plan.html"]),
+        ("compare a.npy a.npy --diff diff.exr", &["diff.exr"]),
+        (&render, &["out.png", "seen.npy", "stats.json"]),
+    ] {
+        place.done(args);
         let finished = place.files(".");
         let sizes: Vec<u64> =
             outputs.iter().map(|name| finished[&format!("./{name}")].len() as u64).collect();
@@ -46,11 +40,11 @@ fn a_full_disk_leaves_old_files_whole_whatever_is_written() {
         limits.sort_unstable();
         limits.dedup();
         for limit in limits {
-            // Old files that differ from the new ones.
-            for name in &outputs {
+            // Old files, that differ from the new ones.
+            for name in outputs {
                 place.write(name, format!("the old {name}"));
             }
-            let output = limited(place.program(&args), limit);
+            let output = limited(place.program(args), limit);
             let errors = String::from_utf8_lossy(&output.stderr);
             assert_eq!(output.status.code(), Some(1), "{args:?} with {limit} bytes: {errors}");
             assert!(errors.contains("cannot be written"), "{args:?} with {limit} bytes: {errors}");

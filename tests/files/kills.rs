@@ -1,8 +1,8 @@
 //! The program is killed after a random number of files while it draws twelve cameras: every existing file must be
 //! whole.
 
-use super::{DRAW, Place, SIZE};
 use crate::common::long;
+use crate::place::{DRAW, Place, SIZE};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use splatgraph::io::image::Image;
@@ -74,7 +74,7 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
     let place = Place::new();
     let names: Vec<String> = (0..CAMERAS).map(|index| format!("camera{index}")).collect();
     place.cameras(&names.iter().map(String::as_str).collect::<Vec<_>>());
-    let args = [&DRAW[..], &["--json", "stats.json", "--inspect", "order@compact=seen.npy"]].concat();
+    let args = format!("{DRAW} out --json stats.json --inspect order@compact=seen.npy");
     let clean = || {
         for path in ["out", "stats.json"].map(|name| place.at(name)) {
             let _ = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
@@ -184,21 +184,18 @@ fn undo_ignoring(command: &mut Command, signal: Signal) {
 fn a_signal_ends_the_program_with_its_number_and_one_that_is_ignored_does_not() {
     let place = Place::new();
     place.cameras(&["one"]);
-    // Drawn repeatedly, so that it runs until the signal.
-    let args = [&DRAW[..], &["--repeat", "100000"]].concat();
+    // Drawn again and again, so that it goes on until the signal.
+    let args = format!("{DRAW} out --repeat 100000");
     for (signal, ignored) in
         [(Signal::INT, false), (Signal::TERM, false), (Signal::HUP, false), (Signal::HUP, true)]
     {
-        let mut command = if ignored {
-            let mut command = place.program(&[]);
-            let program = command.get_program().to_owned();
-            command = Command::new("nohup");
-            command.arg(program).args(&args).current_dir(place.at(".")).stdin(Stdio::null());
-            command
+        let mut command = place.program(&args);
+        if ignored {
+            let mut nohup = Command::new("nohup");
+            nohup.arg(command.get_program()).args(command.get_args()).current_dir(place.at("."));
+            command = nohup;
+            command.stdin(Stdio::null());
         } else {
-            place.program(&args)
-        };
-        if !ignored {
             undo_ignoring(&mut command, signal);
         }
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts");

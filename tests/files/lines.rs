@@ -1,8 +1,8 @@
 //! Random command lines for the real program: it ends by itself, with one of its own exit codes, and destroys nothing.
 
 use super::words::{self, Random};
-use super::{Place, scene};
 use crate::common::long;
+use crate::place::{Place, scene};
 use splatgraph::io::image::{Image, save_words};
 use std::collections::BTreeMap;
 use std::fs;

@@ -1,11 +1,11 @@
 //! Outputs that would destroy something are refused, with exit code 2, before anything is drawn.
 
-use super::{DRAW, Place};
+use crate::place::{DRAW, Place};
 use splatgraph::io::image::{Image, save_words};
 use std::fs;
 
-/// Runs a command that must be refused with a one-line message and change nothing.
-fn refused(place: &Place, args: &[&str], why: &str) {
+/// Runs a command that must be refused in one line, and change nothing.
+fn refused(place: &Place, args: &str, why: &str) {
     let before = place.files(".");
     let output = place.run(args);
     let errors = String::from_utf8_lossy(&output.stderr);
@@ -37,58 +37,38 @@ fn no_output_goes_over_an_input_or_over_another_output() {
     let long = "x".repeat(300);
     let long_keys = format!("a@b={}.npy", "k".repeat(230));
     for (args, why) in [
+        ("render scene.ply -o a.png --json scene.ply", "--json would overwrite the scene"),
+        ("render scene.ply -o a.png --json soft.json", "--json would overwrite the scene"),
+        ("render scene.ply -o hard.png", "--output would overwrite the scene"),
+        ("render scene.ply -c cameras.json -o out", "--output would overwrite the scene"),
+        ("render scene.ply -c cameras.json#0 --json cameras.json", "overwrite the cameras"),
+        ("render scene.ply -p graph.ron --json ./graph.ron", "overwrite the graph"),
+        ("render scene.ply -o a.png --json a.png", "--json and --output name one file"),
+        ("render scene.ply -o - --json -", "standard output"),
+        ("render scene.ply -o z --json z", "which is inside of the file of --json"),
+        ("render scene.ply --inspect a@b=k.npy --inspect c@d=./k.npy", "two outputs of --inspect"),
+        ("render scene.ply -c cameras.json --inspect a@b=k.npy -o . --json k-one.npy", "one file"),
+        ("render scene.ply -c cameras.json -o -", "expected one camera"),
+        (&format!("render scene.ply -o {long}.png"), "the file system takes 255"),
         (
-            &["render", "scene.ply", "-o", "a.png", "--json", "scene.ply"][..],
-            "--json would overwrite the scene",
-        ),
-        (&["render", "scene.ply", "-o", "a.png", "--json", "soft.json"], "--json would overwrite the scene"),
-        (&["render", "scene.ply", "-o", "hard.png"], "--output would overwrite the scene"),
-        (&["render", "scene.ply", "-c", "cameras.json", "-o", "out"], "--output would overwrite the scene"),
-        (&["render", "scene.ply", "-c", "cameras.json#0", "--json", "cameras.json"], "overwrite the cameras"),
-        (&["render", "scene.ply", "-p", "graph.ron", "--json", "./graph.ron"], "overwrite the graph"),
-        (&["render", "scene.ply", "-o", "a.png", "--json", "a.png"], "--json and --output name one file"),
-        (&["render", "scene.ply", "-o", "-", "--json", "-"], "standard output"),
-        (&["render", "scene.ply", "-o", "z", "--json", "z"], "which is inside of the file of --json"),
-        (
-            &["render", "scene.ply", "--inspect", "a@b=k.npy", "--inspect", "c@d=./k.npy"],
-            "two outputs of --inspect",
-        ),
-        (
-            &[
-                "render",
-                "scene.ply",
-                "-c",
-                "cameras.json",
-                "--inspect",
-                "a@b=k.npy",
-                "-o",
-                ".",
-                "--json",
-                "k-one.npy",
-            ],
-            "one file",
-        ),
-        (&["render", "scene.ply", "-c", "cameras.json", "-o", "-"], "expected one camera"),
-        (&["render", "scene.ply", "-o", &format!("{long}.png")], "the file system takes 255"),
-        (
-            &["render", "scene.ply", "-c", "cameras.json", "--inspect", &long_keys],
+            &format!("render scene.ply -c cameras.json --inspect {long_keys}"),
             "no room for the cameras' names",
         ),
-        (&["render", "scene.ply", "-o", "scene.ply/a.png"], "scene.ply"),
-        (&["render", "scene.ply", "-o", "a.png", "--json", "out"], "which is a folder"),
-        (&["view", "scene.ply", "--events", "scene.ply"], "--events would overwrite the scene"),
-        (&["view", "scene.ply", "--screenshot", "-"], "expected a file for --screenshot"),
-        (&["view", "scene.ply", "--screenshot", "a.png", "--events", "a.png"], "name one file"),
-        (&["dump", "graph.ron", "-o", "graph.ron"], "--output would overwrite the graph"),
-        (&["dump", "splat", "--times", "stats.json", "-o", "stats.json"], "overwrite the file of --times"),
-        (&["dump", "splat", "--scene", "scene.ply", "-o", "hard.png"], "overwrite the scene"),
-        (&["synth", "demo", "-o", "z.ply", "--cameras", "z.ply"], "--output and --cameras name one file"),
-        (&["synth", "demo", "-o", "-", "--cameras", "-"], "standard output"),
-        (&["synth", "--enlarge", "scene.ply", "--count", "300", "-o", "./scene.ply"], "overwrite the scene"),
-        (&["synth", "demo", "--count", "10"], "missing output file"),
-        (&["compare", "a.npy", "b.npy", "--diff", "b.npy"], "overwrite a compared picture"),
-        (&["compare", "pics", "others", "--diff", "others"], "overwrite a compared picture"),
-        (&["compare", "a.npy", "b.npy", "--diff", "-"], "expected a file for --diff"),
+        ("render scene.ply -o scene.ply/a.png", "scene.ply"),
+        ("render scene.ply -o a.png --json out", "which is a folder"),
+        ("view scene.ply --events scene.ply", "--events would overwrite the scene"),
+        ("view scene.ply --screenshot -", "expected a file for --screenshot"),
+        ("view scene.ply --screenshot a.png --events a.png", "name one file"),
+        ("dump graph.ron -o graph.ron", "--output would overwrite the graph"),
+        ("dump splat --times stats.json -o stats.json", "overwrite the file of --times"),
+        ("dump splat --scene scene.ply -o hard.png", "overwrite the scene"),
+        ("synth demo -o z.ply --cameras z.ply", "--output and --cameras name one file"),
+        ("synth demo -o - --cameras -", "standard output"),
+        ("synth --enlarge scene.ply --count 300 -o ./scene.ply", "overwrite the scene"),
+        ("synth demo --count 10", "missing output file"),
+        ("compare a.npy b.npy --diff b.npy", "overwrite a compared picture"),
+        ("compare pics others --diff others", "overwrite a compared picture"),
+        ("compare a.npy b.npy --diff -", "expected a file for --diff"),
     ] {
         refused(&place, args, why);
     }
@@ -98,43 +78,23 @@ fn no_output_goes_over_an_input_or_over_another_output() {
 fn a_dump_does_not_overwrite_a_shader_of_its_graph() {
     let place = Place::new();
     for (name, text) in splatgraph::draw::builtin::FILES {
-        let path = place.at(name);
-        fs::create_dir_all(path.parent().expect("a folder")).expect("made");
-        fs::write(path, text).expect("written");
+        place.write(name, text);
     }
-    refused(
-        &place,
-        &["dump", "pipelines/splat.ron", "-o", "shaders/camera.glsl"],
-        "overwrite a file of the graph",
-    );
+    refused(&place, "dump pipelines/splat.ron -o shaders/camera.glsl", "overwrite a file of the graph");
 }
 
 #[test]
 fn every_camera_has_a_picture_and_an_array_of_its_own() {
     let place = Place::new();
     let long = "n".repeat(400);
+    #[rustfmt::skip]
     let names = [
-        "a/b",
-        "a_b",
-        "a-2",
-        "a",
-        "a",
-        "A",
-        "",
-        "camera6",
-        "..",
-        "../../x",
-        "CON",
-        "\x1b[31mred",
-        &long,
-        "line\nbreak",
+        "a/b", "a_b", "a-2", "a", "a", "A", "", "camera6", "..", "../../x", "CON", "\x1b[31mred", &long, "line\nbreak",
         "\u{202e}x",
     ];
     place.cameras(&names);
-    let args = [&DRAW[..], &["--inspect", "order@compact=seen.npy", "--json", "stats.json"]].concat();
-    let output = place.run(&args);
-    let text = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let args = format!("{DRAW} out --inspect order@compact=seen.npy --json stats.json");
+    let text = place.done(&args);
     let lines: Vec<&str> = text.lines().filter(|line| line.contains(": 64 x 48, ")).collect();
     let pictures = place.files("out");
     assert_eq!((lines.len(), pictures.len()), (names.len(), names.len()), "{text}");
@@ -144,9 +104,8 @@ fn every_camera_has_a_picture_and_an_array_of_its_own() {
     }
     let arrays = place.files(".").into_keys().filter(|name| name.starts_with("./seen-")).count();
     assert_eq!(arrays, names.len());
-    // An equal list gives equal names.
-    let again = place.run(&args);
-    assert!(again.status.success());
+    // The same list gives the same names.
+    place.done(&args);
     assert_eq!(place.files("out").into_keys().collect::<Vec<_>>(), pictures.into_keys().collect::<Vec<_>>());
 }
 
@@ -158,13 +117,11 @@ fn an_archive_cannot_send_differences_out_of_their_folder() {
         for name in ["../../outside", "/tmp/absolute", "plain"] {
             save_words(&place.at("member.npy"), &[1, 1, 3], &[0.5f32; 3]).expect("written");
             npz.start_file(format!("{name}.npy"), zip::write::SimpleFileOptions::default()).expect("begun");
-            std::io::Write::write_all(&mut npz, &fs::read(place.at("member.npy")).expect("read"))
-                .expect("written");
+            std::io::Write::write_all(&mut npz, &place.bytes("member.npy")).expect("written");
         }
         npz.finish().expect("written");
     }
-    let output = place.run(&["compare", "a.npz", "b.npz", "--diff", "in/side"]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    place.done("compare a.npz b.npz --diff in/side");
     let names: Vec<String> = place.files("in").into_keys().collect();
     assert_eq!(names, ["in/side/_._.._outside.png", "in/side/_tmp_absolute.png", "in/side/plain.png"]);
 }

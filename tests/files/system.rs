@@ -1,6 +1,6 @@
 //! Little memory, few processes, and invalid drivers: an error and an exit code.
 
-use super::Place;
+use crate::place::{DRAW, Place};
 use rustix::process::{Resource, Rlimit, setrlimit};
 use splatgraph_assets::synth;
 use std::fs;
@@ -23,7 +23,7 @@ fn a_driver_that_is_none_is_an_error_that_says_so() {
     place.write("manifest.json", r#"{"file_format_version": "1.0.0", "ICD": {"library_path": "./library.so", "api_version": "1.3.0"}}"#);
     place.write("huge.json", format!(r#"{{"ICD": {{"library_path": "{}"}}}}"#, "x".repeat(100_000)));
     for manifest in ["garbage.json", "manifest.json", "huge.json", "missing.json", ".", "scene.ply"] {
-        for args in [&["devices"][..], &["render", "scene.ply", "-o", "a.png"]] {
+        for args in ["devices", "render scene.ply -o a.png"] {
             let path = place.at(manifest);
             let mut command = place.program(args);
             let output = command
@@ -55,17 +55,14 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
     let copied = Command::new("cp").arg(env!("CARGO_BIN_EXE_splatgraph")).arg(&program).status();
     assert!(copied.expect("cp runs").success());
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).expect("set");
-    for args in [
-        &["compare", "a.npy", "a.npy"][..],
-        &["info", "scene.ply"],
-        &["synth", "demo", "--count", "1000", "-o", "new.ply"],
-        &["dump", "unsorted"],
-    ] {
+    for args in
+        ["compare a.npy a.npy", "info scene.ply", "synth demo --count 1000 -o new.ply", "dump unsorted"]
+    {
         for (resource, most) in
             [(Resource::Nproc, 1), (Resource::Nproc, 2), (Resource::Nproc, 3), (Resource::As, 400_000 * 1024)]
         {
             let mut command = Command::new(&program);
-            command.args(args).current_dir(place.at(".")).env("RAYON_NUM_THREADS", "64");
+            command.args(args.split(' ')).current_dir(place.at(".")).env("RAYON_NUM_THREADS", "64");
             if root {
                 // A user that has no other processes.
                 command.uid(54_321).gid(54_321);
@@ -81,7 +78,7 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
             );
             assert!(!errors.contains("panicked"), "{args:?} with {most} of {resource:?}: {errors}");
             // The others compile shaders, which needs a thread.
-            if ["compare", "synth"].contains(&args[0]) {
+            if args.starts_with("compare") || args.starts_with("synth") {
                 assert_eq!(code, Some(0), "{args:?} with {most} of {resource:?}: {errors}");
             }
         }
@@ -91,19 +88,17 @@ fn few_threads_and_little_memory_are_no_reason_to_panic() {
 #[test]
 fn counts_that_no_memory_holds_are_errors_in_one_sentence_and_write_nothing() {
     let place = Place::new();
-    let most = u32::MAX.to_string();
-    let mut lines: Vec<Vec<&str>> = synth::generators()
-        .iter()
-        .map(|generator| vec!["synth", generator.name, "--count", &most, "-o", "big.ply"])
-        .collect();
+    let most = u32::MAX;
+    let generators = synth::generators().iter();
+    let mut lines: Vec<String> =
+        generators.map(|generator| format!("synth {} --count {most} -o big.ply", generator.name)).collect();
     assert!(lines.len() > 10);
-    lines.push(vec!["synth", "--enlarge", "scene.ply", "--count", &most, "-o", "big.ply"]);
-    lines.push(vec!["check", "unsorted", "--splats", &most]);
+    lines.push(format!("synth --enlarge scene.ply --count {most} -o big.ply"));
+    lines.push(format!("check unsorted --splats {most}"));
     for line in lines {
-        let (code, errors) = place.code(&line);
-        assert_eq!(code, Some(1), "{line:?}: {errors}");
+        let errors = place.fails(&line, 1);
         assert!(errors.starts_with("error: ") && !errors.contains("panicked"), "{line:?}: {errors}");
-        if line[0] == "synth" {
+        if line.starts_with("synth") {
             assert!(
                 errors.contains("expected a scene that fits in memory, found 4294967295 splats"),
                 "{errors}"
@@ -112,8 +107,7 @@ fn counts_that_no_memory_holds_are_errors_in_one_sentence_and_write_nothing() {
         }
     }
     for count in ["0", "4294967296", "18446744073709551616", "1e9"] {
-        let (code, errors) = place.code(&["synth", "uniform", "--count", count, "-o", "big.ply"]);
-        assert_eq!(code, Some(2), "{count}: {errors}");
+        place.fails(&format!("synth uniform --count {count} -o big.ply"), 2);
     }
     assert!(!place.at("big.ply").exists());
 }
@@ -122,23 +116,22 @@ fn counts_that_no_memory_holds_are_errors_in_one_sentence_and_write_nothing() {
 fn a_picture_larger_than_any_device_has_is_refused_with_its_camera_and_size() {
     let place = Place::new();
     place.cameras(&["one"]);
-    let text = fs::read_to_string(place.at("cameras.json")).expect("read");
+    let text = place.text("cameras.json");
     place.write("cameras.json", text.replace("\"width\": 64", "\"width\": 100000"));
-    let (code, errors) = place.code(&["render", "scene.ply", "--cameras", "cameras.json", "-o", "a.png"]);
-    assert_eq!(code, Some(1), "{errors}");
-    assert!(errors.contains("the camera one has pictures of 100000 x 48 pixels"), "{errors}");
-    let (code, errors) = place.code(&["render", "scene.ply", "--size", "100000x48", "-o", "a.png"]);
-    assert_eq!(code, Some(2), "{errors}");
-    assert!(errors.contains("32768x32768"), "{errors}");
+    place.refuses(
+        "render scene.ply -o a.png",
+        &[
+            ("--cameras cameras.json", 1, "the camera one has pictures of 100000 x 48 pixels"),
+            ("--size 100000x48", 2, "32768x32768"),
+        ],
+    );
 }
 
 #[test]
 fn a_negative_background_needs_no_equals_sign() {
     let place = Place::new();
     place.cameras(&["one"]);
-    let args = [&super::DRAW[..9], &["a.npy", "--background", "-1,0,0"]].concat();
-    let (code, errors) = place.code(&args);
-    assert_eq!(code, Some(0), "{errors}");
-    let image = splatgraph::io::image::Image::load(&place.at("a.npy")).expect("a picture");
+    place.done(&format!("{DRAW} a.npy --background -1,0,0"));
+    let image = place.image("a.npy");
     assert!(image.rgb.iter().any(|pixel| pixel[0] < 0.0));
 }

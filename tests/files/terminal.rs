@@ -1,6 +1,6 @@
 //! Closed pipes, full devices, and names in files with terminal escapes.
 
-use super::{DRAW, Place};
+use crate::place::{DRAW, Place};
 use std::fs::{self, File};
 use std::process::{Command, Stdio};
 
@@ -25,11 +25,11 @@ fn lines_that_nobody_reads_do_not_stop_the_work() {
     let names: Vec<String> = (0..12).map(|index| format!("camera{index}")).collect();
     place.cameras(&names.iter().map(String::as_str).collect::<Vec<_>>());
     for run in [into_closed_pipe, onto_full_device] {
-        let (code, errors) = run(place.program(&DRAW));
+        let (code, errors) = run(place.program(&format!("{DRAW} out")));
         assert_eq!((code, place.files("out").len()), (Some(0), 12), "{errors}");
         fs::remove_dir_all(place.at("out")).expect("removed");
-        let args = ["synth", "demo", "--count", "10", "-o", "new.ply", "--cameras", "new.json"];
-        let (code, errors) = run(place.program(&args));
+        let args = "synth demo --count 10 -o new.ply --cameras new.json";
+        let (code, errors) = run(place.program(args));
         assert_eq!((code, place.at("new.json").exists()), (Some(0), true), "{errors}");
         fs::remove_file(place.at("new.json")).expect("removed");
     }
@@ -41,12 +41,12 @@ fn where_standard_output_is_the_product_a_closed_pipe_ends_it_and_a_full_device_
     let text = |name: &str| fs::read_to_string(place.at(name)).unwrap_or_default();
     place.write("broken.ron", "Graph(");
     for args in [
-        &["dump", "unsorted"][..],
-        &["dump", "unsorted", "-o", "-"],
-        &["synth"],
-        &["synth", "demo", "--count", "10", "-o", "-"],
-        &["--help"],
-        &["info", "scene.ply"],
+        "dump unsorted",
+        "dump unsorted -o -",
+        "synth",
+        "synth demo --count 10 -o -",
+        "--help",
+        "info scene.ply",
     ] {
         let (code, errors) = into_closed_pipe(place.program(args));
         assert_eq!((code, errors.contains("error")), (Some(0), false), "{args:?}: {errors}");
@@ -54,8 +54,8 @@ fn where_standard_output_is_the_product_a_closed_pipe_ends_it_and_a_full_device_
         assert_eq!(code, Some(1), "{args:?}: {errors}");
         assert!(errors.contains("standard output cannot be written: No space left"), "{args:?}: {errors}");
     }
-    // The exit code reports the result as well.
-    assert_eq!(into_closed_pipe(place.program(&["check", "broken.ron"])).0, Some(1));
+    // The verdict is in the exit code, too.
+    assert_eq!(into_closed_pipe(place.program("check broken.ron")).0, Some(1));
     assert_eq!(text("-"), "", "`-` is no file");
 }
 
@@ -64,11 +64,11 @@ fn an_error_that_cannot_be_written_is_an_exit_code_and_no_panic() {
     let place = Place::new();
     place.write("broken.ron", "Graph(");
     for (args, expected) in [
-        (&["info", "missing.ply"][..], 1),
-        (&["check", "broken.ron"], 1),
-        (&["render", "scene.ply"], 2),
-        (&["nope"], 2),
-        (&["synth", "demo", "-o", "scene.txt"], 2),
+        ("info missing.ply", 1),
+        ("check broken.ron", 1),
+        ("render scene.ply", 2),
+        ("nope", 2),
+        ("synth demo -o scene.txt", 2),
     ] {
         let full = File::options().write(true).open("/dev/full").expect("Linux has it");
         let status =
@@ -81,16 +81,16 @@ fn an_error_that_cannot_be_written_is_an_exit_code_and_no_panic() {
 fn a_picture_or_a_scene_on_standard_output_is_alone_there() {
     let place = Place::new();
     place.cameras(&["one"]);
-    let args = [&DRAW[..9], &["-"]].concat();
+    let args = format!("{DRAW} -");
     let output = place.run(&args);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(output.stdout.starts_with(b"\x89PNG") && output.stdout.ends_with(b"IEND\xaeB`\x82"));
-    // The reader of a large output stops before its end.
-    let scene = ["synth", "demo", "--count", "20000", "-o", "-"];
-    assert_eq!(into_closed_pipe(place.program(&scene)).0, Some(0));
-    let picture = [&DRAW[..9], &["-", "--format", "exr", "--size", "640x480"]].concat();
+    // The reader of a large one has enough before its end.
+    let scene = "synth demo --count 20000 -o -";
+    assert_eq!(into_closed_pipe(place.program(scene)).0, Some(0));
+    let picture = format!("{DRAW} - --format exr --size 640x480");
     assert_eq!(into_closed_pipe(place.program(&picture)).0, Some(0));
-    let made = place.run(&["synth", "demo", "--count", "10", "-o", "-"]);
+    let made = place.run("synth demo --count 10 -o -");
     assert!(made.stdout.starts_with(b"ply\n") && made.stdout.len() > 2480, "{} bytes", made.stdout.len());
 }
 
@@ -109,7 +109,7 @@ const EVIL: &str = "e\x1b[2J\x1b[31m\x1b]0;owned\x07\u{9b}1m\r\u{8}\u{7f}\u{202e
 #[test]
 fn no_name_in_a_file_reaches_the_terminal_raw() {
     let place = Place::new();
-    let ply = fs::read(place.at("scene.ply")).expect("read");
+    let ply = place.bytes("scene.ply");
     let end = ply.windows(11).position(|part| part == b"end_header\n").expect("a header");
     let with = |line: &str| [&ply[..end], line.as_bytes(), &ply[end..]].concat();
     place.write("comment.ply", with(&format!("comment {EVIL}\n")));
@@ -133,57 +133,32 @@ fn no_name_in_a_file_reaches_the_terminal_raw() {
         "Graph(\n  buffers: {\"b\": (stride: 4, count: 4)},\n  passes: [Dispatch(name: \"p\", shader: \"shader.comp\", groups: (1, 1, 1))],\n  output: \"b\",\n)",
     );
     place.write("stats.json", format!(r#"[{{"pipeline": "{}", "passes": []}}]"#, "e\\u001b[2J"));
-    let scene = format!("{EVIL}.ply");
-    let graph = format!("{EVIL}.ron");
-    let setting = format!("{EVIL}=1");
     let mut shown = 0;
     for args in [
-        &["info", "comment.ply"][..],
-        &["info", "property.ply"],
-        &["info", "element.ply"],
-        &["info", "format.ply"],
-        &["info", &scene],
-        &["info", "property.ply", "--json"],
-        &["info", &format!("{EVIL}.missing")],
-        &[
-            "render",
-            &scene,
-            "--cameras",
-            "cameras.json",
-            "-p",
-            "unsorted",
-            "--device",
-            "llvmpipe",
-            "--json",
-            "-",
-        ],
-        &[
-            "render",
-            "scene.ply",
-            "-c",
-            "cameras.json",
-            "-p",
-            "unsorted",
-            "--device",
-            "llvmpipe",
-            "--inspect",
-            "order@compact",
-        ],
-        &["render", "scene.ply", "-c", "cameras.json", "-p", "unsorted", "--device", "llvmpipe", "-o", "out"],
-        &["render", "scene.ply", "-c", "cameras.json#9", "-o", "a.png"],
-        &["render", "scene.ply", "-c", "broken.json", "-o", "a.png"],
-        &["render", "scene.ply", "--device", EVIL, "-o", "a.png"],
-        &["render", "scene.ply", "-p", "splat", "--set", &setting, "-o", "a.png", "--device", "llvmpipe"],
-        &["render", "scene.ply", "-o", EVIL, "--format", EVIL],
-        &["check", "names.ron", "unknown.ron", "preset.ron", "set.ron", "shader.ron", &graph, EVIL],
-        &["dump", "names.ron"],
-        &["dump", "splat", "--set", &setting],
-        &["dump", "splat", "--times", "stats.json"],
-        &["compare", EVIL, EVIL],
-        &["synth", EVIL, "-o", "a.ply"],
-        &["synth", "demo", "--count", "10", "-o", &format!("{EVIL}2.ply")],
-        &[EVIL],
-        &["render", &format!("--{EVIL}")],
+        "info comment.ply",
+        "info property.ply",
+        "info element.ply",
+        "info format.ply",
+        &format!("info {EVIL}.ply"),
+        "info property.ply --json",
+        &format!("info {EVIL}.missing"),
+        &format!("render {EVIL}.ply --cameras cameras.json -p unsorted --device llvmpipe --json -"),
+        "render scene.ply -c cameras.json -p unsorted --device llvmpipe --inspect order@compact",
+        "render scene.ply -c cameras.json -p unsorted --device llvmpipe -o out",
+        "render scene.ply -c cameras.json#9 -o a.png",
+        "render scene.ply -c broken.json -o a.png",
+        &format!("render scene.ply --device {EVIL} -o a.png"),
+        &format!("render scene.ply -p splat --set {EVIL}=1 -o a.png --device llvmpipe"),
+        &format!("render scene.ply -o {EVIL} --format {EVIL}"),
+        &format!("check names.ron unknown.ron preset.ron set.ron shader.ron {EVIL}.ron {EVIL}"),
+        "dump names.ron",
+        &format!("dump splat --set {EVIL}=1"),
+        "dump splat --times stats.json",
+        &format!("compare {EVIL} {EVIL}"),
+        &format!("synth {EVIL} -o a.ply"),
+        &format!("synth demo --count 10 -o {EVIL}2.ply"),
+        EVIL,
+        &format!("render --{EVIL}"),
     ] {
         let output = place.run(args);
         let code = output.status.code();

@@ -1,0 +1,213 @@
+//! A folder to run the program in, as a person would.
+
+use crate::common;
+use serde_json::Value;
+use splatgraph::io::image::Image;
+use splatgraph_assets::{Camera, Scene, synth};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+/// Size of the pictures of [`Place::cameras`], in pixels.
+pub const SIZE: (u32, u32) = (64, 48);
+
+/// Draws all cameras quickly, into what follows.
+#[cfg(target_os = "linux")]
+pub const DRAW: &str = "render scene.ply --cameras cameras.json --pipeline unsorted --device llvmpipe -o";
+
+/// A command line: a text, split at its spaces (a word in single quotes may have some), or a list of words.
+pub trait Line {
+    fn words(&self) -> Vec<&str>;
+}
+
+impl Line for str {
+    fn words(&self) -> Vec<&str> {
+        let mut words = Vec::new();
+        for (index, part) in self.split('\'').enumerate() {
+            match index % 2 {
+                1 => words.push(part),
+                _ => words.extend(part.split(' ').filter(|word| !word.is_empty())),
+            }
+        }
+        words
+    }
+}
+
+impl Line for String {
+    fn words(&self) -> Vec<&str> {
+        self.as_str().words()
+    }
+}
+
+impl<S: AsRef<str>> Line for [S] {
+    fn words(&self) -> Vec<&str> {
+        self.iter().map(AsRef::as_ref).collect()
+    }
+}
+
+impl<S: AsRef<str>, const N: usize> Line for [S; N] {
+    fn words(&self) -> Vec<&str> {
+        self.as_slice().words()
+    }
+}
+
+impl<S: AsRef<str>> Line for Vec<S> {
+    fn words(&self) -> Vec<&str> {
+        self.as_slice().words()
+    }
+}
+
+/// A folder to run the program in, removed at the end.
+pub struct Place(tempfile::TempDir);
+
+impl Place {
+    /// Makes an empty folder.
+    pub fn empty() -> Place {
+        Place(tempfile::tempdir().expect("a folder"))
+    }
+
+    /// Makes a folder with a scene that is drawn quickly, `scene.ply`.
+    #[cfg(target_os = "linux")]
+    pub fn new() -> Place {
+        let place = Place::empty();
+        scene().write_ply(place.at("scene.ply")).expect("the scene is written");
+        place
+    }
+
+    /// Makes a folder with the demo scene and its cameras: `scene.ply`, `cameras.json`.
+    pub fn demo(splats: u32) -> Place {
+        let place = Place::empty();
+        place.done(&format!("synth demo --count {splats} -o scene.ply --cameras cameras.json"));
+        place
+    }
+
+    pub fn at(&self, name: impl AsRef<Path>) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Writes `cameras.json` with a camera of each name.
+    #[cfg(target_os = "linux")]
+    pub fn cameras(&self, names: &[&str]) {
+        let first = synth::demo_cameras().swap_remove(0);
+        let named = |name: &&str| Camera { img_name: (*name).into(), ..first.resized(SIZE.0, SIZE.1) };
+        let all: Vec<Camera> = names.iter().map(named).collect();
+        Camera::save(&all, self.at("cameras.json")).expect("cameras are written");
+    }
+
+    /// Writes a file, and creates its folder.
+    pub fn write(&self, name: &str, text: impl AsRef<[u8]>) {
+        let path = self.at(name);
+        fs::create_dir_all(path.parent().expect("a folder"))
+            .unwrap_or_else(|error| panic!("{name}: {error}"));
+        fs::write(path, text).unwrap_or_else(|error| panic!("{name}: {error}"));
+    }
+
+    pub fn bytes(&self, name: &str) -> Vec<u8> {
+        fs::read(self.at(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    pub fn text(&self, name: &str) -> String {
+        fs::read_to_string(self.at(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    pub fn json(&self, name: &str) -> Value {
+        serde_json::from_slice(&self.bytes(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    pub fn image(&self, name: &str) -> Image {
+        Image::load(&self.at(name)).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    /// The program in this folder, without a display.
+    pub fn program(&self, line: &(impl Line + ?Sized)) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_splatgraph"));
+        command.args(line.words()).current_dir(self.0.path()).stdin(Stdio::null());
+        for name in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"] {
+            command.env_remove(name);
+        }
+        command
+    }
+
+    /// Runs the program; it draws on the device of the tests unless the line names another.
+    pub fn run(&self, line: &(impl Line + ?Sized)) -> Output {
+        let words = line.words();
+        let draws = matches!(words.first(), Some(&("render" | "video")));
+        let device =
+            common::device_option().filter(|_| draws && !words.iter().any(|word| names_device(word)));
+        self.program(&words).args(device).output().expect("the program runs")
+    }
+
+    /// Runs the program and returns its exit code and standard error.
+    pub fn code(&self, line: &(impl Line + ?Sized)) -> (Option<i32>, String) {
+        let output = self.run(line);
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    }
+
+    /// Runs the program, which must succeed; returns standard output and standard error.
+    pub fn said(&self, line: &(impl Line + ?Sized)) -> (String, String) {
+        let output = self.run(line);
+        let [text, errors] =
+            [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+        assert_eq!(output.status.code(), Some(0), "splatgraph {}: {text}{errors}", line.words().join(" "));
+        (text, errors)
+    }
+
+    /// Runs the program, which must succeed, and returns its standard output.
+    pub fn done(&self, line: &(impl Line + ?Sized)) -> String {
+        self.said(line).0
+    }
+
+    /// Runs the program, which must print JSON.
+    pub fn told(&self, line: &(impl Line + ?Sized)) -> Value {
+        serde_json::from_str(&self.done(line))
+            .unwrap_or_else(|error| panic!("{}: {error}", line.words().join(" ")))
+    }
+
+    /// Runs the program, which must end with an exit code, and returns its standard error.
+    pub fn fails(&self, line: &(impl Line + ?Sized), code: i32) -> String {
+        let (found, errors) = self.code(line);
+        assert_eq!(found, Some(code), "splatgraph {}: {errors}", line.words().join(" "));
+        errors
+    }
+
+    /// Runs lines that begin alike and must be refused, with an exit code and a reason; none may change a file.
+    pub fn refuses(&self, begin: &str, cases: &[(&str, i32, &str)]) {
+        let before = self.files(".");
+        for (more, code, why) in cases {
+            let line = format!("{begin} {more}");
+            let errors = self.fails(&line, *code);
+            assert!(errors.contains(why), "{line}: {errors}");
+            assert!(self.files(".") == before, "{line} changes files");
+        }
+    }
+
+    /// Lists the files below a folder, with their contents.
+    pub fn files(&self, below: &str) -> BTreeMap<String, Vec<u8>> {
+        let mut found = BTreeMap::new();
+        collect(&self.at(below), Path::new(below), &mut found);
+        found
+    }
+}
+
+fn names_device(word: &str) -> bool {
+    word.starts_with("--device") || word.starts_with("--backend")
+}
+
+fn collect(folder: &Path, name: &Path, found: &mut BTreeMap<String, Vec<u8>>) {
+    for entry in fs::read_dir(folder).into_iter().flatten() {
+        let path = entry.expect("an entry").path();
+        let name = name.join(path.file_name().expect("a name"));
+        if path.is_dir() {
+            collect(&path, &name, found);
+        } else {
+            found.insert(name.display().to_string(), fs::read(&path).expect("a file"));
+        }
+    }
+}
+
+/// A scene that is drawn quickly.
+#[cfg(target_os = "linux")]
+pub fn scene() -> Scene {
+    synth::generate("demo", 200, 0).expect("the scene is generated")
+}
