@@ -160,10 +160,7 @@ fn the_advised_command_draws_the_promised_psnr() {
     // The printed command, unchanged, and with unrounded pictures.
     let command = text.lines().find_map(|line| line.strip_prefix("splatgraph ")).expect("a command");
     place.done(command);
-    assert!(
-        ["one", "two"].iter().all(|name| place.at(&format!("advised/{name}.png")).is_file()),
-        "{command}"
-    );
+    assert!(["one", "two"].iter().all(|name| place.at(format!("advised/{name}.png")).is_file()), "{command}");
     let (drawing, _) = command.rsplit_once(' ').expect("words");
     place.done(&format!("{drawing} drawn --format npy"));
     place.done("render scene.ply -c cameras.json --backend reference -o exact --format npy");

@@ -1,4 +1,4 @@
-//! `bench` as a command: interleaved graphs, the copy limit, and sorting on its own.
+//! The command `bench`: interleaved graphs, the copy limit, and the sort alone.
 
 use crate::place::Place;
 use serde_json::Value;

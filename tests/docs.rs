@@ -123,7 +123,7 @@ fn splatgraph(arguments: &[&str]) -> Output {
     Command::new(program).args(arguments).current_dir(root()).output().expect("the program starts")
 }
 
-/// Replaces `scenes/...` by the path of the captured scene. Returns `None` if there are none.
+/// Replaces `scenes/...` by the path of the captured scene. Returns `None` without captured scenes.
 fn with_scenes(arguments: &[String]) -> Option<Vec<String>> {
     let resolve = |argument: &String| match argument.starts_with("scenes/") {
         true => Path::new(&std::env::var_os("SPLATGRAPH_DATA")?)

@@ -125,49 +125,29 @@ struct Build {
 
 /// Returns builds that together read every shipped file.
 fn builds() -> Vec<Build> {
+    let plain = |lanes, graph: &str| Build { graph: graph.into(), set: vec![], output: None, lanes };
     let all = |lanes| {
-        builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]).map(move |graph| Build {
-            graph: graph.into(),
-            set: vec![],
-            output: None,
-            lanes,
-        })
+        let graphs = builtin::names().into_iter().chain(bench::GRAPHS).chain([paint::GRAPH]);
+        graphs.map(move |graph| plain(lanes, graph))
     };
-    let other = [
+    let lanes = facts::USUAL_SUBGROUP_SIZE;
+    let with = |graph, set: &[_]| Build { set: common::settings(set), ..plain(lanes, graph) };
+    let forms = [
         ("sorter", "serial"),
         ("covariance", "factored"),
         ("sh_storage", "q8"),
         ("position_storage", "fixed16"),
         ("key_map", "equalised"),
     ];
-    let other = Build {
-        graph: "splat".into(),
-        set: other.map(|(name, value)| (name.into(), value.into())).to_vec(),
-        output: None,
-        lanes: facts::USUAL_SUBGROUP_SIZE,
-    };
-    let packed = Build {
-        graph: "splat".into(),
-        set: vec![("storage".into(), "b64".into())],
-        output: None,
-        lanes: facts::USUAL_SUBGROUP_SIZE,
-    };
-    let lists = Build {
-        graph: "tiled".into(),
-        set: vec![("show".into(), "lists".into())],
-        output: None,
-        lanes: facts::USUAL_SUBGROUP_SIZE,
-    };
-    let sweep = Build {
-        graph: "tiled".into(),
-        set: vec![("sorter".into(), "sweep".into())],
-        output: None,
-        lanes: facts::USUAL_SUBGROUP_SIZE,
-    };
-    let lanes = facts::USUAL_SUBGROUP_SIZE;
-    let filter = Build { graph: "filters/edges".into(), set: vec![], output: None, lanes };
-    let normals = Build { graph: "tiled".into(), set: vec![], output: Some("normal"), lanes };
-    all(lanes).chain(all(4)).chain([other, packed, lists, sweep, filter, normals]).collect()
+    let more = [
+        with("splat", &forms),
+        with("splat", &[("storage", "b64")]),
+        with("tiled", &[("show", "lists")]),
+        with("tiled", &[("sorter", "sweep")]),
+        with("filters/edges", &[]),
+        Build { output: Some("normal"), ..with("tiled", &[]) },
+    ];
+    all(lanes).chain(all(4)).chain(more).collect()
 }
 
 /// The outcome of a build: the plan, or the diagnostics, each with its rendering.

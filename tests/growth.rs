@@ -1,9 +1,8 @@
 //! Growing parameters: pictures of a graph whose list is too small at first, on a real driver.
 
-use crate::common;
+use crate::images;
 use crate::place::Place;
-use splatgraph::draw::backend::Backend;
-use splatgraph::draw::session::{FrameOptions, Session, image_of};
+use splatgraph::draw::session::{FrameOptions, image_of};
 use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, synth};
 use std::fs;
@@ -19,7 +18,7 @@ fn white(image: &Image) -> usize {
 fn every_frame_of_a_session_is_whole_also_those_in_flight() {
     let scene = synth::generate("demo", 10, 0).expect("a scene");
     let camera = Camera::framing(&scene, 61, 33);
-    let mut session: Session<Backend> = Session::new(common::device(), scene, GRAPH, &[]);
+    let mut session = images::session(scene, GRAPH, &[]);
     let request = FrameOptions { read_output: true, ..FrameOptions::default() };
     for (size, entries) in [((61, 33), 2516), ((64, 40), 3200), ((8, 8), 3200)] {
         let camera = camera.resized(size.0, size.1);
@@ -34,8 +33,7 @@ fn every_frame_of_a_session_is_whole_also_those_in_flight() {
         assert_eq!(value.to_string(), entries.to_string(), "the need and a quarter");
     }
     assert_eq!(session.growths(), 2);
-    common::assert_silent(session.device(), GRAPH);
-    assert!(session.into_device().close().is_empty());
+    images::close(session, GRAPH);
 }
 
 #[test]

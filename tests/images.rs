@@ -6,15 +6,41 @@ use splatgraph::draw::inspect;
 use splatgraph::draw::session::{FrameOptions, Session, image_of};
 use splatgraph::io::image::Image;
 use splatgraph::studies::metrics;
+use splatgraph_api::FrameResult;
 use splatgraph_assets::{Camera, Scene};
 use std::sync::Arc;
 
-use crate::common;
+use crate::common::{self, settings};
 use crate::golden::Golden;
 
 /// Draws a scene with a preset from each camera; fails on validation messages.
 fn draw(golden: &Golden, preset: &str, background: [f32; 3]) -> Vec<Image> {
     draw_scene(golden.scene(), &golden.cameras(), preset, background, &[])
+}
+
+/// Opens a session on the device of the tests.
+pub fn session(scene: impl Into<Arc<Scene>>, graph: &str, set: &[(&str, &str)]) -> Session<Backend> {
+    Session::new(common::device(), scene, graph, &settings(set))
+}
+
+/// Draws a frame.
+pub fn frame(session: &mut Session<Backend>, camera: &Camera, request: &FrameOptions) -> FrameResult {
+    let size = (camera.width, camera.height);
+    session.prepare(size, &mut |_| {}).unwrap_or_else(|error| panic!("it is prepared: {error}"));
+    let frame = session.submit(camera, request).expect("submitted");
+    session.wait(frame).expect("drawn")
+}
+
+/// Draws a picture.
+pub fn picture(session: &mut Session<Backend>, camera: &Camera, background: [f32; 3]) -> Image {
+    let request = FrameOptions { background, read_output: true, ..FrameOptions::default() };
+    image_of(&frame(session, camera, &request).output.expect("asked for")).expect("colours")
+}
+
+/// Closes a session; the validation layers must have had nothing to say.
+pub fn close(mut session: Session<Backend>, what: &str) {
+    common::assert_silent(session.device(), what);
+    assert_eq!(session.into_device().close(), Vec::<String>::new(), "{what}: closing the device");
 }
 
 /// As `draw`, with a scene and parameters.
@@ -25,21 +51,9 @@ pub fn draw_scene(
     background: [f32; 3],
     set: &[(&str, &str)],
 ) -> Vec<Image> {
-    let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
-    let mut session: Session<Backend> = Session::new(common::device(), scene, preset, &set);
-    let request = FrameOptions { background, read_output: true, ..FrameOptions::default() };
-    let mut images = Vec::new();
-    for camera in cameras {
-        session
-            .prepare((camera.width, camera.height), &mut |_| {})
-            .unwrap_or_else(|e| panic!("{preset}: {e}"));
-        let frame = session.submit(camera, &request).expect("submitted");
-        let result = session.wait(frame).expect("drawn");
-        images.push(image_of(&result.output.expect("asked for")).expect("colours"));
-    }
-    common::assert_silent(session.device(), preset);
-    let messages = session.into_device().close();
-    assert!(messages.is_empty(), "{preset}: closing the device\n{}", messages.join("\n"));
+    let mut session = session(scene, preset, set);
+    let images = cameras.iter().map(|camera| picture(&mut session, camera, background)).collect();
+    close(session, preset);
     images
 }
 
@@ -51,15 +65,13 @@ pub fn inspected(
     set: &[(&str, &str)],
     what: &str,
 ) -> Vec<u8> {
-    let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
-    let mut session: Session<Backend> = Session::new(common::device(), scene, preset, &set);
+    let mut session = session(scene, preset, set);
     session.prepare((camera.width, camera.height), &mut |_| {}).expect("prepared");
     let (resource, pass) = what.split_once('@').expect("resource@pass");
     let target =
         inspect::resolve(session.plan().expect("a plan"), resource, pass).expect("the pass and its buffer");
     let request = FrameOptions { inspect: vec![target], ..FrameOptions::default() };
-    let frame = session.submit(camera, &request).expect("submitted");
-    let mut result = session.wait(frame).expect("drawn");
+    let mut result = frame(&mut session, camera, &request);
     common::assert_silent(session.device(), what);
     result.inspected.swap_remove(0)
 }

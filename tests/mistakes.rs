@@ -3,59 +3,45 @@
 //! Each test copies the small graph of `tests/graphs/two_steps`, changes something in it, runs the program on it and
 //! compares the whole output.
 
-use std::path::Path;
-use std::process::Command;
+use crate::place::Place;
+use std::fs;
 
-struct Shown {
-    code: i32,
-    errors: String,
-}
+const GRAPH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/graphs/two_steps");
 
-/// Runs `splatgraph ARGS...` in a copy of the graph's folder, after `changes`: file, old text, new text.
-fn shown(changes: &[(&str, &str, &str)], args: &[&str]) -> Shown {
-    let folder = tempfile::tempdir().expect("a folder");
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/graphs/two_steps");
-    for entry in std::fs::read_dir(source).expect("the graph's folder") {
+/// Copies the graph's folder, with changes: file, text, and its replacement.
+fn changed(changes: &[(&str, &str, &str)]) -> Place {
+    let place = Place::empty();
+    for entry in fs::read_dir(GRAPH).expect("the graph's folder") {
         let entry = entry.expect("a file");
-        let mut text = std::fs::read_to_string(entry.path()).expect("text");
-        for (file, from, to) in changes {
-            if entry.file_name() == *file {
-                assert!(text.contains(from), "{file} has no {from}");
-                text = text.replace(from, to);
-            }
-        }
-        std::fs::write(folder.path().join(entry.file_name()), text).expect("written");
+        fs::copy(entry.path(), place.at(entry.file_name())).expect("copied");
     }
-    let output = Command::new(env!("CARGO_BIN_EXE_splatgraph"))
-        .args(args)
-        .current_dir(folder.path())
-        .output()
-        .expect("the program runs");
-    Shown {
-        code: output.status.code().unwrap_or(-1),
-        errors: String::from_utf8_lossy(&output.stderr).into_owned(),
+    for (file, from, to) in changes {
+        place.edit(file, from, to);
     }
+    place
 }
 
-fn assert_shown(changes: &[(&str, &str, &str)], args: &[&str], expected: &str) {
-    let shown = shown(changes, args);
+/// Fails unless the program says exactly this of the graph, and nothing else.
+fn assert_shown(changes: &[(&str, &str, &str)], line: &str, expected: &str) {
+    let errors = changed(changes).fails(line, 1);
     // The expected texts start on a line of their own.
-    let expected = expected.strip_prefix('\n').unwrap_or(expected).trim_end();
-    assert_eq!(shown.errors.trim_end(), expected, "what was printed:\n{}", shown.errors);
-    assert_eq!(shown.code, 1, "a failure exits with 1");
+    assert_eq!(
+        errors.trim_end(),
+        expected.trim_start_matches('\n').trim_end(),
+        "what was printed:\n{errors}"
+    );
 }
 
 #[test]
 fn a_graph_without_mistakes_is_said_to_be_right() {
-    let shown = shown(&[], &["check", "graph.ron"]);
-    assert_eq!((shown.code, shown.errors.as_str()), (0, ""));
+    assert_eq!(changed(&[]).said("check graph.ron").1, "");
 }
 
 #[test]
 fn a_misspelt_resource() {
     assert_shown(
         &[("graph.ron", r#""Keys": "keys", "image""#, r#""Keys": "kesy", "image""#)],
-        &["check", "graph.ron"],
+        "check graph.ron",
         r#"
 error: there is no resource `kesy`
   --> graph.ron:11:85
@@ -72,7 +58,7 @@ error: there is no resource `kesy`
 fn a_syntax_error_in_a_file_that_a_shader_includes() {
     assert_shown(
         &[("hash.glsl", "x >> 16;", "x >> ;")],
-        &["check", "graph.ron"],
+        "check graph.ron",
         r#"
 error: syntax error: unexpected `;`
  --> hash.glsl:3:15
@@ -98,7 +84,7 @@ fn two_passes_that_wait_for_each_other() {
                 "    \"back\": Buffer(stride: 4, count: 64),\n    \"image\": Image",
             ),
         ],
-        &["check", "graph.ron"],
+        "check graph.ron",
         r#"
 error: these passes wait for each other: `make`, `undo`
   --> graph.ron:11:21
@@ -124,7 +110,7 @@ fn a_stride_that_does_not_fit_the_shader() {
             ),
             ("graph.ron", r#"{ "Keys": "keys", "image""#, r#"{ "Keys": "wide", "image""#),
         ],
-        &["check", "graph.ron"],
+        "check graph.ron",
         r#"
 error: `Keys` of `show.comp` has elements of 4 bytes
   --> graph.ron:11:85
@@ -142,7 +128,7 @@ error: `Keys` of `show.comp` has elements of 4 bytes
 fn a_parameter_that_the_graph_does_not_have() {
     assert_shown(
         &[],
-        &["dump", "graph.ron", "--set", "widht=4"],
+        "dump graph.ron --set widht=4",
         r#"
 error: the graph has no parameter `widht`
  --> --set:1:1
@@ -159,7 +145,7 @@ error: the graph has no parameter `widht`
 fn a_parameter_outside_its_range() {
     assert_shown(
         &[],
-        &["dump", "graph.ron", "--set", "width=12"],
+        "dump graph.ron --set width=12",
         r#"
 error: `width` cannot be set to this
  --> --set:1:7
@@ -174,7 +160,7 @@ error: `width` cannot be set to this
 fn a_buffer_that_a_pass_needs_and_the_graph_does_not_bind() {
     assert_shown(
         &[("graph.ron", r#"bind: { "Keys": "keys" }"#, r#"bind: { "Kyes": "keys" }"#)],
-        &["check", "graph.ron"],
+        "check graph.ron",
         r#"
 error: nothing is bound to the block `Keys` of `make.comp`
   --> graph.ron:10:21
@@ -197,41 +183,30 @@ error: `make.comp` has no block `Kyes`
 
 #[test]
 fn bad_usage_exits_with_2() {
-    assert_eq!(shown(&[], &["chekc"]).code, 2);
-    assert_eq!(shown(&[], &["render"]).code, 2, "a picture needs somewhere to go");
+    let place = Place::empty();
+    place.fails("chekc", 2);
+    // A picture needs somewhere to go.
+    place.fails("render", 2);
 }
 
 #[test]
 fn a_scene_that_is_none_is_an_error_and_no_panic() {
-    for (name, bytes) in [
-        ("empty.ply", &b""[..]),
-        ("picture.ply", b"\x89PNG\r\n\x1a\n"),
-        (
-            "short.ply",
-            b"ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty float x\nend_header\n",
-        ),
-    ] {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join(name);
-        std::fs::write(&path, bytes).expect("written");
-        let output =
-            Command::new(env!("CARGO_BIN_EXE_splatgraph")).arg("info").arg(&path).output().expect("it runs");
-        let errors = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{name}: {errors}");
+    let place = Place::empty();
+    let short = "ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty float x\nend_header\n";
+    for (name, bytes) in
+        [("empty.ply", &b""[..]), ("picture.ply", b"\x89PNG\r\n\x1a\n"), ("short.ply", short.as_bytes())]
+    {
+        place.write(name, bytes);
+        let errors = place.fails(&["info", name], 1);
         assert!(errors.starts_with("error: ") && errors.contains(name), "{name}: {errors}");
     }
 }
 
 #[test]
 fn an_unknown_graph_is_shown_with_the_nearest_name_and_where_it_was_looked_for() {
-    let shown = shown(&[], &["check", "splt"]);
-    assert_eq!(shown.code, 1);
-    assert!(
-        shown.errors.starts_with("error: there is no graph `splt`\n --> command line:1:1"),
-        "{}",
-        shown.errors
-    );
-    assert_eq!(shown.errors.matches("did you mean `splat`?").count(), 1, "{}", shown.errors);
+    let errors = Place::empty().fails("check splt", 1);
+    assert!(errors.starts_with("error: there is no graph `splt`\n --> command line:1:1"), "{errors}");
+    assert_eq!(errors.matches("did you mean `splat`?").count(), 1, "{errors}");
 }
 
 #[cfg(unix)]
@@ -239,47 +214,37 @@ fn an_unknown_graph_is_shown_with_the_nearest_name_and_where_it_was_looked_for()
 fn an_argument_that_is_no_text_is_no_panic() {
     use std::os::unix::ffi::OsStrExt;
     let name = std::ffi::OsStr::from_bytes(b"\xff.ply");
-    let output =
-        Command::new(env!("CARGO_BIN_EXE_splatgraph")).arg("info").arg(name).output().expect("it runs");
+    let output = Place::empty().program("info").arg(name).output().expect("it runs");
     assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 #[test]
 fn a_shader_includes_no_file_of_the_system() {
-    let changes = [("make.comp", "\"hash.glsl\"", "\"/etc/passwd\"")];
-    let refused = shown(&changes, &["check", "graph.ron"]);
-    assert_eq!(refused.code, 1, "{}", refused.errors);
-    assert!(
-        refused.errors.contains("/etc/passwd lies outside of the graph's folder, "),
-        "{}",
-        refused.errors
-    );
-    // With the folder allowed it is read, but is not GLSL.
-    let allowed = shown(&changes, &["check", "graph.ron", "--include-root", "/etc"]);
-    assert!(allowed.code == 1 && !allowed.errors.contains("lies outside"), "{}", allowed.errors);
+    let place = changed(&[("make.comp", "\"hash.glsl\"", "\"/etc/passwd\"")]);
+    let refused = place.fails("check graph.ron", 1);
+    assert!(refused.contains("/etc/passwd lies outside of the graph's folder, "), "{refused}");
+    // With the folder allowed it is read, and is no GLSL.
+    let allowed = place.fails("check graph.ron --include-root /etc", 1);
+    assert!(!allowed.contains("lies outside"), "{allowed}");
 }
 
 #[cfg(unix)]
 #[test]
 fn a_pipe_in_the_place_of_a_graph_is_refused_at_once() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let pipe = folder.path().join("pipe.ron");
-    assert!(Command::new("mkfifo").arg(&pipe).status().expect("mkfifo runs").success());
-    let output = Command::new(env!("CARGO_BIN_EXE_splatgraph")).arg("check").arg(&pipe).output();
-    let output = output.expect("the program runs");
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(1) && errors.contains("is a pipe, not a file"), "{errors}");
+    let place = Place::empty();
+    let made = std::process::Command::new("mkfifo").arg(place.at("pipe.ron")).status();
+    assert!(made.expect("mkfifo runs").success());
+    let errors = place.fails("check pipe.ron", 1);
+    assert!(errors.contains("is a pipe, not a file"), "{errors}");
 }
 
 #[test]
 fn macros_that_grow_without_end_are_an_error_at_the_shader() {
     let lines: String = (1..40).map(|i| format!("#define M{i} M{0} + M{0}\n", i - 1)).collect();
-    let bomb = format!("#define M0 x\n{lines}uint bomb(uint x) {{ return M39; }}\n#if 1\n");
-    let text = std::fs::read_to_string(
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/graphs/two_steps/hash.glsl"),
-    );
-    let text = text.expect("a text");
-    let shown = shown(&[("hash.glsl", &text, &format!("{bomb}{text}#endif\n"))], &["check", "graph.ron"]);
-    assert_eq!(shown.code, 1, "{}", shown.errors);
-    assert!(shown.errors.contains("the compiler ran out of its "), "{}", shown.errors);
+    let place = changed(&[]);
+    let text = place.text("hash.glsl");
+    let bomb = format!("#define M0 x\n{lines}uint bomb(uint x) {{ return M39; }}\n#if 1\n{text}#endif\n");
+    place.write("hash.glsl", bomb);
+    let errors = place.fails("check graph.ron", 1);
+    assert!(errors.contains("the compiler ran out of its "), "{errors}");
 }

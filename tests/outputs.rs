@@ -1,6 +1,6 @@
-//! Outputs besides the picture: every graph's against the exact renderer's, and plans without outputs.
+//! Outputs besides the picture: every graph's against the exact renderer's, and the passes of a plan without them.
 
-use crate::common::{self, EXACT_TILES, Graph};
+use crate::common::{self, EXACT_TILES, Graph, settings};
 use crate::golden::Golden;
 use splatgraph::draw::backend::Backend;
 use splatgraph::draw::facts::{self, SceneFacts};
@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// The largest relative difference of a depth, and of an alpha.
 const TOLERANCE: f64 = 1e-4;
 
-/// Outputs that quads can make as well.
+/// Outputs that quads also give.
 const SUMS: [&str; 3] = ["alpha", "depth", "expected_depth"];
 
 /// A capture, the scene of the rules' edge cases, and a random one, each with a camera of small pictures.
@@ -31,10 +31,6 @@ fn scenes() -> Vec<(&'static str, Arc<Scene>, Camera)> {
     found
 }
 
-fn owned(set: &[(&str, &str)]) -> Vec<(String, String)> {
-    set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()
-}
-
 /// Draws with a graph, and returns its outputs.
 fn drawn(
     session: &mut Session<Backend>,
@@ -42,7 +38,7 @@ fn drawn(
     graph: Graph,
     more: &[(&str, &str)],
 ) -> Vec<Output> {
-    session.set_graph(graph.0, &owned(&[graph.1, more].concat()));
+    session.set_graph(graph.0, &settings(&[graph.1, more].concat()));
     let names: Vec<String> = match graph.0 {
         "splat" => SUMS.map(str::to_owned).into(),
         _ => NAMES.map(|(name, _)| name.to_owned()).into(),
@@ -97,7 +93,7 @@ fn compare(name: &str, graph: Graph, found: &[Output], truth: &Truth) {
 
 #[test]
 fn alpha_depths_normals_and_ranks_are_those_of_the_exact_renderer() {
-    let quads = rules(&owned(&[("extent", "unbounded"), ("stop", "none")])).expect("rules");
+    let quads = rules(&settings(&[("extent", "unbounded"), ("stop", "none")])).expect("rules");
     let published = rules(&[]).expect("rules");
     let by_quads: [(Graph, &[(&str, &str)]); 4] = [
         (("splat", &[("target", "rgba32f")]), &[]),

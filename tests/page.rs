@@ -4,8 +4,8 @@
 //! The browser is the first of `chromium`, `chromium-browser` and `google-chrome` that is installed, or what
 //! `SPLATGRAPH_CHROMIUM` names. Without one the test says `NOT RUN: ... needs chromium` and counts as passed.
 
+use crate::place::Place;
 use serde_json::Value;
-use std::path::Path;
 use std::process::Command;
 
 /// Returns the browser's command; reports the test as not run without one.
@@ -24,24 +24,14 @@ fn chromium(test: &str) -> Option<String> {
     found
 }
 
-fn dump(folder: &Path, form: &str) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_splatgraph"))
-        .args(["dump", "digit4", "--format", form])
-        .current_dir(folder)
-        .output()
-        .expect("the program runs");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).expect("text")
-}
-
-/// Returns the document after the script ran, for a fragment of the address.
-fn document(browser: &str, folder: &Path, hash: &str) -> String {
+/// The document after the script ran, with this behind its address.
+fn document(browser: &str, place: &Place, hash: &str) -> String {
     let output = Command::new(browser)
         // Containers lack what the sandbox needs; the page is our own.
         .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"])
         .args(["--virtual-time-budget=2000", "--window-size=1600,1000", "--dump-dom"])
-        .arg(format!("--user-data-dir={}", folder.join("profile").display()))
-        .arg(format!("file://{}/page.html{hash}", folder.display()))
+        .arg(format!("--user-data-dir={}", place.named("profile")))
+        .arg(format!("file://{}{hash}", place.named("page.html")))
         .output()
         .expect("the browser runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -77,13 +67,13 @@ fn panel(document: &str) -> String {
 #[test]
 fn the_page_draws_every_pass_and_barrier_and_opens_where_its_address_says() {
     let Some(browser) = chromium("the page of a dump") else { return };
-    let folder = tempfile::tempdir().expect("a folder");
-    std::fs::write(folder.path().join("page.html"), dump(folder.path(), "html")).expect("written");
-    let json: Value = serde_json::from_str(&dump(folder.path(), "json")).expect("JSON");
+    let place = Place::empty();
+    place.write("page.html", place.done("dump digit4 --format html"));
+    let json = place.told("dump digit4 --format json");
     let passes = json["passes"].as_array().expect("a list");
     let in_passes = passes.iter().flat_map(|p| p["barriers"].as_array().expect("a list"));
     let barriers: Vec<&Value> = in_passes.chain(json["handover"].as_array().expect("a list")).collect();
-    let open = |hash: &str| document(&browser, folder.path(), hash);
+    let open = |hash: &str| document(&browser, &place, hash);
 
     // Unfolded, everything has its own mark: for a barrier its head and its line.
     let all = open("#unfold=*");

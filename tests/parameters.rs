@@ -1,6 +1,6 @@
 //! The parameters of the graphs: each draws like the exact renderer with the changed rule, or with the scene rounded.
 
-use crate::common::{self, EXACT_TILES, Graph};
+use crate::common::{self, EXACT_TILES, Graph, settings};
 use splatgraph::draw::backend::Backend;
 use splatgraph::draw::session::Session;
 use splatgraph::draw::truth::{Truth, rules};
@@ -42,8 +42,7 @@ const ALL: [Graph; 3] = [QUADS, EXACT_TILES[1], EXACT_TILES[0]];
 fn drawn_by(session: &mut Session<Backend>, camera: &Camera, graph: Graph, set: &[(&str, &str)]) -> Image {
     let of_quads: &[_] = if graph.0 == "splat" { &[] } else { &[("stop", "0.0"), ("extent", "alpha")] };
     let all = graph.1.iter().chain(of_quads).chain(set);
-    let set: Vec<(String, String)> = all.map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect();
-    session.set_graph(graph.0, &set);
+    session.set_graph(graph.0, &settings(&all.copied().collect::<Vec<_>>()));
     session.prepare((camera.width, camera.height), &mut |_| {}).expect("it is prepared");
     capture::take(session, camera).expect("a picture").image
 }
@@ -58,7 +57,7 @@ fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule()
     // Quads have no tiles and do not stop early.
     let exact = |rule: &str, value: &str| {
         let changes = [("extent", "unbounded"), ("stop", "none"), (rule, value)];
-        let rules = rules(&changes.map(|(n, v)| (n.to_owned(), v.to_owned()))).expect("rules");
+        let rules = rules(&settings(&changes)).expect("rules");
         Truth::draw(&scene, &camera, [0.0; 3], &rules).image()
     };
     let published = exact("near", "0.2");

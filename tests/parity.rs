@@ -1,19 +1,18 @@
 //! One picture by every backend: the same plans draw the same on each API, within a stated bound.
 //!
-//! Machines with two APIs are rare. So Vulkan's pictures, drawn by lavapipe, are stored in `tests/parity/`, and each
-//! backend of the machine is compared with them. With Vulkan, this keeps the stored pictures up to date; with Metal, it
-//! compares Metal with Vulkan without a Vulkan driver. That takes a real Mac: the virtual GPUs of hosted runners are
-//! refused (docs/metal.md).
+//! Machines with two APIs are rare. So Vulkan's pictures, drawn by lavapipe, lie in `tests/parity/`, and each backend that the machine has
+//! draws the same and is compared with them. Where Vulkan is there it keeps the pictures true; where Metal is, it is compared with
+//! Vulkan without a driver of Vulkan's. That takes a Mac of one's own: the virtual GPUs of hosted runners are refused (docs/metal.md).
 
 use splatgraph::draw::backend::{Api, Backend, Validation};
-use splatgraph::draw::session::{FrameOptions, Session, image_of};
+use splatgraph::draw::session::Session;
 use splatgraph::io::image::Image;
 use splatgraph::studies::metrics;
 use splatgraph_assets::{Scene, synth};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::common;
+use crate::{common, images};
 
 /// Width and height of the pictures.
 const SIZE: (u32, u32) = (192, 108);
@@ -44,11 +43,9 @@ fn draw(api: Api, scene: &Arc<Scene>, preset: &str) -> Image {
     let device = Backend::open(api, &options).unwrap_or_else(|error| panic!("{api}: {error}"));
     let mut session: Session<Backend> = Session::new(device, scene.clone(), preset, &[]);
     let camera = synth::demo_cameras().swap_remove(0).resized(SIZE.0, SIZE.1);
-    session.prepare(SIZE, &mut |_| {}).unwrap_or_else(|error| panic!("{preset}: {error}"));
-    let frame = session.submit(&camera, &FrameOptions { read_output: true, ..FrameOptions::default() });
-    let result = session.wait(frame.expect("submitted")).expect("drawn");
+    let image = images::picture(&mut session, &camera, [0.0; 3]);
     common::assert_silent(session.device(), preset);
-    image_of(&result.output.expect("asked for")).expect("colours")
+    image
 }
 
 fn worst(a: &Image, b: &Image) -> f32 {

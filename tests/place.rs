@@ -2,6 +2,7 @@
 
 use crate::common;
 use serde_json::Value;
+use splatgraph::draw::builtin;
 use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, Scene, synth};
 use std::collections::BTreeMap;
@@ -67,6 +68,13 @@ impl Place {
         Place(tempfile::tempdir().expect("a folder"))
     }
 
+    /// Makes a folder with `pipelines/` and `shaders/` as they are shipped.
+    pub fn shipped() -> Place {
+        let place = Place::empty();
+        builtin::FILES.iter().for_each(|(name, text)| place.write(name, text));
+        place
+    }
+
     /// Makes a folder with a scene that is drawn quickly, `scene.ply`.
     #[cfg(target_os = "linux")]
     pub fn new() -> Place {
@@ -84,6 +92,18 @@ impl Place {
 
     pub fn at(&self, name: impl AsRef<Path>) -> PathBuf {
         self.0.path().join(name)
+    }
+
+    /// Returns a path as a graph is named.
+    pub fn named(&self, name: &str) -> String {
+        self.at(name).to_string_lossy().into_owned()
+    }
+
+    /// Generates a scene into a file.
+    pub fn scene(&self, name: &str, generator: &str, splats: u32, seed: u64) -> Scene {
+        let scene = synth::generate(generator, splats, seed).expect("the scene is generated");
+        scene.write_ply(self.at(name)).expect("the scene is written");
+        scene
     }
 
     /// Writes `cameras.json` with a camera of each name.
@@ -109,6 +129,14 @@ impl Place {
 
     pub fn text(&self, name: &str) -> String {
         fs::read_to_string(self.at(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    /// Changes a text in a file, which must be there; returns the file's former text.
+    pub fn edit(&self, name: &str, from: &str, to: &str) -> String {
+        let text = self.text(name);
+        assert!(text.contains(from), "{name} has no `{from}`");
+        self.write(name, text.replacen(from, to, 1));
+        text
     }
 
     pub fn json(&self, name: &str) -> Value {
@@ -188,6 +216,11 @@ impl Place {
         collect(&self.at(below), Path::new(below), &mut found);
         found
     }
+}
+
+/// Returns the text of a shipped file.
+pub fn shipped(name: &str) -> &'static str {
+    builtin::FILES.iter().find(|(file, _)| *file == name).expect("it is shipped").1
 }
 
 fn names_device(word: &str) -> bool {

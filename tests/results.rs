@@ -22,9 +22,8 @@ impl SceneData for Upload<'_> {
 }
 
 fn plan(device: &Backend, scene: &Scene, graph: &str, set: &[(&str, &str)], size: (u32, u32)) -> Plan {
-    let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
     let facts = facts::facts(&facts::SceneFacts::of(scene), &device.info().facts, size);
-    let plan = Planner::default().plan(graph, &set, &facts, &facts::catalog(scene));
+    let plan = Planner::default().plan(graph, &common::settings(set), &facts, &facts::catalog(scene));
     plan.unwrap_or_else(|errors| panic!("{errors}"))
 }
 

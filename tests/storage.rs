@@ -1,26 +1,21 @@
 //! The memory of a scene on the device: buffers freed after the first frame, and the size and error of packed splats.
 
-use crate::common;
+use crate::common::{self, settings};
 use crate::golden::Golden;
-use crate::images::{bytes, draw_scene, psnr};
+use crate::images::{self, bytes, draw_scene, psnr};
 use splatgraph::draw::backend::Backend;
-use splatgraph::draw::session::{FrameOptions, Session, image_of};
+use splatgraph::draw::session::Session;
 use splatgraph::io::image::Image;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, synth};
 use std::sync::Arc;
 
 fn session(scene: &Arc<Scene>, set: &[(&str, &str)]) -> Session<Backend> {
-    let set: Vec<_> = set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
-    Session::new(common::device(), scene.clone(), "tiled_cpu", &set)
+    images::session(scene.clone(), "tiled_cpu", set)
 }
 
 fn draw(session: &mut Session<Backend>, camera: &Camera) -> Image {
-    session.prepare((camera.width, camera.height), &mut |_| {}).expect("prepared");
-    let request = FrameOptions { read_output: true, ..FrameOptions::default() };
-    let frame = session.submit(camera, &request).expect("submitted");
-    let result = session.wait(frame).expect("drawn");
-    image_of(&result.output.expect("asked for")).expect("colours")
+    images::picture(session, camera, [0.0; 3])
 }
 
 /// Returns the bytes of the session's whole memory, and of the scene in it.
@@ -53,14 +48,12 @@ fn attributes_that_are_packed_are_freed_and_a_reload_draws_the_same_bytes() {
     assert!(resident >= (12 + 4 + 24 + 96) * n && resident < (12 + 4 + 24 + 96 + 1) * n, "{resident}");
     // Another constant needs the attributes again, and back.
     for covariance in ["half", "six"] {
-        let set = [("sh_storage", "f16"), ("covariance", covariance)].map(|(k, v)| (k.into(), v.into()));
-        session.set_graph("tiled_cpu", &set);
+        session.set_graph("tiled_cpu", &settings(&[("sh_storage", "f16"), ("covariance", covariance)]));
         let again = draw(&mut session, &camera);
         assert_eq!(bytes(&again) == bytes(&first), covariance == "six", "{covariance}");
         assert_all_is_listed(&mut session, covariance);
     }
-    common::assert_silent(session.device(), "a reload");
-    assert_eq!(session.into_device().close(), Vec::<String>::new());
+    images::close(session, "a reload");
 }
 
 /// The parameter's values, bytes per splat of degree 3, and minimum PSNR on captures.

@@ -3,9 +3,8 @@
 
 use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
 use crate::golden::Golden;
-use crate::images::{bytes, draw_scene, inspected, psnr};
-use splatgraph::draw::backend::Backend;
-use splatgraph::draw::session::{FrameOptions, Session};
+use crate::images::{self, bytes, draw_scene, inspected, psnr};
+use splatgraph::draw::session::FrameOptions;
 use splatgraph::draw::truth::{Truth, rules};
 use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, Scene, Splat, synth};
@@ -132,12 +131,8 @@ fn pairs_that_the_radix_sort_leaves_tied_are_ordered_as_exactly_as_splats() {
 
 /// Counts the pairs that tiles leave in file order when radix sort covers `bits` bits.
 fn unordered(scene: &Arc<Scene>, camera: &Camera, bits: &'static str) -> u32 {
-    let set = with(GPU, &by_pairs(bits));
-    let set: Vec<(String, String)> = set.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect();
-    let mut session: Session<Backend> = Session::new(common::device(), scene.clone(), GPU.0, &set);
-    session.prepare((camera.width, camera.height), &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
-    let frame = session.submit(camera, &FrameOptions::default()).expect("submitted");
-    let stats = session.wait(frame).expect("drawn").stats;
+    let mut session = images::session(scene.clone(), GPU.0, &with(GPU, &by_pairs(bits)));
+    let stats = images::frame(&mut session, camera, &FrameOptions::default()).stats;
     stats.iter().find(|(name, _)| name == "unordered").expect("the graph counts them").1
 }
 

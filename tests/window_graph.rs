@@ -1,4 +1,4 @@
-//! The viewer's window graph without a window: hand-made pictures and egui interfaces, compared with expected pixels.
+//! The graph of the viewer's window, drawn without a window: pictures and egui's interfaces against the expected pixels.
 
 use egui::{Align2, Color32, FontId, Rect, TextureOptions, pos2, vec2};
 use half::f16;
@@ -113,7 +113,7 @@ fn a_picture_in_parts_is_shown_like_one_in_one() {
     let mut scene = window.device.new_context().expect("there can be another");
     let graph = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/gray_scott/graph.ron");
     let facts = facts::facts(&SceneFacts::NOMINAL, &scene.info().facts, (16, 16));
-    let set = [("side", "270"), ("step_pairs", "1")].map(|(k, v)| (k.to_string(), v.to_string()));
+    let set = common::settings(&[("side", "270"), ("step_pairs", "1")]);
     let plan = Planner::default().plan(graph, &set, &facts, &Catalog::default());
     let plan = plan.unwrap_or_else(|errors| panic!("{errors}"));
     let inputs = FrameInputs { live: plan.live_bytes(), read_output: true, show: true, ..Default::default() };
@@ -395,7 +395,7 @@ fn panels(ui: &mut egui::Ui, step: usize) {
     let rect = |[x, y, width, height]: [f32; 4]| Rect::from_min_size(pos2(x, y), vec2(width, height));
     let grey = |value: usize| Color32::from_gray(60 + 30 * value as u8);
     let font = || FontId::proportional(14.0);
-    // Each panel has its own clip, as those of the viewer have: otherwise egui makes one mesh of all.
+    // Each panel has its own clip, as the viewer's have: otherwise egui makes one mesh of all.
     let panel = |place: [f32; 4], colour| {
         let painter = ui.painter().with_clip_rect(rect(place));
         painter.rect_filled(rect(place).shrink(2.0), 3.0, colour);

@@ -6,7 +6,7 @@
 //! - **encoders** than the frame has runs of one kind, where draws end a run if they clear, if their targets are others than those
 //!   before them, or if they conflict with a draw of the run other than by blending;
 //! - **barriers** in a run of dispatches than there are pairs of conflicting passes one after another, the next pair beginning no
-//!   earlier than the last one ends: there must be one between the passes of each pair, and those of different pairs are different;
+//!   earlier than the last one ends: there must be one between the passes of each pair, and different pairs have different ones;
 //! - **waits** than there are runs which conflict with another run, of this frame or of the previous frame: nothing else orders them;
 //! - **fences** than one, if anything waits.
 

@@ -3,6 +3,7 @@
 //! Nothing here needs a Mac. [`bound`] says how few encoders, waits and barriers there can be; the model of Metal's rules must accept
 //! each list of encoders and to object to each that lacks a wait, an update, a barrier or a part of one.
 
+use crate::common::settings;
 use splatgraph::draw::backend;
 use splatgraph::draw::builtin;
 use splatgraph::draw::facts::{self, SceneFacts};
@@ -46,8 +47,9 @@ pub fn plans(share_memory: bool) -> Vec<Plan> {
     ];
     planner.share_memory = share_memory;
     let mut plan = |(graph, set): (&str, Vec<(&str, &str)>)| {
-        let set: Vec<(String, String)> = set.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect();
-        planner.plan(graph, &set, &plain, &catalog).unwrap_or_else(|error| panic!("{graph}: {error}"))
+        planner
+            .plan(graph, &settings(&set), &plain, &catalog)
+            .unwrap_or_else(|error| panic!("{graph}: {error}"))
     };
     graphs.chain(varied).map(&mut plan).collect()
 }

@@ -2,16 +2,15 @@
 //!
 //! [`cases`] is the table: a scene, a camera, and bounds on the error. Each case is drawn once by the exact renderer and then by
 //! every preset, and no picture may hold a value that is not finite. The exact renderer follows the rules of quads here
-//! (`extent=unbounded`, `stop=none`: neither tiles nor an early stop), so that the errors are those of arithmetic, of order
-//! and of the target's format. The errors are printed as rows of the table in docs/accuracy-tables.md.
+//! (`extent=unbounded`, `stop=none`: neither tiles nor an early stop), so that the errors come from arithmetic, from order
+//! and from the target's format. The errors are printed as rows of the table in docs/accuracy-tables.md.
 
 mod cases;
 mod surveyed;
 
-use crate::common;
+use crate::place::Place;
+use crate::{common, images};
 use cases::{Bounds, Case};
-use splatgraph::draw::backend::Backend;
-use splatgraph::draw::session::{FrameOptions, Session, image_of};
 use splatgraph::io::image::Image;
 use splatgraph::{draw::builtin, draw::truth, studies::metrics};
 use splatgraph_api::Device;
@@ -70,7 +69,7 @@ struct Way {
 
 impl Way {
     fn new(preset: &'static str, set: &[(&str, &str)], bound: fn(&Bounds) -> f64) -> Way {
-        Way { preset, set: set.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect(), bound }
+        Way { preset, set: common::settings(set), bound }
     }
 
     /// Lists every preset, blending in 32-bit floats, tiles without their early stop and extent; then other formats.
@@ -121,28 +120,21 @@ impl Way {
 
 /// Draws a scene from a camera in these ways; fails on non-finite values and on validation messages.
 fn draw(scene: Scene, camera: &Camera, ways: Vec<Way>) -> Vec<(Way, Image)> {
-    let mut session: Session<Backend> = Session::new(common::device(), scene, "splat", &[]);
-    let request = FrameOptions { background: BACKGROUND, read_output: true, ..FrameOptions::default() };
+    let mut session = images::session(scene, "splat", &[]);
     let mut drawn = Vec::new();
     for way in ways {
         session.set_graph(way.preset, &way.set);
-        let size = (camera.width, camera.height);
-        session.prepare(size, &mut |_| {}).unwrap_or_else(|error| panic!("{}: {error}", way.name()));
         let mut image = None;
         // `stale_order` draws in the order of the previous frame.
         for _ in 0..if way.preset == "stale_order" { 2 } else { 1 } {
-            let frame = session.submit(camera, &request).expect("submitted");
-            let output = session.wait(frame).expect("drawn").output.expect("asked for");
-            let found = image_of(&output).expect("colours");
+            let found = images::picture(&mut session, camera, BACKGROUND);
             let wrong = found.rgb.as_flattened().iter().filter(|v| !v.is_finite()).count();
             assert_eq!(wrong, 0, "{}: values that are not finite", way.name());
             image = Some(found);
         }
         drawn.push((way, image.expect("a frame was drawn")));
     }
-    common::assert_silent(session.device(), "the extremes");
-    let messages = session.into_device().close();
-    assert!(messages.is_empty(), "closing the device\n{}", messages.join("\n"));
+    images::close(session, "the extremes");
     drawn
 }
 
@@ -268,7 +260,7 @@ fn numbers_at_the_end_of_their_range_leave_no_value_that_is_not_finite() {
 
 #[test]
 fn a_device_says_truly_whether_its_fma_rounds_once() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let place = Place::empty();
     // The square of 1 + 2^-12 has a bit beyond the float: 2^-24.
     let shader = "#version 460\n#extension GL_GOOGLE_include_directive : require\n#include \"camera.glsl\"\n\
         layout(local_size_x = 1) in;\n\
@@ -282,18 +274,12 @@ fn a_device_says_truly_whether_its_fma_rounds_once() {
         imports: { "camera": Import(from: "frame.camera") },
         resources: { "color": Image(format: "rgba32f", size: (1, 1)) },
         passes: [Dispatch(name: "n", shader: "fma.comp", size: Groups(1), bind: { "Camera": "camera", "color": "color" })])"#;
-    std::fs::write(folder.path().join("fma.comp"), shader).expect("a shader");
-    let path = folder.path().join("graph.ron");
-    std::fs::write(&path, graph).expect("a graph");
+    place.write("fma.comp", shader);
+    place.write("graph.ron", graph);
     let scene = Scene::generate(1, 0, cases::plain);
     let camera = Camera::framing(&scene, 1, 1);
-    let mut session: Session<Backend> = Session::new(common::device(), scene, &path.to_string_lossy(), &[]);
-    session.prepare((1, 1), &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
-    let frame = session
-        .submit(&camera, &FrameOptions { read_output: true, ..FrameOptions::default() })
-        .expect("submitted");
-    let output = session.wait(frame).expect("drawn").output.expect("asked for");
-    let rest = image_of(&output).expect("colours").rgb[0][0];
+    let mut session = images::session(scene, &place.named("graph.ron"), &[]);
+    let rest = images::picture(&mut session, &camera, [0.0; 3]).rgb[0][0];
     assert!(rest == 0.0 || rest == 1.0, "{rest}");
     assert_eq!(session.device().info().facts.fused_fma, rest == 1.0);
 }

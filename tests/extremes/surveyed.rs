@@ -24,7 +24,7 @@ fn world() -> (Vec<Gaussian>, Camera, Scene) {
 fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     let (splats, camera, made) = world();
     assert!(made.offset().iter().all(|v| v.abs() > 9e6));
-    // Depths in f64: world depths have no correct digits in f32.
+    // Depths in f64: in f32, the world's have no digits left.
     let rules = [&QUADS[..], &[("depth", "f64")]].concat();
     let truth = exact(splats.as_slice(), &camera, &rules);
     let place = Place::new();

@@ -1,4 +1,4 @@
-//! The disk is full at each file in turn: the old file stays, no other file is left, and the exit code reports it.
+//! The disk is full at each file once: the old file stays, nothing else is left, and the exit code is an error.
 
 use crate::place::{DRAW, Place};
 use rustix::process::{Resource, Rlimit, setrlimit};

@@ -80,7 +80,7 @@ fn whenever_the_program_is_killed_every_file_is_whole() {
             let _ = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
         }
         for name in &names {
-            let _ = fs::remove_file(place.at(&format!("seen-{name}.npy")));
+            let _ = fs::remove_file(place.at(format!("seen-{name}.npy")));
         }
     };
     let (code, errors) = place.code(&args);

@@ -54,7 +54,7 @@ fn where_standard_output_is_the_product_a_closed_pipe_ends_it_and_a_full_device_
         assert_eq!(code, Some(1), "{args:?}: {errors}");
         assert!(errors.contains("standard output cannot be written: No space left"), "{args:?}: {errors}");
     }
-    // The verdict is in the exit code, too.
+    // The exit code is also the verdict.
     assert_eq!(into_closed_pipe(place.program("check broken.ron")).0, Some(1));
     assert_eq!(text("-"), "", "`-` is no file");
 }

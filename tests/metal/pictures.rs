@@ -3,8 +3,8 @@
 use super::clang::Library;
 use super::cpu::Cpu;
 use super::parity::{Loose, compare};
-use super::{at_every_width_of_lavapipe, lavapipe, owned, shaders, translated};
-use crate::common;
+use super::{at_every_width_of_lavapipe, lavapipe, shaders, translated};
+use crate::common::{self, settings};
 use splatgraph::draw::camera;
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::Planner;
@@ -47,7 +47,7 @@ impl Stage {
 
     fn plan(&mut self, graph: &str, set: &[(&str, &str)], device: &DeviceFacts) -> Plan {
         let facts = facts::facts(&SceneFacts::of(&self.scene), device, SIZE);
-        let plan = self.planner.plan(graph, &owned(set), &facts, &facts::catalog(&self.scene));
+        let plan = self.planner.plan(graph, &settings(set), &facts, &facts::catalog(&self.scene));
         translated(plan.unwrap_or_else(|error| panic!("{graph}, {set:?}: {error}")))
     }
 
@@ -75,7 +75,7 @@ impl Stage {
     }
 }
 
-/// The kernels for GPUs and for CPUs, with all forms of their parameters.
+/// The kernels for GPUs and for CPUs, in all forms of their parameters.
 const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
     ("tiled", &[SUBGROUP, ROOM]),
     ("tiled", &[SUBGROUP, ROOM, ("segment", "64"), ("pair_bits", "18")]),

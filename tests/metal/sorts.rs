@@ -3,8 +3,8 @@
 use super::clang::Library;
 use super::cpu::Cpu;
 use super::parity::compare;
-use super::{at_every_width_of_lavapipe, change, lavapipe, owned, shaders, translated};
-use crate::common;
+use super::{at_every_width_of_lavapipe, change, lavapipe, shaders, translated};
+use crate::common::{self, settings};
 use splatgraph::{draw::builtin, draw::facts};
 use splatgraph_api::{Device, FrameInputs, NoScene};
 use splatgraph_framework::build;
@@ -31,7 +31,7 @@ fn plans(device: &DeviceFacts, sorts: &[(&str, u32)]) -> Vec<Plan> {
     let plans = sorts.iter().map(|(sorter, digit_bits)| {
         let block = if *sorter == "serial" { "1000" } else { "512" };
         let set =
-            owned(&[("sorter", sorter), ("digit_bits", &digit_bits.to_string()), ("block_keys", block)]);
+            settings(&[("sorter", sorter), ("digit_bits", &digit_bits.to_string()), ("block_keys", block)]);
         let request = Request {
             graph,
             set: &set,

@@ -1,6 +1,7 @@
 //! The shaders' texts: every shader has one, with the expected content, and it is valid C++.
 
-use super::{change, clang, owned, shaders, translated};
+use super::{change, clang, shaders, translated};
+use crate::common;
 use crate::encoders::page;
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::Planner;
@@ -24,7 +25,7 @@ impl Bench {
 
     fn plan(&mut self, graph: &str, set: &[(&str, &str)], device: &DeviceFacts) -> Plan {
         let facts = facts::facts(&SceneFacts::NOMINAL, device, facts::DEFAULT_SIZE);
-        let plan = self.planner.plan(graph, &owned(set), &facts, &self.catalog);
+        let plan = self.planner.plan(graph, &common::settings(set), &facts, &self.catalog);
         translated(plan.unwrap_or_else(|error| panic!("{graph}, {set:?}: {error}")))
     }
 }

@@ -280,7 +280,7 @@ fn with_fills_as_copies(plan: &Plan, barriers: &Barriers) -> (Plan, Barriers) {
     (plan, barriers)
 }
 
-/// The bindings that a module stores to. The operations are those of the SPIR-V specification, section 3; what is written by
+/// Lists the bindings that a module stores to, by the operations of the SPIR-V specification, section 3; what is written by
 /// an atomic alone is left out.
 fn stores(spirv: &[u32]) -> BTreeSet<u32> {
     const HEADER: usize = 5;

@@ -29,7 +29,7 @@ pub struct Bench {
     loads: u32,
 }
 
-/// No data. The number is the run's: histories are those of a scene.
+/// A scene without data. Its identity is the run, because histories belong to a scene.
 struct NoScene(u64);
 
 impl SceneData for NoScene {

@@ -196,7 +196,7 @@ impl Sketch {
         }
     }
 
-    /// Returns the resource of a wish; any resource if none suits.
+    /// Finds the resource of a wish, or any resource if none is of the kind.
     fn resolve(&self, pick: Pick) -> Ref {
         let buffers = (0..self.buffers.len()).map(Target::Buffer);
         let all: Vec<Target> = buffers.chain((0..self.images.len()).map(Target::Image)).collect();
@@ -294,7 +294,7 @@ impl Sketch {
         Some(Pass { work, binds, indirect, when, stands, salt, push: wish.push && !fills })
     }
 
-    /// Images of one size that can be drawn to; `None` if there is none.
+    /// Lists images of one size that can be drawn to; `None` without any.
     fn targets(&self, wishes: &[(u8, bool)]) -> Option<Vec<(usize, bool)>> {
         let mut targets: Vec<(usize, bool)> = Vec::new();
         for (index, keep) in wishes {

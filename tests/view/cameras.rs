@@ -30,7 +30,7 @@ fn the_command_of_a_picture_draws_the_same_picture_near_the_origin_and_far_from_
     for (name, offset) in
         [("near scene.ply", [0.0; 3]), ("far scene.ply", [512_345.1, -4_000_000.7, 1_000.3])]
     {
-        let path = twin.path(name);
+        let path = twin.place.at(name);
         let scene = synth::generate("uniform", 3_000, 0).expect("the scene is generated").with_offset(offset);
         scene.write_ply(&path).expect("the scene is written");
         twin.viewer.open(&path);

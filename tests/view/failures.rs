@@ -2,59 +2,42 @@
 
 use super::program::{Program, middle};
 use super::screen::comes;
+use crate::place::Place;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-/// Runs `splatgraph view` without a display; returns the exit code and the messages.
-fn view(args: &[&str], change: impl FnOnce(&mut Command)) -> (Option<i32>, String) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let mut command = Command::new(env!("CARGO_BIN_EXE_splatgraph"));
-    command.arg("view").args(args).current_dir(folder.path());
-    for variable in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"] {
-        command.env_remove(variable);
-    }
-    change(&mut command);
-    let output = command.output().expect("the program runs");
-    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
-}
-
 #[test]
 fn values_without_a_meaning_are_refused_before_anything_is_loaded() {
-    for (args, expected) in [
-        (&["--split", "2"][..], "expected --split from 0 to 1, found 2"),
-        (&["--split", "nan"], "expected --split from 0 to 1, found NaN"),
-        (&["--gain", "nan"], "expected --gain from 0 to 65536, found NaN"),
-        (&["--gain=-1"], "expected --gain from 0 to 65536, found -1"),
-        (&["--gain", "inf"], "expected --gain from 0 to 65536, found inf"),
-        (&["--scale", "0"], "expected --scale from 0.05 to 4, found 0"),
-        (&["--scale", "nan"], "expected --scale from 0.05 to 4, found NaN"),
-        (&["--size", "20000x1"], "expected --size up to 16384x16384, found 20000x1"),
-        (&["--frames", "0"], "expected --frames of at least 1, found 0"),
-        (&["--show", "none,graph"], "expected --show none alone"),
-        (&["--background", "0,2,0"], "expected the channels of --background from 0 to 1, found 2"),
+    for (options, expected) in [
+        ("--split 2", "expected --split from 0 to 1, found 2"),
+        ("--split nan", "expected --split from 0 to 1, found NaN"),
+        ("--gain nan", "expected --gain from 0 to 65536, found NaN"),
+        ("--gain=-1", "expected --gain from 0 to 65536, found -1"),
+        ("--gain inf", "expected --gain from 0 to 65536, found inf"),
+        ("--scale 0", "expected --scale from 0.05 to 4, found 0"),
+        ("--scale nan", "expected --scale from 0.05 to 4, found NaN"),
+        ("--size 20000x1", "expected --size up to 16384x16384, found 20000x1"),
+        ("--frames 0", "expected --frames of at least 1, found 0"),
+        ("--show none,graph", "expected --show none alone"),
+        ("--background 0,2,0", "expected the channels of --background from 0 to 1, found 2"),
     ] {
-        // A missing scene would be the next error.
-        let args: Vec<&str> = ["nothing.ply"].into_iter().chain(args.iter().copied()).collect();
-        let (code, errors) = view(&args, |_| {});
-        assert_eq!(code, Some(2), "{args:?}: {errors}");
-        assert!(errors.contains(expected), "{args:?}: {errors}");
-        assert_eq!(errors.trim().lines().count(), 1, "{args:?}: {errors}");
+        // A scene that is not there would be the next error.
+        let errors = Place::empty().fails(&format!("view nothing.ply {options}"), 2);
+        assert!(errors.contains(expected), "{options}: {errors}");
+        assert_eq!(errors.trim().lines().count(), 1, "{options}: {errors}");
     }
 }
 
 #[test]
 fn a_script_is_told_that_what_it_asked_for_cannot_be_shown() {
     for (args, expected) in [
-        (&["--pipeline", "broken.ron"][..], "broken.ron:1:"),
-        (&["--compare", "nope"], "`nope`"),
-        (&["--inspect", "nope@nope"], "no pass `nope` runs"),
+        ("--pipeline broken.ron", "broken.ron:1:"),
+        ("--compare nope", "`nope`"),
+        ("--inspect nope@nope", "no pass `nope` runs"),
     ] {
-        let mut all = vec!["--size", "320x200", "--show", "none", "--screenshot", "shot.png"];
-        all.extend(args);
-        let program = Program::launch(100, &all, |folder| {
-            std::fs::write(folder.join("broken.ron"), "Graph(").expect("a file");
-        });
-        let picture = program.path("shot.png");
+        let line = format!("--size 320x200 --show none --screenshot shot.png {args}");
+        let program = Program::launch(100, &line, |place| place.write("broken.ron", "Graph("));
+        let picture = program.place.at("shot.png");
         let (status, errors) = program.end_before(|| assert!(!picture.exists(), "{args:?} writes a picture"));
         assert_eq!(status.code(), Some(1), "{args:?}: {errors}");
         assert!(errors.contains(expected) && !errors.contains("panicked"), "{args:?}: {errors}");
@@ -66,30 +49,24 @@ fn without_a_display_the_program_says_so_and_with_one_of_two_it_takes_that() {
     let nowhere = |command: &mut Command| {
         command.env("WAYLAND_DISPLAY", "wayland-nowhere").env("XDG_RUNTIME_DIR", std::env::temp_dir());
     };
-    let program = Program::launch_with(100, &["--frames", "3"], nowhere, |_| {});
+    let program = Program::launch_with(100, "--frames 3", nowhere, |_| {});
     let (status, errors) = program.end();
     assert!(status.success(), "{status}\n{errors}");
 
-    let scene = tempfile::tempdir().expect("a folder");
-    let path = scene.path().join("scene.ply");
-    splatgraph_assets::synth::generate("uniform", 10, 0)
-        .expect("generated")
-        .write_ply(&path)
-        .expect("written");
-    let path = path.to_string_lossy();
-    for change in [|_: &mut Command| {}, |command: &mut Command| _ = command.env("DISPLAY", ":4711")] {
-        let (code, errors) = view(&[&path], |command| {
-            nowhere(command);
-            change(command);
-        });
-        assert_eq!(code, Some(1), "{errors}");
+    let place = Place::new();
+    for display in [None, Some(":4711")] {
+        let mut command = place.program("view scene.ply");
+        nowhere(&mut command);
+        let output = command.envs(display.map(|name| ("DISPLAY", name))).output().expect("the program runs");
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{errors}");
         assert!(errors.starts_with("error: there is no display to open a window on"), "{errors}");
     }
 }
 
 #[test]
 fn a_window_is_no_larger_than_the_display_and_ends_with_it() {
-    let mut program = Program::launch(100, &["--continuous"], |_| {});
+    let mut program = Program::launch(100, "--continuous", |_| {});
     assert!(program.window.appears(), "no window came");
     assert_eq!(program.window.size(), (1280, 828));
     program.frames(3);
@@ -102,8 +79,8 @@ fn a_window_is_no_larger_than_the_display_and_ends_with_it() {
 #[test]
 fn pictures_that_take_longer_than_the_window_waits_are_shown_all_the_same() {
     // On a CPU each takes several tenths of a second; the window waits for one.
-    let args = ["--continuous", "--pipeline", "pipelines/splat.ron", "--size", "900x720", "--show", "none"];
-    let mut program = Program::launch(100_000, &args, |_| {});
+    let line = "--continuous --pipeline pipelines/splat.ron --size 900x720 --show none";
+    let mut program = Program::launch(100_000, line, |_| {});
     assert!(program.window.appears(), "no window came");
     program.until(0, "the plan", |event| event["event"] == "swapped" && event["renderer"] == "a");
     let since = program.now();
@@ -137,12 +114,11 @@ fn slow_shader(iterations: u32) -> String {
 }
 
 /// Starts the program with that graph, in which the shader takes no time yet.
-fn quick(groups: u32, args: &[&str]) -> Program {
-    let usual = ["--pipeline", "slow.ron", "--size", "900x600"];
-    let args: Vec<&str> = usual.into_iter().chain(args.iter().copied()).collect();
-    let mut program = Program::launch(100, &args, |folder| {
-        std::fs::write(folder.join("slow.ron"), slow_graph(groups)).expect("a file");
-        std::fs::write(folder.join("slow.comp"), slow_shader(1)).expect("a file");
+fn quick(groups: u32, show: &str) -> Program {
+    let line = format!("--pipeline slow.ron --size 900x600 --show {show}");
+    let mut program = Program::launch(100, &line, |place| {
+        place.write("slow.ron", slow_graph(groups));
+        place.write("slow.comp", slow_shader(1));
     });
     assert!(program.window.appears(), "no window came");
     program.window.focus();
@@ -152,9 +128,9 @@ fn quick(groups: u32, args: &[&str]) -> Program {
 
 #[test]
 fn while_a_pass_runs_for_long_the_window_says_so_is_used_and_can_be_closed() {
-    let mut program = quick(60_000, &["--show", "parameters"]);
+    let mut program = quick(60_000, "parameters");
     // A pass of many minutes.
-    program.write("slow.comp", &slow_shader(60_000));
+    program.place.write("slow.comp", slow_shader(60_000));
     let named = comes(|| program.window.title().contains("has been running for"));
     assert!(named, "the title is {}", program.window.title());
     program.until(0, "the slow pass", |event| event["event"] == "slow");
@@ -184,12 +160,12 @@ fn while_a_pass_runs_for_long_the_window_says_so_is_used_and_can_be_closed() {
 
 #[test]
 fn a_graph_that_is_mended_while_its_pass_runs_for_long_is_drawn_when_that_ends() {
-    let mut program = quick(600, &["--show", "none"]);
-    program.write("slow.comp", &slow_shader(60_000));
+    let mut program = quick(600, "none");
+    program.place.write("slow.comp", slow_shader(60_000));
     let named = comes(|| program.window.title().contains("has been running for"));
     assert!(named, "the title is {}", program.window.title());
     let since = program.now();
-    program.write("slow.comp", &slow_shader(2));
+    program.place.write("slow.comp", slow_shader(2));
     program.swapped(since, "a", "slow.comp");
     let alone = comes(|| program.window.title() == "scene.ply - splatgraph");
     assert!(alone, "the title is {}", program.window.title());

@@ -1,8 +1,8 @@
 //! Files damaged under a running viewer.
 //!
-//! Every case damages one file of the pictures or the window (cut, emptied, bits flipped, bytes inserted, lines lost or
-//! doubled, invalid UTF-8), draws until the viewer has settled, and mends the file. The viewer must survive and report
-//! what is wrong and where. Meanwhile and afterwards, the picture must be bit-identical.
+//! Every case damages one file of those that the pictures and the window are drawn from (cut, emptied, bits flipped, bytes put
+//! in, lines lost or there twice, no UTF-8), draws until the viewer has built it or failed to, and mends the file. The viewer must
+//! report the error and its place, and the picture must keep every bit, before and after the file is mended.
 //!
 //! A damaged shader that still builds is not run on a device: it may write anywhere, and lavapipe would take this
 //! process down with it. So each damaged file is first built beside the viewer, in another copy of the folder. That
@@ -13,6 +13,7 @@ use super::whole::TestShell;
 use crate::common;
 use crate::fuzz::damaged;
 use crate::numbers::Random;
+use crate::place::{Place, shipped};
 use splatgraph::draw::backend::{Backend, Validation};
 use splatgraph::draw::facts::{self, SceneFacts};
 use splatgraph::draw::planner::{Planner, Settings};
@@ -22,7 +23,6 @@ use splatgraph::view::renderer::{Cause, Renderer};
 use splatgraph_framework::ir::{Catalog, Facts, Origin, Value};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -114,7 +114,7 @@ impl Fuzz {
         let (who, files) = self.files[usize::from(watched && number.is_multiple_of(2 * WATCHED))].clone();
         let (name, damage, bytes, expected) = loop {
             let name = self.dice.of(&files);
-            let shipped = self.viewer.shipped[name].as_bytes();
+            let shipped = shipped(name).as_bytes();
             let (damage, bytes) = damaged(shipped, &mut self.dice);
             if bytes == shipped {
                 continue;
@@ -127,13 +127,13 @@ impl Fuzz {
         let case = format!("case {number}: {name} {damage}");
         self.count(damage, if expected == Outcome::Same { "harmless" } else { "failed" });
         self.viewer.events.clear();
-        self.viewer.write(&name, &bytes);
+        self.viewer.place.write(&name, bytes);
         if let (false, Some(viewport)) = (watched, self.viewer.shell.viewer.viewport(who)) {
             viewport.renderer.want(Cause::Graph, Instant::now());
         }
         match &expected {
             Outcome::Failed(text) => {
-                let text = text.replace(&self.beside.folder(), &self.viewer.folder().to_string_lossy());
+                let text = text.replace(&self.beside.place.named(""), &self.viewer.place.named(""));
                 assert!(has_place(&text), "{case}: it has no place\n{text}");
                 self.viewer.until(&format!("{case}\n{text}"), |viewer| {
                     let failure = renderer(viewer, who).failure().map(|failure| failure.text(false));
@@ -146,7 +146,7 @@ impl Fuzz {
             _ => self.until_swapped(who, &case),
         }
         self.viewer.events.clear();
-        self.viewer.write(&name, &self.viewer.shipped[&name]);
+        self.viewer.place.write(&name, shipped(&name));
         self.until_swapped(who, &format!("the mending of {case}"));
         assert!(renderer(&self.viewer, who).failure().is_none(), "{case}");
         assert!(self.viewer.picture(RendererId::A).rgb == self.shown[0], "{case}: another picture after it");
@@ -192,7 +192,7 @@ fn has_place(text: &str) -> bool {
 
 /// Another copy of the files, where plans are built for no device.
 struct Beside {
-    folder: tempfile::TempDir,
+    place: Place,
     planners: BTreeMap<&'static str, Building>,
 }
 
@@ -213,7 +213,7 @@ fn key(who: RendererId) -> &'static str {
 
 impl Beside {
     fn new(viewer: &TestShell) -> Beside {
-        let folder = super::twin::copy_of_shipped_files();
+        let place = Place::shipped();
         let device = &viewer.shell.window().info().facts;
         let scene = viewer.shell.viewer.scene();
         let mut window = Catalog::default();
@@ -230,7 +230,7 @@ impl Beside {
             };
             let building = Building {
                 planner: Planner::new(Settings { worker: Some(common::worker()), ..Settings::default() }),
-                graph: folder.path().join(graph).to_string_lossy().into_owned(),
+                graph: place.named(graph),
                 set: set.into_iter().map(|(name, bits)| (name.to_owned(), bits.to_string())).collect(),
                 facts,
                 catalog,
@@ -242,11 +242,7 @@ impl Beside {
         for building in planners.values_mut() {
             building.plan = Some(building.build().unwrap_or_else(|error| panic!("{error}")));
         }
-        Beside { folder, planners }
-    }
-
-    fn folder(&self) -> String {
-        self.folder.path().to_string_lossy().into_owned()
+        Beside { place, planners }
     }
 
     fn building(&mut self, who: RendererId) -> &mut Building {
@@ -255,7 +251,7 @@ impl Beside {
 
     /// The files of the folder that the graph is built from.
     fn files(&mut self, who: RendererId) -> Vec<String> {
-        let folder = self.folder.path().canonicalize().expect("the folder is there");
+        let folder = self.place.at("").canonicalize().expect("the folder is there");
         let wanted = self.building(who).planner.wanted();
         // Those that are not there were looked for in vain.
         let there = wanted.iter().filter_map(|wanted| wanted.path.canonicalize().ok());
@@ -270,8 +266,7 @@ impl Beside {
 
     /// Builds a file with these bytes.
     fn outcome(&mut self, who: RendererId, name: &str, bytes: &[u8], shipped: &[u8]) -> Outcome {
-        let path = self.folder.path().join(name);
-        fs::write(&path, bytes).expect("the copy is written");
+        self.place.write(name, bytes);
         let building = self.building(who);
         let outcome = match building.build() {
             // It would be drawn without the setting, from then on.
@@ -280,7 +275,7 @@ impl Beside {
             Ok(plan) if building.plan.as_ref() == Some(&plan) => Outcome::Same,
             Ok(_) => Outcome::Other,
         };
-        fs::write(&path, shipped).expect("the copy is written");
+        self.place.write(name, shipped);
         outcome
     }
 }

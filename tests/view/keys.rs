@@ -6,7 +6,6 @@ use egui::{Key, Modifiers};
 use splatgraph::draw::backend::Validation;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::renderer::Cause;
-use splatgraph_assets::synth;
 use std::sync::Arc;
 
 fn viewer(size: (u32, u32)) -> TestShell {
@@ -42,7 +41,7 @@ fn the_key_that_hides_the_panels_gives_no_control_the_focus() {
 #[test]
 fn a_mistake_is_shown_in_windows_of_whatever_size() {
     let mut viewer = viewer((320, 180));
-    viewer.write("pipelines/splat.ron", "Graph(");
+    viewer.place.write("pipelines/splat.ron", "Graph(");
     viewer.until("the mistake", |viewer| viewer.shell.viewer.a.renderer.failure().is_some());
     for size in [(0, 0), (1, 1), (5, 180), (320, 3), (320, 180)] {
         viewer.size = size;
@@ -58,9 +57,8 @@ fn a_mistake_is_shown_in_windows_of_whatever_size() {
 fn an_opened_scene_is_drawn_without_a_new_plan_for_the_window() {
     let mut viewer = viewer((320, 180));
     let before = viewer.shell.window().plan().expect("the window has a plan").clone();
-    let path = viewer.path("other.ply");
-    let scene = synth::generate("uniform", 300, 0).expect("the scene is generated");
-    scene.write_ply(&path).expect("the scene is written");
+    let path = viewer.place.at("other.ply");
+    viewer.place.scene("other.ply", "uniform", 300, 0);
     viewer.events.clear();
     viewer.shell.viewer.open(&path);
     viewer.until("the other scene", |viewer| {

@@ -16,7 +16,11 @@ fn an_edited_shader_is_shown_and_no_frame_is_lost_on_the_way() {
     assert!(shows_something(&before));
     let camera = twin.viewer.navigation.camera(96, 54);
     let (drawn, mut asked) = (twin.drawn(), 0);
-    twin.edit("shaders/compose.comp", "void main() {", "void main() {\n    // another text, the same code\n");
+    twin.place.edit(
+        "shaders/compose.comp",
+        "void main() {",
+        "void main() {\n    // another text, the same code\n",
+    );
     let seen = twin.events.len();
     while twin.events[seen..].iter().all(|event| !matches!(event, Event::Swapped { .. })) {
         twin.frame();
@@ -28,13 +32,13 @@ fn an_edited_shader_is_shown_and_no_frame_is_lost_on_the_way() {
     assert_eq!(twin.viewer.navigation.camera(96, 54), camera);
 
     // And one that shows.
-    let frag = twin.read("shaders/splat.frag");
+    let frag = twin.place.text("shaders/splat.frag");
     let output = frag
         .lines()
         .find(|line| line.contains("blended = "))
         .expect("the shader writes its colour")
         .to_owned();
-    twin.write(
+    twin.place.write(
         "shaders/splat.frag",
         frag.replace(&output, &format!("{output}\n    blended.rg = vec2(0.0);")),
     );
@@ -49,8 +53,8 @@ fn an_edited_shader_is_shown_and_no_frame_is_lost_on_the_way() {
 fn a_mistake_in_a_graph_is_told_at_its_place_and_the_last_good_picture_stays_until_it_is_mended() {
     let mut twin = Twin::drawing("splat", SPLATS, &[]);
     let before = twin.picture(RendererId::A);
-    let good = twin.read("pipelines/splat.ron");
-    twin.write("pipelines/splat.ron", good.replace("\"Splats\": \"splats\"", "\"Splats\": \"splatz\""));
+    let good = twin.place.text("pipelines/splat.ron");
+    twin.place.write("pipelines/splat.ron", good.replace("\"Splats\": \"splats\"", "\"Splats\": \"splatz\""));
     let text = twin.next_failure();
     assert!(
         text.contains("there is no resource `splatz`") && text.contains("pipelines/splat.ron:"),
@@ -58,7 +62,7 @@ fn a_mistake_in_a_graph_is_told_at_its_place_and_the_last_good_picture_stays_unt
     );
     assert!(text.contains("^^^^^^ not declared") && text.contains("did you mean `splats`?"), "{text}");
     assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
-    twin.write("pipelines/splat.ron", good);
+    twin.place.write("pipelines/splat.ron", good);
     twin.until("the mending", |event| matches!(event, Event::Mended { renderer: RendererId::A }));
     assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
     twin.close();
@@ -68,11 +72,11 @@ fn a_mistake_in_a_graph_is_told_at_its_place_and_the_last_good_picture_stays_unt
 fn a_mistake_in_a_shader_is_told_at_its_place_too() {
     let mut twin = Twin::drawing("splat", SPLATS, &[]);
     let before = twin.picture(RendererId::A);
-    twin.edit("shaders/project.comp", "void main() {", "void main() {\n    int i = undeclared;");
+    twin.place.edit("shaders/project.comp", "void main() {", "void main() {\n    int i = undeclared;");
     let text = twin.next_failure();
     assert!(text.contains("undeclared") && text.contains("shaders/project.comp:"), "{text}");
     assert_eq!(twin.picture(RendererId::A).rgb, before.rgb);
-    twin.edit("shaders/project.comp", "\n    int i = undeclared;", "");
+    twin.place.edit("shaders/project.comp", "\n    int i = undeclared;", "");
     twin.until("the mending", |event| matches!(event, Event::Mended { renderer: RendererId::A }));
     twin.close();
 }
@@ -116,7 +120,7 @@ fn a_live_parameter_changes_the_next_picture_without_a_new_plan() {
     let built = plans(&twin);
     twin.viewer.a.renderer.set_param("budget", Some(Value::Float(0.25)));
     assert_ne!(twin.picture(RendererId::A).rgb, before.rgb);
-    // A new plan for another reason has it as well.
+    // A new plan, for another reason, keeps it.
     let dimmed = twin.picture(RendererId::A);
     twin.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(4)));
     twin.next_plan();
@@ -130,15 +134,15 @@ fn a_live_parameter_changes_the_next_picture_without_a_new_plan() {
 #[test]
 fn parameters_that_a_file_no_longer_declares_are_forgotten_and_the_others_stay() {
     let mut twin = Twin::drawing("splat", SPLATS, &[("digit_bits", "4"), ("budget", "0.5")]);
-    let graph = twin.read("pipelines/parts/depth_order.ron");
+    let graph = twin.place.text("pipelines/parts/depth_order.ron");
     let from = graph.find("    \"budget\": Live").expect("it is declared");
     let end = from + graph[from..].find("    )),\n").expect("its end") + "    )),\n".len();
-    twin.write("pipelines/parts/depth_order.ron", format!("{}{}", &graph[..from], &graph[end..]));
+    twin.place.write("pipelines/parts/depth_order.ron", format!("{}{}", &graph[..from], &graph[end..]));
     for (name, text) in [("shaders/args.glsl", "live.glsl"), ("shaders/compact.comp", "budget")] {
         // Where a shader reads it, it must not any more.
-        let shader = twin.read(name);
+        let shader = twin.place.text(name);
         if shader.contains(text) {
-            twin.write(name, shader.replace("budget", "1.0"));
+            twin.place.write(name, shader.replace("budget", "1.0"));
         }
     }
     twin.until(
@@ -163,16 +167,15 @@ fn another_graph_and_a_second_one_beside_it_share_the_camera() {
     let mut twin = Twin::drawing("digit8", SPLATS, &[]);
     twin.viewer.set_compare(Mode::Split).unwrap_or_else(|error| panic!("{error}"));
     twin.settle();
-    let other = twin.path("pipelines/digit4.ron");
-    twin.viewer
-        .viewport(RendererId::B)
-        .expect("there is a B")
-        .renderer
-        .choose(&other.to_string_lossy(), Default::default());
-    twin.until(
-        "the plan of B",
-        |event| matches!(event, Event::Swapped { renderer: RendererId::B, swap, .. } if swap.graph.contains("digit4")),
-    );
+    let choose = |twin: &mut Twin, graph: &str| {
+        let path = twin.place.named(&format!("pipelines/{graph}.ron"));
+        twin.viewer.viewport(RendererId::B).expect("there is a B").renderer.choose(&path, Default::default());
+        twin.until(
+            "the plan of B",
+            |event| matches!(event, Event::Swapped { renderer: RendererId::B, swap, .. } if swap.graph.contains(graph)),
+        );
+    };
+    choose(&mut twin, "digit4");
     assert_eq!(twin.picture(RendererId::A).rgb, twin.picture(RendererId::B).rgb, "two widths of the digits");
     twin.viewer.measure();
     let compared = twin.until("the comparison", |event| matches!(event, Event::Compared { .. }));
@@ -181,16 +184,7 @@ fn another_graph_and_a_second_one_beside_it_share_the_camera() {
         "{compared:?}"
     );
 
-    let unsorted = twin.path("pipelines/unsorted.ron");
-    twin.viewer
-        .viewport(RendererId::B)
-        .expect("there is a B")
-        .renderer
-        .choose(&unsorted.to_string_lossy(), Default::default());
-    twin.until(
-        "the plan of B",
-        |event| matches!(event, Event::Swapped { renderer: RendererId::B, swap, .. } if swap.graph.contains("unsorted")),
-    );
+    choose(&mut twin, "unsorted");
     twin.viewer.measure();
     let compared = twin.until("the comparison", |event| matches!(event, Event::Compared { .. }));
     assert!(matches!(compared, Event::Compared { psnr, .. } if psnr < 40.0), "{compared:?}");
@@ -222,23 +216,22 @@ fn files_that_are_dropped_are_opened_and_bad_ones_lose_nothing() {
     for (name, text) in
         [("bad.ply", "ply\nformat sideways 1.0\n"), ("bad.json", "[{"), ("notes.txt", "hello")]
     {
-        twin.write(name, text);
-        let path = twin.path(name);
+        twin.place.write(name, text);
+        let path = twin.place.at(name);
         twin.viewer.open(&path);
         twin.until("the complaint", |event| {
             matches!(event, Event::SceneFailed { .. } | Event::FileFailed { .. })
         });
         assert_eq!(twin.picture(RendererId::A).rgb, before.rgb, "after {name}");
     }
-    let other = splatgraph_assets::synth::generate("uniform", 2_000, 0).expect("it is generated");
-    let path = twin.path("other.ply");
-    other.write_ply(&path).expect("it is written");
+    twin.place.scene("other.ply", "uniform", 2_000, 0);
+    let path = twin.place.at("other.ply");
     twin.viewer.open(&path);
     twin.until("the scene", |event| matches!(event, Event::Scene { splats: 2_000, .. }));
     twin.settle();
     let ball = twin.picture(RendererId::A);
     assert!(shows_something(&ball) && ball.rgb != before.rgb);
-    let graph = twin.path("pipelines/unsorted.ron");
+    let graph = twin.place.at("pipelines/unsorted.ron");
     twin.viewer.open(&graph);
     twin.until(
         "the graph",
@@ -247,11 +240,11 @@ fn files_that_are_dropped_are_opened_and_bad_ones_lose_nothing() {
     twin.close();
 }
 
-/// Files have the coordinates of the world, the viewer those of the scene that it shows.
+/// Files have the world's coordinates, the viewer has its scene's.
 #[test]
 fn cameras_follow_the_scene_to_its_origin_whichever_is_read_first() {
     let mut twin = Twin::drawing("splat", SPLATS, &[]);
-    let (scene, cameras) = (twin.path("far.ply"), twin.path("views.json"));
+    let (scene, cameras) = (twin.place.at("far.ply"), twin.place.at("views.json"));
     let place = [4_096_000.0, -1_024_000.0, 0.0];
     let ball = splatgraph_assets::synth::generate("uniform", 2_000, 0).expect("it is generated");
     ball.with_offset(place).write_ply(&scene).expect("it is written");
@@ -274,8 +267,8 @@ fn cameras_follow_the_scene_to_its_origin_whichever_is_read_first() {
     assert!(shows_something(&twin.picture(RendererId::A)));
 
     // Back to a scene at the origin: its cameras, opened at the same time, are not moved.
-    let near = twin.path("near.ply");
-    splatgraph_assets::synth::generate("uniform", 1_000, 0).expect("made").write_ply(&near).expect("written");
+    let near = twin.place.at("near.ply");
+    twin.place.scene("near.ply", "uniform", 1_000, 0);
     Camera::save(std::slice::from_ref(&local), &cameras).expect("they are written");
     twin.viewer.open(&near);
     twin.until("the scene", |event| matches!(event, Event::Scene { splats: 1_000, .. }));
@@ -291,7 +284,7 @@ fn what_the_last_frame_left_lives_on_when_a_shader_is_reloaded() {
     twin.frames(3);
     let before = twin.picture(RendererId::A);
     assert!(shows_something(&before));
-    twin.edit("shaders/compose.comp", "void main() {", "void main() {\n    // another text\n");
+    twin.place.edit("shaders/compose.comp", "void main() {", "void main() {\n    // another text\n");
     let seen = twin.events.len();
     // It draws in the order of the previous frame: without one, a frame is black.
     while twin.events[seen..].iter().all(|event| !matches!(event, Event::Swapped { .. })) {

@@ -10,156 +10,94 @@
 //!
 //! `SPLATGRAPH_LONG` runs 10,000 actions on every preset.
 
-use super::twin::copy_of_shipped_files;
+use super::whole::{PATIENCE, TestShell};
 use crate::numbers::Random;
+use crate::place::shipped;
 use crate::{common, images};
-use egui::{
-    Event as Input, Key, Modifiers, MouseWheelUnit, PointerButton, Popup, Pos2, RawInput, Rect, TouchPhase,
-    Vec2,
-};
+use egui::{Event as Input, Key, Modifiers, PointerButton, Popup, Pos2, Rect, Vec2};
 use splatgraph::draw::backend::Validation;
 use splatgraph::draw::builtin;
-use splatgraph::draw::session::image_of;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::panels::Tool;
-use splatgraph::view::shell::{FrameRequest, Shell};
 use splatgraph::view::undo::Settings;
-use splatgraph::view::viewer::Viewer;
 use splatgraph_api::Device;
-use splatgraph_assets::{Scene, synth};
+use splatgraph_assets::Scene;
 use splatgraph_framework::ir::{Domain, Value};
 use std::collections::VecDeque;
-use std::fs;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::available_parallelism;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-/// Time limit for anything, on any machine.
-const PATIENCE: Duration = Duration::from_secs(120);
-/// Few pixels per point: tools have as much room as on a display, and a frame is cheap.
+/// Few pixels for many points: tools have the room that they have on a display, and a frame costs little.
 const PIXELS_PER_POINT: f32 = 0.25;
-/// Sizes of the window, in points.
-const SIZES: [(f32, f32); 5] =
-    [(1600.0, 900.0), (1280.0, 800.0), (700.0, 600.0), (500.0, 400.0), (1200.0, 340.0)];
+/// Sizes of the window, in pixels: 1600 x 900 points, 1280 x 800, 700 x 600, 500 x 400, 1200 x 340.
+const SIZES: [(u32, u32); 5] = [(400, 225), (320, 200), (175, 150), (125, 100), (300, 85)];
 
 /// A viewer and a random user.
 struct Monkey<D: Device> {
-    shell: Shell<D>,
+    viewer: TestShell<D>,
     dice: Random,
-    /// Size of the window, in points.
-    size: (f32, f32),
-    calls: u64,
-    input: VecDeque<Vec<Input>>,
-    folder: tempfile::TempDir,
-    /// The actions so far, for messages.
+    /// What was done, for messages.
     deeds: VecDeque<String>,
-    dropped: bool,
+}
+
+impl<D: Device> Drop for Monkey<D> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("after {:#?}", self.deeds);
+        }
+    }
 }
 
 impl<D: Device> Monkey<D> {
-    fn new(canvas: D, device: D, graph: &str, seed: u64) -> Monkey<D> {
-        let folder = copy_of_shipped_files();
-        for (name, splats) in [("scene.ply", 300), ("other.ply", 200)] {
-            let scene = synth::generate("demo", splats, 0).expect("the scene is generated");
-            scene.write_ply(folder.path().join(name)).expect("the scene is written");
-        }
-        let path = folder.path().join("scene.ply");
-        let scene = Scene::load(&path, splatgraph_assets::QUIET).expect("the scene is loaded");
-        let graph = folder.path().join(format!("pipelines/{graph}.ron"));
-        let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], Arc::new(|| {}))
-            .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
-        viewer.navigation.set_animated(false);
-        viewer.folder = folder.path().to_owned();
-        viewer.a.renderer.patience = PATIENCE;
-        let mut shell = Shell::new(viewer, canvas, Arc::new(|| {}))
-            .unwrap_or_else(|error| panic!("the shell opens: {error}"));
-        shell.window_mut().patience = PATIENCE;
-        shell.panels.open_tools(&Tool::ALL);
-        let dice = Random(seed);
-        let (input, deeds) = (VecDeque::new(), VecDeque::new());
-        let mut monkey =
-            Monkey { shell, dice, size: SIZES[0], calls: 0, input, folder, deeds, dropped: false };
-        monkey.settle();
-        monkey
+    fn new(devices: [D; 2], graph: &str, seed: u64) -> Monkey<D> {
+        let graph = format!("pipelines/{graph}.ron");
+        let mut viewer = TestShell::on(devices, ("demo", 300), &graph, SIZES[0]);
+        viewer.place.scene("other.ply", "demo", 200, 0);
+        viewer.shell.viewer.continuous = false;
+        viewer.pixels_per_point = PIXELS_PER_POINT;
+        viewer.shell.panels.open_tools(&Tool::ALL);
+        viewer.settle();
+        Monkey { viewer, dice: Random(seed), deeds: VecDeque::new() }
+    }
+
+    fn window(&self) -> Rect {
+        let (width, height) = self.viewer.size;
+        Rect::from_min_size(Pos2::ZERO, Vec2::new(width as f32, height as f32) / PIXELS_PER_POINT)
     }
 
     fn frame(&mut self) {
-        let events = self.input.pop_front().unwrap_or_default();
-        let size = Vec2::new(self.size.0, self.size.1);
-        let input = RawInput {
-            screen_rect: Some(Rect::from_min_size(Pos2::ZERO, size)),
-            time: Some(self.calls as f64 / 60.0),
-            events,
-            focused: true,
-            ..RawInput::default()
-        };
-        self.calls += 1;
-        let pixels = size * PIXELS_PER_POINT;
-        let request = FrameRequest {
-            size: (pixels.x as u32, pixels.y as u32),
-            pixels_per_point: PIXELS_PER_POINT,
-            present: false,
-            read: false,
-            redraw: true,
-        };
-        let frame = self.shell.frame(input, request);
-        assert!(frame.lost.is_none(), "{:?} after {:#?}", frame.lost, self.deeds);
-        let viewer = &self.shell.viewer;
-        for viewport in [Some(&viewer.a), viewer.b.as_ref()].into_iter().flatten() {
-            let trouble = viewport.renderer.trouble();
-            assert!(trouble.is_none(), "a frame is drawn: {trouble:?} after {:#?}", self.deeds);
-        }
-        let events = self.shell.take_events();
-        self.dropped |= events.iter().any(|event| matches!(event, Event::Dropped { .. }));
-        if let Some(view) = self.shell.panels.controls.find("view") {
-            let window = Rect::from_min_size(Pos2::ZERO, size).expand(1.0);
-            assert!(view.is_finite() && window.contains_rect(view), "{view:?} after {:#?}", self.deeds);
+        self.viewer.frame();
+        if let Some(view) = self.viewer.shell.panels.controls.find("view") {
+            assert!(view.is_finite() && self.window().expand(1.0).contains_rect(view), "{view:?}");
         }
     }
 
     /// Draws frames until all input was delivered.
     fn act(&mut self) {
-        while !self.input.is_empty() {
+        while !self.viewer.input.is_empty() {
             self.frame();
         }
         self.frame();
-    }
-
-    fn settle(&mut self) {
-        let begun = Instant::now();
-        self.act();
-        loop {
-            self.frame();
-            let shell = &self.shell;
-            if !shell.viewer.busy() && !shell.window().busy() {
-                return;
-            }
-            assert!(begun.elapsed() < PATIENCE, "everything is built in time after {:#?}", self.deeds);
-            std::thread::sleep(Duration::from_millis(2));
-        }
-    }
-
-    fn busy(&self) -> bool {
-        self.shell.viewer.busy()
     }
 
     /// Does something, and checks that looking changes nothing.
     fn something(&mut self) {
         let looks = self.dice.below(2) == 0;
         // A number that is being typed becomes a change where the next click takes its focus.
-        let checked = looks && !self.busy() && !self.shell.context().egui_wants_keyboard_input();
+        let shell = &self.viewer.shell;
+        let checked = looks && !shell.viewer.busy() && !shell.context().egui_wants_keyboard_input();
         if looks {
             // A list over the tools would take the click.
-            Popup::close_all(self.shell.context());
+            Popup::close_all(shell.context());
             self.frame();
         }
-        let before = Settings::of(&self.shell.viewer);
-        self.dropped = false;
+        let before = Settings::of(&self.viewer.shell.viewer);
+        self.viewer.events.clear();
         let mut deed = if looks { self.look() } else { self.change() };
         if looks && self.hits_floating_tool() {
-            // A click on something below a floating tool would hit one of the tool's controls.
-            self.input.clear();
+            // Whoever aims at what lies below a floating tool hits a control of that.
+            self.viewer.input.clear();
             deed += " is covered";
         }
         if self.deeds.len() == 12 {
@@ -167,17 +105,17 @@ impl<D: Device> Monkey<D> {
         }
         self.deeds.push_back(deed);
         self.act();
-        if checked && !self.dropped {
-            let after = Settings::of(&self.shell.viewer);
-            assert_eq!(after, before, "looking changed a setting: {:#?}", self.deeds);
+        let dropped = self.viewer.events.iter().any(|event| matches!(event, Event::Dropped { .. }));
+        if checked && !dropped {
+            assert_eq!(Settings::of(&self.viewer.shell.viewer), before, "looking changed a setting");
         }
     }
 
     /// Returns true if a planned press of the pointer is within a tool that floats over others.
     fn hits_floating_tool(&self) -> bool {
-        let floats = self.shell.panels.controls.iter().filter(|(name, _)| name.starts_with("float:"));
+        let floats = self.viewer.shell.panels.controls.iter().filter(|(name, _)| name.starts_with("float:"));
         let floats: Vec<Rect> = floats.map(|(_, rect)| rect).collect();
-        self.input.iter().flatten().any(|input| match input {
+        self.viewer.input.iter().flatten().any(|input| match input {
             Input::PointerButton { pos, .. } => floats.iter().any(|rect| rect.contains(*pos)),
             _ => false,
         })
@@ -199,38 +137,30 @@ impl<D: Device> Monkey<D> {
                 }
             }
             4 => {
-                let view = self.shell.panels.controls.find("view").unwrap_or(Rect::ZERO);
+                let view = self.viewer.shell.panels.controls.find("view").unwrap_or(Rect::ZERO);
                 let at = self.within(view);
-                self.click_at(at);
+                self.viewer.drag(PointerButton::Primary, &[at]);
                 format!("pick at {at:?}")
             }
             5 => {
-                self.size = *self.dice.of(&SIZES);
-                format!("resize to {:?}", self.size)
+                self.viewer.size = *self.dice.of(&SIZES);
+                format!("resize to {:?}", self.viewer.size)
             }
             6 => {
                 let key =
                     *self.dice.of(&[Key::H, Key::F1, Key::T, Key::Escape, Key::F, Key::Num2, Key::Num3]);
-                self.key(key, Modifiers::NONE);
+                self.viewer.key(key, Modifiers::NONE);
                 format!("press {key:?}")
             }
             7 => {
-                let at = self.within(Rect::from_min_size(Pos2::ZERO, self.size.into()));
-                let delta = Vec2::new(0.0, if self.dice.below(2) == 0 { 60.0 } else { -60.0 });
-                self.input.push_back(vec![Input::PointerMoved(at)]);
-                self.input.push_back(vec![Input::MouseWheel {
-                    unit: MouseWheelUnit::Point,
-                    delta,
-                    phase: TouchPhase::Move,
-                    source: egui::MouseWheelSource::Wheel,
-                    modifiers: Modifiers::NONE,
-                }]);
+                let at = self.within(self.window());
+                self.viewer.scroll(at, if self.dice.below(2) == 0 { 60.0 } else { -60.0 });
                 format!("scroll at {at:?}")
             }
             _ => {
-                let at = self.within(Rect::from_min_size(Pos2::ZERO, self.size.into()));
-                self.input.push_back(vec![Input::PointerMoved(at)]);
-                self.input.extend(std::iter::repeat_n(Vec::new(), 10));
+                let at = self.within(self.window());
+                self.viewer.plan([Input::PointerMoved(at)]);
+                self.viewer.input.extend(std::iter::repeat_n(Vec::new(), 10));
                 format!("rest at {at:?}")
             }
         }
@@ -252,8 +182,8 @@ impl<D: Device> Monkey<D> {
                 Some(name) => {
                     let text = *self.dice.of(&["0", "7", "0.3", "1e9", "-5", "nonsense", ""]);
                     self.click(&name);
-                    self.input.push_back(vec![Input::Text(text.to_owned())]);
-                    self.key(Key::Enter, Modifiers::NONE);
+                    self.viewer.plan([Input::Text(text.to_owned())]);
+                    self.viewer.key(Key::Enter, Modifiers::NONE);
                     format!("type `{text}` into {name}")
                 }
                 None => "nothing to type into".to_owned(),
@@ -261,9 +191,9 @@ impl<D: Device> Monkey<D> {
             6 => self.set_param(who),
             7 => {
                 let graph = *self.dice.of(&builtin::names());
-                let path = self.folder.path().join(format!("pipelines/{graph}.ron"));
-                if let Some(viewport) = self.shell.viewer.viewport(who) {
-                    viewport.renderer.choose(&path.to_string_lossy(), Default::default());
+                let path = self.viewer.place.named(&format!("pipelines/{graph}.ron"));
+                if let Some(viewport) = self.viewer.shell.viewer.viewport(who) {
+                    viewport.renderer.choose(&path, Default::default());
                 }
                 format!("{who}: graph {graph}")
             }
@@ -271,7 +201,7 @@ impl<D: Device> Monkey<D> {
                 let shift = self.dice.below(2) == 0;
                 let modifiers =
                     if shift { Modifiers::COMMAND | Modifiers::SHIFT } else { Modifiers::COMMAND };
-                self.key(Key::Z, modifiers);
+                self.viewer.key(Key::Z, modifiers);
                 if shift { "redo".to_owned() } else { "undo".to_owned() }
             }
             9 => {
@@ -281,8 +211,8 @@ impl<D: Device> Monkey<D> {
             }
             10 => {
                 let scene = *self.dice.of(&["scene.ply", "other.ply", "none.ply"]);
-                let path = self.folder.path().join(scene);
-                self.shell.viewer.open(&path);
+                let path = self.viewer.place.at(scene);
+                self.viewer.shell.viewer.open(&path);
                 format!("open {scene}")
             }
             _ => self.edit(),
@@ -292,18 +222,18 @@ impl<D: Device> Monkey<D> {
     /// Writes a graph again with another comment, broken, or as it is shipped.
     fn edit(&mut self) -> String {
         let name = format!("pipelines/{}.ron", self.dice.of(&builtin::names()));
-        let (_, text) = builtin::FILES.iter().find(|(file, _)| *file == name).expect("it is shipped");
+        let text = shipped(&name);
         let text = match self.dice.below(3) {
-            0 => format!("// {}\n{text}", self.calls),
+            0 => format!("// {}\n{text}", self.viewer.calls),
             1 => text[..text.len() / 2].to_owned(),
-            _ => (*text).to_owned(),
+            _ => text.to_owned(),
         };
-        fs::write(self.folder.path().join(&name), text).expect("the graph is written");
+        self.viewer.place.write(&name, text);
         format!("edit {name}")
     }
 
     fn set_param(&mut self, who: RendererId) -> String {
-        let Some(viewport) = self.shell.viewer.viewport(who) else { return "no B".to_owned() };
+        let Some(viewport) = self.viewer.shell.viewer.viewport(who) else { return "no B".to_owned() };
         let params: Vec<_> =
             viewport.renderer.controls().iter().map(|control| control.param.clone()).collect();
         if params.is_empty() {
@@ -330,7 +260,7 @@ impl<D: Device> Monkey<D> {
 
     /// Returns a random control of a kind, except those that open something outside of the window.
     fn any(&mut self, kind: impl Fn(&str) -> bool) -> Option<String> {
-        let names = self.shell.panels.controls.iter().map(|(name, _)| name);
+        let names = self.viewer.shell.panels.controls.iter().map(|(name, _)| name);
         let names: Vec<String> = names.filter(|name| kind(name)).map(str::to_owned).collect();
         (!names.is_empty()).then(|| self.dice.of(&names).clone())
     }
@@ -341,50 +271,14 @@ impl<D: Device> Monkey<D> {
     }
 
     fn click(&mut self, name: &str) -> String {
-        let Some(rect) = self.shell.panels.controls.find(name) else { return format!("no {name}") };
-        self.click_at(rect.center());
-        format!("click {name}")
-    }
-
-    fn click_at(&mut self, at: Pos2) {
-        self.input.push_back(vec![Input::PointerMoved(at)]);
-        for pressed in [true, false] {
-            let button = PointerButton::Primary;
-            self.input.push_back(vec![Input::PointerButton {
-                pos: at,
-                button,
-                pressed,
-                modifiers: Modifiers::NONE,
-            }]);
-        }
+        format!("{} {name}", if self.viewer.click(name) { "click" } else { "no" })
     }
 
     fn drag(&mut self, name: &str) -> String {
-        let Some(rect) = self.shell.panels.controls.find(name) else { return format!("no {name}") };
-        let (from, to) = (self.within(rect), self.within(rect));
-        let press = |pos, pressed| Input::PointerButton {
-            pos,
-            button: PointerButton::Primary,
-            pressed,
-            modifiers: Modifiers::NONE,
-        };
-        self.input.push_back(vec![Input::PointerMoved(from)]);
-        self.input.push_back(vec![press(from, true)]);
-        self.input.push_back(vec![Input::PointerMoved(to)]);
-        self.input.push_back(vec![press(to, false)]);
+        let Some(rect) = self.viewer.shell.panels.controls.find(name) else { return format!("no {name}") };
+        let places = [self.within(rect), self.within(rect)];
+        self.viewer.drag(PointerButton::Primary, &places);
         format!("drag {name}")
-    }
-
-    fn key(&mut self, key: Key, modifiers: Modifiers) {
-        for pressed in [true, false] {
-            self.input.push_back(vec![Input::Key {
-                key,
-                physical_key: None,
-                pressed,
-                repeat: false,
-                modifiers,
-            }]);
-        }
     }
 
     fn play(&mut self, actions: usize, mut after_each: impl FnMut()) {
@@ -394,10 +288,9 @@ impl<D: Device> Monkey<D> {
         }
         for preset in builtin::names() {
             let name = format!("pipelines/{preset}.ron");
-            let (_, text) = builtin::FILES.iter().find(|(file, _)| *file == name).expect("it is shipped");
-            fs::write(self.folder.path().join(&name), text).expect("the graph is written");
+            self.viewer.place.write(&name, shipped(&name));
         }
-        self.settle();
+        self.viewer.settle();
     }
 }
 
@@ -426,7 +319,7 @@ fn walk_on_null(preset: &str, actions: usize) {
     let canvas = canvas.expect("the device opens");
     let device = canvas.new_context().expect("a second executor");
     let seed = 77 + builtin::names().iter().position(|name| *name == preset).expect("it is shipped") as u64;
-    let mut monkey = Monkey::new(canvas, device, preset, seed);
+    let mut monkey = Monkey::new([canvas, device], preset, seed);
     // The record of the calls is not looked at, and grows.
     monkey.play(actions, || _ = journal.take());
 }
@@ -435,37 +328,29 @@ fn walk_on_null(preset: &str, actions: usize) {
 fn after_five_hundred_random_actions_the_picture_is_the_one_that_render_draws() {
     let canvas = common::open(&common::options(Validation::Synchronization));
     let device = canvas.new_context().expect("a second executor");
-    let mut monkey = Monkey::new(canvas, device, "auto", 4);
+    let mut monkey = Monkey::new([canvas, device], "auto", 4);
     monkey.play(500, || {});
     // A file's change is told some time after it was written.
     let begun = Instant::now();
-    while monkey.shell.viewer.a.renderer.failure().is_some() && begun.elapsed() < PATIENCE {
-        monkey.settle();
+    while monkey.viewer.shell.viewer.a.renderer.failure().is_some() && begun.elapsed() < PATIENCE {
+        monkey.viewer.settle();
     }
-    // A single picture has no previous frame with an order to use.
-    if monkey.shell.viewer.a.renderer.set().contains_key("order_of") {
-        monkey.shell.viewer.a.renderer.set_param("order_of", None);
-        monkey.settle();
+    // A single picture has no frame before it, whose order it could be drawn in.
+    let renderer = &mut monkey.viewer.shell.viewer.a.renderer;
+    if renderer.set().contains_key("order_of") {
+        renderer.set_param("order_of", None);
+        monkey.viewer.settle();
     }
-    let viewport = &mut monkey.shell.viewer.a;
-    assert!(viewport.renderer.failure().is_none(), "{:?}", viewport.renderer.problem(false));
-    viewport.want_picture();
-    let begun = Instant::now();
-    let picture = loop {
-        monkey.frame();
-        monkey.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
-        if let Some(picture) = monkey.shell.viewer.a.take_picture() {
-            break picture.unwrap_or_else(|error| panic!("the picture is read: {error}"));
-        }
-        assert!(begun.elapsed() < PATIENCE, "the picture is read in time");
-    };
-    let shown = image_of(&picture).expect("it has colours");
-    let viewer = &monkey.shell.viewer;
+    let renderer = &monkey.viewer.shell.viewer.a.renderer;
+    assert!(renderer.failure().is_none(), "{:?}", renderer.problem(false));
+    monkey.viewer.shell.viewer.continuous = true;
+    let shown = monkey.viewer.picture(RendererId::A);
+    let viewer = &monkey.viewer.shell.viewer;
     let set: Vec<(&str, &str)> =
         viewer.a.renderer.set().iter().map(|(name, value)| (name.as_str(), value.as_str())).collect();
     let camera = viewer.navigation.camera(shown.width as u32, shown.height as u32);
     let scene = Scene::load(viewer.scene_path(), splatgraph_assets::QUIET).expect("the scene is loaded");
     let graph = viewer.a.renderer.graph();
     let drawn = images::draw_scene(scene, &[camera], graph, viewer.background, &set);
-    assert!(shown.rgb == drawn[0].rgb, "{graph} with {set:?} after {:#?}", monkey.deeds);
+    assert!(shown.rgb == drawn[0].rgb, "{graph} with {set:?}");
 }

@@ -1,11 +1,10 @@
 //! The real program with a window, observed by the events that it writes.
 
 use super::screen::{PATIENCE, Pixels, Screen, Window, comes};
-use super::twin::copy_of_shipped_files;
+use crate::place::{Line, Place};
 use serde_json::Value;
 use splatgraph_assets::{Camera, synth};
 use std::fs::{self, File};
-use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus};
 use std::time::{Duration, Instant};
 
@@ -20,60 +19,50 @@ pub struct Program {
     events: Vec<Value>,
     /// Bytes of the file that they came from.
     read: usize,
-    folder: tempfile::TempDir,
+    pub place: Place,
     // After the process: it is stopped last.
     screen: Option<Screen>,
 }
 
 impl Program {
-    /// Starts it, and waits until it shows the requested picture. It draws continuously, so that frames can be waited
-    /// for.
-    pub fn start(splats: u32, args: &[&str]) -> Program {
-        let args: Vec<&str> = ["--continuous"].into_iter().chain(args.iter().copied()).collect();
-        let mut program = Program::launch(splats, &args, |_| {});
+    /// Starts it, and waits until it shows what it was requested. It draws all the time, so that frames can be waited for.
+    pub fn start(splats: u32, line: &str) -> Program {
+        let mut program = Program::launch(splats, &format!("--continuous {line}"), |_| {});
         assert!(program.window.appears(), "no window came {}", program.account());
         program.window.focus();
         program.settle();
         program
     }
 
-    /// Starts it after preparing its folder.
-    pub fn launch(splats: u32, args: &[&str], arrange: impl FnOnce(&Path)) -> Program {
-        Program::launch_with(splats, args, |_| {}, arrange)
+    /// Starts it, once its folder is arranged.
+    pub fn launch(splats: u32, line: &str, arrange: impl FnOnce(&Place)) -> Program {
+        Program::launch_with(splats, line, |_| {}, arrange)
     }
 
     /// Like `launch`, after a change to its command.
     pub fn launch_with(
         splats: u32,
-        args: &[&str],
+        line: &str,
         change: impl FnOnce(&mut Command),
-        arrange: impl FnOnce(&Path),
+        arrange: impl FnOnce(&Place),
     ) -> Program {
         let screen = Screen::start(1280, 900);
-        let folder = copy_of_shipped_files();
-        let at = |name: &str| folder.path().join(name);
-        let scene = synth::generate("demo", splats, 0).expect("the demo scene is generated");
-        scene.write_ply(at("scene.ply")).expect("the scene is written");
-        let demo = synth::generators().iter().find(|generator| generator.name == "demo");
-        let cameras = demo.map(|demo| (demo.cameras)()).expect("it has cameras");
-        Camera::save(&cameras, at("scene.cameras.json")).expect("cameras are written");
-        arrange(folder.path());
-        let errors = File::create(at("errors.txt")).expect("a file");
+        let place = Place::shipped();
+        place.scene("scene.ply", "demo", splats, 0);
+        Camera::save(&synth::demo_cameras(), place.at("scene.cameras.json")).expect("cameras are written");
+        arrange(&place);
+        let errors = File::create(place.at("errors.txt")).expect("a file");
         let window = Window::on(&screen);
-        let mut command = Command::new(env!("CARGO_BIN_EXE_splatgraph"));
+        let mut command = place.program("view scene.ply --events events.jsonl --device llvmpipe --validate");
         command
-            .args(["view", "scene.ply", "--events", "events.jsonl", "--device", "llvmpipe", "--validate"])
-            .args(args)
-            .current_dir(folder.path())
+            .args(line.words())
             .env("DISPLAY", screen.display())
-            .env_remove("WAYLAND_DISPLAY")
-            .env_remove("WAYLAND_SOCKET")
-            .env("XDG_STATE_HOME", folder.path().join("state"))
+            .env("XDG_STATE_HOME", place.at("state"))
             .env("WINIT_X11_SCALE_FACTOR", "1")
             .stderr(errors);
         change(&mut command);
         let process = command.spawn().expect("the program starts");
-        Program { process, window, events: Vec::new(), read: 0, folder, screen: Some(screen) }
+        Program { process, window, events: Vec::new(), read: 0, place, screen: Some(screen) }
     }
 
     /// Ends the X server that it is connected to.
@@ -81,26 +70,9 @@ impl Program {
         self.screen = None;
     }
 
-    /// A file of its folder.
-    pub fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    /// Replaces a text in a file, which must contain it; returns the old contents.
-    pub fn edit(&self, name: &str, from: &str, to: &str) -> String {
-        let text = fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
-        assert!(text.contains(from), "{name} has no `{from}`");
-        self.write(name, &text.replacen(from, to, 1));
-        text
-    }
-
-    pub fn write(&self, name: &str, text: &str) {
-        fs::write(self.path(name), text).unwrap_or_else(|error| panic!("{name}: {error}"));
-    }
-
-    /// Reads the new events, and returns their total number.
+    /// Reads the events that are new, and says how many there are now.
     pub fn now(&mut self) -> usize {
-        let all = fs::read(self.path("events.jsonl")).unwrap_or_default();
+        let all = fs::read(self.place.at("events.jsonl")).unwrap_or_default();
         let new = &all[self.read..];
         // The last line may not be whole yet.
         let whole = new.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
@@ -117,7 +89,7 @@ impl Program {
 
     /// Describes the program's state, for failure messages.
     fn account(&self) -> String {
-        let errors = fs::read_to_string(self.path("errors.txt")).unwrap_or_default();
+        let errors = fs::read_to_string(self.place.at("errors.txt")).unwrap_or_default();
         let kind = |event: &Value| event["event"].as_str().unwrap_or_default().to_owned();
         let frames = self.events.iter().filter(|event| kind(event) == "frame").count();
         let told = self.events.iter().filter(|event| !kind(event).starts_with("control"));
@@ -281,7 +253,7 @@ impl Program {
     /// Waits until the view shows something.
     pub fn view_until(&mut self, what: &str, is_it: impl Fn(&Pixels) -> bool) -> Pixels {
         let mut shown = self.view();
-        // Where the view stands may still change, too.
+        // The place of the view may also change.
         let come = is_it(&shown)
             || comes(|| {
                 shown = self.view();
@@ -335,7 +307,7 @@ impl Program {
         self.now();
         let status = ended.unwrap_or_else(|| panic!("the program goes on {}", self.account()));
         look();
-        (status, fs::read_to_string(self.path("errors.txt")).expect("it can be read"))
+        (status, self.place.text("errors.txt"))
     }
 }
 

@@ -7,6 +7,7 @@
 use super::soak::process::resident;
 use super::whole::{PATIENCE, TestShell};
 use crate::common;
+use crate::place::shipped;
 use splatgraph::draw::backend::Validation;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
@@ -67,11 +68,7 @@ impl Cycles {
 
     fn run(&mut self, cycle: u32) {
         self.broken_file(cycle, "graph", GRAPH, "Graph(");
-        let shader = self.viewer.shipped[SHADER].replacen(
-            "void main() {",
-            "void main() {\n    int i = undeclared;",
-            1,
-        );
+        let shader = shipped(SHADER).replacen("void main() {", "void main() {\n    int i = undeclared;", 1);
         self.broken_file(cycle, "shader", SHADER, &shader);
         for (kind, name) in
             [("graph", GRAPH), ("include", INCLUDE), ("shader", SHADER), ("shader's include", HEADER)]
@@ -124,12 +121,12 @@ impl Cycles {
     }
 
     fn broken_file(&mut self, cycle: u32, kind: &str, name: &str, text: &str) {
-        let shipped = self.viewer.shipped[name].clone();
-        self.viewer.write(name, text);
+        let shipped = shipped(name);
+        self.viewer.place.write(name, text);
         self.viewer.until("the mistake", |viewer| viewer.shell.viewer.a.renderer.failure().is_some());
         self.note(cycle, kind, "broken", None);
         let since = Instant::now();
-        self.viewer.write(name, shipped);
+        self.viewer.place.write(name, shipped);
         self.viewer.until("the mending", |viewer| viewer.shell.viewer.a.renderer.failure().is_none());
         self.note(cycle, kind, "mended", Some(since));
         self.check(kind);
@@ -137,7 +134,7 @@ impl Cycles {
 
     /// Replaces a file by a pipe, which never ends.
     fn no_file(&mut self, cycle: u32, kind: &str, name: &str) {
-        let (shipped, path) = (self.viewer.shipped[name].clone(), self.viewer.path(name));
+        let (shipped, path) = (shipped(name), self.viewer.place.at(name));
         std::fs::remove_file(&path).expect("it is removed");
         assert!(Command::new("mkfifo").arg(&path).status().expect("mkfifo runs").success());
         self.viewer.until("the pipe", |viewer| {
@@ -147,15 +144,15 @@ impl Cycles {
         self.note(cycle, &format!("pipe for the {kind}"), "broken", None);
         let since = Instant::now();
         std::fs::remove_file(&path).expect("it is removed");
-        self.viewer.write(name, shipped);
+        self.viewer.place.write(name, shipped);
         self.viewer.until("the mending", |viewer| viewer.shell.viewer.a.renderer.failure().is_none());
         self.note(cycle, &format!("pipe for the {kind}"), "mended", Some(since));
         self.check("a pipe");
     }
 
     fn broken_scene(&mut self, cycle: u32) {
-        self.viewer.write("broken.ply", "ply\nformat ascii 1.0\nelement vertex 3\n");
-        let (broken, whole) = (self.viewer.path("broken.ply"), self.viewer.path("scene.ply"));
+        self.viewer.place.write("broken.ply", "ply\nformat ascii 1.0\nelement vertex 3\n");
+        let (broken, whole) = (self.viewer.place.at("broken.ply"), self.viewer.place.at("scene.ply"));
         let seen = self.viewer.events.len();
         self.viewer.shell.viewer.open(&broken);
         self.viewer.until("the error", |viewer| {

@@ -37,7 +37,6 @@ use splatgraph::view::paint::Mode;
 use splatgraph::view::renderer::Renderer;
 use splatgraph_api::Device;
 use splatgraph_api::DeviceMemory;
-use splatgraph_assets::synth;
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::Write;
@@ -62,8 +61,8 @@ struct Length {
     noise: u64,
 }
 
-/// Caches are still filling: the driver's, the validation layers', and those of compiled shaders. Only a leak in every
-/// frame shows in the resident memory; the device's memory is exact.
+/// Caches are filling all the time, of the driver, the validation layers and the compiled shaders. Only what is lost in
+/// every frame shows in the resident memory; the device's is exact.
 const SHORT: Length = Length { frames: 600, cycle: 60, noise: 96 << 20 };
 /// The remainder is memory that allocators keep after it was freed, and some 10 KiB per compiled shader text, of which
 /// each compiler caches the last thousand.
@@ -224,8 +223,7 @@ impl Soak {
         let viewer = TestShell::new(&common::options(validation), ("demo", SPLATS), GRAPHS[0], SIZE);
         let scenes = ["scene.ply", "smaller.ply", "larger.ply"];
         for (name, generator, splats) in [(scenes[1], "uniform", 700), (scenes[2], "demo", 3_100)] {
-            let scene = synth::generate(generator, splats, 1).expect("the scene is generated");
-            scene.write_ply(viewer.path(name)).expect("the scene is written");
+            viewer.place.scene(name, generator, splats, 1);
         }
         let table = std::env::var_os("SPLATGRAPH_SOAK").map(|path| {
             let mut table = fs::File::create(path).expect("the table can be written");
@@ -310,9 +308,9 @@ impl Soak {
 
     /// Brings everything back to the reference state, for the time of this number.
     fn restore(&mut self, cycle: u64) {
-        let input_is_over = |viewer: &mut TestShell| viewer.is_idle();
+        let input_is_over = |viewer: &mut TestShell| viewer.input.is_empty();
         self.viewer.until("the end of the input", input_is_over);
-        self.viewer.plan_input(vec![Input::PointerGone]);
+        self.viewer.plan([Input::PointerGone]);
         self.viewer.size = SIZE;
         self.viewer.frame();
         self.edited.clear();
@@ -320,14 +318,14 @@ impl Soak {
         // Times always vary.
         self.viewer.shell.panels.hud = false;
         self.viewer.shell.panels.help = false;
-        let scene = self.viewer.path(self.scenes[0]);
+        let scene = self.viewer.place.at(self.scenes[0]);
         let is_loaded = |viewer: &mut TestShell| viewer.shell.viewer.loading(RendererId::A).is_none();
         self.viewer.until("the end of loading", is_loaded);
         if self.viewer.shell.viewer.scene_path() != scene {
             self.viewer.shell.viewer.open(&scene);
             self.viewer.until("the scene", is_loaded);
         }
-        let graph = self.viewer.path(GRAPHS[0]);
+        let graph = self.viewer.place.at(GRAPHS[0]);
         let viewer = &mut self.viewer.shell.viewer;
         // B is drawn, too, so that it gets there.
         viewer.set_compare(Mode::Split).unwrap_or_else(|error| panic!("{error}"));

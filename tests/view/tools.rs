@@ -30,6 +30,13 @@ fn passes(viewer: &TestShell) -> usize {
     viewer.shell.viewer.a.renderer.plan().expect("there is a plan").frame.len()
 }
 
+/// Chooses a graph of the folder.
+fn choose(viewer: &mut TestShell, who: RendererId, graph: &str) {
+    let path = viewer.place.named(&format!("pipelines/{graph}.ron"));
+    let viewport = viewer.shell.viewer.viewport(who).expect("there is such a viewport");
+    viewport.renderer.choose(&path, Default::default());
+}
+
 /// Draws every frame until the next plan is measured, with all tools looking on.
 fn until_measured(viewer: &mut TestShell) {
     viewer.settle();
@@ -49,8 +56,7 @@ fn a_plan_with_fewer_passes_leaves_the_open_tools_alone() {
     until_measured(&mut viewer);
     assert!(passes(&viewer) < many, "{} passes after {many}", passes(&viewer));
     for graph in ["digit4", "digit8", "splat", "unsorted"] {
-        let graph = viewer.path(&format!("pipelines/{graph}.ron"));
-        viewer.shell.viewer.a.renderer.choose(&graph.to_string_lossy(), Default::default());
+        choose(&mut viewer, RendererId::A, graph);
         until_measured(&mut viewer);
     }
     viewer.close();
@@ -91,8 +97,7 @@ fn a_change_of_the_digit_width_says_what_it_did_to_the_plan() {
 fn nothing_is_changed_by_looking_at_it() {
     let mut viewer = viewer("pipelines/splat.ron");
     for preset in builtin::names() {
-        let graph = viewer.path(&format!("pipelines/{preset}.ron"));
-        viewer.shell.viewer.a.renderer.choose(&graph.to_string_lossy(), Default::default());
+        choose(&mut viewer, RendererId::A, preset);
         viewer.settle();
         let values = |viewer: &TestShell| {
             let controls = viewer.shell.viewer.a.renderer.controls().iter().map(|control| &control.param);
@@ -133,8 +138,7 @@ fn a_step_is_undone_and_done_again() {
     assert_eq!(set(&viewer), None);
     undo(&mut viewer, Modifiers::COMMAND | Modifiers::SHIFT);
     assert_eq!(set(&viewer).as_deref(), Some("4"));
-    let unsorted = viewer.path("pipelines/unsorted.ron");
-    viewer.shell.viewer.a.renderer.choose(&unsorted.to_string_lossy(), Default::default());
+    choose(&mut viewer, RendererId::A, "unsorted");
     viewer.settle();
     undo(&mut viewer, Modifiers::COMMAND);
     viewer.settle();
@@ -181,9 +185,7 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     assert!(viewer.click("compare:split"));
     viewer.act();
     viewer.settle();
-    let unsorted = viewer.path("pipelines/unsorted.ron");
-    let b = viewer.shell.viewer.b.as_mut().expect("there is a B");
-    b.renderer.choose(&unsorted.to_string_lossy(), Default::default());
+    choose(&mut viewer, RendererId::B, "unsorted");
     viewer.settle();
     assert_eq!(viewer.shell.panels.controls.find("comparison"), None, "nothing is measured yet");
     assert!(viewer.click("measure"));
@@ -198,10 +200,8 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     assert!(viewer.click("worst"));
     viewer.act();
     assert!(viewer.shell.viewer.comparison_is_current());
-    // An inspection requested together with a change is measured after it.
-    let splat = viewer.path("pipelines/splat.ron");
-    let b = viewer.shell.viewer.b.as_mut().expect("there is a B");
-    b.renderer.choose(&splat.to_string_lossy(), Default::default());
+    // What is requested together with a change is measured after it.
+    choose(&mut viewer, RendererId::B, "splat");
     viewer.shell.viewer.measure();
     viewer.until("the next result", |viewer| !viewer.shell.viewer.is_comparing());
     let found = viewer.shell.viewer.comparison().expect("it is there").clone();
@@ -222,7 +222,7 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
 fn b_draws_another_scene_from_the_same_place_of_the_world() {
     let mut viewer = viewer("pipelines/splat.ron");
     let far = synth::generate("demo", 300, 7).expect("the scene is generated").with_offset([3.0, -2.0, 1.0]);
-    let (first, other) = (viewer.path("scene.ply"), viewer.path("other.ply"));
+    let (first, other) = (viewer.place.at("scene.ply"), viewer.place.at("other.ply"));
     far.write_ply(&other).expect("the scene is written");
     assert!(viewer.click("compare:split"));
     viewer.act();
@@ -278,7 +278,7 @@ fn lists_of_scenes_and_cameras_show_what_is_searched_for() {
         assert!(all > 0, "{list}");
         assert!(viewer.click(search));
         viewer.act();
-        viewer.plan_input(vec![egui::Event::Text("nothing is called so".to_owned())]);
+        viewer.plan([egui::Event::Text("nothing is called so".to_owned())]);
         viewer.act();
         viewer.frame();
         assert_eq!(listed(&viewer, kind), 0, "{list}");

@@ -1,14 +1,12 @@
 //! The viewer without its window, driven by a script: files are edited, parameters changed, and pictures read back.
 
-use crate::common;
+use crate::common::{self, settings};
+use crate::place::Place;
 use splatgraph::draw::backend::Backend;
 use splatgraph::draw::session::image_of;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::viewer::Viewer;
-use splatgraph_assets::synth;
-use std::fs;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -26,26 +24,23 @@ pub struct Twin {
     pub events: Vec<Event>,
     /// Size of the view, in pixels.
     pub size: (u32, u32),
-    folder: tempfile::TempDir,
+    /// Its files.
+    pub place: Place,
 }
 
 impl Twin {
     /// A generated scene of `splats` splats, drawn with `graph` of a copy of all shipped files.
     pub fn new(graph: &str, splats: u32, set: &[(&str, &str)]) -> Twin {
-        let folder = copy_of_shipped_files();
-        let scene = synth::generate("demo", splats, 0).expect("the demo scene is generated");
-        let path = folder.path().join("scene.ply");
-        scene.write_ply(&path).expect("the scene is written");
-        let graph = folder.path().join(format!("pipelines/{graph}.ron"));
-        let set: Vec<_> = set.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect();
-        let graph = graph.to_string_lossy();
-        let mut viewer = Viewer::new(common::device(), (scene, path), &graph, &set, Arc::new(|| {}))
+        let place = Place::shipped();
+        let scene = (place.scene("scene.ply", "demo", splats, 0), place.at("scene.ply"));
+        let graph = place.named(&format!("pipelines/{graph}.ron"));
+        let mut viewer = Viewer::new(common::device(), scene, &graph, &settings(set), Arc::new(|| {}))
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
         // Draw every frame, even an unchanged one, however slow the machine is.
         viewer.continuous = true;
         viewer.a.renderer.patience = PATIENCE;
-        Twin { viewer, events: Vec::new(), size: SIZE, folder }
+        Twin { viewer, events: Vec::new(), size: SIZE, place }
     }
 
     /// Like `new`, after its first frame is drawn.
@@ -53,26 +48,6 @@ impl Twin {
         let mut twin = Twin::new(graph, splats, set);
         twin.until("the first plan", |event| matches!(event, Event::Swapped { renderer: RendererId::A, .. }));
         twin
-    }
-
-    /// A file of the copy.
-    pub fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    pub fn read(&self, name: &str) -> String {
-        fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
-    }
-
-    pub fn write(&self, name: &str, text: impl AsRef<[u8]>) {
-        fs::write(self.path(name), text).unwrap_or_else(|error| panic!("{name}: {error}"));
-    }
-
-    /// Replaces a text in a file, which must contain it.
-    pub fn edit(&self, name: &str, from: &str, to: &str) {
-        let text = self.read(name);
-        assert!(text.contains(from), "{name} has no `{from}`");
-        self.write(name, text.replacen(from, to, 1));
     }
 
     /// Draws a frame, and collects what happened.
@@ -175,15 +150,4 @@ impl Twin {
 /// Returns true if a picture shows anything.
 pub fn shows_something(image: &Image) -> bool {
     image.rgb.iter().any(|pixel| pixel.iter().any(|v| *v > 0.1))
-}
-
-/// A folder with `pipelines/` and `shaders/` as they are shipped.
-pub fn copy_of_shipped_files() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().expect("a folder");
-    for (name, text) in splatgraph::draw::builtin::FILES {
-        let path = folder.path().join(name);
-        fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).expect("folders are made");
-        fs::write(path, text).expect("files are written");
-    }
-    folder
 }

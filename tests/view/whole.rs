@@ -1,22 +1,26 @@
 //! The whole viewer without its window: pictures, panels and the window's own graph, driven by events like a window
 //! system's.
 
-use super::twin::copy_of_shipped_files;
 use crate::common;
+use crate::place::Place;
+#[cfg(target_os = "linux")]
+use crate::place::shipped;
 use egui::{
-    Event as Input, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, Vec2, ViewportId, ViewportInfo,
+    Event as Input, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, RawInput, Rect,
+    TouchPhase, Vec2, ViewportId, ViewportInfo,
 };
 use splatgraph::draw::backend::{Backend, Options};
+#[cfg(target_os = "linux")]
+use splatgraph::draw::builtin;
 use splatgraph::draw::session::image_of;
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::paint::Mode;
 use splatgraph::view::shell::{Frame, FrameRequest, Shell};
 use splatgraph::view::viewer::Viewer;
-use splatgraph_assets::{Scene, synth};
-use std::collections::{BTreeMap, VecDeque};
-use std::fs;
-use std::path::{Path, PathBuf};
+use splatgraph_api::Device;
+use splatgraph_assets::Scene;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
@@ -30,13 +34,16 @@ const REST: Duration = Duration::from_millis(20);
 /// Few pixels per point: panels have as much room as on a display, and a frame is cheap.
 pub const PIXELS_PER_POINT: f32 = 0.4;
 
-/// A viewer over its own copy of graphs and shaders, which can be edited.
-pub struct TestShell {
-    pub shell: Shell<Backend>,
+/// A viewer over graphs and shaders of its own, which can be edited.
+pub struct TestShell<D: Device = Backend> {
+    pub shell: Shell<D>,
+    /// Its files.
+    pub place: Place,
     /// Events that were not taken yet.
     pub events: Vec<Event>,
     /// Size of the window, in pixels.
     pub size: (u32, u32),
+    pub pixels_per_point: f32,
     /// Calls of [`TestShell::frame`] so far.
     pub calls: u64,
     /// Frames due so far: one of A for each call once it has a plan of the scene, and one of B if it is shown and has
@@ -45,95 +52,104 @@ pub struct TestShell {
     /// Due frames of the window that were not drawn.
     pub undrawn_windows: u64,
     /// Input of the frames to come.
-    input: VecDeque<Vec<Input>>,
-    /// The files as they are shipped.
-    pub shipped: BTreeMap<String, String>,
-    /// Signalled when other threads have something new.
+    pub input: VecDeque<Vec<Input>>,
+    /// Other threads have something new.
     woken: Receiver<()>,
-    folder: tempfile::TempDir,
 }
 
 impl TestShell {
     /// Draws `scene` (generator and number of splats) with `graph`, and the window with its own, of a copy of all shipped
     /// files.
     pub fn new(options: &Options, scene: (&str, u32), graph: &str, size: (u32, u32)) -> TestShell {
-        let folder = copy_of_shipped_files();
-        let path = folder.path().join("scene.ply");
-        let scene = synth::generate(scene.0, scene.1, 0).expect("the scene is generated");
-        scene.write_ply(&path).expect("the scene is written");
-        // Rounded as in the file, so that reopening the file gives an equal scene.
-        let scene = Scene::load(&path, splatgraph_assets::QUIET).expect("the scene is loaded");
-        let graph = folder.path().join(graph);
-        let window = folder.path().join("pipelines/view/window.ron");
         let canvas = common::open(options);
         let device = canvas.open_beside(options).expect("a device for the scene");
+        TestShell::on([canvas, device], scene, graph, size)
+    }
+
+    /// Closes it; the validation layers must have had nothing to say.
+    pub fn close(mut self) {
+        self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
+        let devices = self.shell.into_devices();
+        assert_eq!(devices.len(), 2, "a device is lost");
+        let messages: Vec<String> = devices.into_iter().flat_map(Backend::close).collect();
+        assert!(messages.is_empty(), "{}", messages.join("\n"));
+    }
+}
+
+impl<D: Device> TestShell<D> {
+    /// Draws the window on one device, and the scene on another.
+    pub fn on([canvas, device]: [D; 2], scene: (&str, u32), graph: &str, size: (u32, u32)) -> TestShell<D> {
+        let place = Place::shipped();
+        place.scene("scene.ply", scene.0, scene.1, 0);
+        // As the file has it, whose numbers are rounded: so it is the same when it is opened again.
+        let path = place.at("scene.ply");
+        let scene = Scene::load(&path, splatgraph_assets::QUIET).expect("the scene is loaded");
         let (sender, woken) = channel();
         let wake = || {
             let sender = sender.clone();
             // A dropped viewer needs no waking.
             Arc::new(move || _ = sender.send(()))
         };
-        let mut viewer = Viewer::new(device, (scene, path), &graph.to_string_lossy(), &[], wake())
+        let mut viewer = Viewer::new(device, (scene, path), &place.named(graph), &[], wake())
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
-        viewer.folder = folder.path().to_owned();
-        // Draw every frame, even an unchanged one, however slow the machine is.
+        viewer.folder = place.at("");
+        // No frame is left out, also if it is the same, and however slow the machine is.
         viewer.continuous = true;
         viewer.a.renderer.patience = PATIENCE;
-        let mut shell = Shell::with_graph(viewer, canvas, &window.to_string_lossy(), wake())
+        let mut shell = Shell::with_graph(viewer, canvas, &place.named("pipelines/view/window.ron"), wake())
             .unwrap_or_else(|error| panic!("the shell opens: {error}"));
         shell.window_mut().patience = PATIENCE;
-        let shipped =
-            splatgraph::draw::builtin::FILES.iter().map(|(name, text)| (name.to_string(), text.to_string()));
         TestShell {
             shell,
+            place,
             events: Vec::new(),
             size,
+            pixels_per_point: PIXELS_PER_POINT,
             calls: 0,
             due: 0,
             undrawn_windows: 0,
             input: VecDeque::new(),
-            shipped: shipped.collect(),
             woken,
-            folder,
         }
     }
 
-    /// A file of the copy.
-    pub fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
+    /// Plans events, each for a frame of its own.
+    pub fn plan(&mut self, events: impl IntoIterator<Item = Input>) {
+        self.input.extend(events.into_iter().map(|event| vec![event]));
     }
 
-    /// The folder of the copy.
-    pub fn folder(&self) -> &Path {
-        self.folder.path()
-    }
-
-    pub fn write(&self, name: &str, text: impl AsRef<[u8]>) {
-        fs::write(self.path(name), text).unwrap_or_else(|error| panic!("{name}: {error}"));
-    }
-
-    /// Plans input for a coming frame, after the input planned before.
-    pub fn plan_input(&mut self, input: Vec<Input>) {
-        self.input.push_back(input);
+    /// Plans that the pointer is pressed at the first place, moves over the others, and is released at the last.
+    pub fn drag(&mut self, button: PointerButton, places: &[Pos2]) {
+        let press = |pos, pressed| Input::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
+        let (first, last) = (places[0], places[places.len() - 1]);
+        self.plan([Input::PointerMoved(first), press(first, true)]);
+        self.plan(places[1..].iter().map(|at| Input::PointerMoved(*at)));
+        self.plan([press(last, false)]);
     }
 
     /// Plans a click on a control; returns false if it is not shown.
     pub fn click(&mut self, name: &str) -> bool {
-        let Some(at) = self.shell.panels.controls.find(name).map(|rect| rect.center()) else { return false };
-        let button = PointerButton::Primary;
-        let press = |pressed| Input::PointerButton { pos: at, button, pressed, modifiers: Modifiers::NONE };
-        self.plan_input(vec![Input::PointerMoved(at)]);
-        self.plan_input(vec![press(true)]);
-        self.plan_input(vec![press(false)]);
-        true
+        let at = self.shell.panels.controls.find(name).map(|rect| rect.center());
+        at.inspect(|at| self.drag(PointerButton::Primary, &[*at])).is_some()
+    }
+
+    /// Plans a notch of the wheel.
+    pub fn scroll(&mut self, at: Pos2, points: f32) {
+        let wheel = Input::MouseWheel {
+            unit: MouseWheelUnit::Point,
+            delta: Vec2::new(0.0, points),
+            phase: TouchPhase::Move,
+            source: MouseWheelSource::Wheel,
+            modifiers: Modifiers::NONE,
+        };
+        self.plan([Input::PointerMoved(at), wheel]);
     }
 
     /// Plans a key that is pressed and released.
     pub fn key(&mut self, key: Key, modifiers: Modifiers) {
-        for pressed in [true, false] {
-            self.plan_input(vec![Input::Key { key, physical_key: None, pressed, repeat: false, modifiers }]);
-        }
+        let event = |pressed| Input::Key { key, physical_key: None, pressed, repeat: false, modifiers };
+        self.plan([true, false].map(event));
     }
 
     /// Draws frames until all planned input was delivered, and one more.
@@ -144,12 +160,6 @@ impl TestShell {
         self.frame();
     }
 
-    /// Returns true if all planned input was delivered.
-    #[cfg(target_os = "linux")]
-    pub fn is_idle(&self) -> bool {
-        self.input.is_empty()
-    }
-
     /// Draws a frame, and collects what happened.
     pub fn frame(&mut self) {
         self.draw(false);
@@ -157,9 +167,10 @@ impl TestShell {
 
     fn draw(&mut self, read: bool) -> Frame {
         let (width, height) = self.size;
-        let points = Vec2::new(width as f32, height as f32) / PIXELS_PER_POINT;
+        let pixels_per_point = self.pixels_per_point;
+        let points = Vec2::new(width as f32, height as f32) / pixels_per_point;
         let viewport =
-            ViewportInfo { native_pixels_per_point: Some(PIXELS_PER_POINT), ..ViewportInfo::default() };
+            ViewportInfo { native_pixels_per_point: Some(pixels_per_point), ..ViewportInfo::default() };
         let input = RawInput {
             viewports: [(ViewportId::ROOT, viewport)].into_iter().collect(),
             screen_rect: Some(Rect::from_min_size(Pos2::ZERO, points)),
@@ -171,13 +182,8 @@ impl TestShell {
         };
         self.calls += 1;
         let window = self.shell.window().plan().is_some();
-        let ask = FrameRequest {
-            size: self.size,
-            pixels_per_point: PIXELS_PER_POINT,
-            read,
-            ..FrameRequest::default()
-        };
-        let frame = self.shell.frame(input, ask);
+        let request = FrameRequest { size: self.size, pixels_per_point, read, ..FrameRequest::default() };
+        let frame = self.shell.frame(input, request);
         assert!(frame.lost.is_none(), "{:?}", frame.lost);
         let viewports = [Some(&self.shell.viewer.a), self.shell.viewer.b.as_ref()].into_iter().flatten();
         for renderer in viewports.map(|viewport| &viewport.renderer).chain([self.shell.window()]) {
@@ -208,7 +214,7 @@ impl TestShell {
     }
 
     /// Draws frames until `is_so`. Between them it waits a little for other threads to have something new.
-    pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut TestShell) -> bool) {
+    pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut TestShell<D>) -> bool) {
         let begun = Instant::now();
         loop {
             self.frame();
@@ -229,7 +235,7 @@ impl TestShell {
         self.until("the end of all building", |viewer| !viewer.busy());
     }
 
-    fn busy(&self) -> bool {
+    pub fn busy(&self) -> bool {
         let TestShell { shell, .. } = self;
         shell.viewer.busy() || shell.window().busy() || shell.window().size() != self.size
     }
@@ -239,15 +245,13 @@ impl TestShell {
     #[cfg(target_os = "linux")]
     pub fn restore(&mut self, number: u64) {
         let marked = ["pipelines/splat.ron", "pipelines/view/window.ron"];
-        for (name, text) in &self.shipped {
-            if !marked.contains(&name.as_str()) {
-                self.write(name, text);
-            }
+        for (name, text) in builtin::FILES.iter().filter(|(name, _)| !marked.contains(name)) {
+            self.place.write(name, text);
         }
         for name in marked {
             let summary = "summary: \"";
-            let text = self.shipped[name].replacen(summary, &format!("{summary}{number}. "), 1);
-            self.write(name, text);
+            let text = shipped(name).replacen(summary, &format!("{summary}{number}. "), 1);
+            self.place.write(name, text);
         }
         let mark = format!("{number}. ");
         self.until("the files as they are shipped", |viewer| {
@@ -277,14 +281,5 @@ impl TestShell {
     pub fn window(&mut self) -> Image {
         let pixels = self.draw(true).picture.expect("the window's picture is there");
         image_of(&pixels).expect("it has colours")
-    }
-
-    /// Closes it; fails on validation messages.
-    pub fn close(mut self) {
-        self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
-        let devices = self.shell.into_devices();
-        assert_eq!(devices.len(), 2, "a device is lost");
-        let messages: Vec<String> = devices.into_iter().flat_map(Backend::close).collect();
-        assert!(messages.is_empty(), "{}", messages.join("\n"));
     }
 }

@@ -14,10 +14,8 @@ const F12: u32 = 0xffc9;
 
 #[test]
 fn a_person_uses_the_window() {
-    let mut program = Program::start(
-        3_000,
-        &["--pipeline", "pipelines/splat.ron", "--size", "900x620", "--scale", "0.25", "--show", "settings"],
-    );
+    let mut program =
+        Program::start(3_000, "--pipeline pipelines/splat.ron --size 900x620 --scale 0.25 --show settings");
     let first = program.still();
     assert!(first.rgb.iter().any(|pixel| pixel.iter().any(|v| *v > 50)), "the view is empty");
     parameters(&mut program, &first);
@@ -35,9 +33,8 @@ fn a_person_uses_the_window() {
 
 #[test]
 fn a_window_at_rest_draws_nothing_until_something_happens() {
-    let args =
-        ["--pipeline", "pipelines/splat.ron", "--size", "900x780", "--scale", "0.25", "--show", "settings"];
-    let mut program = Program::launch(2_000, &args, |_| {});
+    let line = "--pipeline pipelines/splat.ron --size 900x780 --scale 0.25 --show settings";
+    let mut program = Program::launch(2_000, line, |_| {});
     assert!(program.window.appears(), "no window came");
     program.window.focus();
     let control = program.control("param:sort");
@@ -66,7 +63,7 @@ fn a_window_at_rest_draws_nothing_until_something_happens() {
     program.swapped(since, "a", "another size");
     program.rests();
     since = program.now();
-    program.edit("shaders/splat.frag", "alpha, alpha);", "alpha, alpha);\n    blended.rg = vec2(0.0);");
+    program.place.edit("shaders/splat.frag", "alpha, alpha);", "alpha, alpha);\n    blended.rg = vec2(0.0);");
     program.swapped(since, "a", "splat.frag");
     let blue = comes(|| {
         let shown = program.window.pixels([0, 0, 760, 560]);
@@ -81,9 +78,7 @@ fn a_window_at_rest_draws_nothing_until_something_happens() {
 
 #[test]
 fn a_window_that_cannot_be_drawn_says_why_and_ends() {
-    let program = Program::launch(100, &[], |folder| {
-        std::fs::write(folder.join("pipelines/view/window.ron"), "Graph(").expect("a file");
-    });
+    let program = Program::launch(100, "", |place| place.write("pipelines/view/window.ron", "Graph("));
     let (status, errors) = program.end();
     assert_eq!(status.code(), Some(1), "{errors}");
     assert!(errors.starts_with("error: the window's own graph cannot be drawn\n"), "{errors}");
@@ -228,23 +223,24 @@ fn camera(program: &mut Program, first: &Pixels) {
 fn files(program: &mut Program, first: &Pixels) {
     let since = program.now();
     let part = "pipelines/parts/depth_order.ron";
-    let graph = program.edit(part, "default: 1.0, range: (0.0, 1.0)", "default: 0.3, range: (0.0, 1.0)");
+    let graph =
+        program.place.edit(part, "default: 1.0, range: (0.0, 1.0)", "default: 0.3, range: (0.0, 1.0)");
     program.swapped(since, "a", "depth_order.ron");
     program.view_is_not("fewer splats", first);
     let since = program.now();
-    program.write(part, &graph);
+    program.place.write(part, graph);
     program.swapped(since, "a", "depth_order.ron");
     program.view_is("all splats", first);
 
     let since = program.now();
     let blue = "alpha, alpha);\n    blended.rg = vec2(0.0);";
-    let shader = program.edit("shaders/splat.frag", "alpha, alpha);", blue);
+    let shader = program.place.edit("shaders/splat.frag", "alpha, alpha);", blue);
     program.swapped(since, "a", "splat.frag");
     program.view_until("blue alone", |shown| {
         shown.rgb.iter().all(|[r, g, _]| *r == 0 && *g == 0) && shown.rgb.iter().any(|[_, _, b]| *b > 50)
     });
     let since = program.now();
-    program.write("shaders/splat.frag", &shader);
+    program.place.write("shaders/splat.frag", shader);
     program.swapped(since, "a", "splat.frag");
     program.view_is("all colours", first);
 }
@@ -254,7 +250,7 @@ fn mistakes(program: &mut Program, first: &Pixels) {
     assert_eq!(program.find("mistakes"), None);
     let since = program.now();
     let shader =
-        program.edit("shaders/project.comp", "void main() {", "void main() {\n    int i = undeclared;");
+        program.place.edit("shaders/project.comp", "void main() {", "void main() {\n    int i = undeclared;");
     let failed = program.until(since, "the failure", |event| event["event"] == "failed");
     assert!(failed["text"].as_str().is_some_and(|text| text.contains("undeclared")), "{failed}");
     program.frames(3);
@@ -275,7 +271,7 @@ fn mistakes(program: &mut Program, first: &Pixels) {
     assert!(above(&shown) == above(first), "the picture does not stay");
 
     let since = program.now();
-    program.write("shaders/project.comp", &shader);
+    program.place.write("shaders/project.comp", shader);
     program.until(since, "the mending", |event| event["event"] == "mended");
     program.until(since, "the end of the message", |event| {
         event["event"] == "control_gone" && event["name"] == "mistakes"
@@ -339,7 +335,7 @@ fn screen(program: &mut Program, first: &Pixels) {
     let since = program.now();
     program.keys(&[F12]);
     let saved = program.until(since, "the screenshot", |event| event["event"] == "screenshot");
-    let path = program.path(saved["path"].as_str().expect("a path"));
+    let path = program.place.at(saved["path"].as_str().expect("a path"));
     let image = Image::load(&path).expect("a picture");
     assert_eq!((image.width, image.height), (760, 560));
     // The bar above the view shows the time of a frame, which changes.

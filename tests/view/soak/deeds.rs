@@ -1,7 +1,8 @@
 //! Disturbances of the viewer: file edits and user input.
 
 use super::{SCALE, SIZE, Soak};
-use egui::{Event as Input, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
+use crate::place::shipped;
+use egui::{Key, Modifiers, PointerButton, Pos2, Vec2};
 use indexmap::IndexMap;
 use splatgraph::view::events::RendererId;
 use splatgraph_framework::ir::{Domain, ParamBinding, Value};
@@ -120,7 +121,7 @@ impl Soak {
             Deed::Comment => {
                 let name = *self.dice.of(&COMMENTED);
                 self.number += 1;
-                let text = format!("{}\n// Number {}.\n", self.viewer.shipped[name], self.number);
+                let text = format!("{}\n// Number {}.\n", shipped(name), self.number);
                 self.edit(name, text);
             }
             Deed::Constant => {
@@ -133,7 +134,7 @@ impl Soak {
             }
             Deed::Cut => {
                 let name = *self.dice.of(&COMMENTED);
-                let text = &self.viewer.shipped[name];
+                let text = shipped(name);
                 let text = text[..text.floor_char_boundary(text.len() / 2)].to_owned();
                 self.edit(name, text);
             }
@@ -145,19 +146,20 @@ impl Soak {
                 // Many editors save by replacing the file.
                 let name = *self.dice.of(&COMMENTED);
                 self.number += 1;
-                let text = format!("{}\n// Replaced, number {}.\n", self.viewer.shipped[name], self.number);
-                self.viewer.write("new", text);
-                fs::rename(self.viewer.path("new"), self.viewer.path(name)).expect("the file is replaced");
+                let text = format!("{}\n// Replaced, number {}.\n", shipped(name), self.number);
+                self.viewer.place.write("new", text);
+                fs::rename(self.viewer.place.at("new"), self.viewer.place.at(name))
+                    .expect("the file is replaced");
                 self.edited.insert(name.to_owned());
             }
             Deed::Mend => {
                 for name in std::mem::take(&mut self.edited) {
-                    self.viewer.write(&name, &self.viewer.shipped[&name]);
+                    self.viewer.place.write(&name, shipped(&name));
                 }
             }
             Deed::Param(kind) => self.set_param(who, kind),
             Deed::Graph => {
-                let graph = self.viewer.path(self.dice.of::<&str>(&GRAPHS));
+                let graph = self.viewer.place.at(self.dice.of::<&str>(&GRAPHS));
                 if let Some(viewport) = self.viewer.shell.viewer.viewport(who) {
                     viewport.renderer.choose(&graph.to_string_lossy(), IndexMap::new());
                 }
@@ -175,10 +177,10 @@ impl Soak {
             Deed::Scale => self.viewer.shell.viewer.scale = *self.dice.of(&[SCALE, 0.1, 0.2, 0.25]),
             Deed::Compare => {
                 let mode = *self.dice.of(&["compare:off", "compare:split", "compare:difference"]);
-                self.click(mode);
+                _ = self.viewer.click(mode);
             }
             Deed::Exchange => self.viewer.shell.viewer.exchange(),
-            Deed::Measure => self.click("measure"),
+            Deed::Measure => _ = self.viewer.click("measure"),
             Deed::Inspect => self.inspect(who),
             Deed::InspectNothing => {
                 if let Some(viewport) = self.viewer.shell.viewer.viewport(who) {
@@ -186,22 +188,13 @@ impl Soak {
                 }
             }
             Deed::Scene => {
-                let path = self.viewer.path(self.dice.of::<&str>(&self.scenes));
+                let path = self.viewer.place.at(self.dice.of::<&str>(&self.scenes));
                 self.viewer.shell.viewer.open(&path);
             }
             Deed::Drag => self.drag(),
             Deed::Scroll => {
-                let delta = Vec2::new(0.0, if self.dice.below(2) == 0 { 50.0 } else { -50.0 });
                 let Some(at) = self.somewhere() else { return };
-                let wheel = Input::MouseWheel {
-                    unit: MouseWheelUnit::Point,
-                    delta,
-                    phase: TouchPhase::Move,
-                    source: egui::MouseWheelSource::Wheel,
-                    modifiers: Modifiers::NONE,
-                };
-                self.viewer.plan_input(vec![Input::PointerMoved(at)]);
-                self.viewer.plan_input(vec![wheel]);
+                self.viewer.scroll(at, if self.dice.below(2) == 0 { 50.0 } else { -50.0 });
             }
             Deed::Key => {
                 let key =
@@ -218,18 +211,18 @@ impl Soak {
                     "viewport:B",
                     "keys_sorted",
                 ]);
-                self.click(panel);
+                _ = self.viewer.click(panel);
             }
         }
     }
 
     fn edit(&mut self, name: &str, text: String) {
-        self.viewer.write(name, text);
+        self.viewer.place.write(name, text);
         self.edited.insert(name.to_owned());
     }
 
     fn exchange_text(&mut self, (name, from, to): (&str, &str, &str)) {
-        let text = &self.viewer.shipped[name];
+        let text = shipped(name);
         assert!(text.contains(from), "{name} has no `{from}`");
         let text = text.replacen(from, to, 1);
         self.edit(name, text);
@@ -285,17 +278,7 @@ impl Soak {
         let (Some(from), Some(to)) = (self.somewhere(), self.somewhere()) else { return };
         let button =
             *self.dice.of(&[PointerButton::Primary, PointerButton::Middle, PointerButton::Secondary]);
-        let press = |pos, pressed| Input::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
-        self.viewer.plan_input(vec![Input::PointerMoved(from)]);
-        self.viewer.plan_input(vec![press(from, true)]);
-        for step in 1..=4 {
-            self.viewer.plan_input(vec![Input::PointerMoved(from + (to - from) * (step as f32 / 4.0))]);
-        }
-        self.viewer.plan_input(vec![press(to, false)]);
-    }
-
-    /// Clicks on a control, if it is there now.
-    fn click(&mut self, name: &str) {
-        let _ = self.viewer.click(name);
+        let places = [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| from + (to - from) * share);
+        self.viewer.drag(button, &places);
     }
 }
