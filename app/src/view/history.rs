@@ -102,7 +102,7 @@ impl History {
         });
     }
 
-    /// Counts all frames so far, including those no longer recorded.
+    /// Counts all frames so far, including frames no longer recorded.
     pub fn frames(&self) -> u64 {
         self.frames
     }
@@ -244,9 +244,9 @@ fn collect<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::testing;
+    use crate::view::tests;
 
-    /// Makes a frame of the testing plan with these times.
+    /// Makes a frame of the test plan with these times.
     fn frame(times: &[f64]) -> FrameResult {
         FrameResult {
             pass_ms: times.iter().enumerate().map(|(i, ms)| (PassId(i as u32), Some(*ms))).collect(),
@@ -258,7 +258,7 @@ mod tests {
 
     #[test]
     fn a_row_of_a_phase_is_followed_by_those_of_its_passes() {
-        let plan = testing::plan(&[("key", "key"), ("scan[0]", "sort"), ("scan[1]", "sort")]);
+        let plan = tests::plan(&[("key", "key"), ("scan[0]", "sort"), ("scan[1]", "sort")]);
         let mut history = History::default();
         for ms in [1.0, 3.0, 2.0] {
             history.push(&plan, &frame(&[ms, 10.0 * ms, 100.0]));
@@ -279,7 +279,7 @@ mod tests {
 
     #[test]
     fn the_table_forgets_the_former_plan_and_the_plot_does_not() {
-        let (former, plan) = (testing::plan(&[("a", "sort")]), testing::plan(&[("a", "sort")]));
+        let (former, plan) = (tests::plan(&[("a", "sort")]), tests::plan(&[("a", "sort")]));
         let mut history = History::default();
         history.push(&former, &frame(&[5.0]));
         assert!(history.medians(&plan).is_empty(), "no frame of this plan was measured yet");
@@ -291,8 +291,8 @@ mod tests {
 
     #[test]
     fn times_keep_the_names_of_the_plan_that_they_were_measured_with() {
-        let long = testing::plan(&[("a", "sort"), ("b", "sort"), ("c", "draw")]);
-        let short = testing::plan(&[("x", "draw")]);
+        let long = tests::plan(&[("a", "sort"), ("b", "sort"), ("c", "draw")]);
+        let short = tests::plan(&[("x", "draw")]);
         let mut history = History::default();
         history.push(&long, &frame(&[1.0, 2.0, 3.0]));
         // The plan on the screen is the short one already; no frame of it is finished.
@@ -307,7 +307,7 @@ mod tests {
 
     #[test]
     fn time_between_passes_is_unattributed() {
-        let plan = testing::plan(&[("a", "sort"), ("b", "draw")]);
+        let plan = tests::plan(&[("a", "sort"), ("b", "draw")]);
         let mut history = History::default();
         history.push(&plan, &FrameResult { total_ms: Some(325.0), ..frame(&[0.02, 0.03]) });
         assert!((history.unattributed().unwrap() - 324.95).abs() < 1e-9);
@@ -319,7 +319,7 @@ mod tests {
 
     #[test]
     fn no_more_than_the_window_is_kept() {
-        let plan = testing::plan(&[("a", "sort")]);
+        let plan = tests::plan(&[("a", "sort")]);
         let mut history = History::default();
         for _ in 0..WINDOW + 10 {
             history.push(&plan, &frame(&[1.0]));
@@ -331,7 +331,7 @@ mod tests {
 
     #[test]
     fn a_phase_of_which_a_pass_has_no_time_has_none() {
-        let plan = testing::plan(&[("a", "sort"), ("b", "sort")]);
+        let plan = tests::plan(&[("a", "sort"), ("b", "sort")]);
         let mut history = History::default();
         let mut result = frame(&[1.0, 2.0]);
         result.pass_ms[1].1 = None;

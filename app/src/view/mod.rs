@@ -33,7 +33,7 @@ pub mod recovery;
 pub mod renderer;
 pub mod shell;
 #[cfg(test)]
-mod testing;
+mod tests;
 pub mod undo;
 pub mod viewer;
 pub mod viewport;

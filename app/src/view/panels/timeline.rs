@@ -596,7 +596,7 @@ pub const HEIGHT: f32 = ROW + PHASES + PASSES + BARRIERS + 6.0 * LANE + 4.0 * GR
 mod tests {
     use super::*;
     use crate::draw::backend;
-    use crate::view::testing;
+    use crate::view::tests;
 
     fn times(all: &[(&str, f64)]) -> Times {
         let passes = all.iter().map(|(name, ms)| ((*name).to_owned(), *ms)).collect();
@@ -605,7 +605,7 @@ mod tests {
 
     #[test]
     fn a_pass_is_as_wide_as_its_time_and_none_vanishes() {
-        let plan = testing::plan(&[("a", "x"), ("b", "x"), ("c", "y")]);
+        let plan = tests::plan(&[("a", "x"), ("b", "x"), ("c", "y")]);
         let dump = backend::dump(&plan);
         let (columns, whole) =
             columns(&dump, &times(&[("a", 3.0), ("b", 1.0), ("c", 0.0)]), 1000.0, 1.0, false);
@@ -617,7 +617,7 @@ mod tests {
 
     #[test]
     fn without_times_all_passes_are_equally_wide() {
-        let plan = testing::plan(&[("a", "x"), ("b", "x")]);
+        let plan = tests::plan(&[("a", "x"), ("b", "x")]);
         let (columns, _) = columns(&backend::dump(&plan), &times(&[]), 500.0, 1.0, true);
         assert_eq!(columns[0].right - columns[0].left, columns[1].right - columns[1].left);
     }
