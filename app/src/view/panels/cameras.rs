@@ -22,31 +22,27 @@ enum Act {
 }
 
 /// Draws the tool. `selected` is the viewport whose picture the command draws.
-pub fn show<D: Device>(
-    ui: &mut Ui,
-    viewer: &mut Viewer<D>,
-    selected: RendererId,
-    commands: &mut Vec<Command>,
-    controls: &mut Controls,
-) {
+pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, selected: RendererId, controls: &mut Controls) {
     field_of_view(ui, viewer, controls);
     ui.horizontal_wrapped(|ui| {
-        let copy = ui.button("Copy as JSON");
-        controls.see("copy_camera", copy.rect);
-        if hint(copy, "The camera in the world's coordinates, as in a cameras.json").clicked() {
+        if hint(
+            controls.seen("copy_camera", ui.button("Copy as JSON")),
+            "The camera in the world's coordinates, as in a cameras.json",
+        )
+        .clicked()
+        {
             let camera = viewer.world_camera();
             ui.copy_text(serde_json::to_string_pretty(&[camera]).unwrap_or_default());
         }
-        let command = ui.button("Copy as command");
-        controls.see("copy_command", command.rect);
+        let command = controls.seen("copy_command", ui.button("Copy as command"));
         if hint(command, "The `splatgraph render` command that draws this picture").clicked()
             && let Some(line) = viewer.render_command(selected, Path::new("picture.png"))
         {
             ui.copy_text(line);
         }
     });
-    views(ui, viewer, commands, controls);
-    path(ui, viewer, commands, controls);
+    views(ui, viewer, controls);
+    path(ui, viewer, controls);
 }
 
 fn field_of_view<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
@@ -59,8 +55,7 @@ fn field_of_view<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut 
             .clamping(egui::SliderClamping::Edits)
             .max_decimals(1)
             .suffix("°");
-        let slider = ui.add(slider.update_while_editing(false));
-        controls.see("field_of_view", slider.rect);
+        let slider = controls.seen("field_of_view", ui.add(slider.update_while_editing(false)));
         if slider.changed() {
             viewer.navigation.set_field_of_view(degrees);
         }
@@ -68,18 +63,12 @@ fn field_of_view<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut 
 }
 
 /// Draws the saved views.
-fn views<D: Device>(
-    ui: &mut Ui,
-    viewer: &mut Viewer<D>,
-    commands: &mut Vec<Command>,
-    controls: &mut Controls,
-) {
+fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
     heading(ui, "Saved views");
     let mut act = None;
     for (index, view) in viewer.views.list().iter().enumerate() {
         ui.horizontal(|ui| {
-            let go = ui.add(Button::new(&view.img_name).truncate());
-            controls.see(&format!("view:{index}"), go.rect);
+            let go = controls.seen(&format!("view:{index}"), ui.add(Button::new(&view.img_name).truncate()));
             if go.clicked() {
                 act = Some((index, Act::Go));
             }
@@ -94,24 +83,17 @@ fn views<D: Device>(
         None => {}
     }
     ui.horizontal(|ui| {
-        let save = ui.button("Save this view");
-        controls.see("save_view", save.rect);
-        if save.clicked() {
+        if controls.seen("save_view", ui.button("Save this view")).clicked() {
             viewer.save_view("view");
         }
         let any = !viewer.views.list().is_empty();
         write_button(ui, viewer, controls, "views", any, Viewer::write_views);
-        read_button(ui, CameraRole::Views, "Adds the cameras of a cameras.json", commands);
+        read_button(ui, CameraRole::Views, "Adds the cameras of a cameras.json", controls);
     });
 }
 
 /// Draws the keys of the path, and its player.
-fn path<D: Device>(
-    ui: &mut Ui,
-    viewer: &mut Viewer<D>,
-    commands: &mut Vec<Command>,
-    controls: &mut Controls,
-) {
+fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
     heading(ui, "Path");
     let times = viewer.path.key_seconds();
     let mut act = None;
@@ -119,8 +101,7 @@ fn path<D: Device>(
     for index in 0..count {
         ui.horizontal(|ui| {
             let seconds = times.get(index).copied().unwrap_or(0.0);
-            let go = ui.button(format!("Key {}", index + 1));
-            controls.see(&format!("key:{index}"), go.rect);
+            let go = controls.seen(&format!("key:{index}"), ui.button(format!("Key {}", index + 1)));
             if go.clicked() {
                 act = Some((index, Act::Go));
             }
@@ -144,13 +125,11 @@ fn path<D: Device>(
         None => {}
     }
     ui.horizontal_wrapped(|ui| {
-        let add = ui.button("Add this view (K)");
-        controls.see("record_key", add.rect);
-        if add.clicked() {
+        if controls.seen("record_key", ui.button("Add this view (K)")).clicked() {
             record(viewer);
         }
         write_button(ui, viewer, controls, "path", count > 0, Viewer::write_path);
-        read_button(ui, CameraRole::Path, "Makes the cameras of a cameras.json the keys", commands);
+        read_button(ui, CameraRole::Path, "Makes the cameras of a cameras.json the keys", controls);
     });
     if count < 2 {
         ui.weak("Two keys or more make a path.");
@@ -158,8 +137,7 @@ fn path<D: Device>(
     }
     ui.horizontal(|ui| {
         let text = if viewer.play.is_playing() { "Pause (P)" } else { "Play (P)" };
-        let play = ui.button(text);
-        controls.see("play", play.rect);
+        let play = controls.seen("play", ui.button(text));
         if play.clicked() {
             toggle(viewer);
         }
@@ -176,8 +154,7 @@ fn path<D: Device>(
     let mut at = viewer.play.position();
     ui.spacing_mut().slider_width = (ui.available_width() - 2.0 * GRID).max(60.0);
     let seek = Slider::new(&mut at, 0.0..=viewer.path.seconds()).show_value(false);
-    let seek = ui.add(seek.clamping(egui::SliderClamping::Never));
-    controls.see("seek", seek.rect);
+    let seek = controls.seen("seek", ui.add(seek.clamping(egui::SliderClamping::Never)));
     if seek.changed() {
         viewer.seek_path(at);
     }
@@ -186,9 +163,9 @@ fn path<D: Device>(
 }
 
 /// Draws the button that asks for a file of cameras.
-fn read_button(ui: &mut Ui, role: CameraRole, about: &str, commands: &mut Vec<Command>) {
+fn read_button(ui: &mut Ui, role: CameraRole, about: &str, controls: &mut Controls) {
     if hint(ui.button("Read a file…"), about).clicked() {
-        commands.push(Command::OpenCameras(role));
+        controls.commands.push(Command::OpenCameras(role));
     }
 }
 
@@ -201,8 +178,8 @@ fn write_button<D: Device, E: Display>(
     enabled: bool,
     write: impl FnOnce(&mut Viewer<D>, &Path) -> Result<(), E>,
 ) {
-    let button = ui.add_enabled(enabled, Button::new("Write a file"));
-    controls.see(&format!("write_{stem}"), button.rect);
+    let button =
+        controls.seen(&format!("write_{stem}"), ui.add_enabled(enabled, Button::new("Write a file")));
     if hint(button, format!("Writes {stem}-1.cameras.json, or the next free name")).clicked() {
         let path = free_name(&viewer.folder, stem);
         let event = match write(viewer, &path) {

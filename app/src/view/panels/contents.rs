@@ -1,6 +1,6 @@
 //! Shows the contents of a resource after a pass: numbers, a histogram, a picture, and the order of sorted keys.
 
-use super::controls::{Command, Controls};
+use super::controls::Controls;
 use super::selection::Selection;
 use super::theme::Palette;
 use super::widgets::hint;
@@ -16,8 +16,6 @@ use splatgraph_framework::plan::Plan;
 pub struct Target<'a> {
     /// The selection.
     pub selection: &'a mut Option<Selection>,
-    /// Requests to the window.
-    pub commands: &'a mut Vec<Command>,
     /// Places of the controls.
     pub controls: &'a mut Controls,
     /// State of the measurement of the device's copy limit.
@@ -68,8 +66,9 @@ impl State {
     ) {
         ui.horizontal_wrapped(|ui| {
             let sorted = sorted_keys(plan);
-            let keys = ui.add_enabled(sorted.is_some(), Button::new("Are the keys sorted?"));
-            target.controls.see("keys_sorted", keys.rect);
+            let keys = target
+                .controls
+                .seen("keys_sorted", ui.add_enabled(sorted.is_some(), Button::new("Are the keys sorted?")));
             let text = match &sorted {
                 Some((resource, pass)) => {
                     format!("Read {resource} back after {pass} and check that the keys ascend")
@@ -84,8 +83,7 @@ impl State {
             if let Some(Selection::Resource(name)) = target.selection.as_ref()
                 && let Some(pass) = last_writer(plan, name)
             {
-                let read = ui.button("Contents");
-                target.controls.see("contents", read.rect);
+                let read = target.controls.seen("contents", ui.button("Contents"));
                 if hint(read, format!("Read {name} back after {pass}, which writes it last")).clicked() {
                     viewport.look_at(name, &pass);
                 }
@@ -206,8 +204,8 @@ impl State {
             if ui.button("first").clicked() {
                 self.first = 0;
             }
-            let first = ui.add(egui::DragValue::new(&mut self.first).range(0..=last).prefix("from "));
-            controls.see("inspect:first", first.rect);
+            let first = egui::DragValue::new(&mut self.first).range(0..=last).prefix("from ");
+            controls.see("inspect:first", ui.add(first).rect);
             if ui.button("last").clicked() {
                 self.first = last;
             }

@@ -1,7 +1,7 @@
 //! Defines what panels tell the window: requests, and the places of the controls.
 
 use crate::view::opening::CameraRole;
-use egui::Rect;
+use egui::{Rect, Response};
 use splatgraph_framework::ir::Origin;
 use std::collections::BTreeMap;
 
@@ -26,10 +26,12 @@ pub enum Command {
     Edit(Origin),
 }
 
-/// Places of the controls in the last frame, by name, in points, for scripted input.
+/// Places of the controls in the last frame, by name, in points, for scripted input; and what was requested with them.
 #[derive(Clone, Debug, Default)]
 pub struct Controls {
     now: BTreeMap<String, Rect>,
+    /// Requests to the window.
+    pub(super) commands: Vec<Command>,
 }
 
 impl Controls {
@@ -41,6 +43,12 @@ impl Controls {
     /// Records the place of a control.
     pub(in crate::view) fn see(&mut self, name: &str, rect: Rect) {
         self.now.insert(name.to_owned(), rect);
+    }
+
+    /// Records the place of a control, and returns the control.
+    pub(super) fn seen(&mut self, name: &str, control: Response) -> Response {
+        self.see(name, control.rect);
+        control
     }
 
     /// Returns the place of a control in the last frame.

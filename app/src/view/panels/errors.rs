@@ -24,7 +24,6 @@ impl State {
         viewer: &mut Viewer<D>,
         window_failure: Option<&str>,
         view: Rect,
-        commands: &mut Vec<Command>,
         controls: &mut Controls,
     ) {
         let mut texts: Vec<String> = Vec::new();
@@ -72,14 +71,15 @@ impl State {
                             ui.copy_text(plain.join("\n"));
                         }
                         if let Some(origin) = &place {
-                            let edit = ui.button(format!("Edit {}:{}", origin.file, origin.line));
-                            controls.see("mistakes:edit", edit.rect);
+                            let edit = controls.seen(
+                                "mistakes:edit",
+                                ui.button(format!("Edit {}:{}", origin.file, origin.line)),
+                            );
                             if edit.clicked() {
-                                commands.push(Command::Edit(origin.clone()));
+                                controls.commands.push(Command::Edit(origin.clone()));
                             }
                         }
-                        let button = ui.button("Close");
-                        controls.see("mistakes:close", button.rect);
+                        let button = controls.seen("mistakes:close", ui.button("Close"));
                         close = button.clicked();
                     });
                     let height = (0.6 * view.height()).max(60.0);

@@ -68,7 +68,7 @@ impl State {
 fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {
     let response = link(ui, format!("{}:{}", origin.file, origin.line));
     if hint(response, "Open this line in an editor").clicked() {
-        target.commands.push(Command::Edit(origin.clone()));
+        target.controls.commands.push(Command::Edit(origin.clone()));
     }
 }
 
@@ -186,8 +186,7 @@ fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
             });
         }
         Copy::Unknown => {
-            let button = ui.button("Hold against a copy");
-            target.controls.see("measure_copy", button.rect);
+            let button = target.controls.seen("measure_copy", ui.button("Hold against a copy"));
             let about = "Measures how fast the device copies, and shows how long a copy of the bound bytes would take";
             *target.measure |= hint(button, about).clicked();
         }
@@ -203,8 +202,9 @@ fn show_touch<D: Device>(
     target: &mut Target,
 ) {
     ui.horizontal(|ui| {
-        let look = ui.small_button("contents");
-        target.controls.see(&format!("look:{}@{}", touch.resource, pass.name), look.rect);
+        let look = target
+            .controls
+            .seen(&format!("look:{}@{}", touch.resource, pass.name), ui.small_button("contents"));
         if hint(look, "Read its contents after this pass").clicked() {
             viewport.look_at(&touch.resource, &pass.name);
         }

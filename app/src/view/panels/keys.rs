@@ -8,12 +8,7 @@ use splatgraph_api::Device;
 
 impl Panels {
     /// Applies the keys of this frame, unless a control has the keyboard.
-    pub(super) fn keys<D: Device>(
-        &mut self,
-        ctx: &Context,
-        viewer: &mut Viewer<D>,
-        commands: &mut Vec<Command>,
-    ) {
+    pub(super) fn keys<D: Device>(&mut self, ctx: &Context, viewer: &mut Viewer<D>) {
         if ctx.egui_wants_keyboard_input() {
             return;
         }
@@ -27,17 +22,17 @@ impl Panels {
                 (Key::Z, true) if modifiers.shift => self.redo_now = true,
                 (Key::Z, true) => self.undo_now = true,
                 (Key::Y, true) => self.redo_now = true,
-                (Key::O, true) => commands.push(Command::Open),
+                (Key::O, true) => self.controls.commands.push(Command::Open),
                 (_, true) => {}
                 // (Tab and Shift + Tab go from control to control.)
                 (Key::H, _) => self.hidden = !self.hidden,
-                (Key::F12, _) if modifiers.shift => commands.push(Command::SavePicture),
-                (Key::F12, _) => commands.push(Command::Screenshot),
-                (Key::F11, _) => commands.push(Command::Fullscreen),
+                (Key::F12, _) if modifiers.shift => self.controls.commands.push(Command::SavePicture),
+                (Key::F12, _) => self.controls.commands.push(Command::Screenshot),
+                (Key::F11, _) => self.controls.commands.push(Command::Fullscreen),
                 (Key::F1, _) => self.help = !self.help,
                 (Key::V, _) => {
                     self.vsync = !self.vsync;
-                    commands.push(Command::Vsync(self.vsync));
+                    self.controls.commands.push(Command::Vsync(self.vsync));
                 }
                 (Key::C, _) => viewer.continuous = !viewer.continuous,
                 (Key::T, _) => ctx.set_theme(match ctx.theme() {

@@ -270,31 +270,29 @@ impl Panels {
         window_failure: Option<&str>,
     ) -> PanelOutput {
         self.controls.clear();
-        let mut commands = Vec::new();
         self.time(viewer.a.history.frames());
-        self.keys(ui.ctx(), viewer, &mut commands);
+        self.keys(ui.ctx(), viewer);
         if viewer.b.is_none() || viewer.compare == Mode::A {
             self.selected = RendererId::A;
         }
         self.tell_effect(viewer);
         if !self.hidden {
-            Panel::top("menu").show(ui, |ui| self.top_bar(ui, viewer, &mut commands));
+            Panel::top("menu").show(ui, |ui| self.top_bar(ui, viewer));
             Panel::bottom("status").exact_size(STATUS_HEIGHT).show(ui, |ui| self.status(ui, viewer));
         }
         let area = ui.available_rect_before_wrap();
         let before = self.selection.clone();
-        let view =
-            CentralPanel::no_frame().show(ui, |ui| self.docked(ui, viewer, window, &mut commands)).inner;
+        let view = CentralPanel::no_frame().show(ui, |ui| self.docked(ui, viewer, window)).inner;
         if self.selection.is_some() && self.selection != before {
             self.layout.reveal(Tool::Inspector);
         }
         if !self.hidden {
-            self.floating(ui, viewer, window, area, &mut commands);
+            self.floating(ui, viewer, window, area);
         }
-        self.over_picture(ui.ctx(), viewer, window_failure, view, &mut commands);
+        self.over_picture(ui.ctx(), viewer, window_failure, view);
         help::show(ui.ctx(), &mut self.help);
         self.step(ui.ctx(), viewer);
-        PanelOutput { view, commands }
+        PanelOutput { view, commands: std::mem::take(&mut self.controls.commands) }
     }
 
     /// Draws everything that lies over the picture.
@@ -304,12 +302,11 @@ impl Panels {
         viewer: &mut Viewer<D>,
         window_failure: Option<&str>,
         view: Rect,
-        commands: &mut Vec<Command>,
     ) {
         if viewer.compare != Mode::A && !self.hidden && view.width() >= 200.0 && view.height() >= 140.0 {
             hud::comparison(ctx, viewer, view, &mut self.marked, &mut self.controls);
         }
-        self.errors.show(ctx, viewer, window_failure, view, commands, &mut self.controls);
+        self.errors.show(ctx, viewer, window_failure, view, &mut self.controls);
         self.show_notice_card(ctx, view);
         if self.hud {
             self.toasts.show(ctx, view, &mut self.controls);
@@ -413,9 +410,7 @@ impl Panels {
                 let shown = hud::card(ui, palette.caution).show(ui, |ui| {
                     ui.set_max_width((view.width() - 48.0).clamp(0.0, 560.0));
                     ui.label(text);
-                    let dismiss = ui.button("Dismiss");
-                    self.controls.see("notice:dismiss", dismiss.rect);
-                    if dismiss.clicked() {
+                    if self.controls.seen("notice:dismiss", ui.button("Dismiss")).clicked() {
                         self.notice = None;
                     }
                 });

@@ -97,17 +97,15 @@ impl State {
         let modified = renderer.set().len();
         ui.horizontal(|ui| {
             let filter = egui::TextEdit::singleline(&mut self.filter).hint_text("Filter");
-            let filter = ui.add_sized([104.0, ROW - 2.0], filter);
-            controls.see("filter", filter.rect);
+            controls.see("filter", ui.add_sized([104.0, ROW - 2.0], filter).rect);
             ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                let copy = ui.add_enabled(modified > 0, egui::Button::new("Copy --set"));
-                controls.see("copy_set", copy.rect);
+                let copy =
+                    controls.seen("copy_set", ui.add_enabled(modified > 0, egui::Button::new("Copy --set")));
                 if hint(copy, format!("{command}{}", set_line(renderer))).clicked() {
                     ui.copy_text(set_line(renderer).trim_start().to_owned());
                 }
                 let text = if modified > 0 { format!("Reset {modified}") } else { "Reset all".to_owned() };
-                let reset = ui.add_enabled(modified > 0, egui::Button::new(text));
-                controls.see("reset_all", reset.rect);
+                let reset = controls.seen("reset_all", ui.add_enabled(modified > 0, egui::Button::new(text)));
                 let text = match modified {
                     1 => "1 parameter differs from its default".to_owned(),
                     n => format!("{n} parameters differ from their defaults"),
@@ -247,8 +245,10 @@ fn row(
             change = Some((param.name.clone(), Some(value)));
         }
         if modified {
-            let reset = ui.add_sized([RESET - theme::GRID, ROW - 4.0], egui::Button::new("↺").frame(false));
-            controls.see(&format!("reset:{}", param.name), reset.rect);
+            let reset = controls.seen(
+                &format!("reset:{}", param.name),
+                ui.add_sized([RESET - theme::GRID, ROW - 4.0], egui::Button::new("↺").frame(false)),
+            );
             if hint(reset, format!("Back to {}", param.default)).clicked() {
                 change = Some((param.name.clone(), None));
             }
@@ -289,10 +289,13 @@ fn editor(ui: &mut Ui, param: &Param, width: f32, controls: &mut Controls) -> Op
         (Domain::Bool, Value::Bool(value)) => {
             let mut value = *value;
             let text = if value { "on" } else { "off" };
-            let response = ui.add_sized([width, ROW], |ui: &mut Ui| {
-                ui.with_layout(Layout::left_to_right(Align::Center), |ui| ui.checkbox(&mut value, text)).inner
-            });
-            controls.see(&name, response.rect);
+            let response = controls.seen(
+                &name,
+                ui.add_sized([width, ROW], |ui: &mut Ui| {
+                    ui.with_layout(Layout::left_to_right(Align::Center), |ui| ui.checkbox(&mut value, text))
+                        .inner
+                }),
+            );
             response.changed().then_some(Value::Bool(value))
         }
         (Domain::Int { min, max }, Value::Int(value)) => {
@@ -362,8 +365,7 @@ fn number(
         .show_value(false)
         .clamping(SliderClamping::Never)
         .smart_aim(false);
-    let response = ui.add(slider);
-    controls.see(name, response.rect);
+    let response = controls.seen(name, ui.add(slider));
     if position != before && (response.dragged() || response.clicked() || response.has_focus()) {
         // The arrow keys move by a step, however short that is on the rail.
         let keys = !response.dragged() && !response.clicked();

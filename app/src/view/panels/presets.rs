@@ -37,14 +37,13 @@ impl Presets {
         ui: &mut Ui,
         renderer: &mut Renderer<D>,
         controls: &mut Controls,
-        commands: &mut Vec<Command>,
     ) -> bool {
         self.remember(renderer);
         let mut chosen = None;
         let wanted = ui.horizontal(|ui| {
             let wanted = super::widgets::search(ui, &mut self.search, "graph_search", controls);
             if ui.button("Open a file…").clicked() {
-                commands.push(Command::Open);
+                controls.commands.push(Command::Open);
                 ui.close();
             }
             wanted

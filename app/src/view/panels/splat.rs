@@ -33,10 +33,8 @@ pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Contr
     let title = format!("Splat {}", grouped(splat.index.into()));
     ui.label(RichText::new(title).family(theme::strong()).size(theme::HEADING));
     ui.horizontal(|ui| {
-        let near = ui.button("Nearer");
-        controls.see("splat:nearer", near.rect);
-        let far = ui.button("Farther");
-        controls.see("splat:farther", far.rect);
+        let near = controls.seen("splat:nearer", ui.button("Nearer"));
+        let far = controls.seen("splat:farther", ui.button("Farther"));
         if near.clicked() {
             picked.step(-1);
         } else if far.clicked() {

@@ -47,8 +47,10 @@ impl Panels {
     fn states<D: Device>(&mut self, ui: &mut Ui, id: RendererId, viewport: &Viewport<D>) {
         let palette = Palette::of(ui);
         let mut state = |name: &str, short: String, colour, reason: String| {
-            let label = ui.label(RichText::new(format!("{id}: {short}")).color(colour));
-            self.controls.see(&format!("{name}:{id}"), label.rect);
+            let label = self.controls.seen(
+                &format!("{name}:{id}"),
+                ui.label(RichText::new(format!("{id}: {short}")).color(colour)),
+            );
             hint(label, reason);
         };
         if let Some(text) = viewport.fallback() {

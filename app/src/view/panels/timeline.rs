@@ -151,8 +151,7 @@ impl State {
                     ui.selectable_value(&mut self.equal, false, "by time");
                 });
                 ui.add(egui::TextEdit::singleline(&mut self.filter).hint_text("Filter memory").desired_width(112.0));
-                let button = ui.button("Legend");
-                controls.see("legend", button.rect);
+                let button = controls.seen("legend", ui.button("Legend"));
                 egui::Popup::menu(&button).show(|ui| legend(ui, dump));
                 ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
                     let frame = dump.totals.frame;

@@ -1,6 +1,5 @@
 //! Draws the tools in their tiles and in floating windows, and applies clicks on their tabs.
 
-use super::controls::Command;
 use super::layout::{self, Tool};
 use super::selection::Selection;
 use super::theme::Palette;
@@ -19,14 +18,13 @@ impl Panels {
         ui: &mut Ui,
         viewer: &mut Viewer<D>,
         window: &History,
-        commands: &mut Vec<Command>,
     ) -> Rect {
         self.layout.arrange(ui.max_rect(), self.hidden);
         let empty = egui_tiles::Tree::empty(egui::Id::unique("no layout"));
         let mut tree = std::mem::replace(&mut self.layout.tree, empty);
         let picture = tree.tiles.find_pane(&Tool::Picture).unwrap_or(TileId::from_u64(0));
         let (view, acts) = (Rect::NOTHING, Vec::new());
-        let mut tools = Tools { panels: self, viewer, window, commands, view, resized: false, acts, picture };
+        let mut tools = Tools { panels: self, viewer, window, view, resized: false, acts, picture };
         tree.ui(&mut tools, ui);
         let Tools { view, resized, acts, .. } = tools;
         self.layout.tree = tree;
@@ -49,7 +47,6 @@ impl Panels {
         viewer: &mut Viewer<D>,
         window: &History,
         area: Rect,
-        commands: &mut Vec<Command>,
     ) {
         for tool in self.layout.floating(area.size()) {
             let mut close = false;
@@ -58,7 +55,7 @@ impl Panels {
                 if ui.small_button("Dock").clicked() {
                     dock = true;
                 }
-                self.tool(ui, tool, viewer, window, commands);
+                self.tool(ui, tool, viewer, window);
             });
             if let Some(shown) = shown {
                 self.controls.see(&format!("float:{}", tool.title()), shown.response.rect);
@@ -74,14 +71,7 @@ impl Panels {
     }
 
     /// Draws a tool.
-    fn tool<D: Device>(
-        &mut self,
-        ui: &mut Ui,
-        tool: Tool,
-        viewer: &mut Viewer<D>,
-        window: &History,
-        commands: &mut Vec<Command>,
-    ) {
+    fn tool<D: Device>(&mut self, ui: &mut Ui, tool: Tool, viewer: &mut Viewer<D>, window: &History) {
         match tool {
             Tool::Picture => {}
             Tool::Parameters => {
@@ -95,7 +85,7 @@ impl Panels {
                 let selected = self.selected;
                 egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
                     ui.set_max_width((ui.available_width() - 10.0).max(0.0));
-                    cameras::show(ui, viewer, selected, commands, &mut self.controls);
+                    cameras::show(ui, viewer, selected, &mut self.controls);
                 });
             }
             Tool::Times => {
@@ -125,7 +115,6 @@ impl Panels {
                 let mut measure = false;
                 let mut target = contents::Target {
                     selection: &mut self.selection,
-                    commands,
                     controls: &mut self.controls,
                     copy,
                     measure: &mut measure,
@@ -162,7 +151,6 @@ struct Tools<'a, D: Device> {
     panels: &'a mut Panels,
     viewer: &'a mut Viewer<D>,
     window: &'a History,
-    commands: &'a mut Vec<Command>,
     /// Place of the picture.
     view: Rect,
     /// True if a border was dragged.
@@ -182,7 +170,7 @@ impl<D: Device> egui_tiles::Behavior<Tool> for Tools<'_, D> {
         self.panels.controls.see(&format!("tool:{}", tool.title()), ui.max_rect());
         Frame::new().fill(palette.raised).inner_margin(8).show(ui, |ui| {
             ui.set_min_size(ui.available_size());
-            self.panels.tool(ui, *tool, self.viewer, self.window, self.commands);
+            self.panels.tool(ui, *tool, self.viewer, self.window);
         });
         UiResponse::None
     }

@@ -48,18 +48,13 @@ fn short(text: &str) -> String {
 
 impl Panels {
     /// Draws the bar.
-    pub(super) fn top_bar<D: Device>(
-        &mut self,
-        ui: &mut Ui,
-        viewer: &mut Viewer<D>,
-        commands: &mut Vec<Command>,
-    ) {
+    pub(super) fn top_bar<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let mut compare = viewer.compare;
         ui.horizontal_wrapped(|ui| {
             ui.spacing_mut().item_spacing.x = GRID;
-            self.scene_list(ui, viewer, commands);
+            self.scene_list(ui, viewer);
             self.camera_list(ui, viewer);
-            self.graph_list(ui, viewer, commands);
+            self.graph_list(ui, viewer);
             widgets::divider(ui);
             for (name, mode) in [("A", Mode::A), ("A | B", Mode::Split), ("A − B", Mode::Difference)] {
                 let response = ui.selectable_value(&mut compare, mode, name);
@@ -77,7 +72,7 @@ impl Panels {
             widgets::divider(ui);
             self.tool_toggles(ui);
             widgets::divider(ui);
-            self.view_menu(ui, viewer, commands);
+            self.view_menu(ui, viewer);
             let (start, end) = (ui.cursor().min, ui.max_rect().right());
             if end - start.x > TIME {
                 // It takes no room of the bar: whatever it says, no row is added and the picture keeps its size.
@@ -92,7 +87,7 @@ impl Panels {
         }
     }
 
-    fn scene_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, commands: &mut Vec<Command>) {
+    fn scene_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let selected = self.selected;
         let path = viewer.scene_path_of(selected).to_owned();
         self.remember_scene(&path);
@@ -104,7 +99,7 @@ impl Panels {
             let wanted = ui.horizontal(|ui| {
                 let wanted = widgets::search(ui, search, "scene_search", controls);
                 if ui.button("Open a file…").clicked() {
-                    commands.push(Command::Open);
+                    controls.commands.push(Command::Open);
                     ui.close();
                 }
                 wanted
@@ -163,14 +158,14 @@ impl Panels {
         }
     }
 
-    fn graph_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, commands: &mut Vec<Command>) {
+    fn graph_list<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let selected = self.selected;
         let Some(viewport) = viewer.viewport(selected) else { return };
         let (presets, controls) = (&mut self.presets, &mut self.controls);
         let title = short(&file_name(viewport.renderer.graph()));
         let title = if selected == RendererId::B { format!("B: {title}") } else { title };
         let button = drop_down(ui, &title, TITLE, |ui| {
-            if presets.show(ui, &mut viewport.renderer, controls, commands) {
+            if presets.show(ui, &mut viewport.renderer, controls) {
                 ui.close();
             }
         });
@@ -183,25 +178,25 @@ impl Panels {
         widgets::divider(ui);
         ui.weak("edit");
         for (name, id) in [("A", RendererId::A), ("B", RendererId::B)] {
-            let response = ui.selectable_value(&mut self.selected, id, name);
-            self.controls.see(&format!("viewport:{name}"), response.rect);
+            let response = self
+                .controls
+                .seen(&format!("viewport:{name}"), ui.selectable_value(&mut self.selected, id, name));
             hint(response, format!("All tools show {name}: its graph, parameters and times"));
         }
-        let swap = ui.button("Swap");
-        self.controls.see("swap", swap.rect);
-        if hint(swap, "Exchange A and B").clicked() {
+        if hint(self.controls.seen("swap", ui.button("Swap")), "Exchange A and B").clicked() {
             viewer.exchange();
         }
-        let measure = ui.add_enabled(!viewer.is_comparing(), Button::new("Measure"));
-        self.controls.see("measure", measure.rect);
+        let measure =
+            self.controls.seen("measure", ui.add_enabled(!viewer.is_comparing(), Button::new("Measure")));
         if hint(measure, "Compute PSNR, SSIM and the worst pixel of this view").clicked() {
             viewer.measure();
             self.marked = false;
         }
         if compare == Mode::Difference {
             let gain = egui::DragValue::new(&mut viewer.gain).range(0.0..=65_536.0).speed(0.1).prefix("x ");
-            let gain = ui.add(gain.clamp_existing_to_range(false).update_while_editing(false));
-            self.controls.see("gain", gain.rect);
+            let gain = self
+                .controls
+                .seen("gain", ui.add(gain.clamp_existing_to_range(false).update_while_editing(false)));
             hint(gain, "Amplification of the difference");
         }
     }
@@ -209,8 +204,9 @@ impl Panels {
     fn tool_toggles(&mut self, ui: &mut Ui) {
         for tool in Tool::ALL {
             let mut open = self.layout.is_open(tool);
-            let response = ui.toggle_value(&mut open, tool.title());
-            self.controls.see(&format!("panel:{}", tool.title()), response.rect);
+            let response = self
+                .controls
+                .seen(&format!("panel:{}", tool.title()), ui.toggle_value(&mut open, tool.title()));
             if response.clicked() {
                 if open {
                     self.layout.reveal(tool);
@@ -221,55 +217,55 @@ impl Panels {
         }
     }
 
-    fn view_menu<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>, commands: &mut Vec<Command>) {
+    fn view_menu<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let button = drop_down(ui, "View", 72.0, |ui| {
             ui.horizontal(|ui| {
-                let undo = ui.add_enabled(self.undo.can_undo(), Button::new("Undo"));
-                self.controls.see("undo", undo.rect);
+                let undo =
+                    self.controls.seen("undo", ui.add_enabled(self.undo.can_undo(), Button::new("Undo")));
                 self.undo_now |= undo.clicked();
-                let redo = ui.add_enabled(self.undo.can_redo(), Button::new("Redo"));
-                self.controls.see("redo", redo.rect);
+                let redo =
+                    self.controls.seen("redo", ui.add_enabled(self.undo.can_redo(), Button::new("Redo")));
                 self.redo_now |= redo.clicked();
             });
             ui.checkbox(&mut self.hud, "Times and messages on the picture");
-            let continuous = ui.checkbox(&mut viewer.continuous, "Draw continuously (C)");
-            self.controls.see("continuous", continuous.rect);
+            let continuous = self
+                .controls
+                .seen("continuous", ui.checkbox(&mut viewer.continuous, "Draw continuously (C)"));
             hint(continuous, "Draws every frame, also while nothing changes, to measure times");
             if ui.checkbox(&mut self.vsync, "Wait for the display (V)").changed() {
-                commands.push(Command::Vsync(self.vsync));
+                self.controls.commands.push(Command::Vsync(self.vsync));
             }
             let mut light = ui.theme() == egui::Theme::Light;
-            let theme = ui.checkbox(&mut light, "Light theme (T)");
-            self.controls.see("theme", theme.rect);
+            let theme = self.controls.seen("theme", ui.checkbox(&mut light, "Light theme (T)"));
             if theme.clicked() {
                 ui.set_theme(if light { egui::Theme::Light } else { egui::Theme::Dark });
             }
             ui.horizontal(|ui| {
                 ui.label("Pixels per pixel of the window");
                 let scale = egui::DragValue::new(&mut viewer.scale).range(0.05..=4.0).speed(0.01);
-                let scale = ui.add(scale.clamp_existing_to_range(false).update_while_editing(false));
-                self.controls.see("scale", scale.rect);
+                let scale = scale.clamp_existing_to_range(false).update_while_editing(false);
+                self.controls.see("scale", ui.add(scale).rect);
             });
             ui.horizontal(|ui| {
                 ui.label("Background");
                 ui.color_edit_button_rgb(&mut viewer.background);
             });
             if ui.button("Save the window (F12)").clicked() {
-                commands.push(Command::Screenshot);
+                self.controls.commands.push(Command::Screenshot);
                 ui.close();
             }
             if ui.button("Save the picture (Shift + F12)").clicked() {
-                commands.push(Command::SavePicture);
+                self.controls.commands.push(Command::SavePicture);
                 ui.close();
             }
             if let Some(with) = CAPTURES
                 && ui.button(format!("Capture the next frame with {with}")).clicked()
             {
-                commands.push(Command::Capture);
+                self.controls.commands.push(Command::Capture);
                 ui.close();
             }
             if ui.button("Full screen (F11)").clicked() {
-                commands.push(Command::Fullscreen);
+                self.controls.commands.push(Command::Fullscreen);
                 ui.close();
             }
             if ui.button("Keys and mouse (F1)").clicked() {

@@ -55,8 +55,8 @@ pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
 
 /// Draws a field for text to look for; returns the text in lower case.
 pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> String {
-    let field = ui.add(egui::TextEdit::singleline(text).hint_text("Search").desired_width(180.0));
-    controls.see(name, field.rect);
+    let field = egui::TextEdit::singleline(text).hint_text("Search").desired_width(180.0);
+    controls.see(name, ui.add(field).rect);
     text.trim().to_lowercase()
 }
 
