@@ -32,7 +32,7 @@ fn scene() -> Place {
     place
 }
 
-/// The first words of the lines, which name the pictures.
+/// Returns the first words of the lines, which name the pictures.
 fn named((text, errors): &(String, String)) -> Vec<String> {
     let text = errors.clone() + text;
     let lines = text.lines().filter(|line| line.contains("view") && line.contains(" x "));

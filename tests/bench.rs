@@ -1,9 +1,9 @@
-//! The command `bench`: interleaved graphs, the copy limit, and the sort alone.
+//! `bench` as a command: interleaved graphs, the copy limit, and sorting on its own.
 
 use crate::place::Place;
 use serde_json::Value;
 
-/// As few frames as there can be.
+/// The minimum number of frames.
 const SHORT: &str = "bench --rounds 2 --frames 1 --validate";
 
 /// Runs the program, which must succeed, and returns what it printed.

@@ -247,7 +247,7 @@ fn check_refuses_what_no_barrier_can_mend_and_results_of_another_frame() {
         let text = String::from_utf8_lossy(&found.stderr).into_owned();
         assert_eq!(found.status.code(), Some(1), "{passes}: {text}");
         assert!(text.contains(expected), "{passes}: {text}");
-        // A dump says the same, and no more.
+        // A dump shows the warning as well, once.
         place.refuses("", &[("dump graph.ron", 1, expected)]);
     }
 }

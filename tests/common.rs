@@ -134,7 +134,7 @@ pub fn again(test: &str, set: &[(&str, String)]) -> (bool, String) {
         .output()
         .expect("the tests can run themselves");
     let errors = String::from_utf8_lossy(&output.stderr);
-    // What the test could not do in its own process also counts.
+    // NOT RUN lines of the other process count as well.
     for line in errors.lines().filter(|line| line.starts_with(NOT_RUN)) {
         let _ = writeln!(std::io::stderr(), "{line}");
     }
@@ -181,7 +181,7 @@ pub fn settings(set: &[(&str, &str)]) -> Vec<(String, String)> {
     set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()
 }
 
-/// Lists the parameters of a graph, and more that win over them.
+/// Returns the parameters of a graph, and more that override them.
 pub fn with<'a>(graph: Graph, more: &[(&'a str, &'a str)]) -> Vec<(&'a str, &'a str)> {
     graph.1.iter().copied().chain(more.iter().copied()).collect()
 }

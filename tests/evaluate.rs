@@ -18,7 +18,7 @@ fn scored(place: &Place, more: &str) -> Value {
 fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_not() {
     let place = photographed();
     let exact = scored(&place, "--backend reference -o scores");
-    // Each eighth of nine, from the first.
+    // Every eighth of nine, starting with the first.
     let views: Vec<&str> =
         exact["views"].as_array().expect("views").iter().map(|v| v["view"].as_str().unwrap()).collect();
     assert_eq!(views, ["view-0000.png", "view-0008.png"]);
@@ -39,7 +39,7 @@ fn a_photographed_scene_scores_as_well_as_8_bits_allow_and_another_scene_does_no
     );
     // The mean of four pixels is not the pixel of twice the size.
     assert!((20.0..psnr(&exact)).contains(&psnr(&half)), "{half:#}");
-    // Fewer splats are another scene.
+    // Fewer splats give another scene.
     place.done("synth demo --count 300 --seed 3 -o other.ply");
     let other = place.done("evaluate other.ply -c views/sparse/0 --backend reference");
     let mean = other.lines().last().expect("a row").split_whitespace().nth(1).expect("a number");

@@ -36,7 +36,7 @@ fn the_page_on_the_order_has_every_way_with_its_picture_and_the_errors_that_theo
     let place = Place::new();
     place.cameras(&["one", "two"]);
     let page = page(&place, "order", "");
-    // Four ways and their differences, and five pictures of two splats.
+    // Four variants and their differences, and five pictures of two splats.
     assert_eq!(page.matches("data:image/png;base64,").count(), 4 + 4 + 5, "pictures");
     assert_eq!(page.matches("<svg").count(), 1, "a plot");
     let rows = rows(&page);

@@ -4,7 +4,7 @@ use crate::common;
 use crate::place::Place;
 use serde_json::Value;
 
-/// The least PSNR, in dB, of the pictures of two scenes by the exact renderer.
+/// Returns the minimum PSNR, in dB, between two scenes' pictures by the exact renderer.
 fn least_psnr(place: &Place, [a, b]: [&str; 2], cameras: &str) -> f64 {
     for (scene, pictures) in [(a, "a"), (b, "b")] {
         let render = format!("render {scene} --backend reference --cameras {cameras} --size 240x135");
@@ -20,7 +20,7 @@ fn least_psnr(place: &Place, [a, b]: [&str; 2], cameras: &str) -> f64 {
 #[test]
 fn a_scene_is_converted_to_every_format_and_drawn_alike() {
     let place = Place::demo(5000);
-    // The demo scene's harmonics are stronger than most formats hold.
+    // The demo scene's harmonics exceed the range of most formats.
     for (to, least) in [("spz", 15.0), ("compressed.ply", 25.0), ("splat", 12.0)] {
         let name = format!("converted.{to}");
         let text = place.done(&format!("convert scene.ply {name}"));
@@ -70,7 +70,7 @@ fn a_part_of_a_scene_is_written_and_a_moved_scene_looks_the_same_from_a_moved_ca
         info["report"]["splats"].as_u64().unwrap_or_else(|| panic!("no count in {info}"))
     };
     assert_eq!(count("twice.ply"), 2 * count("part.ply"));
-    // Half a turn about x takes y and z to their negatives, for the scene as for the camera.
+    // A half turn about x negates y and z, for the scene and the camera.
     place.done("convert scene.ply turned.ply --transform rotate:1,0,0,180 --transform move:5,0,0");
     let exact = "render --backend reference --size 160x90";
     place.done(&format!("{exact} scene.ply --eye 1,-2,-6 --target 0,0,0 -o a.npy"));

@@ -223,7 +223,7 @@ fn a_shader_includes_no_file_of_the_system() {
     let place = changed(&[("make.comp", "\"hash.glsl\"", "\"/etc/passwd\"")]);
     let refused = place.fails("check graph.ron", 1);
     assert!(refused.contains("/etc/passwd lies outside of the graph's folder, "), "{refused}");
-    // With the folder allowed it is read, and is no GLSL.
+    // With the folder allowed it is read, but is not GLSL.
     let allowed = place.fails("check graph.ron --include-root /etc", 1);
     assert!(!allowed.contains("lies outside"), "{allowed}");
 }

@@ -1,4 +1,4 @@
-//! Outputs besides the picture: every graph's against the exact renderer's, and the passes of a plan without them.
+//! Outputs besides the picture: every graph's against the exact renderer's, and plans without outputs.
 
 use crate::common::{self, EXACT_TILES, Graph, settings};
 use crate::golden::Golden;
@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// The largest relative difference of a depth, and of an alpha.
 const TOLERANCE: f64 = 1e-4;
 
-/// Outputs that quads also give.
+/// Outputs that quads can make as well.
 const SUMS: [&str; 3] = ["alpha", "depth", "expected_depth"];
 
 /// A capture, the scene of the rules' edge cases, and a random one, each with a camera of small pictures.

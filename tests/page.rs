@@ -24,7 +24,7 @@ fn chromium(test: &str) -> Option<String> {
     found
 }
 
-/// The document after the script ran, with this behind its address.
+/// Returns the document after the script ran, for a fragment of the address.
 fn document(browser: &str, place: &Place, hash: &str) -> String {
     let output = Command::new(browser)
         // Containers lack what the sandbox needs; the page is our own.

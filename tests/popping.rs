@@ -49,7 +49,7 @@ fn a_coarser_order_pops_more_and_an_order_that_stays_changes_no_pair() {
     assert!(changes("unsorted", "true_order_changes") > 100.0, "{found:#}");
     assert_eq!(changes("key_bits=32", "order_changes"), changes("key_bits=32", "true_order_changes"));
 
-    // An order that stays makes an error that drifts: at a hundredth of the step, no pixel changes much.
+    // A constant order gives an error that drifts: at a hundredth of the step, no pixel changes much.
     let finer = "--frames 3 --step 0.02 --size 96x64 -p unsorted";
     let worst = |found: &Value| {
         found["variants"].as_array().expect("a list").iter().find_map(|row| {

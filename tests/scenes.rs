@@ -34,7 +34,7 @@ fn scenes_of_a_file_are_those_that_convert_moves_and_merges_bit_by_bit() {
     assert!(moved == converted(&place, "moved.ron"), "moved");
     place.write("plain.ron", "// Two scenes.\nScenes([Scene(file: \"a.ply\"), Scene(file: \"b.ply\")])");
     assert!(converted(&place, "a.ply --merge=b.ply") == converted(&place, "plain.ron"), "merged");
-    // Everything that takes a scene takes several.
+    // Every command that takes a scene takes several.
     assert!(place.done("info plain.ron").contains("5,000"));
 }
 

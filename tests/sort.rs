@@ -167,8 +167,8 @@ fn boundary_sizes(block: u32, lanes: u32, serial: bool) -> Vec<u32> {
     sizes
 }
 
-/// Every digit width with the key widths, each at every boundary size, with all kinds of keys. With vectors of another
-/// width than usual, a digit width has one of the key widths (and with `--long` all).
+/// Tests every digit width with the key widths, each at every boundary size, cycling through the kinds of keys. With an
+/// unusual vector width, a digit width gets one of the key widths (with `--long` all).
 fn boundaries() {
     let mut bench = Bench::new();
     let lanes = bench.lanes();

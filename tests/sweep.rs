@@ -3,7 +3,7 @@
 use crate::place::Place;
 use serde_json::Value;
 
-/// Three steps with as few frames as there can be.
+/// Three steps with the minimum number of frames.
 const SHORT: &str = "sweep scene.ply --size 64x48 --steps 3 --rounds 1 --frames 1";
 
 #[test]

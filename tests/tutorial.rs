@@ -41,7 +41,7 @@ fn every_step_of_the_tutorial_draws_what_it_teaches() {
     let auto = drawn(&place, "auto", "");
     let renderer = step("renderer", "");
     assert!(psnr(&renderer, &splat) > 50.0, "{}", psnr(&renderer, &splat));
-    // Harmonics, and the order, are what the steps before lack.
+    // The previous steps lack harmonics and the order.
     let base = drawn(&place, "splat", "--set sh_degree=0");
     let sorted = step("sorted", "");
     assert!(psnr(&sorted, &base) > 50.0 && psnr(&sorted, &splat) < 45.0);
@@ -55,7 +55,7 @@ fn every_step_of_the_tutorial_draws_what_it_teaches() {
     assert!(lit > 1000 && dark > 1000 && lit + dark == 128 * 72, "{lit} points, {dark} dark");
     let rings = step("paint", "");
     assert!(psnr(&rings, &step("paint", "--set width=40")) < 20.0, "the slider changes the rings");
-    // Depth is grey, and the nearest is the brightest.
+    // Depth is grey; the nearest is the brightest.
     let depth = step("depth", "");
     assert!(pixels(&depth).all(|[r, g, b]| (r - g).abs() < 1e-5 && (g - b).abs() < 1e-5));
     let range = pixels(&depth).fold((1.0f32, 0.0f32), |(low, high), [r, ..]| (low.min(r), high.max(r)));

@@ -1,8 +1,8 @@
 //! The Metal backend's walk over a plan's encoders creates exactly the encoders that the model of Metal's rules
 //! accepts.
 //!
-//! The half of the backend that calls Metal does what the walk says, one call for each move. So the moves of a few frames of every
-//! graph of the repository are put together to encoders again, and compared with the data.
+//! The part of the backend that calls Metal follows the walk, one call per move. So the moves of a few frames of every
+//! graph are reassembled to encoders and compared with the data.
 
 use crate::encoders::plans;
 use splatgraph_framework::ir::PassId;

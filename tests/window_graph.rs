@@ -1,4 +1,4 @@
-//! The graph of the viewer's window, drawn without a window: pictures and egui's interfaces against the expected pixels.
+//! The viewer's window graph without a window: hand-made pictures and egui interfaces, compared with expected pixels.
 
 use egui::{Align2, Color32, FontId, Rect, TextureOptions, pos2, vec2};
 use half::f16;

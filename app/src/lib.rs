@@ -3,7 +3,7 @@
 //! This library joins the parts: a scene from `splatgraph-assets`, a plan that `splatgraph-framework` built from a graph
 //! file, and a device that executes it. The program `splatgraph` ([`cli`]) is a thin layer over it:
 //!
-//! - [`io`]: what enters and leaves the program: picture files, pages, terminal text;
+//! - [`io`]: the program's input and output: picture files, pages, terminal text;
 //! - [`draw`]: frames of a scene: devices, facts, plans, sessions, their pictures and times;
 //! - [`studies`]: measurements over many frames, each a function that returns numbers or a page;
 //! - [`view`]: the interactive viewer;

@@ -7,7 +7,7 @@ pub struct Case {
     pub name: &'static str,
     /// Makes the scene and the camera.
     pub scene: fn() -> (Scene, Camera),
-    /// True to draw it also with the other form of the covariance.
+    /// True to draw it with the other form of the covariance as well.
     pub factored: bool,
     pub bounds: Bounds,
 }

@@ -24,7 +24,7 @@ fn world() -> (Vec<Gaussian>, Camera, Scene) {
 fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     let (splats, camera, made) = world();
     assert!(made.offset().iter().all(|v| v.abs() > 9e6));
-    // Depths in f64: in f32, the world's have no digits left.
+    // Depths in f64: world depths have no correct digits in f32.
     let rules = [&QUADS[..], &[("depth", "f64")]].concat();
     let truth = exact(splats.as_slice(), &camera, &rules);
     let place = Place::new();
@@ -55,7 +55,7 @@ fn a_scene_in_doubles_is_drawn_as_exactly_as_one_at_the_origin() {
     println!("surveyed, rounded to f32: {:.1} dB, worst pixel {:.5}", before.db, before.worst);
     assert!(before.db < 30.0, "{before:?}");
 
-    // The camera that frames the scene is made from what was loaded, and sees it.
+    // The framing camera is computed from the loaded scene, and sees it.
     let framed = draw("", "framed.npy");
     let lit = framed.rgb.iter().filter(|pixel| (pixel[0] - 0.2).abs() > 0.05).count();
     assert!(lit > 200, "only {lit} pixels show anything");

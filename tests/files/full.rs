@@ -1,4 +1,4 @@
-//! The disk is full at each file once: the old file stays, nothing else is left, and the exit code is an error.
+//! The disk is full at each file in turn: the old file stays, no other file is left, and the exit code reports it.
 
 use crate::place::{DRAW, Place};
 use rustix::process::{Resource, Rlimit, setrlimit};
@@ -40,7 +40,7 @@ fn a_full_disk_leaves_old_files_whole_whatever_is_written() {
         limits.sort_unstable();
         limits.dedup();
         for limit in limits {
-            // Old files, that differ from the new ones.
+            // Old files that differ from the new ones.
             for name in outputs {
                 place.write(name, format!("the old {name}"));
             }

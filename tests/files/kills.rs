@@ -184,7 +184,7 @@ fn undo_ignoring(command: &mut Command, signal: Signal) {
 fn a_signal_ends_the_program_with_its_number_and_one_that_is_ignored_does_not() {
     let place = Place::new();
     place.cameras(&["one"]);
-    // Drawn again and again, so that it goes on until the signal.
+    // Drawn repeatedly, so that it runs until the signal.
     let args = format!("{DRAW} out --repeat 100000");
     for (signal, ignored) in
         [(Signal::INT, false), (Signal::TERM, false), (Signal::HUP, false), (Signal::HUP, true)]

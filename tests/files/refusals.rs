@@ -4,7 +4,7 @@ use crate::place::{DRAW, Place};
 use splatgraph::io::image::{Image, save_words};
 use std::fs;
 
-/// Runs a command that must be refused in one line, and change nothing.
+/// Runs a command that must be refused with a one-line message and change nothing.
 fn refused(place: &Place, args: &str, why: &str) {
     let before = place.files(".");
     let output = place.run(args);
@@ -101,7 +101,7 @@ fn every_camera_has_a_picture_and_an_array_of_its_own() {
     }
     let arrays = place.files(".").into_keys().filter(|name| name.starts_with("./seen-")).count();
     assert_eq!(arrays, names.len());
-    // The same list gives the same names.
+    // An equal list gives equal names.
     place.done(&args);
     assert_eq!(place.files("out").into_keys().collect::<Vec<_>>(), pictures.into_keys().collect::<Vec<_>>());
 }

@@ -1,4 +1,4 @@
-//! Little memory, few processes, and files that are not drivers: an error and an exit code.
+//! Little memory, few processes, and invalid drivers: an error and an exit code.
 
 use crate::place::{DRAW, Place};
 use rustix::process::{Resource, Rlimit, setrlimit};

@@ -54,7 +54,7 @@ fn where_standard_output_is_the_product_a_closed_pipe_ends_it_and_a_full_device_
         assert_eq!(code, Some(1), "{args:?}: {errors}");
         assert!(errors.contains("standard output cannot be written: No space left"), "{args:?}: {errors}");
     }
-    // The exit code is also the verdict.
+    // The exit code reports the result as well.
     assert_eq!(into_closed_pipe(place.program("check broken.ron")).0, Some(1));
     assert_eq!(text("-"), "", "`-` is no file");
 }
@@ -85,7 +85,7 @@ fn a_picture_or_a_scene_on_standard_output_is_alone_there() {
     let output = place.run(&args);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(output.stdout.starts_with(b"\x89PNG") && output.stdout.ends_with(b"IEND\xaeB`\x82"));
-    // The reader of a large one has enough before its end.
+    // The reader of a large output stops before its end.
     let scene = "synth demo --count 20000 -o -";
     assert_eq!(into_closed_pipe(place.program(scene)).0, Some(0));
     let picture = format!("{DRAW} - --format exr --size 640x480");

@@ -10,12 +10,12 @@ impl Random {
     }
 }
 
-/// Files that are there (see `prepared` in the tests), by other names too, and some that are not.
+/// Existing files (see `prepared` in the tests), other spellings of them, and missing ones.
 pub const FILES: &str = "scene.ply ./scene.ply link.ply hard.ply cameras.json stats.json graph.ron \
     step.comp a.npy b.npy a.png pics more . pipe scene.ply/x.png missing.ply cameras.json#0 \
     cameras.json#one cameras.json#99 arrays.npz#x ";
 
-/// Names for outputs: new ones, and the names of inputs.
+/// Names for outputs: new ones, and existing inputs.
 const OUTPUTS: &str = "out.png out.exr out.npy out.ply out.json out.html new/folder/out.png out \
     out.png/x.npy - /dev/null /dev/full new/./out.png new/../out.png out.jpg  . .. scene.ply ./scene.ply \
     link.ply hard.ply cameras.json stats.json graph.ron step.comp a.npy a.png pics \u{202e}gnp.\x1b[2J.png";
@@ -35,7 +35,7 @@ pub fn line(random: &mut Random) -> Vec<String> {
     };
     let command = command.as_str();
     let mut words = vec![command.to_owned()];
-    // The operands of each command, mostly.
+    // Mostly the operands of the command.
     let operands = match command {
         "render" | "video" | "view" | "info" | "bench" | "trade" | "sweep" | "advise" | "popping" => {
             random.below(8).min(1)

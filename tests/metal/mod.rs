@@ -17,7 +17,7 @@ use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::{Validation, Vulkan};
 use std::sync::Arc;
 
-/// The device that gives the expected bytes. Other tests run the same plans under the validation layers.
+/// Returns the device for the expected bytes. Other tests check these plans with the validation layers.
 fn lavapipe() -> Vulkan {
     let device = Vulkan::open(&common::options(Validation::Off));
     let device = device.unwrap_or_else(|e| panic!("the tests need lavapipe: {e}"));
@@ -27,7 +27,7 @@ fn lavapipe() -> Vulkan {
 
 /// Runs `body` in its own process, because kernels can crash it.
 ///
-/// `./x test --long` also runs it at lavapipe's other widths of subgroups.
+/// `./x test --long` also runs it at lavapipe's other subgroup sizes.
 fn at_every_width_of_lavapipe(test: &str, body: impl FnOnce()) {
     common::alone(test, body);
     if common::long() && common::lanes_are_usual() && std::env::var_os(common::ALONE).is_none() {

@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub struct Loose {
     /// The resource.
     pub resource: &'static str,
-    /// Words of an element, and the words that may differ, by at most `by`.
+    /// Words of an element, and which of them may differ, by at most `by`.
     pub words: (usize, &'static [usize]),
     /// The words are pairs of half floats.
     pub halves: bool,

@@ -75,7 +75,7 @@ impl Stage {
     }
 }
 
-/// The kernels for GPUs and for CPUs, in all forms of their parameters.
+/// The kernels for GPUs and for CPUs, with all forms of their parameters.
 const GRAPHS: [(&str, &[(&str, &str)]); 9] = [
     ("tiled", &[SUBGROUP, ROOM]),
     ("tiled", &[SUBGROUP, ROOM, ("segment", "64"), ("pair_bits", "18")]),

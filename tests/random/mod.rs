@@ -1,4 +1,4 @@
-//! Properties of every graph, tested on random graphs.
+//! Properties of every graph, checked on random graphs.
 //!
 //! `recipe` has proptest's raw material, `sketch` makes of it a graph that can be built, `render` writes that down as a file and its
 //! shaders, `compiler` replaces the one in C++, `builds` builds and counts, and `orders` finds the other orders of a frame. The

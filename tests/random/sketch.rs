@@ -196,7 +196,7 @@ impl Sketch {
         }
     }
 
-    /// Finds the resource of a wish, or any resource if none is of the kind.
+    /// Returns the resource of a wish; any resource if none suits.
     fn resolve(&self, pick: Pick) -> Ref {
         let buffers = (0..self.buffers.len()).map(Target::Buffer);
         let all: Vec<Target> = buffers.chain((0..self.images.len()).map(Target::Image)).collect();

@@ -21,7 +21,7 @@ fn values_without_a_meaning_are_refused_before_anything_is_loaded() {
         ("--show none,graph", "expected --show none alone"),
         ("--background 0,2,0", "expected the channels of --background from 0 to 1, found 2"),
     ] {
-        // A scene that is not there would be the next error.
+        // A missing scene would be the next error.
         let errors = Place::empty().fails(&format!("view nothing.ply {options}"), 2);
         assert!(errors.contains(expected), "{options}: {errors}");
         assert_eq!(errors.trim().lines().count(), 1, "{options}: {errors}");

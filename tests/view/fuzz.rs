@@ -1,8 +1,8 @@
 //! Files damaged under a running viewer.
 //!
-//! Every case damages one file of those that the pictures and the window are drawn from (cut, emptied, bits flipped, bytes put
-//! in, lines lost or there twice, no UTF-8), draws until the viewer has built it or failed to, and mends the file. The viewer must
-//! report the error and its place, and the picture must keep every bit, before and after the file is mended.
+//! Every case damages one file of the pictures or the window (cut, emptied, bits flipped, bytes inserted, lines lost or
+//! doubled, invalid UTF-8), draws until the viewer has settled, and mends the file. The viewer must survive and report
+//! what is wrong and where. Meanwhile and afterwards, the picture must be bit-identical.
 //!
 //! A damaged shader that still builds is not run on a device: it may write anywhere, and lavapipe would take this
 //! process down with it. So each damaged file is first built beside the viewer, in another copy of the folder. That
@@ -190,7 +190,7 @@ fn has_place(text: &str) -> bool {
     })
 }
 
-/// Another copy of the files, where plans are built for no device.
+/// Another copy of the files, for building plans without a device.
 struct Beside {
     place: Place,
     planners: BTreeMap<&'static str, Building>,

@@ -120,7 +120,7 @@ fn a_live_parameter_changes_the_next_picture_without_a_new_plan() {
     let built = plans(&twin);
     twin.viewer.a.renderer.set_param("budget", Some(Value::Float(0.25)));
     assert_ne!(twin.picture(RendererId::A).rgb, before.rgb);
-    // A new plan, for another reason, keeps it.
+    // A new plan for another reason has it as well.
     let dimmed = twin.picture(RendererId::A);
     twin.viewer.a.renderer.set_param("digit_bits", Some(Value::Int(4)));
     twin.next_plan();

@@ -28,7 +28,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::available_parallelism;
 use std::time::Instant;
 
-/// Few pixels for many points: tools have the room that they have on a display, and a frame costs little.
+/// Few pixels per point: tools have as much room as on a display, and a frame is cheap.
 const PIXELS_PER_POINT: f32 = 0.25;
 /// Sizes of the window, in pixels: 1600 x 900 points, 1280 x 800, 700 x 600, 500 x 400, 1200 x 340.
 const SIZES: [(u32, u32); 5] = [(400, 225), (320, 200), (175, 150), (125, 100), (300, 85)];
@@ -37,7 +37,7 @@ const SIZES: [(u32, u32); 5] = [(400, 225), (320, 200), (175, 150), (125, 100), 
 struct Monkey<D: Device> {
     viewer: TestShell<D>,
     dice: Random,
-    /// What was done, for messages.
+    /// The actions so far, for messages.
     deeds: VecDeque<String>,
 }
 
@@ -96,7 +96,7 @@ impl<D: Device> Monkey<D> {
         self.viewer.events.clear();
         let mut deed = if looks { self.look() } else { self.change() };
         if looks && self.hits_floating_tool() {
-            // Whoever aims at what lies below a floating tool hits a control of that.
+            // A click on something below a floating tool would hit one of the tool's controls.
             self.viewer.input.clear();
             deed += " is covered";
         }
@@ -335,7 +335,7 @@ fn after_five_hundred_random_actions_the_picture_is_the_one_that_render_draws() 
     while monkey.viewer.shell.viewer.a.renderer.failure().is_some() && begun.elapsed() < PATIENCE {
         monkey.viewer.settle();
     }
-    // A single picture has no frame before it, whose order it could be drawn in.
+    // A single picture has no previous frame with an order to use.
     let renderer = &mut monkey.viewer.shell.viewer.a.renderer;
     if renderer.set().contains_key("order_of") {
         renderer.set_param("order_of", None);

@@ -25,7 +25,8 @@ pub struct Program {
 }
 
 impl Program {
-    /// Starts it, and waits until it shows what it was requested. It draws all the time, so that frames can be waited for.
+    /// Starts it, and waits until it shows the requested picture. It draws continuously, so that frames can be waited
+    /// for.
     pub fn start(splats: u32, line: &str) -> Program {
         let mut program = Program::launch(splats, &format!("--continuous {line}"), |_| {});
         assert!(program.window.appears(), "no window came {}", program.account());
@@ -34,7 +35,7 @@ impl Program {
         program
     }
 
-    /// Starts it, once its folder is arranged.
+    /// Starts it after preparing its folder.
     pub fn launch(splats: u32, line: &str, arrange: impl FnOnce(&Place)) -> Program {
         Program::launch_with(splats, line, |_| {}, arrange)
     }
@@ -70,7 +71,7 @@ impl Program {
         self.screen = None;
     }
 
-    /// Reads the events that are new, and says how many there are now.
+    /// Reads the new events, and returns their total number.
     pub fn now(&mut self) -> usize {
         let all = fs::read(self.place.at("events.jsonl")).unwrap_or_default();
         let new = &all[self.read..];

@@ -132,7 +132,7 @@ impl Window {
         };
         let mut found = None;
         comes(|| {
-            // A window may be gone before it answers.
+            // A window that vanishes during the query does not count.
             found = look().unwrap_or(None);
             found.is_some()
         });
@@ -185,7 +185,7 @@ impl Window {
         self.connection.map_window(self.id).expect("sent").check().expect("the window comes back");
     }
 
-    /// Minimises or restores it, as a window manager does.
+    /// Tells it that it is iconified or not, like a window manager.
     pub fn set_minimised(&self, minimised: bool) {
         let (state, hidden) = (self.atom("_NET_WM_STATE"), self.atom("_NET_WM_STATE_HIDDEN"));
         let states: &[u32] = if minimised { &[hidden] } else { &[] };

@@ -61,8 +61,8 @@ struct Length {
     noise: u64,
 }
 
-/// Caches are filling all the time, of the driver, the validation layers and the compiled shaders. Only what is lost in
-/// every frame shows in the resident memory; the device's is exact.
+/// Caches are still filling: the driver's, the validation layers', and those of compiled shaders. Only a leak in every
+/// frame shows in the resident memory; the device's memory is exact.
 const SHORT: Length = Length { frames: 600, cycle: 60, noise: 96 << 20 };
 /// The remainder is memory that allocators keep after it was freed, and some 10 KiB per compiled shader text, of which
 /// each compiler caches the last thousand.

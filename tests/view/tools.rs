@@ -200,7 +200,7 @@ fn a_comparison_shows_its_result_on_a_card_and_the_worst_pixel() {
     assert!(viewer.click("worst"));
     viewer.act();
     assert!(viewer.shell.viewer.comparison_is_current());
-    // What is requested together with a change is measured after it.
+    // An inspection requested together with a change is measured after it.
     choose(&mut viewer, RendererId::B, "splat");
     viewer.shell.viewer.measure();
     viewer.until("the next result", |viewer| !viewer.shell.viewer.is_comparing());

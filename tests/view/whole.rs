@@ -34,7 +34,7 @@ const REST: Duration = Duration::from_millis(20);
 /// Few pixels per point: panels have as much room as on a display, and a frame is cheap.
 pub const PIXELS_PER_POINT: f32 = 0.4;
 
-/// A viewer over graphs and shaders of its own, which can be edited.
+/// A viewer over its own copy of graphs and shaders, which can be edited.
 pub struct TestShell<D: Device = Backend> {
     pub shell: Shell<D>,
     /// Its files.
@@ -53,7 +53,7 @@ pub struct TestShell<D: Device = Backend> {
     pub undrawn_windows: u64,
     /// Input of the frames to come.
     pub input: VecDeque<Vec<Input>>,
-    /// Other threads have something new.
+    /// Signalled when other threads have something new.
     woken: Receiver<()>,
 }
 
@@ -66,7 +66,7 @@ impl TestShell {
         TestShell::on([canvas, device], scene, graph, size)
     }
 
-    /// Closes it; the validation layers must have had nothing to say.
+    /// Closes it; fails on validation messages.
     pub fn close(mut self) {
         self.shell.finish(PATIENCE).unwrap_or_else(|error| panic!("the frames end: {error}"));
         let devices = self.shell.into_devices();
@@ -81,7 +81,7 @@ impl<D: Device> TestShell<D> {
     pub fn on([canvas, device]: [D; 2], scene: (&str, u32), graph: &str, size: (u32, u32)) -> TestShell<D> {
         let place = Place::shipped();
         place.scene("scene.ply", scene.0, scene.1, 0);
-        // As the file has it, whose numbers are rounded: so it is the same when it is opened again.
+        // Rounded as in the file, so that reopening the file gives an equal scene.
         let path = place.at("scene.ply");
         let scene = Scene::load(&path, splatgraph_assets::QUIET).expect("the scene is loaded");
         let (sender, woken) = channel();
@@ -94,7 +94,7 @@ impl<D: Device> TestShell<D> {
             .unwrap_or_else(|error| panic!("the viewer opens: {error}"));
         viewer.navigation.set_animated(false);
         viewer.folder = place.at("");
-        // No frame is left out, also if it is the same, and however slow the machine is.
+        // Draw every frame, even an unchanged one, however slow the machine is.
         viewer.continuous = true;
         viewer.a.renderer.patience = PATIENCE;
         let mut shell = Shell::with_graph(viewer, canvas, &place.named("pipelines/view/window.ron"), wake())

@@ -1,4 +1,4 @@
-//! Runs `splatgraph advise`: reports what a scene needs, and finds the fastest setting within a budget.
+//! Runs `splatgraph advise`: reports the needs of a scene, and finds the fastest setting within a budget.
 
 use super::cameras;
 use super::console::Console;

@@ -232,7 +232,7 @@ impl Args {
 /// The inputs of a run, known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
-    /// The cameras of each scene of the command line; `None` for those of the scene. One for the demo scene.
+    /// The cameras of each scene of the command line; `None` for the scene's. One entry for the demo scene.
     cameras: Vec<Option<Vec<Camera>>>,
     /// A unique part of file names for each scene.
     stems: Vec<String>,

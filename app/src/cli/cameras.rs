@@ -1,4 +1,4 @@
-//! Finds the cameras of a command: those of `--cameras`, or the first of the file beside the scene.
+//! Finds the cameras of a command: from `--cameras`, or the first of the file beside the scene.
 
 use super::outcome::Usage;
 use crate::draw::camera;
@@ -12,7 +12,7 @@ fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
     scene.filter(|_| spec.is_none()).and_then(camera::beside)
 }
 
-/// Loads all cameras of `--cameras`, or else the first camera of the file beside the scene, and says so.
+/// Loads all cameras of `--cameras`, or else the first camera of the file beside the scene, which is then reported.
 ///
 /// A file beside the scene that holds no cameras is named, and not used.
 ///

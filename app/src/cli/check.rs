@@ -198,7 +198,7 @@ fn as_json(
 /// Verdict on a graph without errors.
 #[derive(Debug)]
 enum Verdict {
-    /// Nothing is wrong, with a summary.
+    /// The graph is correct; the text sums it up.
     Right(String),
     /// A device of the command line does not meet these requirements.
     Lacking(String),
@@ -314,7 +314,7 @@ fn check(
     Ok(Verdict::Right(verdict.to_owned() + &found.chain(unsuited).map(line).collect::<String>()))
 }
 
-/// Says what a device lacks that a graph requires, and what stands in for the graph.
+/// Describes the unmet requirements of a graph, and its fallbacks.
 ///
 /// None if it lacks nothing.
 fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
@@ -347,7 +347,7 @@ fn nominal(splats: u64) -> (Catalog, SceneFacts) {
     (catalog, SceneFacts { count: splats, ..SceneFacts::NOMINAL })
 }
 
-/// Says what would fit, where a graph that cannot be built is sound but too large for the device.
+/// Reports the sizes that fit, if a graph that cannot be built is correct but too large for the device.
 fn too_large(
     planner: &mut Planner,
     graph: &str,
@@ -363,7 +363,7 @@ fn too_large(
 
 /// Checks the dependencies, replays the plan with its barriers, and tries every mutation of these.
 ///
-/// Returns the counts, or what is missing and what is needless.
+/// Returns the counts, or the missing and needless barriers.
 fn verify(plan: &Plan, barriers: &Barriers) -> Result<String, String> {
     let objections = oracle::dependencies(plan);
     let mut problems: Vec<String> = objections.iter().map(|objection| objection.describe(plan)).collect();

@@ -217,7 +217,7 @@ impl Pictures {
     }
 }
 
-/// Pairs the pictures of two folders. An error lists those without a partner.
+/// Pairs the pictures of two folders. An error lists the pictures without a partner.
 fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>) -> Result<Vec<Pair>> {
     let (a, mut b) = if args.by_number { (numbered(a)?, numbered(b)?) } else { (plain(a), plain(b)) };
     let mut pairs = Vec::new();

@@ -119,7 +119,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(common.device.validate, &device.close()))
 }
 
-/// Describes what the page shows.
+/// Describes the contents of the page.
 fn view(subject: &Subject<Backend>) -> String {
     let names: Vec<_> = subject.cameras.iter().map(|camera| one_line(&camera.img_name)).collect();
     let size = subject.cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));

@@ -21,7 +21,7 @@ pub struct KnownDevice {
 
 /// Lists the devices of the catalogue.
 ///
-/// A family has the smallest limits of its members. Unpublished limits are those of the smallest supported device.
+/// A family has the smallest limits of its members. The smallest supported device gives the limits that are not published.
 pub fn catalogue() -> Vec<KnownDevice> {
     let portable = facts::portable_device;
     let integers =

@@ -62,7 +62,7 @@ impl LookAtArgs {
     /// Makes the cameras, in the scene's coordinates; `None` without these options.
     ///
     /// # Errors
-    /// Those of [`LookAtArgs::circle`].
+    /// See [`LookAtArgs::circle`].
     pub fn cameras(&self, scene: &Scene, size: Option<(u32, u32)>) -> Result<Option<Vec<Camera>>, Usage> {
         let Some(names) = self.names() else { return Ok(None) };
         let cameras = on_circle(&self.circle(scene, size)?, names.len()).into_iter().zip(names);

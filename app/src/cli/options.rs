@@ -101,7 +101,7 @@ pub fn inspect_target(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Lists the imports for any built-in graph: those of the nominal scene and of the viewer's window.
+/// Lists the imports of built-in graphs: from the nominal scene, and from the viewer's window.
 pub fn nominal_catalog() -> Catalog {
     #[cfg_attr(not(feature = "window"), expect(unused_mut))]
     let mut catalog = facts::nominal_catalog();

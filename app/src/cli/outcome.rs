@@ -1,4 +1,4 @@
-//! Defines how a command ends, and what is told then.
+//! Defines the exit codes of commands, and their last messages.
 
 use crate::io::output::{self, OutputGuard, say};
 use splatgraph_framework::reload::Wanted;

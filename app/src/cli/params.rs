@@ -90,7 +90,7 @@ fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
     }
 }
 
-/// Lists the parameters in two columns, those of each part under its title.
+/// Lists the parameters in two columns, grouped under the titles of their parts.
 fn listed(controls: &[Control]) -> String {
     if controls.is_empty() {
         return "\n  it has no parameters".to_owned();

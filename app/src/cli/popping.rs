@@ -140,7 +140,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &device.close()))
 }
 
-/// Lists what is drawn: the given graphs and variants, or all built-in graphs. Duplicates are drawn once.
+/// Lists the variants to draw: the given graphs and parameters, or all built-in graphs. Duplicates are drawn once.
 fn variants(args: &Args) -> Vec<Setting> {
     let graph = |name: &str| Setting::of_graph(name, &[]);
     let mut all: Vec<Setting> = args.pipeline.iter().map(|name| graph(name)).collect();

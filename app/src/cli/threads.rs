@@ -1,4 +1,4 @@
-//! Fits the pool of worker threads to what the system allows.
+//! Fits the pool of worker threads to the system's limits.
 //!
 //! The pool of rayon panics at its first use if one of its threads cannot be started, as under `ulimit -u` or `ulimit -v`, and a
 //! global pool that could not be built cannot be built again. So threads are started first, and the pool gets those that did start.

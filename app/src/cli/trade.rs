@@ -1,4 +1,4 @@
-//! Runs `splatgraph trade`: a ledger of what each setting saves and costs.
+//! Runs `splatgraph trade`: a ledger of each setting's saving and cost.
 
 use super::cameras;
 use super::console::Console;

@@ -23,8 +23,8 @@ pub use splatgraph_metal::dump::add_encoders as add_metal_encoders;
 pub use splatgraph_runtime::{Window, compilers_given_up};
 pub use splatgraph_vulkan::sync;
 
-/// Returns the dump of a plan with Vulkan's barriers, the finer of the APIs' commands. Without any, if none hold: loading the plan fails
-/// then, and `check` says so.
+/// Returns the dump of a plan with Vulkan's barriers, the finest of the APIs' commands. The dump has none if no barriers satisfy the
+/// plan, which loading and `check` report.
 pub fn dump(plan: &Plan) -> Dump {
     let dump = dump::dump(plan);
     match sync::barriers(plan) {
@@ -46,10 +46,10 @@ pub enum Api {
 }
 
 impl Api {
-    /// Lists those that this program has.
+    /// Lists the APIs of this program.
     #[cfg(target_vendor = "apple")]
     pub const ALL: [Api; 3] = [Api::Metal, Api::Vulkan, Api::Null];
-    /// Lists those that this program has.
+    /// Lists the APIs of this program.
     #[cfg(not(target_vendor = "apple"))]
     pub const ALL: [Api; 2] = [Api::Vulkan, Api::Null];
 
@@ -76,15 +76,15 @@ impl Api {
         Api::ALL.into_iter().find(|api| api.name() == name)
     }
 
-    /// Says that there is no API of this name, where the names of `others` would do, too.
+    /// Writes the error for a name that is neither an API's nor in `others`.
     pub fn refusal(name: &str, others: &[&str]) -> String {
         refusal(name, &[&Api::ALL.map(Api::name), others].concat())
     }
 
-    /// Finds the API of this name, for what compares pictures: [`Api::Null`] draws none.
+    /// Finds the API of this name, for comparisons of pictures: not [`Api::Null`], which draws none.
     ///
     /// # Errors
-    /// The names of those that draw.
+    /// Names of the APIs that draw.
     pub fn parse_drawing(name: &str) -> Result<Api, String> {
         let draws = |api: &Api| *api != Api::Null;
         Api::find(name).filter(draws).ok_or_else(|| {
@@ -107,7 +107,7 @@ impl Api {
     }
 }
 
-/// Refuses an API that is none of `names`, with the reason where one is known.
+/// Writes the error for an API that is not in `names`, with the reason if it is known.
 fn refusal(name: &str, names: &[&str]) -> String {
     let why = match name {
         "metal" => ": Metal is on Apple's systems alone",
@@ -201,7 +201,7 @@ impl Backend {
     /// Opens a device that shows its frames in `window`, which has `size` pixels now. Call it on the main thread.
     ///
     /// # Errors
-    /// As [`Backend::open`], and [`BackendError::Unavailable`] where pictures cannot be shown in the window.
+    /// See [`Backend::open`]; [`BackendError::Unavailable`] if the device cannot present in the window.
     pub fn open_in_window(
         api: Api,
         options: &Options,
@@ -216,13 +216,13 @@ impl Backend {
         }
     }
 
-    /// Opens a device for frames that must not delay those of this one, such as a window's.
+    /// Opens a device whose frames, such as a window's, do not delay the frames of this device.
     ///
     /// On a GPU it is another context of this device. A CPU's driver has one queue, and threads that all devices of a Vulkan instance
     /// share, so that a pass of one delays the frames of the others: there, the device gets its own instance.
     ///
     /// # Errors
-    /// As [`Backend::open`].
+    /// See [`Backend::open`].
     pub fn open_beside(&self, options: &Options) -> Result<Backend, BackendError> {
         match self {
             Backend::Vulkan(device) if device.info().kind == "cpu" => {
@@ -233,7 +233,7 @@ impl Backend {
         }
     }
 
-    /// Drops the device, and returns the validation messages that were not taken, those of its closing included.
+    /// Closes the device, and returns the validation messages that were not taken, including messages about the closing.
     pub fn close(self) -> Vec<String> {
         each!(self, device => device.close())
     }

@@ -23,7 +23,7 @@ pub fn source_map() -> SourceMap {
 
 /// Lists the names of the built-in graphs that draw a scene, sorted.
 ///
-/// Graphs for includes have no output and are left out, and so are those in subfolders, which draw for the program itself.
+/// Graphs for includes, which have no output, and graphs in subfolders, which draw for the program itself, are left out.
 pub fn names() -> Vec<&'static str> {
     let draws = |text: &str| match Document::parse(text) {
         Ok(Document::Graph(graph)) => graph.output.is_some(),
@@ -90,7 +90,7 @@ pub fn groups() -> Vec<(&'static str, Vec<File>)> {
 /// Finds a built-in file by its name, with or without the folder `pipelines/` or `shaders/` and the extension `.ron`.
 ///
 /// # Errors
-/// There is none: the names that were probably meant, which can be none either.
+/// No file has the name. The error lists similar names, if there are any.
 pub fn find(name: &str) -> Result<File, Vec<&'static str>> {
     let matches = |path: &'static str| {
         let inside = path.split_once('/').map_or(path, |(_, inside)| inside);

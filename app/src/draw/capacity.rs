@@ -59,7 +59,7 @@ pub fn overflows(plan: &Plan, stats: &[(String, u32)]) -> Vec<Overflow> {
 pub struct Capacities(Vec<(String, i64)>);
 
 impl Capacities {
-    /// Raises capacities to what a frame needed, and returns true if any was lower.
+    /// Raises capacities to the needs of a frame, and returns true if any was lower.
     pub fn raise(&mut self, short: &Overflow) -> bool {
         let target = short.target();
         match self.0.iter_mut().find(|(name, _)| *name == short.parameter) {

@@ -1,9 +1,8 @@
 //! Draws pictures together with the order in which their splats were drawn.
 //!
-//! A wrong picture and a wrong order are two views of one mistake, so that what measures the first wants the second, too. The
-//! order is the contents of the buffer that a graph binds as `Order`, as the last pass that binds it read it. Two orders are
-//! compared by the pairs of splats that they disagree about: that is also the number of neighbours that must change places
-//! to lead from one to the other (Kendall's tau).
+//! A wrong order makes a wrong picture, so studies measure both. The order is the contents of the buffer that a graph binds as
+//! `Order`, as the last pass that binds it reads them. The distance of two orders is the number of pairs of splats that they
+//! order differently (Kendall's tau), which equals the number of swaps of neighbours that turn one into the other.
 
 use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
 use crate::io::image::Image;
@@ -78,7 +77,7 @@ pub fn order_changes(before: &[u32], after: &[u32]) -> Option<u64> {
     inversions(&kept, &only(after, &kept))
 }
 
-/// Lists the splats of an order that another one holds, too.
+/// Lists the splats of an order that are also in another.
 pub fn only(order: &[u32], of: &[u32]) -> Vec<u32> {
     let mut held = vec![false; order.iter().max().map_or(0, |most| *most as usize + 1)];
     for index in of {

@@ -122,9 +122,9 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
 
 /// Returns the facts of the smallest GPU of family Apple 7, the oldest in Macs with Apple silicon.
 ///
-/// SIMD-groups of 32 threads, 32 KiB of threadgroup memory and 1,024 threads are those of Apple's "Metal Feature Set Tables". Metal
-/// has no limit of threadgroups in a grid; that of Vulkan's devices is taken. Buffers may be larger than 256 MiB, the least that the
-/// tables promise. Whether blending rounds is not documented.
+/// Apple's "Metal Feature Set Tables" give SIMD-groups of 32 threads, 32 KiB of threadgroup memory and 1,024 threads. Metal does not
+/// limit the threadgroups of a grid, so Vulkan's limit is taken. The tables promise buffers of 256 MiB; devices may have larger ones.
+/// The rounding of blending is not documented.
 pub fn apple_device() -> DeviceFacts {
     DeviceFacts {
         max_storage_bytes: 1 << 28,

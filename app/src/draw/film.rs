@@ -169,7 +169,7 @@ struct Exposure {
 }
 
 impl Exposure {
-    /// Adds a picture, of the same size as those before.
+    /// Adds a picture of the same size as the earlier ones.
     fn add(&mut self, image: &Image) {
         self.size = (image.width, image.height);
         self.count += 1.0;
@@ -186,7 +186,7 @@ impl Exposure {
     }
 }
 
-/// Decodes sRGB to linear light; values below 0 as those above.
+/// Decodes sRGB to linear light; negative values keep their sign.
 fn linear(value: f32) -> f32 {
     let size = value.abs();
     let light = if size <= 0.040_45 { size / 12.92 } else { ((size + 0.055) / 1.055).powf(2.4) };

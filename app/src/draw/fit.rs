@@ -55,19 +55,19 @@ impl Target {
 pub struct Fit {
     /// The device.
     pub device: Target,
-    /// Nothing is too large.
+    /// True if nothing is too large for the device.
     pub fits: bool,
     /// Number of splats.
     pub splats: u64,
     /// Bytes of the resources that stay on the device, shared memory counted once.
     pub needed_bytes: u64,
-    /// Bytes of those that are needed until the first frame is drawn, in the host's memory where the device has no room.
+    /// Bytes of the resources that are freed after the first frame, in the host's memory if the device has no room.
     pub loading_bytes: u64,
     /// The largest storage buffer, with its bytes.
     pub largest: Option<(String, u64)>,
     /// The storage buffers that are larger than the device binds, with their bytes.
     pub too_large: Vec<(String, u64)>,
-    /// A number of splats that would fit, where those of the scene do not: at least so many.
+    /// A number of splats that fits, if the scene's does not. More may fit.
     ///
     /// None where the graph does not say how its buffers grow.
     pub most_splats: Option<u64>,
@@ -107,10 +107,10 @@ fn available(heap: &Heap) -> Option<u64> {
     heap.available.or(Some(heap.bytes).filter(|bytes| *bytes > 0))
 }
 
-/// Builds the plan, for the device if it fits and else as if it did, and holds it against the device.
+/// Builds a plan, and compares its needs with the device's limits. A plan beyond the limits is built as if it fitted.
 ///
 /// # Errors
-/// The graph or its shaders have errors that are not those of a large scene.
+/// The graph or its shaders have errors that a smaller scene would have.
 pub fn fit(planner: &mut Planner, wanted: &Wanted, device: &Target) -> Result<(Plan, Fit), GraphErrors> {
     let count = wanted.scene.count;
     let (plan, built) = match build(planner, wanted, &device.facts, count) {
@@ -252,7 +252,7 @@ fn loading(bytes: u64) -> String {
 }
 
 impl fmt::Display for Fit {
-    /// Writes lines: the device, whether the scene fits, and what would.
+    /// Writes lines: the device, whether the scene fits, and the number of splats that would.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Target { name, facts, heap } = &self.device;
         let limit = facts.max_storage_bytes;

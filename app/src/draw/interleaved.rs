@@ -104,7 +104,7 @@ pub type Rounds = Vec<Vec<Timed>>;
 pub enum Timestamps {
     /// The frame, and each of its passes.
     Passes,
-    /// The frame alone: those of passes take a device some time themselves.
+    /// The frame alone, because timestamps of passes cost the device time.
     Frame,
 }
 
@@ -202,7 +202,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// Summarises rounds of values; `None` if a value is missing, or there are none.
+    /// Summarises rounds of values; `None` without values, or if one is missing.
     pub fn of(rounds: impl IntoIterator<Item = Vec<Option<f64>>>) -> Option<Figure> {
         let medians = rounds.into_iter().map(|round| median(round.into_iter().collect::<Option<Vec<_>>>()?));
         let medians = medians.collect::<Option<Vec<f64>>>()?;
@@ -211,7 +211,7 @@ impl Figure {
         Some(Figure { median: median(medians)?, spread: most - least })
     }
 
-    /// Takes the mean of medians, with the largest of their spreads; `None` if one is missing, or there are none.
+    /// Takes the mean of medians, with the largest of their spreads; `None` without figures, or if one is missing.
     pub fn mean(figures: impl IntoIterator<Item = Option<Figure>>) -> Option<Figure> {
         let figures = figures.into_iter().collect::<Option<Vec<Figure>>>()?;
         let sum: f64 = figures.iter().map(|figure| figure.median).sum();

@@ -1,8 +1,8 @@
 //! Finds how wide a depth key must be.
 //!
 //! A key never decreases with depth, so that only equal keys can be in the wrong order: they keep the order of the file.
-//! Only pairs that overlap on the screen matter; others may change places without a trace. The keys are those of
-//! shaders/depth_key.glsl, computed here with the same operations, and a test holds the two together.
+//! Only pairs that overlap on the screen matter. The keys are computed with the operations of shaders/depth_key.glsl; a test
+//! compares the two.
 //!
 //! [`of_scene`] is the width that orders every view of a scene exactly, which the graphs know as the fact `scene.key_bits`; [`needs`] finds
 //! what given views need.

@@ -51,7 +51,7 @@ impl Orbit {
     }
 }
 
-/// Computes the angle by which a camera turns to another, about whichever axis, in degrees from 0 to 180.
+/// Computes the angle of the rotation between two cameras, in degrees from 0 to 180.
 pub fn turn_between(from: &Camera, to: &Camera) -> f64 {
     let axes = |camera: &Camera| DMat3::from_cols_array_2d(&camera.axes());
     // The quaternion's imaginary part keeps the digits of small angles, which the cosine loses.

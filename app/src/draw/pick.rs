@@ -3,7 +3,7 @@
 //! [`pick`] lists every splat that is blended at a pixel, near to far, with its share. The splat that a person means is
 //! [`Picked::selected`]: first the one with the largest share, then, by [`Picked::step`], its neighbours in depth.
 //!
-//! The rules are [`Rules::PUBLISHED`], those of the published rasteriser, in f64, whatever graph draws the picture. A graph with
+//! The rules are the published rasteriser's ([`Rules::PUBLISHED`]), in f64, for pictures of every graph. A graph with
 //! other rules (another `low_pass`, a `cutoff`, a cull, an order that is not exact) shows another picture, and its shares
 //! differ.
 //!
@@ -71,7 +71,7 @@ pub struct PickedSplat {
     pub color: [f64; 3],
     /// Opacity at the centre.
     pub opacity: f64,
-    /// Centre in the world's coordinates, those of the file.
+    /// Centre in the world's coordinates, as in the file.
     pub position: [f64; 3],
     /// Standard deviation along each axis, in world units.
     pub scale: [f64; 3],

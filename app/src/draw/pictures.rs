@@ -1,7 +1,7 @@
 //! Encodes and writes pictures on worker threads while the device draws the next ones.
 //!
 //! Encoding a picture takes up to a hundred times as long as drawing it. [`Pictures`] hands each to the pool of threads and gives the
-//! outcomes back in the order of the cameras, so that messages, and the first error, are those of one picture after the other.
+//! outcomes back in the order of the cameras, so that messages and the first error are the same as without threads.
 
 use anyhow::{Result, anyhow};
 use splatgraph_api::Pixels;
@@ -59,7 +59,7 @@ impl<T: Send + 'static> Pictures<T> {
     /// Waits for the oldest unfinished picture, and returns its outcome; `None` if there is none.
     ///
     /// # Errors
-    /// That of its work.
+    /// The picture's work failed.
     pub fn wait(&mut self) -> Result<Option<T>> {
         let Some(oldest) = self.unfinished.pop_front() else { return Ok(None) };
         oldest

@@ -123,7 +123,7 @@ impl Planner {
         plan.warnings.iter().map(|warning| plain(&warning.diagnostic)).collect()
     }
 
-    /// Lists the parameters of `graph` with the values that `set` gives them, and those that grow with at least [`Planner::capacities`].
+    /// Lists the parameters of `graph` with the values of `set`; parameters that grow have at least [`Planner::capacities`].
     pub fn controls(
         &mut self,
         graph: &str,
@@ -138,7 +138,7 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// Says what stands in for `graph` where the facts lack what it needs, and what is lacking where nothing does.
+    /// Returns the fallbacks of `graph` on a device of these facts, or its unmet requirements if it has no fallback.
     pub fn standing(
         &mut self,
         graph: &str,

@@ -32,7 +32,7 @@ pub struct CameraStats {
     pub driver: String,
     /// All parameters of the graph with their values, in the order of the file.
     pub parameters: Map<String, Json>,
-    /// Why parameters have their values, of those that an expression over facts or other parameters gave.
+    /// Reasons of parameters' values that an expression over facts or other parameters gave.
     pub reasons: BTreeMap<String, Reason>,
     /// Counts: `loaded` splats of the scene, and the graph's statistics of the last frame, such as `visible` and `drawn`.
     pub counts: Map<String, Json>,

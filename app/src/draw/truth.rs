@@ -54,7 +54,7 @@ impl fmt::Display for TruthStats {
 /// An exact picture with its statistics.
 #[derive(Clone, Debug)]
 pub struct Truth {
-    /// Colours, and what else is known of each pixel.
+    /// Colours and the other outputs of each pixel.
     pub picture: Picture,
     /// Its statistics.
     pub stats: TruthStats,
@@ -116,7 +116,7 @@ impl Truth {
     }
 }
 
-/// Rounds the colours of an exact picture to f32; those beyond its range to the last number in it.
+/// Rounds the colours of an exact picture to f32; colours beyond the range become its largest number.
 pub fn image_of(picture: &Picture) -> Image {
     let limit = f64::from(f32::MAX);
     let rounded = |channel: f64| channel.clamp(-limit, limit) as f32;
@@ -127,7 +127,7 @@ pub fn image_of(picture: &Picture) -> Image {
 /// Changes rules of the published rasteriser by `NAME=VALUE`.
 ///
 /// # Errors
-/// For a name that is none of [`RULES`], and for a value that the rule does not take.
+/// A name is not in [`RULES`], or a rule does not take the value.
 pub fn rules(changes: &[(String, String)]) -> Result<Rules, RuleError> {
     let mut rules = Rules::PUBLISHED;
     changes.iter().try_for_each(|(name, value)| rules.set(name, value))?;

@@ -1,4 +1,4 @@
-//! Tells what a text in a graph file means, from what stands before it: the file may be broken while it is typed.
+//! Finds the meaning of a text in a graph file from the text before it, because the file may be incomplete while it is typed.
 
 use std::ops::Range;
 
@@ -76,12 +76,12 @@ impl Scan {
         scan(text, None)
     }
 
-    /// Lists a bracket and those around it, the innermost first.
+    /// Lists a bracket and the brackets around it, the innermost first.
     pub fn around(&self, group: usize) -> impl Iterator<Item = &Group> {
         std::iter::successors(self.groups.get(group), |group| self.groups.get(group.parent?))
     }
 
-    /// Tells what a text means.
+    /// Finds the meaning of a text.
     pub fn meaning(&self, text: &Text) -> Meaning {
         meaning(&self.around(text.group).collect::<Vec<_>>(), text.key.as_deref())
     }
@@ -179,7 +179,7 @@ fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
     last
 }
 
-/// Tells what a text means that is the value of `key` in the first of these brackets, which has the others around it.
+/// Finds the meaning of the value of `key` in the first of these brackets, which has the others around it.
 fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
     let Some((group, around)) = around.split_first() else { return Meaning::Free };
     match (key, group.lead.as_str()) {

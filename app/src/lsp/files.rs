@@ -1,4 +1,4 @@
-//! Finds the graphs that may use a file, those of the editor's folders or those around the file, and the facts that they are built with.
+//! Finds the graphs that may use a file, in the editor's folders or around the file, and the facts that they are built with.
 
 use crate::draw::facts::{self, SceneFacts};
 use splatgraph_framework::ir::{Catalog, Facts};
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// Bounds the files that are looked at, in case the editor's folder is a whole disk.
 const MAX_ENTRIES: usize = 20_000;
 
-/// Bounds the nesting of folders below those that are searched.
+/// Greatest depth of folders that are searched below the editor's.
 const MAX_DEPTH: usize = 6;
 
 /// Subgroups of a GPU and of a CPU, for which graphs are built.
@@ -30,7 +30,7 @@ pub fn canonical(path: &Path) -> PathBuf {
     if path.is_absolute() { path.canonicalize().unwrap_or_else(|_| path.to_owned()) } else { path.to_owned() }
 }
 
-/// Lists the open graphs, and those in the editor's `folders` or, if none of these holds the file, around it.
+/// Lists the open graphs, and the graphs in the editor's `folders` or, if none of these contains the file, around it.
 ///
 /// Around a file are its folder and the folders `pipelines` beside it and beside the folders that it is in, three levels up.
 pub fn graphs_near(path: &Path, open: &BTreeMap<PathBuf, String>, folders: &[PathBuf]) -> Vec<String> {

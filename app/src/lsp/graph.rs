@@ -22,7 +22,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops;
 use std::path::{Path, PathBuf};
 
-/// A planner, and what is known of each graph since it was last right.
+/// A planner, and the newest correct version of each graph.
 #[derive(Default)]
 pub struct Workspace {
     planner: Planner,
@@ -31,7 +31,7 @@ pub struct Workspace {
     folders: Vec<PathBuf>,
 }
 
-/// Keeps what a graph declared when it had no mistake.
+/// The declarations of the newest version of a graph without errors.
 #[derive(Default)]
 struct Known {
     /// Resources with a description each.
@@ -113,7 +113,7 @@ impl Workspace {
         }
     }
 
-    /// Lists what can stand at a byte of a graph's text.
+    /// Lists the completions at a byte of a graph's text.
     pub fn completion(&mut self, path: &Path, text: &str, offset: usize) -> Vec<CompletionItem> {
         let Some(cursor) = cursor::at(text, offset) else { return Vec::new() };
         let none = Known::default();
@@ -191,7 +191,7 @@ impl Workspace {
         offered.into_iter().map(item).collect()
     }
 
-    /// Says what the text at a byte is: a parameter, a value, a resource; and the value of the whole expression.
+    /// Describes the parameter, value or resource at a byte, and the value of the whole expression.
     pub fn hover(&mut self, path: &Path, text: &str, offset: usize) -> Option<Hover> {
         let cursor = cursor::at(text, offset)?;
         let known = self.known.get(path)?;
@@ -232,7 +232,7 @@ impl Workspace {
 
     /// Lists the barriers before the passes of a graph, and the values of its `let`s.
     ///
-    /// A part has no plan of its own: its passes are those of another open graph.
+    /// A part has no plan: its passes are looked up in the plans of open graphs.
     pub fn hints(&self, path: &Path, text: &str) -> Vec<InlayHint> {
         let own = self.known.get(path);
         let others = self.known.iter().filter(|(other, _)| *other != path).map(|(_, known)| known);
@@ -255,14 +255,14 @@ impl Workspace {
         Index::of(&mut self.planner, &graphs)
     }
 
-    /// Lists the places that declare what stands at a byte of a graph or a shader.
+    /// Lists the declarations of the name at a byte of a graph or a shader.
     pub fn definitions(&mut self, at: (&Path, usize), open: &BTreeMap<PathBuf, String>) -> Vec<Location> {
         let index = self.index(at.0, open);
         let places = index.definitions(&in_index(at.0), at.1);
         places.iter().filter_map(|place| location(&index, place, open)).collect()
     }
 
-    /// Lists every place of what stands at a byte of a graph or a shader.
+    /// Lists every place of the name at a byte of a graph or a shader.
     pub fn references(&mut self, at: (&Path, usize), open: &BTreeMap<PathBuf, String>) -> Vec<Location> {
         let index = self.index(at.0, open);
         let places = index.places(&in_index(at.0), at.1);
@@ -281,7 +281,7 @@ impl Workspace {
         Some((location(&index, &place, open)?.range, text))
     }
 
-    /// Lists the edits that rename what stands at a byte, by file; see [`rename::rename`].
+    /// Lists the edits that rename the name at a byte, by file; see [`rename::rename`].
     pub fn rename(
         &mut self,
         at: (&Path, usize),
@@ -404,7 +404,7 @@ fn beside(graph: &Path, graphs: bool) -> Vec<String> {
     names.filter(wanted).collect()
 }
 
-/// Collects the blocks and images that a shader and what it includes declare, by their `layout` lines.
+/// Collects the blocks and images that a shader and its includes declare, by their `layout` lines.
 ///
 /// The shader may not compile while it is typed, and constants that switch parts of it may be unknown: so all are listed.
 fn blocks(planner: &mut Planner, graph: &str, shader: &str, names: &mut BTreeSet<String>, depth: u32) {

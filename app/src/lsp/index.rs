@@ -29,13 +29,13 @@ pub struct Place {
 /// Spelling of a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
-    /// As it is declared.
+    /// The spelling of the declaration.
     Plain,
     /// In capitals, as the constant of a shader.
     Macro,
 }
 
-/// A name that was found, with what it stands for.
+/// A name in a file, and its meaning.
 struct Found {
     end: usize,
     form: Form,
@@ -441,7 +441,7 @@ impl Index {
         Place { file, start: declared.range.start, end: declared.range.end }
     }
 
-    /// Returns the place and the declared name of what stands at a byte of a file; `None` if no graph declares it.
+    /// Returns the place and the declared name of the name at a byte of a file; `None` if no graph declares it.
     pub fn name_at(&self, path: &str, offset: usize) -> Option<(Place, &str, Form)> {
         let ((_, start), found) = self.at(path, offset)?;
         let declared = &self.declarations[*found.declarations.first()?];
@@ -449,7 +449,7 @@ impl Index {
         Some((place, &declared.name, found.form))
     }
 
-    /// Lists every place of what stands at a byte of a file, in all files, sorted.
+    /// Lists every place, in all files, of the name at a byte of a file, sorted.
     pub fn places(&self, path: &str, offset: usize) -> Vec<(Place, Form)> {
         let Some(class) = self.at(path, offset).and_then(|(_, found)| found.declarations.first()) else {
             return Vec::new();

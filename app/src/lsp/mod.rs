@@ -1,6 +1,6 @@
 //! The language server: what an editor shows while a graph or a shader is typed.
 //!
-//! Diagnostics are those of `splatgraph check`, without the replay of barriers. Graphs that are open are built anew after
+//! Diagnostics are the errors and warnings of `splatgraph check`, without the replay of barriers. Open graphs are built anew after
 //! each change of a file that is open, with the editor's text in place of the file's. [`cursor`] tells what a text in a graph means, [`names`]
 //! lists the names in a file, [`index`] resolves them across files, [`rename`] changes them, [`hints`] shows barriers, [`graph`] builds graphs and
 //! answers, [`files`] finds the graphs around a file, and [`text`] converts positions and names of files.
@@ -107,7 +107,7 @@ fn folders(editor: &InitializeParams) -> Vec<PathBuf> {
 /// The result of a request, or the error that the editor shows.
 type Answer = Result<Value, (ErrorCode, String)>;
 
-/// Reads the parameters of a request, and writes what `answer` makes of them.
+/// Reads the parameters of a request, and writes the result of `answer`.
 fn answered<P: DeserializeOwned, R: serde::Serialize>(
     params: Value,
     answer: impl FnOnce(P) -> Result<R, String>,

@@ -1,4 +1,4 @@
-//! Renames what a graph declares in all files that use it, and builds the graphs with the new name before it is offered.
+//! Renames a graph's declarations in all files that use them, and builds the graphs with the new name before it is offered.
 
 use super::files::{LANES, nominal};
 use super::index::{Form, Index, Place, capital};
@@ -10,12 +10,12 @@ use std::path::PathBuf;
 /// A range of bytes of a file, and the text that takes its place.
 pub type Edit = (std::ops::Range<usize>, String);
 
-/// Lists the edits of each file that rename what stands at a byte of a file.
+/// Lists the edits of each file that rename the name at a byte of a file.
 ///
 /// `open` are the texts that the editor holds. The planner reads them again in the end.
 ///
 /// # Errors
-/// Says why there is nothing to rename, why the name is none, which file cannot be changed, or what the new name would break.
+/// The byte has no name, the new name is not valid, a file cannot be changed, or the new name would break a graph.
 pub fn rename(
     planner: &mut Planner,
     index: &Index,

@@ -1,6 +1,6 @@
 //! Scores pictures of a scene against the photographs that it was trained on.
 //!
-//! The numbers are those of papers: a mean over the test views of PSNR and SSIM, and of FLIP beside them.
+//! The scores are the mean PSNR and SSIM over the test views, as in papers, and the mean FLIP.
 
 use crate::io::image::Image;
 use crate::io::output::one_line;

@@ -1,4 +1,4 @@
-//! Defines what all studies share: their subject, the listener that follows them, and their error.
+//! Defines the subject of studies, the listener that follows them, and their error.
 //!
 //! A study is a function `study`: it takes a [`Subject`], what is wanted of it, and a [`Listener`], and returns its numbers. It writes no file
 //! of results and prints nothing; the command line does both with what it gets.
@@ -39,7 +39,7 @@ pub trait Listener {
     /// Takes the number of steps done of a task, with the name of the next step. `Break` cancels the study.
     fn progress(&mut self, task: &str, done: u64, of: u64, step: &str) -> ControlFlow<()>;
 
-    /// Takes a message for a person, such as what is not measured and why.
+    /// Takes a message for a person, such as the reason that a setting is not measured.
     fn say(&mut self, message: &str);
 }
 
@@ -166,7 +166,7 @@ pub enum StudyError {
         #[source]
         error: Box<StudyError>,
     },
-    /// The inputs allow no measurement. The text says what was expected and what was found.
+    /// The inputs allow no measurement. The text names the expected and the found input.
     #[error("{0}")]
     Input(String),
     /// No setting has a name that begins so.

@@ -1,4 +1,4 @@
-//! Finds the plans whose frames may differ although their inputs do not: those that keep a history, or read the number of the frame.
+//! Finds the plans whose frames may differ for equal inputs: plans that keep a history, or read the number of the frame.
 
 use crate::draw::camera::{CAMERA, FRAME_NUMBER};
 use splatgraph_framework::ir::{Pass, ReflectedKind, Shader, Source, Work};

@@ -78,7 +78,7 @@ pub enum SaveError {
     Output(#[from] OutputError),
 }
 
-/// Writes files of cameras, and remembers them: nothing but what this window wrote is ever replaced.
+/// Writes files of cameras, and remembers them: only files of this window are replaced.
 #[derive(Clone, Debug, Default)]
 pub struct CameraFiles {
     /// The texts by their files, as absolute paths.
@@ -89,7 +89,7 @@ impl CameraFiles {
     /// Writes a `cameras.json` of cameras in the world's coordinates; the file is whole, or not there.
     ///
     /// # Errors
-    /// There are no cameras; the file cannot be written; or it exists, and this window did not write what is in it.
+    /// There are no cameras; the file cannot be written; or it exists, and this window did not write its contents.
     pub fn save(&mut self, cameras: &[Camera], path: &Path) -> Result<(), SaveError> {
         if cameras.is_empty() {
             return Err(SaveError::Empty);

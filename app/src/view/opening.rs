@@ -134,7 +134,7 @@ impl Opening {
         Ok(())
     }
 
-    /// Reads the scenes for the other viewport each: what is being read for A is read for B.
+    /// Reads each scene that is being read for a viewport again for the other.
     ///
     /// # Errors
     /// The system starts no thread.

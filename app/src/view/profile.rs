@@ -35,7 +35,7 @@ pub fn frame() {
     }
 }
 
-/// Says what captures the next frame of the window on request; none where nothing can.
+/// Name of the tool that captures the next frame of the window on request; `None` without one.
 pub const CAPTURES: Option<&str> = if cfg!(feature = "renderdoc") {
     Some("RenderDoc")
 } else if cfg!(target_vendor = "apple") {
@@ -47,7 +47,7 @@ pub const CAPTURES: Option<&str> = if cfg!(feature = "renderdoc") {
 /// Captures the next frame of the window, with RenderDoc where it is compiled in. `document` names a new file for Metal's.
 ///
 /// # Errors
-/// Nothing that captures is compiled in, or available.
+/// No capture tool is compiled in or available.
 pub fn capture_next_frame(document: impl FnOnce() -> PathBuf) -> Result<(), String> {
     #[cfg(feature = "renderdoc")]
     {

@@ -1,6 +1,6 @@
 //! Opens the device again after its loss.
 //!
-//! A driver ends a device when a pass runs for too long, when the GPU is reset or unplugged; a window's surface can be lost, too.
+//! A driver ends a device when a pass runs for too long, or when the GPU is reset or unplugged; a window's surface can also be lost.
 //! A [`Recovery`] draws the frames of a [`Shell`] and takes note of a loss: everything on the device is given up, another is opened,
 //! and the scene, which is still in the memory of the host, is uploaded again. Contents of histories are lost.
 //!
@@ -64,7 +64,7 @@ impl<D: Device> Recovery<D> {
     /// Opens the first device; see [`Open`].
     ///
     /// # Errors
-    /// Those of the device.
+    /// The device cannot be opened.
     pub fn open(&mut self, size: (u32, u32), vsync: bool) -> Result<(D, D), BackendError> {
         (self.open)(size, vsync)
     }

@@ -171,7 +171,7 @@ impl<D: Device> Shell<D> {
         if self.canvas.plan().is_some() { None } else { self.canvas.failure() }
     }
 
-    /// Describes what prevents that the requested state is shown, without colours; none if nothing does.
+    /// Describes the errors that keep the requested state from being shown, without colours; empty if there are none.
     ///
     /// These are the problems of A, of B if it is shown, of A's inspection, and of the window itself.
     pub fn problem(&self) -> Option<String> {
@@ -267,7 +267,7 @@ impl<D: Device> Shell<D> {
         all.into_iter().flatten().min()
     }
 
-    /// Counts changes of what the panels show.
+    /// Counts the changes that panels show.
     fn changes(&self) -> u64 {
         self.viewer.changes() + self.canvas.changes() + self.reported
     }
@@ -401,7 +401,7 @@ impl<D: Device> Shell<D> {
     /// Waits for the frames in flight.
     ///
     /// # Errors
-    /// As [`Renderer::finish`].
+    /// See [`Renderer::finish`].
     pub fn finish(&mut self, within: Duration) -> Result<(), BackendError> {
         self.viewer.finish(within)?;
         self.canvas.finish(within)
@@ -418,7 +418,7 @@ impl<D: Device> Shell<D> {
         }
     }
 
-    /// Returns what the device was working on when a frame was not done at the last look.
+    /// Returns the pass that the device was running when a frame was late at the last look.
     pub fn stalled(&self) -> Option<&Running> {
         self.viewer.stalled().or_else(|| self.canvas.stalled())
     }
@@ -438,7 +438,7 @@ impl<D: Device> Shell<D> {
     /// Continues on another device. `canvas` draws the window, as in [`Shell::new`], and `device` the scene.
     ///
     /// # Errors
-    /// As [`Viewer::give`].
+    /// See [`Viewer::give`].
     pub fn give(&mut self, canvas: D, device: D) -> Result<(), BackendError> {
         self.viewer.to_host = !device.shares_device(&canvas);
         self.shown = None;

@@ -1,6 +1,6 @@
-//! Undoes and redoes what a person changed: scene, graphs, parameters, comparison, background, resolution.
+//! Undoes and redoes a person's changes: scene, graphs, parameters, comparison, background, resolution.
 //!
-//! After each frame the viewer's [`Settings`] are compared with those before. A change that has come to rest (no button is held) becomes
+//! After each frame the viewer's [`Settings`] are compared with the frame before. A change at rest (no button is held) becomes
 //! a step. Changes that the program makes by itself, such as dropping a parameter that a new graph lacks, become part of the
 //! step before.
 
@@ -53,7 +53,7 @@ impl Settings {
         }
     }
 
-    /// Makes these the settings of a viewer; only what differs is touched.
+    /// Applies the settings to a viewer; equal ones are not touched.
     fn apply<D: Device>(&self, viewer: &mut Viewer<D>) {
         let mut now = Settings::of(viewer);
         if now.scene != self.scene && now.other.as_ref() == Some(&self.scene) {
@@ -85,7 +85,7 @@ impl Settings {
         }
     }
 
-    /// Names what differs from other settings: `digit_bits`, `graph`, `2 parameters`.
+    /// Names the differences from other settings: `digit_bits`, `graph`, `2 parameters`.
     fn difference(&self, other: &Settings) -> String {
         let mut parts: Vec<String> = Vec::new();
         if self.scene != other.scene || self.other != other.other {
@@ -154,7 +154,7 @@ impl History {
         !self.future.is_empty()
     }
 
-    /// Undoes the newest step; returns what it changed.
+    /// Undoes the newest step; returns a description of the change.
     pub fn undo<D: Device>(&mut self, viewer: &mut Viewer<D>) -> Option<String> {
         let (to, now) = (self.past.pop()?, self.now.take()?);
         let text = to.difference(&now);
@@ -162,7 +162,7 @@ impl History {
         Some(self.go(to, text, viewer))
     }
 
-    /// Does the newest undone step again; returns what it changed.
+    /// Redoes the step that was undone last; returns a description of the change.
     pub fn redo<D: Device>(&mut self, viewer: &mut Viewer<D>) -> Option<String> {
         let (to, now) = (self.future.pop()?, self.now.take()?);
         let text = to.difference(&now);

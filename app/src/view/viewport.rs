@@ -55,18 +55,18 @@ impl Inspection {
 /// The progress of reading a picture back.
 #[derive(Debug, Default)]
 enum Reading {
-    /// None is wanted.
+    /// No picture is requested.
     #[default]
     Idle,
     /// The next frame is to be read.
     Wanted,
     /// The frame of this number is read; see [`Renderer::submitted`].
     InFlight(u64),
-    /// The picture, or the reason why there is none.
+    /// The picture, or the error.
     Done(Result<Pixels, String>),
 }
 
-/// What a viewport shows, and how.
+/// The inputs of a viewport's picture.
 pub(super) struct View<'a> {
     pub scene: &'a Scene,
     pub camera: &'a Camera,
@@ -94,7 +94,7 @@ impl PartialEq for Drawn {
 /// A picture for the window.
 struct Exhibit {
     shown: Shown,
-    /// Tells pictures apart, of whatever viewport.
+    /// The number of the picture, unique among all viewports.
     number: u64,
     plan: Arc<Plan>,
     /// See [`Renderer::subject`].
@@ -150,14 +150,14 @@ impl<D: Device> Viewport<D> {
         self.stats.iter().find(|(stat, _)| stat == name).map(|(_, value)| *value)
     }
 
-    /// Describes what is drawn in place of a graph that the device lacks something for.
+    /// Describes the fallback that is drawn for a graph whose requirements the device does not meet.
     pub fn fallback(&self) -> Option<String> {
         let lacking = Fallback::lacking(&self.renderer.plan()?.fallbacks);
         let all: Vec<String> = lacking.map(ToString::to_string).collect();
         (!all.is_empty()).then(|| all.join("; "))
     }
 
-    /// Describes what facts chose: the graph behind a preset, and the constants with their reasons.
+    /// Describes the choices made by facts: the graph behind a preset, and the constants with their reasons.
     pub fn decisions(&self) -> Option<String> {
         let plan = self.renderer.plan()?;
         let decisions = plan.decisions();
@@ -359,7 +359,7 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Notes what a submitted frame reads.
+    /// Records the reads of a submitted frame.
     fn note(&mut self, inputs: &FrameInputs) {
         if inputs.read_output && matches!(self.reading, Reading::Wanted) {
             self.reading = Reading::InFlight(self.renderer.submitted());
@@ -434,7 +434,7 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Takes a picture that was read back, for whoever requested it and for the window.
+    /// Takes a picture that was read back, for its requester and for the window.
     fn take_output(&mut self, picture: Pixels, done: &FinishedFrame, to_host: bool) {
         if matches!(self.reading, Reading::InFlight(number) if number <= done.number) {
             self.reading = match self.part() {

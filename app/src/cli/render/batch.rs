@@ -21,7 +21,7 @@ use std::path::PathBuf;
 
 /// The cameras between their submission and the line that tells of them.
 pub struct Batch {
-    /// Where pictures go; `None` without any.
+    /// The destination of pictures; `None` if none is written.
     pub destination: Option<Destination>,
     /// The files of outputs besides the picture, by their names, and the number of cameras that have one each.
     files: (Vec<(String, PathBuf)>, usize),
@@ -103,7 +103,7 @@ impl Batch {
     /// Waits for all frames in flight, as must be before another plan is prepared.
     ///
     /// # Errors
-    /// Those of [`Batch::submit`].
+    /// See [`Batch::submit`].
     pub fn land_all(&mut self, session: &mut Session<Backend>, progress: &Progress) -> Result<()> {
         while !self.flying.is_empty() {
             self.land(session, progress)?;
@@ -127,7 +127,7 @@ impl Batch {
         self.save(Shown { stats, output, outputs, no_colours, stem }, progress)
     }
 
-    /// Starts to write a camera's picture, and tells of those that are written.
+    /// Starts to write a camera's picture, and reports the pictures that are written.
     ///
     /// # Errors
     /// The picture is missing, or a previous one cannot be written.

@@ -42,7 +42,7 @@ pub fn inspect_request(text: &str) -> Result<InspectRequest, String> {
     Ok(InspectRequest { resource, pass, file })
 }
 
-/// Lists what is drawn and read for every camera.
+/// The requests for every camera: frames to draw, and outputs to read.
 pub struct Wanted<'a> {
     /// Frames that count.
     pub repeat: u32,

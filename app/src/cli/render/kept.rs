@@ -1,4 +1,4 @@
-//! Keeps the results of a camera's frames: those that count, and the prologue's times.
+//! Keeps the results of a camera's frames that count, and the prologue's times.
 
 use crate::draw::stats::CameraStats;
 use splatgraph_api::{DeviceInfo, FrameResult, Pixels};

@@ -147,7 +147,7 @@ fn repeat(text: &str) -> Result<u32, String> {
 /// The cameras and files of a run, known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
-    /// The cameras of the command line; `None` for those of the scene.
+    /// The cameras of the command line; `None` for the scene's.
     given: Option<Vec<Camera>>,
     destination: Option<Destination>,
     /// A unique file name for each camera, without extension.

@@ -344,7 +344,7 @@ impl Job<'_> {
         Ok(record)
     }
 
-    /// Says what was drawn, and how fast.
+    /// Reports the drawn frames and their rate.
     fn summary(&self, drawn: usize, seconds: f64, ms: Option<f64>) -> String {
         let ((width, height), frames) = (self.size, self.film.frames);
         let path = &self.args.output;

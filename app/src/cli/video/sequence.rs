@@ -1,4 +1,4 @@
-//! Numbers the pictures of a film in a folder, and finds those that are still missing.
+//! Numbers the pictures of a film in a folder, and finds the missing ones.
 //!
 //! `film.json` records everything that the pictures' pixels follow from. Pictures are whole or not there, so those beside an equal
 //! record need not be drawn again.

@@ -23,7 +23,7 @@ const UNEVEN: f64 = 1e-3;
 const BISECTIONS: (u32, u32) = (4, 24);
 /// Length of an interval that is not bisected any more, as a share of the distances between all keys.
 const TINY: f64 = 1e-7;
-/// The same, as a multiple of the rounding of a view: the ways between its neighbours are noise.
+/// Length of an interval that is not bisected any more, as a multiple of a view's rounding error: differences below it are noise.
 const NOISE: f64 = 1e3;
 
 /// Position, rotation and zoom of a camera.

@@ -34,7 +34,7 @@ pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
 /// The order of sorted keys.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct KeyOrder {
-    /// Number of examined keys: those that the frame sorted, or all if that number is unknown.
+    /// Number of examined keys: as many as the frame sorted, or all if that number is unknown.
     pub keys: u64,
     /// Number of lowest bits that are not compared, because the sort leaves them to a later pass.
     #[serde(skip_serializing_if = "is_zero")]

@@ -65,10 +65,10 @@ pub enum SessionError {
         room: i64,
         /// The need of the frame.
         needed: i64,
-        /// The error of the plan. No source: its text is part of this one's, whichever kind it is.
+        /// The error of the plan. Its text is part of this error's, so it is not a source.
         error: Box<SessionError>,
     },
-    /// A frame is drawn again with a plan that lacks what was to be inspected.
+    /// A frame is drawn again with a plan that lacks the inspected resource or pass.
     #[error(transparent)]
     Inspect(#[from] InspectError),
 }
@@ -376,7 +376,7 @@ impl<D: Device> Session<D> {
         Ok(Flight { id, camera, request, number, plan: plan.clone(), growths: self.growths })
     }
 
-    /// Waits for a frame and returns its results, those of the current plan.
+    /// Waits for a frame and returns its results, by the current plan.
     ///
     /// An incomplete frame is drawn again, with room for a quarter more than it needed: see the module's documentation.
     /// Frames must be waited for before another size is prepared.

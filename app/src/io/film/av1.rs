@@ -1,7 +1,7 @@
 //! Writes AV1 in MP4: encoded by rav1e, without its assembler code, and put into boxes by shiguredo_mp4.
 //!
-//! The encoded film is kept in memory until its end, which is when a box near the start of the file gets its contents. Colours are
-//! those of [`super::y4m`], and the stream says so.
+//! The encoded film is kept in memory until its end, because a box near the start of the file describes all frames. Colours are as
+//! in [`super::y4m`], and the stream names them.
 
 use super::frame::{Frame, Rate, Writer, mixed};
 use crate::io::output::file::Cause;

@@ -1,4 +1,4 @@
-//! Defines what the formats of films share: encoded frames, their writer and their rate.
+//! Defines the encoded frames of films, their writer and their rate, for all formats.
 
 use crate::io::output::file::Cause;
 use std::fmt;

@@ -1,7 +1,7 @@
 //! Writes films: pictures at a constant rate in one file.
 //!
 //! Writing a frame has two steps. [`Format::encode`] does what needs no other frame, on any thread; a [`Writer`] takes the results in
-//! order. Values are clamped to 0..1, like those of 8-bit pictures.
+//! order. Values are clamped to 0..1, as in 8-bit pictures.
 //!
 //! - `.gif` shows anywhere: 256 colours in each frame, chosen by NeuQuant, without dithering, which would not compress;
 //! - `.apng` and `.png` are animated PNGs, and keep every pixel's 8 bits;

@@ -1,6 +1,6 @@
 //! Writes YUV4MPEG2 (`.y4m`): a line of text, then uncompressed frames.
 //!
-//! Colours are those of HD video: BT.709 in the limited range, 4:2:0, with each chroma sample in the middle of four pixels. The
+//! Colours are as in HD video: BT.709 in the limited range, 4:2:0, with each chroma sample in the middle of four pixels. The
 //! format has no field for the matrix, so a reader has to assume BT.709; most do so for pictures of 720 rows and more.
 
 use super::frame::{Frame, Rate, Writer, mixed};

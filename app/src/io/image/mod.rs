@@ -29,7 +29,7 @@ impl Image {
     /// Reads the width and height of a picture in pixels, from its header alone.
     ///
     /// # Errors
-    /// Those of [`Image::load`] that the header shows.
+    /// See [`Image::load`]; only the header is read.
     pub fn size_of(path: &Path) -> Result<(usize, usize), ImageError> {
         if let Some((archive, array)) = split_member(path) {
             return npy::member_size(&archive, &array);
@@ -55,10 +55,10 @@ impl Image {
         }
     }
 
-    /// Loads what [`Image::load`] does and keeps every digit of float64 arrays. Also returns the file's precision.
+    /// Loads a picture as [`Image::load`] does, with every digit of float64 arrays. Also returns the file's precision.
     ///
     /// # Errors
-    /// Those of [`Image::load`].
+    /// See [`Image::load`].
     pub fn load_wide(path: &Path) -> Result<(Image<f64>, Depth), ImageError> {
         if let Some((archive, array)) = split_member(path) {
             return npy::load_member(&archive, &array);

@@ -44,7 +44,7 @@ impl Image {
     /// Loads a photograph; where it has an alpha channel, that blends it over `background`.
     ///
     /// # Errors
-    /// Those of [`Image::photograph_size`], and the file is damaged.
+    /// See [`Image::photograph_size`]; or the file is damaged.
     pub fn load_photograph(path: &Path, background: [f32; 3]) -> Result<Image, ImageError> {
         if is_png(path)? {
             return png::load_over(path, Some(background)).map(|(image, _)| image);

@@ -55,7 +55,7 @@ pub fn write(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>
 /// Writes these bytes as [`write()`] does.
 ///
 /// # Errors
-/// Those of [`write()`].
+/// See [`write()`].
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     write(path, |out| Ok(out.write_all(bytes)?))
 }

@@ -29,7 +29,7 @@ pub struct OutputGuard {
     folders: HashMap<Identity, String>,
 }
 
-/// What makes two paths the same file.
+/// The identity of a file, equal for all its paths.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Identity {
     StandardOutput,

@@ -21,7 +21,7 @@ pub fn is_harmful(c: char) -> bool {
     }
 }
 
-/// Spells out the harmful characters of a text, in the form `\u001b`, which is right inside JSON too.
+/// Escapes the harmful characters of a text as `\u001b`, which is also valid in JSON.
 pub fn harmless(text: &str) -> Cow<'_, str> {
     if !text.contains(is_harmful) {
         return Cow::Borrowed(text);
@@ -56,7 +56,7 @@ pub fn shell_word(word: &str) -> String {
     format!("'{}'", word.replace('\'', "'\\''"))
 }
 
-/// Spells out harmful characters, except those of colours (`ESC [ digits m`), which only this program's own renderers make.
+/// Escapes harmful characters, except sequences of colours (`ESC [ digits m`), which only this program's own renderers make.
 fn harmless_styled(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;

@@ -192,7 +192,7 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// Escapes text, and sets what stands between backquotes as code.
+/// Escapes text, and sets words between backquotes as code.
 fn inline(text: &str) -> String {
     let parts = text.split('`').enumerate();
     parts.fold(String::new(), |line, (at, part)| match at % 2 {

@@ -397,7 +397,7 @@ fn step_for(span: f64) -> f64 {
     power * round
 }
 
-/// The boxes of what is drawn already, so that names do not lie over each other.
+/// Boxes of the names drawn so far, which later names avoid.
 #[derive(Default)]
 struct Names {
     taken: Vec<[i32; 4]>,

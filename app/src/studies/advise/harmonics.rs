@@ -2,7 +2,7 @@
 //!
 //! The basis is orthonormal on the sphere, so that the mean square of a band over all directions is the sum of its squared
 //! coefficients over 4 pi (Parseval; Ramamoorthi and Hanrahan 2001, "An Efficient Representation for Irradiance Environment
-//! Maps"). Splats count by what they can show: opacity times area, and nothing below the alpha floor.
+//! Maps"). Splats are weighted by opacity times area; splats below the alpha floor do not count.
 
 use crate::studies::sweep::choice::world_area;
 use rayon::prelude::*;
@@ -22,7 +22,7 @@ pub struct Band {
     pub share: f64,
 }
 
-/// The energy of each band, 0 to 3: the mean square over the sphere of what the band adds to a channel.
+/// The energy of each band, 0 to 3: the mean square over the sphere of the band's part of a channel.
 pub type Energy = [f64; 4];
 
 /// Computes the energy of a splat's bands, the mean over its channels.

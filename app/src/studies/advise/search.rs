@@ -1,8 +1,8 @@
 //! Searches for the cheapest setting within a budget.
 //!
-//! Every parameter is measured alone, one step away from the exact settings. What several do together is predicted: squared
-//! errors add up, as those of independent causes do, and shares of time multiply. The cheapest predictions are then drawn,
-//! and only what was drawn and measured is advised. What noise hides is told: see [`crate::studies::measurement::noise`].
+//! Every parameter is measured alone, one step away from the exact settings. Combinations are predicted: squared errors add, as
+//! errors of independent causes do, and shares of time multiply. The cheapest predictions are then drawn, and only settings that
+//! were drawn and measured are advised. Differences within the noise are reported: see [`crate::studies::measurement::noise`].
 
 use crate::studies::measurement::noise::Share;
 use crate::studies::measurement::settings::{DEFAULTS, EXACT};
@@ -120,8 +120,8 @@ impl Predicted {
 
 /// Lists combinations to draw, the most promising first. `singles` hold the exact settings and others one parameter away from them.
 ///
-/// Settings of other graphs, and with other parameters away from their exact values, are not combined; nor are those that do not
-/// save time for sure. The second list names those of which noise hides it.
+/// Settings of other graphs, settings with further parameters away from their exact values, and settings that do not save time
+/// beyond the noise are not combined. The second list names the settings whose saving is within the noise.
 pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<String>) {
     let Some(exact) = singles.iter().find(|tried| tried.setting.name == EXACT) else {
         return (Vec::new(), Vec::new());
@@ -199,7 +199,7 @@ fn single_change(exact: &Setting, other: &Setting) -> Option<(String, String)> {
     changed.next().is_none().then(|| (name.clone(), value.clone()))
 }
 
-/// The best setting within the budget, with those that noise hides.
+/// The best setting within the budget, and the settings whose difference from it is within the noise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Best<'a> {
     /// The setting; `None` if none is within the budget for sure.
@@ -210,8 +210,8 @@ pub struct Best<'a> {
 
 /// Chooses the best setting within the budget: the fastest where an error is allowed, else the most accurate.
 ///
-/// Of settings that noise does not distinguish from the fastest, it is the most accurate. The defaults are chosen where they are within the
-/// budget, unless what would be chosen is faster (or, within a limit of time, more accurate) for sure.
+/// Among settings whose times noise does not distinguish from the fastest, the most accurate is chosen. Defaults within the budget are
+/// chosen unless another setting is faster (or, within a limit of time, more accurate) beyond the noise.
 pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
     let of = |wanted: Option<bool>| tried.iter().filter(move |tried| budget.allows(tried) == wanted);
     let more_accurate = |a: &'a Tried, b: &'a Tried| if b.least_psnr() > a.least_psnr() { b } else { a };
@@ -252,7 +252,7 @@ pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
 /// Decibels by which a picture must be closer to the truth to be worth a change of the defaults: more than a table rounds off.
 const LEAST_GAIN_DB: f64 = 0.1;
 
-/// Returns true if a setting within the budget is worth a change of the defaults, which are within it, too.
+/// Returns true if a setting is worth a change of the defaults; both are within the budget.
 fn is_better(other: &Tried, defaults: &Tried, budget: &Budget) -> bool {
     match budget.psnr {
         Some(_) => other.faster(defaults) == Some(true),

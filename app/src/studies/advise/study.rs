@@ -1,4 +1,4 @@
-//! Finds what a scene needs, and the cheapest setting within a budget.
+//! Finds the needs of a scene, and the cheapest setting within a budget.
 
 use super::harmonics::{self, Band};
 use super::search::{Best, Budget, Tried, best, combinations, own_share};

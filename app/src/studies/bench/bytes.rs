@@ -4,7 +4,7 @@ use splatgraph_framework::ir::{Pass, ResourceId, Work};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 
-/// Sums the buffers and images that a pass reads and those that it writes, each once, at their declared size.
+/// Sums the declared sizes of the buffers and images that a pass reads and writes, each once.
 ///
 /// A resource that is read and written counts twice, as in a copy; a target that is cleared is not read. A pass that reads something again moves
 /// more. One that finds less to do than there is room for, such as a sort of the visible splats alone, moves less.

@@ -1,4 +1,4 @@
-//! Measures how fast the device copies from buffer to buffer: the limit of what passes can move.
+//! Measures the device's bandwidth of copies between buffers, the limit of every pass.
 
 use super::measure::Bench;
 use crate::draw::facts::DEFAULT_SIZE;

@@ -92,7 +92,7 @@ pub struct Found {
     pub fallbacks: Vec<Fallback>,
     /// All parameters of the graph with their values.
     pub parameters: Map<String, Json>,
-    /// Why parameters have their values, of those that an expression over facts or other parameters gave.
+    /// Reasons of parameters' values that an expression over facts or other parameters gave.
     pub reasons: BTreeMap<String, Reason>,
     /// The mean of the views' medians.
     pub mean: Figures,

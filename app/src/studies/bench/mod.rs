@@ -2,7 +2,7 @@
 //!
 //! [`study()`] measures candidates. Candidates (graphs with their parameters) are loaded side by side on one device and draw their frames interleaved, so that a change of
 //! the device's clock concerns all of them ([`measure`]). First a copy from buffer to buffer shows how many bytes per second the
-//! device moves at best ([`limit`]); each pass is then held against the bytes that it must at least move ([`bytes`]). [`report`]
+//! device moves at best ([`limit`]); the time of each pass is compared with the bytes that it must at least move ([`bytes`]). [`report`]
 //! keeps the numbers of a run, [`table`] and [`plot`] show them, and [`sort`] measures the sort alone.
 
 pub mod bytes;

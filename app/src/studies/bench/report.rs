@@ -80,7 +80,7 @@ pub struct Row {
     pub size: Option<(u32, u32)>,
     /// The graph.
     pub pipeline: String,
-    /// The measurements, or the reason that there are none.
+    /// The measurements, or the error.
     pub found: Outcome,
 }
 
@@ -92,7 +92,7 @@ pub struct Report {
     pub origin: Origin,
     /// The scenes.
     pub scenes: Vec<SceneOrigin>,
-    /// The candidates: those of one scene, number of splats and size one after the other.
+    /// The candidates, grouped by scene, number of splats and size.
     pub rows: Vec<Row>,
 }
 
@@ -102,7 +102,7 @@ pub fn size_text(size: Option<(u32, u32)>) -> String {
 }
 
 impl Report {
-    /// Writes every figure as CSV (RFC 4180), a line each, with all digits; what there is none of is empty.
+    /// Writes every figure as CSV (RFC 4180), a line each, with all digits; missing values are empty.
     ///
     /// A line without a camera is the mean of the cameras' medians.
     pub fn csv(&self) -> String {
@@ -140,7 +140,7 @@ impl Report {
         text
     }
 
-    /// Returns the measurements of those that were drawn.
+    /// Returns the measurements of the candidates that were drawn.
     pub fn drawn(&self) -> impl Iterator<Item = &Found> {
         self.rows.iter().filter_map(|row| row.found.as_ref().ok())
     }

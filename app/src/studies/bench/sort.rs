@@ -47,7 +47,7 @@ pub struct Sorted {
 }
 
 impl Sorted {
-    /// Takes what concerns the sort; `None` if the graph has no such phase.
+    /// Takes the measurements of the sort; `None` if the graph has no such phase.
     fn new(pairs: u32, found: Found) -> Option<Sorted> {
         let mean = found.mean;
         let phase = mean.phases.into_iter().find(|phase| phase.name == PHASE)?;
@@ -70,7 +70,7 @@ pub struct Row {
     pub pairs: u32,
     /// Width of the keys, in bits.
     pub key_bits: u32,
-    /// The measurements, or the reason that there are none.
+    /// The measurements, or the error.
     pub found: Result<Sorted, String>,
 }
 
@@ -80,7 +80,7 @@ pub struct Report {
     /// The origin of the numbers.
     #[serde(flatten)]
     pub origin: Origin,
-    /// The sorts: those of one number of pairs one after the other.
+    /// The sorts, grouped by number of pairs.
     pub rows: Vec<Row>,
 }
 
@@ -155,7 +155,7 @@ impl Report {
         format!("{}\n{}{missing}", head(&self.origin, timed), table(&lines))
     }
 
-    /// Writes every sort as CSV (RFC 4180), a line each, with all digits; what there is none of is empty.
+    /// Writes every sort as CSV (RFC 4180), a line each, with all digits; missing values are empty.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "pairs,key_bits,gkeys_per_s,gpu_ms,spread_ms,at_most_ms,wall_ms,bytes,of_copy,memory_bytes,failed\n",

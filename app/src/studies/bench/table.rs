@@ -128,7 +128,7 @@ fn resting(row: &Row, found: &Found) -> String {
     }
 }
 
-/// Returns the passes of a candidate, then those that run once.
+/// Returns the passes of a candidate, then its passes that run once.
 ///
 /// On a CPU, bytes by time are left out.
 fn passes(found: &Found, is_cpu: bool) -> String {

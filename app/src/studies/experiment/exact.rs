@@ -1,4 +1,4 @@
-//! Draws with every parameter at its exact value, except for what an experiment changes.
+//! Draws with every parameter at its exact value, except for the changes of an experiment.
 
 use crate::draw::capture::{self, Capture};
 use crate::draw::session::{Session, SessionError};

@@ -42,7 +42,7 @@ pub struct Part {
     pub size: [u32; 2],
     /// The middle of its energy, in the world.
     pub point: [f64; 3],
-    /// The mean energy of bands 1 to 3 in it, by what shows of each splat.
+    /// The mean energy of bands 1 to 3 in it, weighted by the visible part of each splat.
     pub within: [f64; 3],
     /// The mean energy of bands 1 to 3 in the whole picture.
     pub whole: [f64; 3],

@@ -1,9 +1,9 @@
-//! Shows what an equation says on a scene, as a page that needs no other file.
+//! Shows an equation at work on a scene, as a page that needs no other file.
 //!
-//! An experiment changes one thing, draws, and holds the pictures against the exact renderer's. [`order`] changes the order in
+//! An experiment changes one thing, draws, and compares the pictures with the exact renderer's. [`order`] changes the order in
 //! which splats are blended, with a worked example of [`two`] splats. [`sh`] leaves out bands of the spherical harmonics, on
 //! the part of the picture that they matter most in, which [`gloss`] finds. Every number on a page is measured or computed
-//! when the page is made. [`study`] does either. All else is at its exact value ([`exact`]), so that the one thing is the only cause.
+//! when the page is made. [`study`] runs an experiment. Everything else is exact ([`exact`]), so the change is the only cause.
 
 pub mod exact;
 pub mod gloss;

@@ -3,7 +3,7 @@
 //! A splat's colour is a function of the direction, stored as the first coefficients of its expansion in real spherical
 //! harmonics. These are orthonormal, so that the mean square over all directions of what a renderer leaves out is the sum of
 //! the squares that it leaves out, over 4 pi, band by band. [`measure`] draws the glossiest part of a picture ([`gloss`]) from
-//! several directions with bands up to 0, 1, 2 and 3; [`page`] holds the errors against that sum.
+//! several directions with bands up to 0, 1, 2 and 3; [`page`] compares the errors with that sum.
 
 use super::exact::{self, GAIN, decibels, draw};
 use super::gloss::{self, Part};
@@ -50,7 +50,7 @@ pub struct Direction {
 pub struct Glossy {
     /// The part of the first camera's picture.
     pub part: Part,
-    /// That picture.
+    /// The first camera's picture.
     pub overview: Image,
     /// The pictures of the part.
     pub directions: Vec<Direction>,
@@ -235,7 +235,7 @@ fn pictures(page: &mut Page, glossy: &Glossy, highest: u32) -> Result<(), StudyE
     Ok(())
 }
 
-/// Writes the table of errors: measured, and what the sum of squares says.
+/// Writes the table of errors: measured, and predicted by the sum of squares.
 fn errors(page: &mut Page, glossy: &Glossy, highest: u32) {
     let Glossy { part, directions, .. } = glossy;
     page.heading("The error, measured and from the sum");

@@ -20,7 +20,7 @@ pub struct Error {
     pub worst: f64,
     /// The share of pixels that are off by more than 1/255 in a channel.
     pub off: f64,
-    /// `psnr_db` over the covered pixels alone; `None` if they are equal, or if there are none.
+    /// PSNR of the covered pixels; `None` if they are equal, or if no pixel is covered.
     pub covered_psnr_db: Option<f64>,
     /// `off` over the covered pixels alone.
     pub covered_off: f64,

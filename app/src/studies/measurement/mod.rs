@@ -1,8 +1,8 @@
 //! Measures settings: the model that all studies share.
 //!
 //! [`settings`] lists the ways to draw with a graph, and [`plans`] tells which of them draw the same. [`view`] draws a camera's picture and
-//! compares it with the truth ([`error`]); [`time`] draws frames interleaved with those of a baseline, so that a change of the device's clock
-//! cancels, and [`noise`] tells which differences in time are known.
+//! compares it with the truth ([`error`]); [`time`] draws frames interleaved with a baseline's, so that a change of the device's clock
+//! cancels, and [`noise`] tells which differences in time exceed the noise.
 
 pub mod error;
 pub mod noise;

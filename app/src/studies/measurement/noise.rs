@@ -121,7 +121,7 @@ pub enum Mark {
     Unlikely,
     /// Not on the front: another is at least as fast and as accurate.
     Beaten,
-    /// Not judged: its pictures do not show what it costs.
+    /// Not judged: its pictures do not show its cost.
     Hidden,
 }
 
@@ -132,7 +132,7 @@ pub struct Point {
     pub share: Option<Share>,
     /// Its PSNR in decibels; infinite for equal pictures.
     pub psnr_db: f64,
-    /// True if its pictures do not show what it costs.
+    /// True if its pictures do not show its cost.
     pub hidden: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Tells settings apart by their plans: what two equal plans draw, and how long it takes, can differ by noise alone.
+//! Tells settings apart by their plans: the pictures and times of two equal plans differ by noise alone.
 
 use super::settings::with_effect;
 use crate::draw::session::{Session, SessionError};
@@ -9,7 +9,7 @@ use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// Hashes what a plan executes: passes, shaders' code, sizes, memory, barriers and the live values that shaders read.
+/// Hashes the commands of a plan: passes, shaders' code, sizes, memory, barriers and the live values that shaders read.
 ///
 /// Names of the graph, places in its files and values that entered nothing do not count.
 pub fn fingerprint(plan: &Plan) -> u64 {
@@ -35,7 +35,7 @@ pub fn fingerprint(plan: &Plan) -> u64 {
     hash.finish()
 }
 
-/// Returns true if a plan draws from what it kept of the previous frame.
+/// Returns true if a plan draws from contents of the previous frame.
 pub fn uses_last_frame(plan: &Plan) -> bool {
     plan.resources.iter().any(|resource| resource.history.is_some())
 }
@@ -60,8 +60,8 @@ fn of_setting<D: Device>(
     Ok(Some(hash.finish()))
 }
 
-/// Leaves out the settings that draw what another does: those that change only a parameter without an effect in the plan of `exact`,
-/// and those whose plans are equal to those of an earlier one in the pictures of all cameras. Says which, and why.
+/// Leaves out the settings that draw the same as another, and reports each with the reason: its parameter has no effect in the plan of
+/// `exact`, or its plans for all cameras equal an earlier setting's.
 ///
 /// `exact` draws the first setting, and is prepared. Plans are built of the `wanted` settings. Returns each with the hash of its plans;
 /// `None` if one cannot be built.
@@ -94,7 +94,7 @@ pub fn to_measure<D: Device>(
     Ok(settings)
 }
 
-/// Leaves out settings whose plans are equal to those of an earlier one. Also returns a line for each.
+/// Leaves out settings whose plans equal an earlier setting's. Also returns a line for each.
 fn distinct(all: Vec<(Setting, Option<u64>)>) -> (Vec<(Setting, Option<u64>)>, Vec<String>) {
     let mut kept: Vec<(Setting, Option<u64>)> = Vec::new();
     let mut lines = Vec::new();

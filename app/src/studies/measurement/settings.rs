@@ -7,7 +7,7 @@ use splatgraph_framework::ir::{Domain, Param, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 
-/// Name of the setting that the others are held against.
+/// Name of the setting that others are compared with.
 pub const EXACT: &str = "exact";
 
 /// Name of the setting with the graph's defaults.

@@ -39,7 +39,7 @@ pub struct Time {
 pub struct Baseline<'a, D> {
     /// The session that draws them, prepared in the view's size.
     pub session: &'a mut Session<D>,
-    /// The milliseconds that shares are of; `None` for those of the same rounds.
+    /// The milliseconds of the baseline of shares; `None` for the baseline's time in the same rounds.
     pub ms: Option<f64>,
 }
 

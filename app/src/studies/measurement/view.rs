@@ -53,7 +53,7 @@ pub struct Measured {
     pub error: Error,
     /// Pairs of visible splats that are drawn in another order than that of their depth; `None` if the graph has no order.
     pub inversions: Option<u64>,
-    /// True if the picture is drawn from what was kept of the previous frame, which costs nothing that a still view shows.
+    /// True if the picture is drawn from contents of the previous frame, whose cost does not show in a still view.
     pub of_last_frame: bool,
     /// Bytes of memory on the device.
     pub gpu_bytes: u64,
@@ -86,13 +86,13 @@ pub fn measure<D: Device>(
     Ok(Ok((found, drawn)))
 }
 
-/// A picture with what is known of it.
+/// A picture, with its error and counts.
 pub struct Drawn {
     /// The picture.
     pub picture: Image,
     /// Its error.
     pub error: Error,
-    /// As [`Measured::inversions`].
+    /// Pairs of splats in the wrong order; see [`Measured::inversions`].
     pub inversions: Option<u64>,
     /// The graph's counts, such as `visible` and `drawn`.
     pub counts: Vec<(String, u32)>,

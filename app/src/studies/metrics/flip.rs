@@ -154,7 +154,7 @@ struct Plane {
 }
 
 impl Plane {
-    /// Filters rows by `across` and columns by `down`, of odd lengths. Pixels beyond an edge equal those at the edge.
+    /// Filters rows by `across` and columns by `down`, of odd lengths. Pixels beyond an edge equal the nearest pixel.
     fn filtered(&self, across: &[f64], down: &[f64]) -> Plane {
         let (width, height) = (self.width, self.height);
         let mut rows = vec![0.0; self.values.len()];

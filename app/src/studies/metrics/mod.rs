@@ -135,8 +135,8 @@ fn shown<C: Channel>(value: C) -> f64 {
     value.into().clamp(0.0, 1.0)
 }
 
-/// Computes PSNR in decibels over the pixels that `wanted` takes by their index, of pictures of one size; `None` if they are equal
-/// there, or if there are none.
+/// Computes PSNR in decibels over the pixels whose index `wanted` takes, of pictures of one size; `None` if they are equal there,
+/// or if `wanted` takes no pixel.
 pub fn psnr_over<C: Channel>(a: &Image<C>, b: &Image<C>, wanted: impl Fn(usize) -> bool) -> Option<f64> {
     let (mut sum, mut channels) = (0.0, 0usize);
     for (_, (a, b)) in a.rgb.iter().zip(&b.rgb).enumerate().filter(|(index, _)| wanted(*index)) {

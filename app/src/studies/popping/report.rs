@@ -19,15 +19,15 @@ pub struct Summary {
     pub pop_per_degree: Option<f64>,
     /// Mean excess of the steps.
     pub excess: f64,
-    /// The largest pop of a step, and the camera that the step ends at.
+    /// The largest pop of a step.
     pub worst_step: f64,
-    /// See `worst_step`.
+    /// Name of the camera at the end of the step with the largest pop.
     pub worst_camera: String,
     /// The pixel whose error changes most, of all steps.
     pub worst: WorstPixel,
     /// Mean number of pairs of splats that change places in a step.
     pub order_changes: Option<f64>,
-    /// The same for the true order of the same splats.
+    /// Mean number of pairs of splats that change places in a step, in the true order.
     pub true_order_changes: Option<f64>,
 }
 
@@ -60,7 +60,7 @@ pub fn summary(track: &Track) -> Summary {
     }
 }
 
-/// Says what the numbers are of, and what they are not: lines below a table.
+/// Explains the numbers of a table, in lines below it.
 pub const NOTES: &str = "\
 pop: of steps of this many degrees. At another step, kinds of error may change places: one that drifts falls with the step, one that jumps \
 falls less.
@@ -109,7 +109,7 @@ fn shown_degrees(degrees: f64) -> String {
     format!("{degrees:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// Writes every step of every variant as CSV (RFC 4180), with all digits; a value that there is none of is empty.
+/// Writes every step of every variant as CSV (RFC 4180), with all digits; missing values are empty.
 pub fn csv(tracks: &[Track]) -> String {
     let mut csv = String::from(
         "variant,step,camera,degrees,pop,excess,worst,worst_x,worst_y,change,true_change,order_changes,true_order_changes\n",

@@ -22,7 +22,7 @@ use serde::Serialize;
 pub struct Score {
     /// The mean change of the error.
     pub pop: f64,
-    /// The mean of what the picture changes more than the true one.
+    /// The mean change beyond the change of the true picture.
     pub excess: f64,
     /// The pixel whose error changes most, by the mean of its channels.
     pub worst: WorstPixel,

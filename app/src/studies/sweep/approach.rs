@@ -44,7 +44,7 @@ pub struct Fit {
 pub const STEPS: [(f64, u32); 8] =
     [(1.0, 1), (0.5, 1), (0.25, 1), (0.125, 1), (0.0625, 1), (0.125, 2), (0.125, 3), (0.125, 4)];
 
-/// Makes the cameras of [`STEPS`], on the line to the middle of what the first one sees.
+/// Makes the cameras of [`STEPS`], on the line to the middle of the first one's view.
 pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     let tan = [f64::from(first.width) / first.fx, f64::from(first.height) / first.fy].map(|v| 0.5 * v);
     let seen = |p: &[f32; 3]| {

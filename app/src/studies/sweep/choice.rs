@@ -12,9 +12,9 @@ use splatgraph_framework::lower::Control;
 pub enum Choice {
     /// The first ones of the file: a naive truncation.
     FileOrder,
-    /// Those of the largest opacity times area in the world, whatever the camera.
+    /// The splats with the largest product of opacity and area in the world, for every camera.
     WorldSize,
-    /// Those of the largest opacity times area on the screen, among those that can show there.
+    /// The splats with the largest product of opacity and area on the screen.
     ScreenSize,
     /// The nearest visible ones, cut after the sort: the graph's parameter `budget`.
     Nearest,
@@ -62,7 +62,7 @@ pub fn for_nearest(controls: &[Control]) -> Option<Vec<(String, String)>> {
     Some(sorted.map(|_| (SORTED.to_owned(), BY_SPLATS.to_owned())).into_iter().collect())
 }
 
-/// The parameter that says what is sorted by depth, and its value for splats.
+/// The parameter for the items that are sorted by depth, and its value for splats.
 const SORTED: &str = "sorted";
 const BY_SPLATS: &str = "splats";
 

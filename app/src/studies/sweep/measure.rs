@@ -39,7 +39,7 @@ pub fn counts(all: u32, steps: u32) -> Vec<u32> {
     counts
 }
 
-/// A session with all splats, from which those with fewer are made.
+/// The inputs of a sweep of one view.
 pub struct Sweep<'a, D> {
     /// The session that draws all splats, prepared in the view's size.
     pub whole: &'a mut Session<D>,

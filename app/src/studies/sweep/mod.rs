@@ -1,4 +1,4 @@
-//! Measures what a budget of splats costs in quality and saves in time, for several ways to choose the splats.
+//! Measures the loss of quality and the saved time of a budget of splats, for several ways to choose the splats.
 //!
 //! [`choice`] lists the ways and picks splats; [`measure`] draws a view with 1, 1/2, 1/4, ... of the splats and holds each
 //! picture against that of all of them; [`approach`] moves a camera closer, where time goes into covered pixels and no

@@ -220,7 +220,7 @@ impl Swept {
         rows
     }
 
-    /// Writes every step of every view as CSV (RFC 4180); a value that there is none of is empty.
+    /// Writes every step of every view as CSV (RFC 4180); missing values are empty.
     pub fn csv(&self) -> String {
         let phases: BTreeSet<&String> =
             self.steps.iter().flat_map(|s| s.time.iter().flat_map(|t| t.phases.keys())).collect();
@@ -339,7 +339,7 @@ impl Swept {
         Choice::ALL.iter().filter(|choice| !self.means(**choice).is_empty()).count()
     }
 
-    /// Sentences that the numbers say: the best choice at a quarter of the splats, and what the naive one loses there.
+    /// Sentences about the numbers: the best choice at a quarter of the splats, and the loss of the naive one.
     fn findings(&self) -> Vec<String> {
         let quarter = self.splats / 4;
         let at = |choice: Choice| {

@@ -25,7 +25,7 @@ pub struct Origin {
     pub scene: String,
     /// See `scene`.
     pub splats: u32,
-    /// A hash of what the scene holds.
+    /// A hash of the scene's contents.
     pub content: String,
     /// The cameras, as in cameras.json, with the size of their pictures.
     pub cameras: Json,
@@ -59,7 +59,7 @@ impl Origin {
         format!("{name}, {}", self.pipeline)
     }
 
-    /// Lists what differs from another origin, for people.
+    /// Lists the differences from another origin, for people.
     pub fn changes(&self, other: &Origin) -> Vec<&'static str> {
         let differs = [
             ("program", self.version != other.version || self.program != other.program),
@@ -105,7 +105,7 @@ pub struct Book {
 }
 
 impl Book {
-    /// Opens the ledger in a file, with its rows of the present plans; an empty one if there is none of this origin.
+    /// Opens the ledger in a file, with the rows whose plans have not changed; an empty ledger if the file has another origin.
     ///
     /// `plans` are the settings, each with the hash of its plans. The second value says which rows of the file are not kept, and why. The
     /// file itself stays as it is until the first row is added.
@@ -178,7 +178,7 @@ pub struct Line {
     pub share: Option<Share>,
     /// PSNR of the mean squared error of all views, in decibels; infinite for equal pictures.
     pub psnr_db: f64,
-    /// The same, over the covered pixels.
+    /// PSNR of the covered pixels, in decibels; infinite for equal pictures.
     pub covered_psnr_db: f64,
     /// Least SSIM of a view.
     pub ssim: Option<f64>,

@@ -1,4 +1,4 @@
-//! Measures what each setting of a graph saves, and what it costs in accuracy: the ledger.
+//! Measures the saving of each setting of a graph, and its cost in accuracy: the ledger.
 //!
 //! [`study()`] measures the graph with every parameter at its exact value, the same with one parameter changed, the graph's defaults, and
 //! the presets, except those that draw the same ([`crate::studies::measurement`]). [`measure()`](measure::measure) makes a row of a setting in a

@@ -71,7 +71,7 @@ pub(super) fn sign(mark: Mark) -> &'static str {
     }
 }
 
-/// Says in sentences what the marks of a table mean that are not `*`, and how large the noise is.
+/// Explains the marks of a table other than `*`, and the size of the noise, in sentences.
 pub fn notes(lines: &[Line]) -> Vec<String> {
     let names = |mark: Mark| -> Vec<&str> {
         lines.iter().filter(|line| line.mark == mark).map(|line| line.setting.as_str()).collect()
@@ -117,7 +117,7 @@ pub fn notes(lines: &[Line]) -> Vec<String> {
     notes
 }
 
-/// Sets lines as a table for a terminal; `*` marks the Pareto front, `?` what may be on it.
+/// Sets lines as a table for a terminal; `*` marks the Pareto front, `?` lines that may be on it.
 pub fn table(lines: &[Line]) -> String {
     let marked = |mark: &str, mut row: Vec<String>| {
         row[0].insert_str(0, mark);
@@ -128,7 +128,7 @@ pub fn table(lines: &[Line]) -> String {
     text::table(&std::iter::once(header).chain(lines.iter().map(row)).collect::<Vec<_>>())
 }
 
-/// Writes lines as CSV (RFC 4180), with all digits; a value that there is none of is empty.
+/// Writes lines as CSV (RFC 4180), with all digits; missing values are empty.
 pub fn csv(lines: &[Line]) -> String {
     let mut text = String::from(
         "setting,gpu_ms,spread_ms,of_exact,of_exact_low,of_exact_high,psnr_db,covered_psnr_db,ssim,flip,worst,off,inversions,gpu_bytes,pareto",

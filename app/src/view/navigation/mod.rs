@@ -1,8 +1,8 @@
 //! Moves the viewer's camera by pointer and keys.
 //!
 //! [`Navigation`] is a state machine without a window. It takes the input since the last update ([`Input`]) and returns a camera
-//! ([`Navigation::camera`]). The camera looks at its *pivot*, a point straight ahead at a stored distance. The controls are
-//! those of 3D modellers and game editors:
+//! ([`Navigation::camera`]). The camera looks at its *pivot*, a point straight ahead at a stored distance. The controls follow
+//! 3D modellers and game editors:
 //!
 //! | input | effect |
 //! |---|---|
@@ -13,7 +13,7 @@
 //! | double click, F | frame the scene, seen from the same direction |
 //! | Home | return to the first camera |
 //!
-//! Positions are in world units, in f64. The camera's axes are those of [`splatgraph_assets::Camera`]: x right, y down, z forward.
+//! Positions are in world units, in f64. The axes follow [`splatgraph_assets::Camera`]: x right, y down, z forward.
 //! Everything stays finite and orthonormal for every input.
 
 use glam::{DMat3, DQuat, DVec3};
@@ -160,8 +160,8 @@ impl Pose {
 
     /// Turns the camera in place or about its pivot, and keeps its roll against the horizon.
     ///
-    /// `yaw` is about the world's up, positive to the left seen from above; `pitch` is upwards. Both are in radians. For a camera
-    /// that is upside down, left and up are those of its image.
+    /// `yaw` is about the world's up, positive to the left seen from above; `pitch` is upwards. Both are in radians. A camera that is
+    /// upside down turns to the left and up of its image.
     fn turned(mut self, up: DVec3, yaw: f64, pitch: f64, about_pivot: bool) -> Pose {
         let sense = if self.down().dot(up) > UPSIDE_DOWN { -1.0 } else { 1.0 };
         let (yaw, pitch) = (sense * yaw, sense * pitch);
@@ -347,7 +347,7 @@ impl Navigation {
 
     /// Returns the current camera for a picture of this size; a length of 0 counts as 1.
     ///
-    /// As long as nothing moved a camera from a file, it is that camera [resized](Camera::resized), bit for bit in its own size.
+    /// Until input moves it, a camera from a file is [resized](Camera::resized) only: in its own size it keeps every bit.
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let (width, height) = (width.max(1), height.max(1));
         if let Some(camera) = &self.unmoved {

@@ -196,7 +196,7 @@ fn shape(picture: &Option<Shown>) -> [u32; 4] {
     [*width, *height, format, shown.rows_per_part().max(1)]
 }
 
-/// Copies the elements' bytes, or those of one zero element, because no buffer may be empty.
+/// Copies the elements' bytes; without elements, the bytes of a zero element, because no buffer may be empty.
 pub(super) fn bytes<T: Pod>(elements: &[T]) -> Arc<Vec<u8>> {
     let none = [T::zeroed()];
     let elements = if elements.is_empty() { &none } else { elements };

@@ -1,4 +1,4 @@
-//! Finds what of a window must be drawn again: its damage.
+//! Finds the areas of a window that must be drawn again: its damage.
 //!
 //! The view is drawn in every frame, since its pictures are new. Around it are four strips, above, left of, right of and below it. In
 //! each of them, one rectangle is drawn again: around the meshes that are there and were not, or were and are not. So areas never overlap, and what
@@ -35,7 +35,7 @@ impl Area {
         area
     }
 
-    /// Returns what both areas cover.
+    /// Returns the intersection of two areas.
     pub fn and(self, other: Area) -> Area {
         Area {
             first: [0, 1].map(|axis| self.first[axis].max(other.first[axis])),
@@ -110,7 +110,7 @@ impl Interface {
             && Arc::ptr_eq(&other.texels, &self.texels)
     }
 
-    /// Lists the areas to draw over a window that shows `former`, each with true if its background must be drawn, too.
+    /// Lists the areas to draw over a window that shows `former`, each with true if its background must also be drawn.
     pub fn areas(&self, former: Option<&Interface>) -> Vec<(Area, bool)> {
         let [width, height] = self.window.map(|side| side as f32);
         let [left, top, across, down] = self.view.map(|length| length as f32);

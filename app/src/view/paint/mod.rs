@@ -5,10 +5,10 @@
 //! writes the arguments of one indirect draw. The vertex shader fetches vertices by index; the fragment shader clips and
 //! filters. A [`Composition`] defines the pictures below the user interface.
 //!
-//! The graph keeps what the window shows, so that only what changed is drawn: the view, whose pictures are new in every frame, and the
-//! rectangles around other meshes that changed (`damage`). Each is drawn anew from its background up.
+//! The graph keeps the window's picture and draws only what changed: the view, whose pictures are new in every frame, and the
+//! rectangles around other changed meshes (`damage`). Each is drawn from its background up.
 //!
-//! The structs here match those of `shaders/window/ui.glsl` and `shaders/window/window.glsl`.
+//! The structs here match `shaders/window/ui.glsl` and `shaders/window/window.glsl`.
 
 use bytemuck::{Pod, Zeroable};
 use damage::{Area, Interface, Piece};
@@ -181,7 +181,7 @@ impl Painter {
         painted
     }
 
-    /// Takes note that the window shows what was packed last.
+    /// Records that the window shows the interface that was packed last.
     pub fn drawn(&mut self) {
         self.shown = self.packed.take();
     }
@@ -194,7 +194,7 @@ impl Painter {
         }
     }
 
-    /// Forgets what the window shows, so that the next frame packs the whole interface.
+    /// Forgets the shown interface, so that the next frame packs all of it.
     pub fn forget(&mut self) {
         self.shown = None;
     }

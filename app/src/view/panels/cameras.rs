@@ -13,7 +13,7 @@ use splatgraph_api::Device;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// What was clicked in a list.
+/// A click in a list.
 enum Act {
     Go,
     Remove,

@@ -27,9 +27,9 @@ pub struct Target<'a> {
 /// State of the measurement of the device's copy limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Copy {
-    /// Nothing.
+    /// Not measured.
     Unknown,
-    /// It is being measured.
+    /// The measurement runs.
     Measuring,
     /// 10^9 bytes per second, read and written.
     Known(f64),

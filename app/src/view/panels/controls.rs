@@ -1,4 +1,4 @@
-//! Defines what panels tell the window: requests, and the places of the controls.
+//! Defines the panels' requests to the window, and the places of the controls.
 
 use crate::view::opening::CameraRole;
 use egui::{Rect, Response};
@@ -26,7 +26,7 @@ pub enum Command {
     Edit(Origin),
 }
 
-/// Places of the controls in the last frame, by name, in points, for scripted input; and what was requested with them.
+/// Places of the controls in the last frame, by name, in points, for scripted input; and the requests made with them.
 #[derive(Clone, Debug, Default)]
 pub struct Controls {
     now: BTreeMap<String, Rect>,

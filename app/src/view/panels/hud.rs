@@ -46,7 +46,7 @@ pub struct Toasts {
 }
 
 impl Toasts {
-    /// Shows what happened.
+    /// Shows a message.
     pub fn done(&mut self, text: String) {
         self.add(text, Kind::Done, STAY);
     }
@@ -192,7 +192,7 @@ pub fn rate(interval_ms: f64) -> String {
     format!("{} fps", widgets::three_digits(1e3 / interval_ms))
 }
 
-/// Draws what is being built while there is no picture, in its middle.
+/// Draws the progress of the build in the middle of the view while there is no picture.
 pub fn progress<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
     let renderer = &viewer.a.renderer;
     if viewer.pictures()[0].is_some() || renderer.failure().is_some() {

@@ -1,4 +1,4 @@
-//! Shows what is selected: a pass, a barrier, a resource with its contents, or the picked splat.
+//! Shows the selected pass, barrier or resource with its contents, or the picked splat.
 
 use super::contents;
 use super::contents::{Copy, Target};

@@ -152,7 +152,7 @@ impl Layout {
         }
     }
 
-    /// Lists the open tools that float in a window of this size: those that a person undocked, and those without room.
+    /// Lists the open tools that float in a window of this size: undocked ones, and ones without room.
     pub fn floating(&self, size: Vec2) -> Vec<Tool> {
         let mut sides: Vec<bool> = Vec::new();
         let mut floating = self.floating.clone();

@@ -1,4 +1,4 @@
-//! Draws the tools around the picture, and what lies over it.
+//! Draws the tools around the picture, and the cards over it.
 //!
 //! The top bar chooses scene, camera and graph. `layout` docks the tools: parameters and cameras at the left, the inspector and
 //! the times at the right, the timeline below. One [`Selection`] runs through all of them. Panels read and change a
@@ -69,7 +69,7 @@ pub struct PanelOutput {
     pub commands: Vec<Command>,
 }
 
-/// What a person arranges, for the next start.
+/// The arrangement of the tools, kept for the next start.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct Arrangement {
     layout: Layout,
@@ -233,7 +233,7 @@ impl Panels {
         self.restored
     }
 
-    /// Moves a scene to the front of those that were open.
+    /// Moves a scene to the front of the recent ones.
     fn remember_scene(&mut self, scene: &Path) {
         // A relative path means another file at the next start.
         let scene = absolute(scene).unwrap_or_else(|_| scene.to_owned());
@@ -335,7 +335,7 @@ impl Panels {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }
 
-    /// Says under a parameter's row what its change did to the plan.
+    /// Reports the effect of a parameter's change on the plan, above the parameters' rows.
     fn tell_effect<D: Device>(&mut self, viewer: &mut Viewer<D>) {
         let selected = self.selected;
         let Some(plan) = viewer.viewport(selected).and_then(|viewport| viewport.renderer.plan()).cloned()
@@ -358,7 +358,7 @@ impl Panels {
         }
     }
 
-    /// Undoes or redoes a step on request, and takes note of what changed.
+    /// Undoes or redoes a step on request, and records changes.
     fn step<D: Device>(&mut self, ctx: &Context, viewer: &mut Viewer<D>) {
         let undone = std::mem::take(&mut self.undo_now).then(|| self.undo.undo(viewer)).flatten();
         let redone = std::mem::take(&mut self.redo_now).then(|| self.undo.redo(viewer)).flatten();
@@ -397,7 +397,7 @@ impl Panels {
         rect
     }
 
-    /// Shows what happened and cannot be undone, until it is dismissed.
+    /// Shows a notice until it is dismissed.
     fn show_notice_card(&mut self, ctx: &Context, view: Rect) {
         let Some(text) = self.notice.clone() else { return };
         egui::Area::new(egui::Id::unique("notice"))

@@ -36,7 +36,7 @@ pub struct State {
 type Change = (String, Option<Value>);
 
 impl State {
-    /// Says what the last change of a parameter did to the plan, above the rows, which stay where they are.
+    /// Reports the effect of a parameter's last change on the plan, above the rows, which keep their places.
     pub fn tell(&mut self, parameter: &str, effect: String) {
         self.effect = Some((parameter.to_owned(), effect));
     }
@@ -198,7 +198,7 @@ pub fn set_line<D: Device>(renderer: &Renderer<D>) -> String {
     renderer.set().iter().map(|(name, value)| format!(" --set {name}={value}")).collect()
 }
 
-/// Draws the row of a parameter: label, control, value, reset. Returns what the user changed.
+/// Draws the row of a parameter: label, control, value, reset. Returns the user's change.
 fn row(
     ui: &mut Ui,
     plan: Option<&Plan>,

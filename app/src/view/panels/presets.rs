@@ -16,7 +16,7 @@ struct Entry {
     summary: String,
 }
 
-/// The list. Summaries of built-in graphs are read once, those of files come from their newest plans.
+/// The list of graphs. Summaries of built-in graphs are read once; summaries of files come from their newest plans.
 pub struct Presets {
     entries: Vec<Entry>,
     /// Text that the shown graphs contain.

@@ -1,4 +1,4 @@
-//! Draws the line at the bottom: what is being done, what works in part, and the newest line of the log.
+//! Draws the line at the bottom: progress, warnings, and the newest line of the log.
 
 use super::theme::{Palette, TEXT};
 use super::widgets::hint;
@@ -14,7 +14,7 @@ use splatgraph_framework::reload::WatchKind;
 const LINES: usize = 20;
 
 impl Panels {
-    /// Draws the status line: what is being done, what works in part, and the newest line of the log.
+    /// Draws the status line: progress, warnings, and the newest line of the log.
     pub(super) fn status<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let palette = Palette::of(ui);
         // It takes no room of its panel: one that grows with its contents would give the picture another size.

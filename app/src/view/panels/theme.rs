@@ -41,7 +41,7 @@ pub struct Palette {
     pub accent: Color32,
     /// Text on the accent colour.
     pub on_accent: Color32,
-    /// A value that costs accuracy, and whatever works in part.
+    /// Values that cost accuracy, and features that work in part.
     pub caution: Color32,
     /// Errors.
     pub error: Color32,

@@ -1,6 +1,6 @@
 //! Draws the plan as one timeline: passes as bars as wide as their time, barriers as diamonds between them, memory below.
 //!
-//! The lanes are those of the dump page. Zoom with the wheel over the passes (or Ctrl and the wheel anywhere), pan by dragging. A
+//! The lanes match the dump page. Zoom with the wheel over the passes (or Ctrl and the wheel anywhere), pan by dragging. A
 //! click selects a pass, a barrier or a resource for all tools; Tab and Enter do the same from the keyboard.
 
 use super::controls::Controls;
@@ -51,7 +51,7 @@ impl Times {
 pub struct State {
     /// Magnification; 1 fits the width.
     zoom: f32,
-    /// Left end of what is visible, in points of the magnified timeline.
+    /// Left end of the visible part, in points of the magnified timeline.
     offset: f32,
     /// True for passes of equal width.
     equal: bool,
@@ -298,7 +298,7 @@ fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (V
     (columns, x.max(1.0))
 }
 
-/// Groups the resources: blocks with several, then each alone, then those of the scene and the host.
+/// Groups the resources: shared blocks first, then transient resources, then resources of the scene and the host.
 fn lanes<'a>(dump: &'a Dump, filter: &str) -> Vec<Lane<'a>> {
     let wanted = filter.trim().to_lowercase();
     let find = |name: &String| dump.resources.iter().find(|resource| resource.name == *name);

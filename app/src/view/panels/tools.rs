@@ -146,7 +146,7 @@ enum Act {
     Float,
 }
 
-/// What the tiles draw.
+/// The state that the tiles draw.
 struct Tools<'a, D: Device> {
     panels: &'a mut Panels,
     viewer: &'a mut Viewer<D>,

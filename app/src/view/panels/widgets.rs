@@ -126,7 +126,7 @@ pub fn diamond(painter: &Painter, at: Pos2, radius: f32, fill: egui::Color32, st
     painter.add(egui::Shape::convex_polygon(corners.to_vec(), fill, stroke));
 }
 
-/// Draws a line between groups of controls in a row. It is as high as the row, not as what is left of the panel.
+/// Draws a line between groups of controls in a row, as high as the row.
 pub fn divider(ui: &mut Ui) {
     let (rect, _) = ui.allocate_exact_size(egui::vec2(2.0 * theme::GRID, ROW), egui::Sense::hover());
     let stroke = ui.visuals().widgets.noninteractive.bg_stroke;

@@ -124,7 +124,7 @@ pub enum Failure {
     Backend(BackendError),
     /// The build panicked, which is a bug of this program.
     Panicked(String),
-    /// Something newer was to be built, and this took long.
+    /// A newer request replaced the build, which took long.
     Cancelled,
     /// The device was lost again and again with this graph, which therefore waits for a change.
     Held(String),

@@ -8,7 +8,7 @@ use splatgraph_api::{BackendError, Device, FRAMES_IN_FLIGHT, FrameInputs, Recove
 use splatgraph_framework::plan::Plan;
 use std::time::{Duration, Instant};
 
-/// Pauses between looks at a frame that is not done: these limit what the wait adds to it.
+/// Pauses between looks at a frame that is not done, which bound the delay that waiting adds.
 const FIRST_PAUSE: Duration = Duration::from_micros(50);
 const LONGEST_PAUSE: Duration = Duration::from_micros(400);
 
@@ -19,7 +19,7 @@ impl<D: Device> Renderer<D> {
     /// older frame within the patience.
     ///
     /// # Errors
-    /// Those of the device. The caller passes them to [`Renderer::report`], unless it tries again with other inputs.
+    /// The device fails. The caller passes the error to [`Renderer::report`], unless it tries again with other inputs.
     pub fn submit(&mut self, inputs: FrameInputs) -> Result<bool, BackendError> {
         let Some(plan) = self.state.good().cloned() else { return Ok(false) };
         let waits = match self.device {

@@ -95,7 +95,7 @@ pub struct Renderer<D: Device> {
     set: IndexMap<String, String>,
     /// Least values of the parameters that grow.
     capacities: Capacities,
-    /// Those of the current plan.
+    /// Capacities of the current plan.
     drawn_with: Capacities,
     /// The reason why nothing grows before another change, or before the next attempt.
     crowded: Option<Crowded>,
@@ -189,7 +189,7 @@ impl<D: Device> Renderer<D> {
         })
     }
 
-    /// Returns what the device was working on when a frame was not done at the last look.
+    /// Returns the pass that the device was running when a frame was late at the last look.
     pub fn stalled(&self) -> Option<&Running> {
         self.stalled.as_ref()
     }
@@ -202,7 +202,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Describes what is wrong, as for a terminal: the failure of the newest build and that of the last frame; none if nothing is.
+    /// Describes the failures of the newest build and of the last frame, as for a terminal; `None` without any.
     pub fn problem(&self, colour: bool) -> Option<String> {
         let mut texts: Vec<String> = self.failure().map(|failure| failure.text(colour)).into_iter().collect();
         texts.extend(self.trouble().map(|error| Failure::Backend(error.clone()).text(colour)));
@@ -270,7 +270,7 @@ impl<D: Device> Renderer<D> {
         self.subject
     }
 
-    /// Counts changes of what panels show of a renderer, apart from finished frames: builds, failures, plans.
+    /// Counts the changes of a renderer that panels show, apart from finished frames: builds, failures, plans.
     pub(super) fn changes(&self) -> u64 {
         self.changes
     }
@@ -427,7 +427,7 @@ impl<D: Device> Renderer<D> {
         self.failed = failure;
     }
 
-    /// Takes the finished builds, and drops those for a device that is lost.
+    /// Takes the finished builds, and drops builds for a lost device.
     fn take_builds(&mut self) {
         while let Some(output) = self.builder.poll() {
             if self.jobs.pop_front() != Some(self.epoch) {

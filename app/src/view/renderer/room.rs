@@ -1,4 +1,4 @@
-//! Room for what frames of a renderer need: growth of its parameters, and its end.
+//! Grows the parameters of a renderer with the needs of its frames, up to the device's memory.
 
 use super::Renderer;
 use super::events::{Cause, Causes, Failure};
@@ -35,7 +35,7 @@ impl<D: Device> Renderer<D> {
         !self.grows() || self.whole.is_some_and(|whole| whole || !self.busy())
     }
 
-    /// Lists what a finished frame had no room for, and asks for a plan with more.
+    /// Records the needs of a finished frame that lacked room, and requests a plan with more.
     pub(super) fn make_room(&mut self, plan: &Arc<Plan>, result: &FrameResult) -> Vec<Overflow> {
         let short = overflows(plan, &result.stats);
         // What a frame of a previous plan lacked, perhaps of another scene, says nothing about this one; and while another plan is on its

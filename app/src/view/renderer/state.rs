@@ -8,7 +8,7 @@ use splatgraph_framework::reload::Attempt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Interval of attempts to draw, or to build, what failed for want of something that may come back.
+/// Interval of attempts to draw or build again after a failure that may pass, such as a lack of memory.
 pub const RETRY: Duration = Duration::from_millis(250);
 
 /// A callback for new content to draw; any thread calls it.
@@ -131,7 +131,7 @@ pub(super) enum BuildState {
 }
 
 impl BuildState {
-    /// Asks for a build, in addition to what is asked for.
+    /// Requests a build, and keeps the causes of earlier requests.
     pub fn ask(&mut self, later: PendingBuild) {
         *self = match std::mem::take(self) {
             BuildState::Running(attempt, former) => {

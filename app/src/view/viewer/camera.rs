@@ -28,7 +28,7 @@ impl<D: Device> Viewer<D> {
         self.picture_camera_of(RendererId::A)
     }
 
-    /// Does the same in the coordinates of a viewport's scene.
+    /// Returns the camera of the last frame's pictures, in the coordinates of a viewport's scene.
     pub fn picture_camera_of(&self, id: RendererId) -> Camera {
         self.camera_of(id, self.asked)
     }
@@ -82,7 +82,7 @@ impl<D: Device> Viewer<D> {
     /// Inserts the current camera into the path, before the key at `index`, or at the end.
     ///
     /// # Errors
-    /// Those of [`crate::draw::camera_path::CameraPath::insert`].
+    /// See [`crate::draw::camera_path::CameraPath::insert`].
     pub fn record_key(&mut self, index: usize) -> Result<(), KeyError> {
         let camera = self.world_camera();
         self.path.insert(index, camera)
@@ -104,7 +104,7 @@ impl<D: Device> Viewer<D> {
     /// Writes the saved views to a `cameras.json`; never over a file that this window did not write.
     ///
     /// # Errors
-    /// Those of [`crate::view::cameras::CameraFiles::save`].
+    /// See [`crate::view::cameras::CameraFiles::save`].
     pub fn write_views(&mut self, path: &Path) -> Result<(), SaveError> {
         self.camera_files.save(self.views.list(), path)
     }
@@ -112,7 +112,7 @@ impl<D: Device> Viewer<D> {
     /// Writes the keys of the path to a `cameras.json`; never over a file that this window did not write.
     ///
     /// # Errors
-    /// Those of [`crate::view::cameras::CameraFiles::save`].
+    /// See [`crate::view::cameras::CameraFiles::save`].
     pub fn write_path(&mut self, path: &Path) -> Result<(), SaveError> {
         self.camera_files.save(self.path.keys(), path)
     }

@@ -29,7 +29,7 @@ impl<D: Device> Viewer<D> {
         self.comparing.newest.as_ref().map(|(found, _)| found)
     }
 
-    /// Returns true if the comparison was made of what is shown now.
+    /// Returns true if the comparison was made of the pictures that are shown now.
     pub fn comparison_is_current(&self) -> bool {
         self.comparing.newest.as_ref().is_some_and(|(_, of)| *of == self.compares_now())
     }
@@ -56,7 +56,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Asks for both pictures once both viewports draw what they should.
+    /// Requests both pictures once both viewports draw the requested state.
     pub(super) fn start_comparison(&mut self) {
         let asks = match self.comparing.step {
             Step::Waiting => self.b.is_none() || self.compare == Mode::A || !self.changes_soon(),

@@ -1,6 +1,6 @@
-//! Measures how fast the device copies from buffer to buffer: what the times of passes are held against.
+//! Measures the device's bandwidth of copies between buffers, which times of passes are compared with.
 //!
-//! A graph draws it like any other, beside the pictures, so that nothing waits for it.
+//! A graph makes the copies in frames beside the pictures, which go on meanwhile.
 
 use super::parts::CopyLimit;
 use super::{Viewer, Viewport};

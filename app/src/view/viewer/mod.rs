@@ -172,7 +172,7 @@ impl<D: Device> Viewer<D> {
         self.changes_soon() || self.is_comparing() || self.picker.busy()
     }
 
-    /// Returns true while the pictures are not those that were requested.
+    /// Returns true while the pictures do not show the requested state.
     fn changes_soon(&self) -> bool {
         let busy = |viewport: &Viewport<D>| {
             viewport.renderer.busy() || viewport.renderer.may_grow() || viewport.is_coming()
@@ -185,7 +185,7 @@ impl<D: Device> Viewer<D> {
         [Some(&self.a), self.b.as_ref(), self.copy.viewport()].into_iter().flatten()
     }
 
-    /// Iterates over those of them that are drawn: B is not while it is hidden.
+    /// Iterates over the viewports that are drawn; a hidden B is not.
     fn shown(&self) -> impl Iterator<Item = &Viewport<D>> {
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [Some(&self.a), b, self.copy.viewport()].into_iter().flatten()
@@ -201,7 +201,7 @@ impl<D: Device> Viewer<D> {
         self.shown().any(Viewport::waits)
     }
 
-    /// Counts changes of what panels show: see [`Renderer::changes`]; finished frames count, too.
+    /// Counts the changes that panels show: finished frames, and [`Renderer::changes`].
     pub(super) fn changes(&self) -> u64 {
         let of = |viewport: &Viewport<D>| viewport.renderer.changes() + viewport.history.frames();
         self.all().map(of).sum()
@@ -257,7 +257,7 @@ impl<D: Device> Viewer<D> {
         Ok(())
     }
 
-    /// Does the same, and reports an error as an event.
+    /// Shows or hides B as [`Viewer::set_compare`] does, and reports an error as an event.
     pub fn choose_compare(&mut self, compare: Mode) {
         if let Err(error) = self.set_compare(compare) {
             self.events.push(Event::Problem { text: format!("B cannot be shown: {error}") });
@@ -436,7 +436,7 @@ impl<D: Device> Viewer<D> {
     /// Continues on another device.
     ///
     /// # Errors
-    /// Of B: it is not shown then.
+    /// The context of B cannot be created; B is then hidden.
     pub fn give(&mut self, device: D) -> Result<(), BackendError> {
         let b = self.b.as_ref().map(|_| device.new_context()).transpose();
         self.a.renderer.give(device);
@@ -482,7 +482,7 @@ impl<D: Device> Viewer<D> {
     /// Waits for the frames in flight.
     ///
     /// # Errors
-    /// As [`Renderer::finish`].
+    /// See [`Renderer::finish`].
     pub fn finish(&mut self, within: Duration) -> Result<(), BackendError> {
         if !self.collect(within) {
             let place = self.stalled().map_or_else(String::new, |running| running.place.clone());
@@ -500,7 +500,7 @@ impl<D: Device> Viewer<D> {
         self.a.renderer.is_idle() && self.b.as_ref().is_none_or(|b| b.renderer.is_idle())
     }
 
-    /// Returns what the device was working on when a frame was not done at the last look.
+    /// Returns the pass that the device was running when a frame was late at the last look.
     pub fn stalled(&self) -> Option<&Running> {
         self.a.renderer.stalled().or_else(|| self.b.as_ref()?.renderer.stalled())
     }

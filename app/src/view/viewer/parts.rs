@@ -1,4 +1,4 @@
-//! Defines what a viewer holds besides its viewports: scenes with their files, the comparison, and the copy limit.
+//! Defines the parts of a viewer besides its viewports: scenes with their files, the comparison, and the copy limit.
 
 use crate::draw::facts;
 use crate::view::navigation::{self, Navigation};
@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// A scene, its file, and what graphs import of it.
+/// A scene, its file, and its imports for graphs.
 pub(super) struct Subject {
     pub scene: Arc<Scene>,
     pub path: PathBuf,
@@ -67,7 +67,7 @@ pub(super) struct Side {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Step {
     No,
-    /// A viewport does not draw yet what was requested.
+    /// A viewport does not draw the requested state yet.
     Waiting,
     /// The pictures are read back.
     Reading,
@@ -75,14 +75,14 @@ pub(super) enum Step {
     Computing,
 }
 
-/// A comparison, or the reason that there is none.
+/// A comparison, or the error.
 pub(super) type ComparisonResult = Result<Comparison, String>;
 
 /// The running comparison and the newest one.
 pub(super) struct Comparing {
     pub step: Step,
     pub results: (Sender<ComparisonResult>, Receiver<ComparisonResult>),
-    /// The newest comparison, with what it was made of.
+    /// The newest comparison, and its inputs.
     pub newest: Option<(Comparison, Compared)>,
     /// Inputs of the running comparison.
     pub of: Option<Compared>,

@@ -189,8 +189,8 @@ impl<D: Device> Viewer<D> {
 
 /// The cameras that can be selected once a scene is shown.
 enum SceneCameras {
-    /// Those from before, which were opened after the scene.
+    /// The present cameras, which were opened after the scene.
     Kept,
-    /// Those of the scene's own file, if it has one: the file, and its cameras or the reason that they cannot be read.
+    /// The file of cameras beside the scene, if it exists, with its cameras or the error.
     Own(Option<(PathBuf, Result<Vec<Camera>, String>)>),
 }

@@ -18,7 +18,7 @@ const USABLE_HEIGHT: f64 = 0.92;
 /// Opens the connection to the display.
 ///
 /// # Errors
-/// There is none.
+/// No display is available.
 pub fn event_loop() -> Result<EventLoop<()>> {
     let mut builder = EventLoop::builder();
     #[cfg(all(unix, not(target_os = "macos")))]
@@ -65,7 +65,7 @@ mod wayland {
 }
 
 thread_local! {
-    /// Whose code this thread runs, within [`guarded`]; a panic is blamed on it.
+    /// Owner of the code that this thread runs within [`guarded`]; a panic is reported as the owner's.
     static RUNNING: Cell<Option<Whose>> = const { Cell::new(None) };
     /// The last panic on this thread.
     static PANIC: RefCell<Option<Panic>> = const { RefCell::new(None) };
@@ -237,7 +237,7 @@ mod tests {
         assert_eq!(fitted((900, 720), (1280, 800)), (900, 720));
     }
 
-    /// Where a panic of this file is.
+    /// Beginning of the place of a panic in this file.
     const PLACE: &str = "display.rs:";
 
     #[test]

@@ -1,7 +1,7 @@
 //! Opens a line of a file in the user's editor.
 //!
 //! `VISUAL` or `EDITOR` name it. Editors that need a terminal cannot be started from a window, so for these, and without a
-//! variable, a `vscode://` link is opened, for which editors other than VS Code register themselves, too.
+//! variable, a `vscode://` link is opened, which editors besides VS Code also register.
 
 use splatgraph_framework::ir::Origin;
 use std::env;

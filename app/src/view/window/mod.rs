@@ -457,7 +457,7 @@ impl Running {
         }
     }
 
-    /// Names in the title what prevents that the window shows something new.
+    /// Names in the title the pass or error that keeps the window from showing a new picture.
     ///
     /// # Errors
     /// The window's own graph cannot be drawn, and never was.
