@@ -53,6 +53,8 @@ mod results;
 mod scenes;
 #[cfg(target_os = "linux")]
 mod serial_tiles;
+#[cfg(target_os = "linux")]
+mod shard;
 mod sort;
 mod storage;
 #[cfg(target_os = "linux")]

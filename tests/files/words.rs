@@ -30,7 +30,7 @@ pub fn line(random: &mut Random) -> Vec<String> {
         0 => random.word("help rendre  devices"),
         _ => random.word(
             "render render render view dump check info compare compare synth synth bench trade \
-            sweep advise popping experiment evaluate convert video",
+            sweep advise popping experiment evaluate convert video merge",
         ),
     };
     let command = command.as_str();
@@ -84,7 +84,7 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
     let own = match command {
         "render" => {
             "-o -o --format --json --json --repeat --inspect --cameras --size --background --set \
-            --pipeline --validate --device"
+            --pipeline --validate --device --shard"
         }
         "view" => {
             "--events --screenshot --cameras --size --background --split --gain --scale --frames \
@@ -100,7 +100,7 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
         "bench" => "-o --json --cameras --pipelines --sizes --splats --suite --pairs --set --rounds --frames",
         "trade" | "sweep" | "advise" | "popping" | "experiment" => {
             "-o -o --cameras --size --pipeline \
-            --rounds --frames --json --psnr --device"
+            --rounds --frames --json --psnr --device --shard"
         }
         _ => "--set --json --size --device --cameras",
     };
@@ -130,6 +130,7 @@ fn option(command: &str, random: &mut Random, words: &mut Vec<String>) {
         "--sizes" => of("64x48 64x48,1x1", "64x48,64x48 64x48, , 0x1"),
         "--pipelines" => of("unsorted splat,graph.ron", "splat,splat , nope splat,,key16"),
         "--splats" | "--pairs" => of("1 20,40", "20,20 0 , -1 4294967296 x"),
+        "--shard" => of("0/1 1/3", "2/2 0/0 / x -1/2 0/18446744073709551616"),
         "--suite" => of("frames sort", "nope "),
         "--background" => of("0,0,0 -1,0,0", "1,2 nan,0,0 a,b,c ,, 1,2,3,4 --json"),
         "--format" if command == "dump" => of("text json html dot", "png  yaml"),

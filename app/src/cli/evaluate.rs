@@ -1,6 +1,7 @@
 //! Runs `splatgraph evaluate`: scores a scene against the photographs of its dataset.
 
 use super::cameras;
+use super::job::{self, ShardArgs};
 use super::options::{self, DeviceArgs};
 use super::outcome::{Outcome, Usage, validated};
 use super::render::{Renderer, refuse_graph_options, renderer};
@@ -10,16 +11,17 @@ use crate::draw::session::{FrameOptions, Session, image_of};
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
-use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
+use crate::io::output::{self, OutputGuard, is_standard_output, one_line, say};
 use crate::io::progress::Progress;
-use crate::studies::evaluation::{Evaluation, score};
+use crate::studies::evaluation::{Evaluation, Score, score};
 use crate::studies::metrics;
 use anyhow::{Context, Result, bail};
-use serde_json::json;
+use serde_json::{Value as Json, json};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Dataset, Scene, TEST_EVERY};
 use splatgraph_reference::Rules;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph evaluate point_cloud.ply -c garden/
@@ -70,7 +72,9 @@ pub struct Args {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    device: DeviceArgs,
+    pub shard: ShardArgs,
+    #[command(flatten)]
+    pub device: DeviceArgs,
 }
 
 /// A view with its photograph.
@@ -166,10 +170,19 @@ fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
 /// Renderer of the views.
 enum Drawer {
     Device(Box<Session<Backend>>),
-    Reference(Box<Scene>),
+    Reference(Arc<Scene>),
 }
 
 impl Drawer {
+    /// Opens the device, then loads the scene unless it is given.
+    fn open(args: &Args, scene: Option<Arc<Scene>>) -> Result<Drawer> {
+        let load = || scene.map_or_else(|| options::load_scene(&args.scene).map(Arc::new), Ok);
+        let Renderer::Device(api) = args.backend else { return Ok(Drawer::Reference(load()?)) };
+        let device = Backend::open(api, &args.device.options())?;
+        fit::check_header(&args.scene, device.info(), &args.pipeline, &args.set)?;
+        Ok(Drawer::Device(Box::new(Session::new(device, load()?, &args.pipeline, &args.set))))
+    }
+
     /// Draws a view, whose camera is in the world's coordinates.
     fn draw(&mut self, camera: &Camera, background: [f32; 3]) -> Result<Image> {
         match self {
@@ -189,60 +202,63 @@ impl Drawer {
             }
         }
     }
-}
 
-/// Loads the scene, and opens the device.
-fn drawer(args: &Args) -> Result<Drawer> {
-    let Renderer::Device(api) = args.backend else {
-        return Ok(Drawer::Reference(Box::new(options::load_scene(&args.scene)?)));
-    };
-    let device = Backend::open(api, &args.device.options())?;
-    fit::check_header(&args.scene, device.info(), &args.pipeline, &args.set)?;
-    let scene = options::load_scene(&args.scene)?;
-    Ok(Drawer::Device(Box::new(Session::new(device, scene, &args.pipeline, &args.set))))
-}
-
-pub fn run(args: &Args) -> Result<Outcome> {
-    // Errors of the command line and of the dataset are reported before a large scene is loaded.
-    let Work { views, stems } = prepare(args)?;
-    let mut drawer = drawer(args)?;
-    let mut progress = Progress::new("scoring");
-    let mut scores = Vec::with_capacity(views.len());
-    for (index, (view, stem)) in views.iter().zip(&stems).enumerate() {
-        progress.set(index as u64, views.len() as u64, &view.name);
+    /// Draws a view and compares it with its photograph; writes the pictures into the folder of `--output`.
+    fn score(&mut self, args: &Args, view: &View, stem: &str) -> Result<Score> {
         let (width, height) = (view.camera.width as usize, view.camera.height as usize);
         let photograph = Image::load_photograph(&view.photograph, args.background)?;
         let same = (photograph.width, photograph.height) == (width, height);
         let photograph = if same { photograph } else { photograph.averaged(width, height) };
-        let drawn = drawer.draw(&view.camera, args.background)?;
+        let drawn = self.draw(&view.camera, args.background)?;
         let found = score(&view.name, &drawn, &photograph);
-        scores.push(found.with_context(|| format!("{} cannot be scored", one_line(&view.name)))?);
+        let found = found.with_context(|| format!("{} cannot be scored", one_line(&view.name)))?;
         if let Some(output) = &args.output {
             let difference = metrics::difference(&drawn, &photograph, 10.0);
             for (folder, image) in FOLDERS.into_iter().zip([&drawn, &photograph, &difference]) {
                 image.save(&picture(output, folder, stem))?;
             }
         }
+        Ok(found)
+    }
+}
+
+/// Returns the part of a command line that tells its scores from others.
+fn request(args: &Args) -> Json {
+    let graph = match args.backend {
+        Renderer::Device(_) => json!(args.pipeline),
+        Renderer::Reference => json!(null),
+    };
+    json!({
+        "scene": args.scene, "dataset": args.cameras, "backend": args.backend.to_string(), "pipeline": graph,
+        "set": args.set, "downscale": args.downscale,
+    })
+}
+
+/// Joins a request and its scores.
+fn as_json(mut request: Json, found: &Evaluation) -> String {
+    request["views"] = json!(found.views);
+    request["mean"] = json!(found.mean);
+    format!("{request:#}")
+}
+
+pub fn run(args: &Args) -> Result<Outcome> {
+    // Errors of the command line and of the dataset are reported before a large scene is loaded.
+    let Work { views, stems } = prepare(args)?;
+    let mut drawer = Drawer::open(args, None)?;
+    let mut progress = Progress::new("scoring");
+    let mut scores = Vec::with_capacity(views.len());
+    for (index, (view, stem)) in views.iter().zip(&stems).enumerate() {
+        progress.set(index as u64, views.len() as u64, &view.name);
+        scores.push(drawer.score(args, view, stem)?);
     }
     if let Drawer::Device(session) = &mut drawer {
         progress.suspend(|| session.settings_without_effect().iter().for_each(say));
     }
     drop(progress);
     let found = Evaluation::new(scores);
-    if args.json {
-        let graph = match args.backend {
-            Renderer::Device(_) => json!(args.pipeline),
-            Renderer::Reference => json!(null),
-        };
-        options::print(&format!(
-            "{:#}",
-            json!({
-                "scene": args.scene, "dataset": args.cameras, "backend": args.backend.to_string(), "pipeline": graph,
-                "set": args.set, "downscale": args.downscale, "views": found.views, "mean": found.mean,
-            })
-        ))?;
-    } else {
-        options::print(found.table().trim_end())?;
+    match args.json {
+        true => options::print(&as_json(request(args), &found))?,
+        false => options::print(found.table().trim_end())?,
     }
     if !args.all && views.len() == 1 {
         say(format!(
@@ -254,4 +270,102 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Drawer::Device(session) => validated(args.device.validate, &session.into_device().close()),
         Drawer::Reference(_) => Outcome::Done,
     })
+}
+
+/// The views of a dataset, for several processes.
+pub struct Views {
+    args: Args,
+    folder: PathBuf,
+    work: Work,
+    scene: Option<Arc<Scene>>,
+    drawer: Option<Drawer>,
+}
+
+impl Views {
+    /// Checks the arguments.
+    pub fn new(args: Args) -> Result<Views> {
+        job::refuse(&[("--json", args.json)])?;
+        let Some(folder) = args.output.clone() else {
+            return Err(Usage("expected a folder for --output with --shard, found none".into()).into());
+        };
+        let work = prepare(&args)?;
+        Ok(Views { args, folder, work, scene: None, drawer: None })
+    }
+}
+
+impl job::Work for Views {
+    fn command(&self) -> &'static str {
+        COMMAND
+    }
+
+    fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    fn views(&self) -> &[String] {
+        &self.work.stems
+    }
+
+    fn file(&self, view: &str) -> PathBuf {
+        job::part(view)
+    }
+
+    fn open(&mut self) -> Result<job::Origin> {
+        let mut drawer = Drawer::open(&self.args, self.scene.clone())?;
+        let cameras: Vec<_> = self.work.views.iter().map(|view| &view.camera).collect();
+        let cameras = serde_json::to_value(cameras)?;
+        let mut origin = match &mut drawer {
+            Drawer::Reference(scene) => {
+                self.scene = Some(scene.clone());
+                job::origin(scene.identity(), &cameras)?
+            }
+            Drawer::Device(session) => {
+                self.scene = Some(session.shared_scene());
+                if let Some(View { camera, .. }) = self.work.views.first() {
+                    session.prepare((camera.width, camera.height), &mut |_| {})?;
+                }
+                job::origin_of(session, &cameras, (&self.args.pipeline, &self.args.set))?
+            }
+        };
+        origin.insert("request".into(), request(&self.args));
+        origin.insert("background".into(), json!(self.args.background));
+        self.drawer = Some(drawer);
+        Ok(origin)
+    }
+
+    fn draw(&mut self, views: &[usize]) -> Result<()> {
+        let drawer = self.drawer.as_mut().context("no device")?;
+        let mut progress = Progress::new("scoring");
+        for (index, &view) in views.iter().enumerate() {
+            let (stem, view) = (&self.work.stems[view], &self.work.views[view]);
+            progress.set(index as u64, views.len() as u64, &view.name);
+            let found = drawer.score(&self.args, view, stem)?;
+            job::write_part(&self.folder, stem, &found)?;
+        }
+        Ok(())
+    }
+
+    fn close(&mut self) -> Vec<String> {
+        match self.drawer.take() {
+            Some(Drawer::Device(session)) => session.into_device().close(),
+            _ => Vec::new(),
+        }
+    }
+}
+
+/// The command's name, in descriptions of shared folders.
+pub const COMMAND: &str = "evaluate";
+
+/// The scores of a dataset, as `--json` prints them.
+const SCORES: &str = "scores.json";
+
+/// Prints the scores that several processes found, and writes them as JSON.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn merge(origin: &job::Origin, scores: Vec<Score>, output: &Path) -> Result<()> {
+    let found = Evaluation::new(scores);
+    let request = origin.get("request").cloned().context("the origin of an evaluation")?;
+    output::write_bytes(&output.join(SCORES), (as_json(request, &found) + "\n").as_bytes())?;
+    options::print(found.table().trim_end())
 }

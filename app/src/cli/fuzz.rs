@@ -5,8 +5,8 @@ mod words;
 
 use super::outcome::Usage;
 use super::{
-    Cli, Command, advise, bench, compare, convert, dump, evaluate, experiment, new, options, popping, render,
-    sweep, synth, trade, video, view,
+    Cli, Command, advise, bench, compare, convert, dump, evaluate, experiment, merge, new, options, popping,
+    render, sweep, synth, trade, video, view,
 };
 use anyhow::Result;
 use clap::Parser;
@@ -38,6 +38,7 @@ fn check(command: &Command) -> Result<()> {
         Command::Convert(args) => Ok(convert::check_files(args).map(drop)?),
         Command::Evaluate(args) => evaluate::prepare(args).map(drop),
         Command::New(args) => Ok(new::prepare(args).map(drop)?),
+        Command::Merge(args) => merge::prepare(args).map(drop),
         Command::Check(_)
         | Command::Source(_)
         | Command::Params(_)

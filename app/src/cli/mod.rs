@@ -20,9 +20,11 @@ mod experiment;
 mod fuzz;
 mod help;
 mod info;
+mod job;
 mod known_devices;
 mod look_at;
 mod lsp;
+mod merge;
 mod new;
 mod options;
 mod outcome;
@@ -45,12 +47,15 @@ use crate::draw::shader_cache::ShaderCache;
 use crate::io::output::{self, say, say_styled, terminal};
 use crate::{draw::backend, draw::builtin};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use job::{Shard, Work};
 use outcome::{Outcome, Usage, colour};
 use splatgraph_framework::shader::Worker;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
+
+pub use job::{Job, Ran};
 
 const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a picture of it
   splatgraph render scene.ply --cameras cameras.json -o pictures/ --json stats.json
@@ -62,6 +67,7 @@ const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a 
   splatgraph bench scene.ply --pipelines splat,key16   # GPU time per pass, drawn interleaved
   splatgraph trade scene.ply -c cameras.json        # what each setting saves, and what it costs
   splatgraph advise scene.ply --psnr 45             # the fastest setting that is accurate enough
+  splatgraph merge pictures/                        # what several processes did (--shard)
   splatgraph sweep scene.ply                        # quality and time as splats are removed
   splatgraph experiment order                       # a page on the order of splats
   splatgraph popping                                # the error that changes from frame to frame
@@ -116,9 +122,48 @@ enum Command {
     Trade(trade::Args),
     Sweep(sweep::Args),
     Advise(advise::Args),
+    Merge(merge::Args),
     Experiment(experiment::Args),
     Popping(popping::Args),
     Devices(devices::Args),
+}
+
+impl Command {
+    /// Returns the shard of a command that has one, and true if validation was requested.
+    fn shard(&self) -> Option<(Shard, bool)> {
+        let (shard, validate) = match self {
+            Command::Render(args) => (args.shard.shard, args.device.validate),
+            Command::Trade(args) => (args.shard.shard, args.device.validate),
+            Command::Sweep(args) => (args.shard.shard, args.device.validate),
+            Command::Evaluate(args) => (args.shard.shard, args.device.validate),
+            _ => return None,
+        };
+        shard.map(|shard| (shard, validate))
+    }
+
+    /// Returns the views of a command, for several processes.
+    fn work(self) -> anyhow::Result<Box<dyn Work>> {
+        Ok(match self {
+            Command::Render(args) => Box::new(render::Views::new(args)?),
+            Command::Trade(args) => Box::new(trade::Views::new(args)?),
+            Command::Sweep(args) => Box::new(sweep::Views::new(args)?),
+            Command::Evaluate(args) => Box::new(evaluate::Views::new(args)?),
+            _ => return Err(Usage("expected one of render, trade, sweep, evaluate".into()).into()),
+        })
+    }
+}
+
+/// Makes the job of a command line, of which the first word is the command, for a process that gives it views.
+///
+/// # Errors
+/// The command has no views to share, or its arguments are wrong.
+pub fn job(arguments: &[OsString]) -> anyhow::Result<Job> {
+    let words = [OsString::from("splatgraph")].into_iter().chain(arguments.iter().cloned());
+    let cli = Cli::try_parse_from(words)?;
+    if cli.command.shard().is_some() {
+        return Err(Usage("expected no --shard, as workers are given views".into()).into());
+    }
+    Ok(Job::new(cli.command.work()?))
 }
 
 /// Runs the program with the process's arguments.
@@ -144,7 +189,28 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
     threads::build_pool();
     let store = store.map(|cache| Arc::new(cache) as Arc<_>);
     planner::configure(planner::Settings { worker, store, include_roots: cli.include_root });
-    let result = match &cli.command {
+    let result = match cli.command.shard() {
+        Some((shard, validate)) => cli.command.work().and_then(|work| job::run(work, shard, validate)),
+        None => run_command(&cli.command),
+    };
+    let code = match result {
+        Ok(Outcome::Done) => 0,
+        Ok(Outcome::Failed) => 1,
+        Err(error) => report(&error),
+    };
+    #[cfg(feature = "window")]
+    let left_open = crate::view::window::is_left_open();
+    #[cfg(not(feature = "window"))]
+    let left_open = false;
+    if left_open || backend::compilers_given_up() > 0 {
+        // A library's exit handler may wait for its compiler or its device, which nobody else does any more.
+        output::signals::end_now(code);
+    }
+    code
+}
+
+fn run_command(command: &Command) -> anyhow::Result<Outcome> {
+    match command {
         Command::Render(args) => render::run(args),
         Command::Video(args) => video::run(args),
         #[cfg(feature = "window")]
@@ -164,24 +230,11 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
         Command::Trade(args) => trade::run(args),
         Command::Sweep(args) => sweep::run(args),
         Command::Advise(args) => advise::run(args),
+        Command::Merge(args) => merge::run(args),
         Command::Experiment(args) => experiment::run(args),
         Command::Popping(args) => popping::run(args),
         Command::Devices(args) => devices::run(args),
-    };
-    let code = match result {
-        Ok(Outcome::Done) => 0,
-        Ok(Outcome::Failed) => 1,
-        Err(error) => report(&error),
-    };
-    #[cfg(feature = "window")]
-    let left_open = crate::view::window::is_left_open();
-    #[cfg(not(feature = "window"))]
-    let left_open = false;
-    if left_open || backend::compilers_given_up() > 0 {
-        // A library's exit handler may wait for its compiler or its device, which nobody else does any more.
-        output::signals::end_now(code);
     }
-    code
 }
 
 /// Makes the command line, with the lists of graphs and scenes in its long help.

@@ -1,18 +1,27 @@
 //! Runs `splatgraph sweep`: quality and time as splats are removed.
 
 use super::console::Console;
+use super::job::{self, Origin, ShardArgs, Work};
 use super::options::{self, Drawing, DrawingBackendArgs, EffortArgs};
 use super::outcome::{Outcome, Usage};
+use crate::draw::backend::Backend;
 use crate::draw::fit;
+use crate::io::image::Image;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, say};
 use crate::studies::study::Subject;
+use crate::studies::sweep::approach::Closer;
 use crate::studies::sweep::choice::Choice;
-use crate::studies::sweep::page::{PLOTS, Shown};
-use crate::studies::sweep::{Wanted, study};
-use anyhow::Result;
+use crate::studies::sweep::measure::Step;
+use crate::studies::sweep::page::{PLOTS, Shown, Swept};
+use crate::studies::sweep::{Study, Wanted, study};
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
 use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Scene};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Measure quality and time as splats are removed
 ///
@@ -43,7 +52,9 @@ pub struct Args {
     #[command(flatten)]
     effort: EffortArgs,
     #[command(flatten)]
-    device: DrawingBackendArgs,
+    pub shard: ShardArgs,
+    #[command(flatten)]
+    pub device: DrawingBackendArgs,
 }
 
 /// Files in the folder of `--output` besides plots and pictures.
@@ -51,41 +62,188 @@ const PAGE: &str = "sweep.html";
 const CSV: &str = "sweep.csv";
 const JSON: &str = "sweep.json";
 
+/// The scene and its cameras, and what is wanted of them.
+struct Request {
+    name: String,
+    scene: Arc<Scene>,
+    cameras: Vec<Camera>,
+    wanted: Wanted,
+}
+
+impl Request {
+    /// Loads the scene, for a device that is opened.
+    fn load(args: &Args, device: &Backend) -> Result<Request> {
+        let given = args.drawing.cameras(args.scene.as_deref())?;
+        let stems = stems(args, given.as_deref());
+        if let Some(path) = &args.scene {
+            fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
+        }
+        let (scene, cameras) =
+            options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
+        let file = args.scene.as_deref().and_then(Path::file_stem);
+        let name = file.map_or("demo".into(), |stem| stem.to_string_lossy()).into_owned();
+        let wanted = Wanted {
+            pipeline: args.drawing.pipeline.clone(),
+            set: args.drawing.set.clone(),
+            steps: args.steps,
+            frames: args.effort.frames(),
+        };
+        Ok(Request { name, scene: scene.into(), cameras, wanted })
+    }
+
+    /// Makes the subject of the study.
+    fn subject<'a>(&self, device: &'a Backend) -> Subject<'a, Backend> {
+        Subject { device, name: self.name.clone(), scene: self.scene.clone(), cameras: self.cameras.clone() }
+    }
+}
+
+/// Returns a file name for each camera, without extension.
+fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
+    names::unique(&options::camera_names(args.scene.as_deref(), given), MAX_NAME_BYTES - 40)
+}
+
 pub fn run(args: &Args) -> Result<Outcome> {
-    let given = args.drawing.cameras(args.scene.as_deref())?;
-    let room = MAX_NAME_BYTES - 40;
-    let stems = names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), room);
+    // Errors of the command line are reported before a device is opened.
+    args.drawing.cameras(args.scene.as_deref())?;
     claim_files(args)?;
     let device = args.device.open()?;
-    if let Some(path) = &args.scene {
-        fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
+    let request = Request::load(args, &device)?;
+    let (swept, shown) = study(&request.subject(&device), &request.wanted, &mut Console::default())?;
+    save_pictures(&shown, &args.output)?;
+    report(&swept, &shown, &args.output)?;
+    Ok(super::outcome::validated(args.device.validate, &device.close()))
+}
+
+/// Writes the pictures of the first view.
+fn save_pictures(shown: &[Shown], output: &Path) -> Result<()> {
+    for Shown { choice, count, picture } in shown {
+        picture.save(&output.join(picture_of(*choice, *count)))?;
     }
-    let (scene, cameras) =
-        options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
-    let name = args.scene.as_deref().and_then(Path::file_stem).map_or("demo".into(), |s| s.to_string_lossy());
-    let subject = Subject { device: &device, name: name.into_owned(), scene: scene.into(), cameras };
-    let wanted = Wanted {
-        pipeline: args.drawing.pipeline.clone(),
-        set: args.drawing.set.clone(),
-        steps: args.steps,
-        frames: args.effort.frames(),
-    };
-    let (swept, shown) = study(&subject, &wanted, &mut Console::default())?;
+    Ok(())
+}
+
+/// Returns the path of a picture in the folder of results.
+fn picture_of(choice: Option<Choice>, count: u32) -> PathBuf {
+    format!("pictures/{}-{count}.png", choice.map_or("all", Choice::stem)).into()
+}
+
+/// Prints a sweep, and writes its files except the pictures.
+fn report(swept: &Swept, shown: &[Shown], output: &Path) -> Result<()> {
     options::write_text(None, &swept.table())?;
-    let file = |name: &str| args.output.join(name);
+    let file = |name: &str| output.join(name);
     output::write_bytes(&file(CSV), swept.csv().as_bytes())?;
-    options::write_json(&file(JSON), &serde_json::to_value(&swept)?)?;
+    options::write_json(&file(JSON), &serde_json::to_value(swept)?)?;
     for (name, plot, _) in swept.plots() {
         output::write_bytes(&file(&format!("{name}.svg")), plot.svg()?.as_bytes())?;
         plot.image()?.save(&file(&format!("{name}.png")))?;
     }
-    for Shown { choice, count, picture } in &shown {
-        let stem = choice.map_or("all", Choice::stem);
-        picture.save(&file(&format!("pictures/{stem}-{count}.png")))?;
-    }
-    output::write_bytes(&file(PAGE), swept.page(&shown)?.as_bytes())?;
+    output::write_bytes(&file(PAGE), swept.page(shown)?.as_bytes())?;
     say(format!("{} shows the result", file(PAGE).display()));
-    Ok(super::outcome::validated(args.device.validate, &device.close()))
+    Ok(())
+}
+
+/// A view of a sweep that several processes share.
+#[derive(Serialize, Deserialize)]
+pub struct Part {
+    steps: Vec<Step>,
+    /// The approach, measured with the first view.
+    closer: Vec<Closer>,
+}
+
+/// The views of a sweep, for several processes.
+pub struct Views {
+    args: Args,
+    stems: Vec<String>,
+    open: Option<(Backend, Request, Study<Backend>)>,
+}
+
+impl Views {
+    /// Checks the arguments.
+    pub fn new(args: Args) -> Result<Views> {
+        let given = args.drawing.cameras(args.scene.as_deref())?;
+        let stems = stems(&args, given.as_deref());
+        claim_files(&args)?;
+        Ok(Views { args, stems, open: None })
+    }
+}
+
+impl Work for Views {
+    fn command(&self) -> &'static str {
+        COMMAND
+    }
+
+    fn folder(&self) -> &Path {
+        &self.args.output
+    }
+
+    fn views(&self) -> &[String] {
+        &self.stems
+    }
+
+    fn file(&self, view: &str) -> PathBuf {
+        job::part(view)
+    }
+
+    fn open(&mut self) -> Result<Origin> {
+        let device = self.args.device.open()?;
+        let request = Request::load(&self.args, &device)?;
+        let subject = request.subject(&device);
+        let study = Study::new(&subject, &request.wanted, &mut Console::default())?;
+        let Wanted { pipeline, set, steps, .. } = &request.wanted;
+        let cameras = serde_json::to_value(&request.cameras)?;
+        let mut origin = job::origin_of(study.session(), &cameras, (pipeline, set))?;
+        let empty = study.gather(&subject, &request.wanted, Vec::new(), Vec::new());
+        origin.insert("sweep".into(), serde_json::to_value(empty)?);
+        origin.insert("steps".into(), json!([steps, format!("{:?}", request.wanted.frames)]));
+        self.open = Some((device, request, study));
+        Ok(origin)
+    }
+
+    fn draw(&mut self, views: &[usize]) -> Result<()> {
+        let (device, request, study) = self.open.as_mut().context("no device")?;
+        let (subject, console) = (request.subject(device), &mut Console::default());
+        for &view in views {
+            let (steps, shown) = study.view(&subject, &request.wanted, view, console)?;
+            let mut closer = Vec::new();
+            if view == 0 {
+                closer = study.approach(&subject, &request.wanted, console)?;
+                save_pictures(&shown, &self.args.output)?;
+            }
+            job::write_part(&self.args.output, &self.stems[view], &Part { steps, closer })?;
+        }
+        Ok(())
+    }
+
+    fn close(&mut self) -> Vec<String> {
+        self.open.take().map(|(device, ..)| device.close()).unwrap_or_default()
+    }
+}
+
+/// The command's name, in descriptions of shared folders.
+pub const COMMAND: &str = "sweep";
+
+/// Writes the report of the views that several processes measured. The pictures are in one of `folders`.
+///
+/// # Errors
+/// A picture is missing, or a file cannot be written.
+pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Path) -> Result<()> {
+    let empty = origin.get("sweep").cloned().context("the origin of a sweep")?;
+    let first = parts.first().and_then(|part| part.steps.first()).map(|step| step.camera.clone());
+    let shown_steps = parts.first().map(|part| part.steps.clone()).unwrap_or_default();
+    let closer = parts.iter().flat_map(|part| part.closer.clone()).collect();
+    let steps = parts.into_iter().flat_map(|part| part.steps).collect();
+    let swept = Swept::of_parts(serde_json::from_value(empty)?, steps, closer);
+    let mut shown = Vec::new();
+    for step in
+        shown_steps.iter().filter(|step| Some(&step.camera) == first.as_ref() && !swept.closer.is_empty())
+    {
+        let path = picture_of(step.choice, step.count);
+        let found = folders.iter().map(|folder| folder.join(&path)).find(|path| path.exists());
+        let found = found.with_context(|| format!("expected {}, found none", path.display()))?;
+        shown.push(Shown { choice: step.choice, count: step.count, picture: Image::load(&found)? });
+    }
+    save_pictures(&shown, output)?;
+    report(&swept, &shown, output)
 }
 
 /// Returns an error if a file of the sweep would destroy an input.

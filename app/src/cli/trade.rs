@@ -2,21 +2,27 @@
 
 use super::cameras;
 use super::console::Console;
+use super::job::{self, Origin, ShardArgs, Work};
 use super::options::{self, DEFAULT_PIPELINE, DeviceArgs, DrawingBackendArgs, EffortArgs};
 use super::outcome::{Outcome, Usage};
+use crate::draw::backend::Backend;
 use crate::draw::fit;
 use crate::io::image::{Format, Image};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, say, shell_word};
 use crate::studies::study::{StudyError, Subject};
+use crate::studies::trade::ledger::Ledger;
+use crate::studies::trade::measure::Row;
 use crate::studies::trade::page::{page, plot};
 use crate::studies::trade::pictures::{self, Album};
 use crate::studies::trade::table::{csv, notes, table};
-use crate::studies::trade::{Wanted, study};
-use anyhow::{Result, bail};
+use crate::studies::trade::{Study, Wanted, study};
+use anyhow::{Context, Result, bail};
 use splatgraph_api::Device;
-use splatgraph_assets::Camera;
+use splatgraph_assets::{Camera, Scene};
+use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Measure what each setting saves, and what it costs in accuracy
 ///
@@ -72,7 +78,9 @@ pub struct Args {
     #[command(flatten)]
     effort: EffortArgs,
     #[command(flatten)]
-    device: DrawingBackendArgs,
+    pub shard: ShardArgs,
+    #[command(flatten)]
+    pub device: DrawingBackendArgs,
 }
 
 /// Files in the folder of `--output`.
@@ -82,35 +90,66 @@ const PAGE: &str = "ledger.html";
 const SVG: &str = "ledger.svg";
 const PNG: &str = "ledger.png";
 
+/// The scene and its cameras, and what is wanted of them.
+struct Request {
+    scene: Arc<Scene>,
+    cameras: Vec<Camera>,
+    wanted: Wanted,
+}
+
+impl Request {
+    /// Loads the scene, for a device that is opened.
+    fn load(args: &Args, device: &Backend, file: Option<PathBuf>) -> Result<Request> {
+        let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
+        let stems = stems(args, given.as_deref());
+        if let Some(path) = &args.scene {
+            fit::check_header(path, device.info(), &args.pipeline, &args.set)?;
+        }
+        let (scene, cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
+        let truths = |folder: &PathBuf| -> Result<_> {
+            Ok((folder.display().to_string(), true_pictures(folder, &cameras, &stems)?))
+        };
+        let DeviceArgs { validate, no_robustness, .. } = &*args.device;
+        let wanted = Wanted {
+            pipeline: args.pipeline.clone(),
+            set: args.set.clone(),
+            only: args.only.clone(),
+            frames: args.effort.frames(),
+            truths: args.truth.as_ref().map(truths).transpose()?,
+            opened: format!("validation {validate}, robustness {}", !no_robustness),
+            file,
+        };
+        Ok(Request { scene: scene.into(), cameras, wanted })
+    }
+
+    /// Makes the subject of the study.
+    fn subject<'a>(&self, args: &Args, device: &'a Backend) -> Subject<'a, Backend> {
+        let name = args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string());
+        Subject { device, name, scene: self.scene.clone(), cameras: self.cameras.clone() }
+    }
+}
+
+/// Returns a file name for each camera, without extension.
+fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
+    names::unique(&options::camera_names(args.scene.as_deref(), given), MAX_NAME_BYTES - 5)
+}
+
 pub fn run(args: &Args) -> Result<Outcome> {
-    let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
-    let stems =
-        names::unique(&options::camera_names(args.scene.as_deref(), given.as_deref()), MAX_NAME_BYTES - 5);
+    // Errors of the command line are reported before a device is opened.
+    cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
     claim_files(args)?;
     let device = args.device.open()?;
-    if let Some(path) = &args.scene {
-        fit::check_header(path, device.info(), &args.pipeline, &args.set)?;
-    }
-    let (scene, cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
-    let truths = |folder: &PathBuf| -> Result<_> {
-        Ok((folder.display().to_string(), true_pictures(folder, &cameras, &stems)?))
-    };
-    let file = |name: &str| args.output.join(name);
-    let DeviceArgs { validate, no_robustness, .. } = &*args.device;
-    let wanted = Wanted {
-        pipeline: args.pipeline.clone(),
-        set: args.set.clone(),
-        only: args.only.clone(),
-        frames: args.effort.frames(),
-        truths: args.truth.as_ref().map(truths).transpose()?,
-        opened: format!("validation {validate}, robustness {}", !no_robustness),
-        file: file(LEDGER),
-    };
-    let name = args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string());
-    let subject = Subject { device: &device, name, scene: scene.into(), cameras };
-    let mut ledger = study(&subject, &wanted, &mut Console::default()).map_err(usage)?;
+    let request = Request::load(args, &device, Some(args.output.join(LEDGER)))?;
+    let subject = request.subject(args, &device);
+    let ledger = study(&subject, &request.wanted, &mut Console::default()).map_err(usage)?;
+    report(ledger, &args.output)?;
+    Ok(super::outcome::validated(args.device.validate, &device.close()))
+}
 
+/// Prints a ledger, and writes its files except ledger.json.
+fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
     ledger.command = std::env::args().map(|word| shell_word(&word)).collect::<Vec<_>>().join(" ");
+    let file = |name: &str| output.join(name);
     let (lines, failed) = ledger.lines();
     let notes: String = notes(&lines).iter().map(|note| format!("{note}\n")).collect();
     options::write_text(None, &format!("{}{notes}", table(&lines)))?;
@@ -118,16 +157,110 @@ pub fn run(args: &Args) -> Result<Outcome> {
         say(format!("{setting}: {why}"));
     }
     output::write_bytes(&file(CSV), csv(&lines).as_bytes())?;
-    output::write_bytes(
-        &file(PAGE),
-        page(&ledger, &lines, &failed, &Album::beside(&wanted.file))?.as_bytes(),
-    )?;
+    let album = Album::beside(&file(LEDGER));
+    output::write_bytes(&file(PAGE), page(&ledger, &lines, &failed, &album)?.as_bytes())?;
     if let Some(plot) = plot(&ledger, &lines) {
         output::write_bytes(&file(SVG), plot.svg()?.as_bytes())?;
         plot.image()?.save(&file(PNG))?;
     }
     say(format!("{} shows the result", file(PAGE).display()));
-    Ok(super::outcome::validated(args.device.validate, &device.close()))
+    Ok(())
+}
+
+/// The views of a ledger, for several processes.
+pub struct Views {
+    args: Args,
+    stems: Vec<String>,
+    open: Option<(Backend, Request, Study<Backend>)>,
+}
+
+impl Views {
+    /// Checks the arguments.
+    pub fn new(args: Args) -> Result<Views> {
+        let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
+        let stems = stems(&args, given.as_deref());
+        claim_files(&args)?;
+        Ok(Views { args, stems, open: None })
+    }
+}
+
+impl Work for Views {
+    fn command(&self) -> &'static str {
+        COMMAND
+    }
+
+    fn folder(&self) -> &Path {
+        &self.args.output
+    }
+
+    fn views(&self) -> &[String] {
+        &self.stems
+    }
+
+    fn file(&self, view: &str) -> PathBuf {
+        job::part(view)
+    }
+
+    fn open(&mut self) -> Result<Origin> {
+        let device = self.args.device.open()?;
+        let request = Request::load(&self.args, &device, None)?;
+        let subject = request.subject(&self.args, &device);
+        let study = Study::new(&subject, &request.wanted, &mut Console::default()).map_err(usage)?;
+        let origin = serde_json::to_value(study.origin())?;
+        self.open = Some((device, request, study));
+        Ok(origin.as_object().cloned().unwrap_or_default())
+    }
+
+    fn draw(&mut self, views: &[usize]) -> Result<()> {
+        let (device, request, study) = self.open.as_mut().context("no device")?;
+        let subject = request.subject(&self.args, device);
+        for &view in views {
+            let mut book = study.book(None, &mut ());
+            let stem = &self.stems[view];
+            let album = album_of(&self.args.output.join(job::part(stem)));
+            let console = &mut Console::default();
+            study.measure(&subject, &request.wanted, view..view + 1, (&mut book, &album), console)?;
+            job::write_part(&self.args.output, stem, &book.ledger.rows)?;
+        }
+        Ok(())
+    }
+
+    fn close(&mut self) -> Vec<String> {
+        self.open.take().map(|(device, ..)| device.close()).unwrap_or_default()
+    }
+}
+
+/// The command's name, in descriptions of shared folders.
+pub const COMMAND: &str = "trade";
+
+/// Names the album of a view that several processes share, by the path of its rows.
+fn album_of(part: &Path) -> Album {
+    Album::beside(&part.with_extension("").join(LEDGER))
+}
+
+/// Writes the ledger of the views that several processes measured. `found` are the paths of the parts.
+///
+/// # Errors
+/// A file cannot be written.
+pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], output: &Path) -> Result<()> {
+    let origin = serde_json::from_value(origin.clone().into()).context("the origin of a ledger")?;
+    let of_camera: HashMap<String, &PathBuf> = parts
+        .iter()
+        .zip(found)
+        .filter_map(|(rows, path)| Some((rows.first()?.camera.clone(), path)))
+        .collect();
+    let ledger = Ledger { command: String::new(), origin, rows: parts.into_iter().flatten().collect() };
+    ledger.save(&output.join(LEDGER))?;
+    let album = Album::beside(&output.join(LEDGER));
+    let settings: BTreeSet<&str> = ledger.rows.iter().map(|row| row.setting.as_str()).collect();
+    for setting in settings {
+        if let Some((camera, _)) = ledger.farthest(setting)
+            && let Some(part) = of_camera.get(camera)
+        {
+            album.copy(&album_of(part), camera, setting)?;
+        }
+    }
+    report(ledger, output)
 }
 
 /// Makes a mistake in `--only` one of the command line.

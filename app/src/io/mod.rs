@@ -4,6 +4,7 @@
 //! - [`image`]: picture files;
 //! - [`film`]: film files;
 //! - [`report`]: plots, and pages in one file;
+//! - [`program`]: the build of the program;
 //! - [`progress`]: progress on standard error;
 //! - [`demo`]: the demo scene.
 
@@ -12,5 +13,6 @@ pub mod film;
 pub(crate) mod folders;
 pub mod image;
 pub mod output;
+pub mod program;
 pub mod progress;
 pub mod report;

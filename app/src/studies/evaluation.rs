@@ -5,10 +5,10 @@
 use crate::io::image::Image;
 use crate::io::output::one_line;
 use crate::studies::metrics::{self, MetricError, flip};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The score of a view.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Score {
     /// The photograph's name.
     pub view: String,

@@ -1,38 +1,38 @@
 //! Runs `splatgraph render`: draws pictures of a scene and measures their cost.
 
 use super::cameras;
+use super::job::{Manifest, ShardArgs};
 use super::look_at::LookAtArgs;
 use super::options::{self, DeviceArgs, Drawing, MAX_SIDE};
-use super::outcome::{Outcome, Usage, claim_graph_files};
+use super::outcome::{Outcome, Usage};
 use super::scenes::ScenesArgs;
-use crate::draw::backend::{Api, Backend};
+use crate::draw::backend::Api;
 use crate::draw::outputs::NAMES;
-use crate::draw::session::Session;
-use crate::draw::truth::{self, Truth};
 use crate::io::image::Format;
 use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
-use crate::io::output::{OutputGuard, is_standard_output, one_line, say};
-use crate::io::progress::Progress;
-use anyhow::{Context, Result, bail};
+use crate::io::output::{OutputGuard, is_standard_output, one_line};
+use anyhow::{Result, bail};
 use clap::builder::{OsStringValueParser, TypedValueParser};
-use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::Camera;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 mod batch;
 mod destination;
+mod drawer;
 mod exact;
 mod frames;
 mod kept;
 mod stdout;
+mod views;
 
-use batch::{Batch, Shown};
 use destination::{Destination, Output, per_camera, stem};
-use frames::{Drawn, InspectRequest, Wanted, inspect_request};
+use drawer::Drawer;
+use frames::{InspectRequest, inspect_request};
 use stdout::Stdout;
 
 pub(super) use frames::prepare_plan;
+pub(super) use views::{COMMAND, Views};
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph render -o demo.png                                          # the demo scene
@@ -103,7 +103,9 @@ pub struct Args {
     #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = inspect_request)]
     inspect: Vec<InspectRequest>,
     #[command(flatten)]
-    device: DeviceArgs,
+    pub shard: ShardArgs,
+    #[command(flatten)]
+    pub device: DeviceArgs,
 }
 
 /// The renderer of `--backend`.
@@ -224,104 +226,15 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
 pub fn run(args: &Args) -> Result<Outcome> {
     // Errors of the command line and of the device are reported before a large scene is loaded.
     let work = prepare(args)?;
-    let Renderer::Device(api) = args.backend else { return run_exactly(args, work) };
-    let Work { given, destination, stems, mut guard } = work;
-    let device = Backend::open(api, &args.device.options())?;
-    args.scenes.check_header(device.info(), &args.drawing)?;
-    let (scene, cameras) = scene_and_cameras(args, given, &stems)?;
-
-    let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
-    if !args.inspect.is_empty() {
-        session.keep_contents();
+    if let Some(Destination::Folder(folder, _)) = &work.destination {
+        Manifest::refuse(folder)?;
     }
-    let names: Vec<String> = args.named().map(|(name, _)| name.to_owned()).collect();
-    session.set_outputs(&names);
-    let stdout = args.stdout();
-    let mut progress = Progress::new("drawing");
-    let wanted = Wanted {
-        repeat: args.repeat,
-        background: args.background,
-        read_output: destination.is_some(),
-        inspect: &args.inspect,
-    };
-    let files: Vec<(String, PathBuf)> =
-        args.named().map(|(name, file)| (name.to_owned(), file.to_owned())).collect();
-    let mut batch = Batch::new(args.jobs(), destination, (files, cameras.len()), stdout);
-    for (index, (camera, stem)) in cameras.iter().zip(&stems).enumerate() {
-        progress.set(index as u64, cameras.len() as u64, &camera.img_name);
-        if !session.is_prepared((camera.width, camera.height)) {
-            batch.land_all(&mut session, &progress)?;
-        }
-        let loaded = frames::prepare_plan(&mut session, camera)?;
-        if loaded {
-            progress.suspend(|| session.settings_without_effect().iter().for_each(say));
-            claim_graph_files(&mut guard, &session.files())?;
-        }
-        if args.repeat == 1 && args.inspect.is_empty() {
-            batch.submit(&mut session, args.background, (camera, stem), &progress)?;
-            continue;
-        }
-        let Drawn { stats, output, outputs, requests } = frames::draw(&wanted, &mut session, camera, loaded)?;
-        let inspected: Vec<_> = stats.inspected.iter().cloned().zip(requests).collect();
-        let no_colours = frames::no_colours(&session);
-        batch.save(Shown { stats, output, outputs, no_colours, stem: stem.clone() }, &progress)?;
-        batch.finish(&progress)?;
-        for (finding, inspect_request) in inspected {
-            progress.suspend(|| stdout.line(&finding.text()))?;
-            if let Some(file) = &args.inspect[inspect_request].file {
-                finding.save(&per_camera(file, stem, cameras.len()))?;
-            }
-        }
-    }
-    batch.land_all(&mut session, &progress)?;
-    let all = batch.finish(&progress)?;
-    drop(progress);
+    let mut drawer = Drawer::open(args, &work, None)?;
+    drawer.draw(args, &(0..work.stems.len()).collect::<Vec<_>>())?;
     if let Some(path) = &args.json {
-        options::write_json(path, &serde_json::to_value(all)?)?;
+        options::write_json(path, &drawer.stats()?)?;
     }
-    Ok(super::outcome::validated(args.device.validate, &session.into_device().close()))
-}
-
-/// Loads the scenes and their cameras, in the requested size.
-fn scene_and_cameras(
-    args: &Args,
-    given: Option<Vec<Camera>>,
-    stems: &[String],
-) -> Result<(Scene, Vec<Camera>)> {
-    let (scene, own) = args.scenes.load()?;
-    let cameras = options::cameras_of(&scene, given.or(own.map(|own| vec![own])), stems, args.drawing.size);
-    let looking = args.look.cameras(&scene, args.drawing.size)?;
-    Ok((scene, looking.unwrap_or(cameras)))
-}
-
-/// Draws with the exact renderer.
-fn run_exactly(args: &Args, Work { given, destination, stems, .. }: Work) -> Result<Outcome> {
-    let rules = truth::rules(&args.rule).map_err(|error| Usage(error.to_string()))?;
-    let (scene, cameras) = scene_and_cameras(args, given, &stems)?;
-    let stdout = args.stdout();
-    let mut all = Vec::with_capacity(cameras.len());
-    for (camera, stem) in cameras.iter().zip(&stems) {
-        let truth = Truth::draw(&scene, camera, args.background, &rules);
-        let name = match &destination {
-            Some(destination) => {
-                let path = destination.path(stem);
-                truth.image().save_as(destination.format(), &path)?;
-                path.display().to_string()
-            }
-            None => one_line(&camera.img_name).into_owned(),
-        };
-        stdout.line(&format!("{name}: {} x {}, {}", camera.width, camera.height, truth.stats))?;
-        for (name, file) in args.named() {
-            let output =
-                truth.output(name).with_context(|| format!("the exact renderer has no output `{name}`"))?;
-            output.save(&per_camera(file, stem, cameras.len()))?;
-        }
-        all.push(truth.stats);
-    }
-    if let Some(path) = &args.json {
-        options::write_json(path, &serde_json::to_value(all)?)?;
-    }
-    Ok(Outcome::Done)
+    Ok(super::outcome::validated(args.device.validate, &drawer.close()))
 }
 
 /// Refuses options that have no meaning for the chosen renderer.

@@ -290,6 +290,11 @@ impl<D: Device> Session<D> {
         &self.scene
     }
 
+    /// Returns the scene, for another session.
+    pub fn shared_scene(&self) -> Arc<Scene> {
+        self.scene.clone()
+    }
+
     /// Lists the files that the plans were built from.
     pub fn files(&self) -> Vec<Wanted> {
         self.planner.wanted()

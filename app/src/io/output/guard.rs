@@ -21,7 +21,7 @@ const MAX_PATH_BYTES: usize = 4096;
 pub struct Conflict(String);
 
 /// The files that a command reads and writes.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct OutputGuard {
     inputs: HashMap<Identity, String>,
     outputs: HashMap<Identity, String>,

@@ -10,4 +10,4 @@ pub mod measure;
 pub mod page;
 mod study;
 
-pub use study::{Wanted, study};
+pub use study::{Study, Wanted, study};

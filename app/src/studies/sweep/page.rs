@@ -11,7 +11,7 @@ use crate::studies::measurement::error::Error;
 use crate::studies::measurement::time::Time;
 use crate::studies::metrics::squared_error;
 use crate::studies::study::StudyError;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use splatgraph_assets::grouped;
 use std::collections::BTreeSet;
 
@@ -19,7 +19,7 @@ use std::collections::BTreeSet;
 pub const PLOTS: [&str; 5] = ["quality", "times", "trade", "shares", "approach"];
 
 /// A finished sweep.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Swept {
     /// The scene, and its number of splats.
     pub scene: String,
@@ -56,6 +56,11 @@ struct Mean {
 }
 
 impl Swept {
+    /// Puts the numbers of views into a sweep without any.
+    pub fn of_parts(empty: Swept, steps: Vec<Step>, closer: Vec<Closer>) -> Swept {
+        Swept { fit: fit(&closer), steps, closer, ..empty }
+    }
+
     /// Returns the steps of a choice from the fewest splats to all of them, in the mean over the views.
     fn means(&self, choice: Choice) -> Vec<Mean> {
         let of = |step: &&Step| step.choice.is_none_or(|own| own == choice);

@@ -1,10 +1,11 @@
 //! Sweeps a scene: every view with fewer and fewer splats, then the approach of the first camera.
 
-use super::approach;
+use super::approach::{self, Closer};
 use super::choice::{BUDGET, Choice, for_nearest};
 use super::measure::{Step, Sweep, counts};
 use super::page::{Shown, Swept, gather};
 use crate::draw::interleaved::Frames;
+use crate::draw::session::Session;
 use crate::io::image::Image;
 use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Steps, StudyError, Subject};
@@ -32,50 +33,134 @@ pub fn study<D: Device>(
     wanted: &Wanted,
     listener: &mut dyn Listener,
 ) -> Result<(Swept, Vec<Shown>), StudyError> {
-    let (cameras, first) = (&subject.cameras, subject.first()?);
-    let counts = counts(subject.scene.count(), wanted.steps);
-    let (pipeline, set) = (wanted.pipeline.as_str(), wanted.set.as_slice());
-    let mut whole = subject.session(pipeline, set)?;
-    let controls = whole.controls((first.width, first.height))?;
-    let nearest = for_nearest(&controls);
-    if nearest.is_none() {
-        listener.say(&format!("{pipeline}: no parameter `{BUDGET}`: the nearest splats are not measured"));
+    let mut study = Study::new(subject, wanted, listener)?;
+    let (mut steps, mut shown) = (Vec::new(), Vec::new());
+    for at in 0..subject.cameras.len() {
+        let (of_view, pictures) = study.view(subject, wanted, at, listener)?;
+        steps.extend(of_view);
+        if at == 0 {
+            shown = pictures;
+        }
     }
-    // Quads blend every fragment.
-    let stops = controls.iter().any(|control| control.param.name == "stop");
-    let per_view = 1 + Choice::ALL.len() * (counts.len() - 1);
-    let of = per_view * cameras.len() + approach::STEPS.len();
-    let (mut steps, mut shown): (Vec<Step>, Vec<Shown>) = (Vec::new(), Vec::new());
-    for (at, camera) in cameras.iter().enumerate() {
-        // The orders of different parts of the scene cannot be compared.
-        let view = View::exact(whole.scene(), camera);
-        whole.prepare((camera.width, camera.height), &mut |_| {})?;
+    let closer = study.approach(subject, wanted, listener)?;
+    Ok((study.gather(subject, wanted, steps, closer), shown))
+}
+
+/// The session that draws all splats, and what its graph can do.
+pub struct Study<D> {
+    whole: Session<D>,
+    /// The numbers of splats.
+    counts: Vec<u32>,
+    /// The parameters of [`Choice::Nearest`], if the graph has them.
+    nearest: Option<Vec<(String, String)>>,
+    /// True if the graph stops before the last fragment.
+    stops: bool,
+}
+
+impl<D: Device> Study<D> {
+    /// Reads the graph.
+    ///
+    /// # Errors
+    /// The graph has errors, or the device has no room.
+    pub fn new(
+        subject: &Subject<D>,
+        wanted: &Wanted,
+        listener: &mut dyn Listener,
+    ) -> Result<Study<D>, StudyError> {
+        let first = subject.first()?;
+        let pipeline = wanted.pipeline.as_str();
+        let mut whole = subject.session(pipeline, &wanted.set)?;
+        let controls = whole.controls((first.width, first.height))?;
+        let nearest = for_nearest(&controls);
+        if nearest.is_none() {
+            listener
+                .say(&format!("{pipeline}: no parameter `{BUDGET}`: the nearest splats are not measured"));
+        }
+        // Quads blend every fragment.
+        let stops = controls.iter().any(|control| control.param.name == "stop");
+        let counts = counts(subject.scene.count(), wanted.steps);
+        whole.prepare((first.width, first.height), &mut |_| {})?;
         whole.settings_without_effect().iter().for_each(|line| listener.say(line));
-        let effort = wanted.frames.choose(&mut whole, camera, 4)?;
-        let mut progress = Steps::new(listener, "sweeping", of);
-        progress.skip(at * per_view);
-        let mut sweep = Sweep { whole: &mut whole, pipeline, set, ms: None, nearest: nearest.as_deref() };
+        Ok(Study { whole, counts, nearest, stops })
+    }
+
+    /// The session that draws all splats.
+    pub fn session(&self) -> &Session<D> {
+        &self.whole
+    }
+
+    /// Measures a view, the index of a camera of the subject; also returns the pictures.
+    ///
+    /// # Errors
+    /// A picture cannot be compared, the device fails, or the listener cancels.
+    pub fn view(
+        &mut self,
+        subject: &Subject<D>,
+        wanted: &Wanted,
+        at: usize,
+        listener: &mut dyn Listener,
+    ) -> Result<(Vec<Step>, Vec<Shown>), StudyError> {
+        let camera = &subject.cameras[at];
+        let (pipeline, set) = (wanted.pipeline.as_str(), wanted.set.as_slice());
+        // The orders of different parts of the scene cannot be compared.
+        let view = View::exact(self.whole.scene(), camera);
+        self.whole.prepare((camera.width, camera.height), &mut |_| {})?;
+        let effort = wanted.frames.choose(&mut self.whole, camera, 4)?;
+        let mut progress = self.progress(subject, at, listener);
+        let (mut steps, mut shown): (Vec<Step>, Vec<Shown>) = (Vec::new(), Vec::new());
+        let nearest = self.nearest.as_deref();
+        let mut sweep = Sweep { whole: &mut self.whole, pipeline, set, ms: None, nearest };
         let refused = |why: String| StudyError::of(&camera.img_name)(StudyError::Input(why));
         let mut keep = |step: Step, picture: Image| -> Result<(), StudyError> {
             progress.next(&format!("{}, {} splats", camera.img_name, step.count))?;
-            if at == 0 {
-                shown.push(Shown { choice: step.choice, count: step.count, picture });
-            }
+            shown.push(Shown { choice: step.choice, count: step.count, picture });
             steps.push(step);
             Ok(())
         };
         let (step, picture) = sweep.all(&view, effort)?.map_err(refused)?;
         keep(step, picture)?;
         for choice in Choice::ALL {
-            sweep.steps(choice, &counts[1..], &view, effort, &mut keep)?.map_err(refused)?;
+            sweep.steps(choice, &self.counts[1..], &view, effort, &mut keep)?.map_err(refused)?;
         }
+        Ok((steps, shown))
     }
-    let closer = approach::cameras(whole.scene(), first);
-    whole.prepare((first.width, first.height), &mut |_| {})?;
-    let effort = wanted.frames.choose(&mut whole, first, 4)?;
-    let mut progress = Steps::new(listener, "sweeping", of);
-    progress.skip(per_view * cameras.len());
-    let closer = approach::measure(&mut whole, &closer, stops, effort, &mut progress)?;
-    let scene = (subject.name.clone(), subject.scene.count());
-    Ok((gather(scene, wanted.pipeline.clone(), subject.device_name(), steps, closer), shown))
+
+    /// Measures the approach of the first camera.
+    ///
+    /// # Errors
+    /// The device fails, or the listener cancels.
+    pub fn approach(
+        &mut self,
+        subject: &Subject<D>,
+        wanted: &Wanted,
+        listener: &mut dyn Listener,
+    ) -> Result<Vec<Closer>, StudyError> {
+        let first = subject.first()?;
+        let closer = approach::cameras(self.whole.scene(), first);
+        self.whole.prepare((first.width, first.height), &mut |_| {})?;
+        let effort = wanted.frames.choose(&mut self.whole, first, 4)?;
+        let mut progress = self.progress(subject, subject.cameras.len(), listener);
+        approach::measure(&mut self.whole, &closer, self.stops, effort, &mut progress)
+    }
+
+    /// Joins the numbers.
+    pub fn gather(
+        &self,
+        subject: &Subject<D>,
+        wanted: &Wanted,
+        steps: Vec<Step>,
+        closer: Vec<Closer>,
+    ) -> Swept {
+        let scene = (subject.name.clone(), subject.scene.count());
+        gather(scene, wanted.pipeline.clone(), subject.device_name(), steps, closer)
+    }
+
+    /// Makes the progress of the whole study, after so many views.
+    fn progress<'a>(&self, subject: &Subject<D>, views: usize, listener: &'a mut dyn Listener) -> Steps<'a> {
+        let per_view = 1 + Choice::ALL.len() * (self.counts.len() - 1);
+        let of = per_view * subject.cameras.len() + approach::STEPS.len();
+        let mut progress = Steps::new(listener, "sweeping", of);
+        progress.skip(views * per_view);
+        progress
+    }
 }

@@ -101,16 +101,20 @@ pub struct Ledger {
 pub struct Book {
     /// The rows so far.
     pub ledger: Ledger,
-    path: PathBuf,
+    path: Option<PathBuf>,
 }
 
 impl Book {
     /// Opens the ledger in a file, with the rows whose plans have not changed; an empty ledger if the file has another origin.
     ///
     /// `plans` are the settings, each with the hash of its plans. The second value says which rows of the file are not kept, and why. The
-    /// file itself stays as it is until the first row is added.
-    pub fn open(path: PathBuf, origin: Origin, plans: &[(&str, Option<u64>)]) -> (Book, Option<String>) {
-        let bytes = fs::read(&path).ok();
+    /// file itself stays as it is until the first row is added. Without a path, nothing is kept.
+    pub fn open(
+        path: Option<PathBuf>,
+        origin: Origin,
+        plans: &[(&str, Option<u64>)],
+    ) -> (Book, Option<String>) {
+        let bytes = path.as_ref().and_then(|path| fs::read(path).ok());
         let found: Option<Ledger> = bytes.as_ref().and_then(|bytes| serde_json::from_slice(bytes).ok());
         let mut lost = bytes.is_some().then(|| "it is of another version of the program".to_owned());
         let mut rows = Vec::new();
@@ -129,8 +133,9 @@ impl Book {
                 lost = (rows.len() < all).then(|| of_another(vec!["graph"]));
             }
         }
-        let lost =
-            lost.map(|why| format!("{}: rows of an earlier run are measured anew: {why}", path.display()));
+        let lost = lost.zip(path.as_ref()).map(|(why, path)| {
+            format!("{}: rows of an earlier run are measured anew: {why}", path.display())
+        });
         (Book { ledger: Ledger { command: String::new(), origin, rows }, path }, lost)
     }
 
@@ -155,18 +160,12 @@ impl Book {
     /// The file cannot be written.
     pub fn add(&mut self, row: Row) -> Result<(), output::OutputError> {
         self.ledger.rows.push(row);
-        let text = serde_json::to_string_pretty(&self.ledger).unwrap_or_default();
-        output::write_bytes(&self.path, format!("{text}\n").as_bytes())
-    }
-
-    /// Returns the path of the file.
-    pub fn path(&self) -> &Path {
-        &self.path
+        self.path.as_ref().map_or(Ok(()), |path| self.ledger.save(path))
     }
 }
 
 /// A setting over all of its views.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Line {
     /// The setting's name.
     pub setting: String,
@@ -208,6 +207,15 @@ impl Ledger {
             rows.filter_map(|row| Some((row.camera.as_str(), row.found.as_ref().ok()?.error.psnr_db)));
         // Of equals the first, as `pictures` keeps it.
         drawn.reduce(|a, b| if squared_error(b.1) > squared_error(a.1) { b } else { a })
+    }
+
+    /// Writes the ledger as JSON.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), output::OutputError> {
+        let text = serde_json::to_string_pretty(self).unwrap_or_default();
+        output::write_bytes(path, format!("{text}\n").as_bytes())
     }
 
     /// Sums the rows of each setting up, in the order of the rows; settings that failed come as their message.
@@ -449,11 +457,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ledger.json");
         let plans = [("exact", Some(1)), ("broken", Some(1))];
-        let (mut book, lost) = Book::open(path.clone(), origin(), &plans);
+        let (mut book, lost) = Book::open(Some(path.clone()), origin(), &plans);
         assert_eq!(lost, None);
         book.add(row("exact", "a", Ok(measured(4.0, Some(61.25))))).unwrap();
         book.add(row("broken", "a", Err("no".into()))).unwrap();
-        let (again, lost) = Book::open(path.clone(), origin(), &plans);
+        let (again, lost) = Book::open(Some(path.clone()), origin(), &plans);
         assert_eq!((&again.ledger, lost), (&book.ledger, None));
         assert!(again.has("exact", "a") && !again.has("exact", "b"));
         assert_eq!((again.exact_ms("a"), again.exact_ms("b")), (Some(4.0), None));
@@ -468,16 +476,17 @@ mod tests {
             (Origin { cameras: Json::Null, ..origin() }, "cameras"),
             (Origin { rounds: 2, ..origin() }, "frames"),
         ] {
-            let (found, lost) = Book::open(path.clone(), other, &plans);
+            let (found, lost) = Book::open(Some(path.clone()), other, &plans);
             let lost = lost.unwrap_or_default();
             assert!(found.ledger.rows.is_empty() && lost.ends_with(&format!("another {what}")), "{lost}");
         }
         // A preset whose file was edited, alone.
-        let (found, lost) = Book::open(path.clone(), origin(), &[("exact", Some(1)), ("broken", Some(2))]);
+        let (found, lost) =
+            Book::open(Some(path.clone()), origin(), &[("exact", Some(1)), ("broken", Some(2))]);
         assert!(found.has("exact", "a") && !found.has("broken", "a"));
         assert!(lost.unwrap_or_default().ends_with("measured with another graph"));
         fs::write(&path, "{}").unwrap();
-        let (_, lost) = Book::open(path, origin(), &plans);
+        let (_, lost) = Book::open(Some(path), origin(), &plans);
         assert!(lost.unwrap_or_default().ends_with("another version of the program"));
     }
 }

@@ -12,4 +12,4 @@ pub mod pictures;
 mod study;
 pub mod table;
 
-pub use study::{Wanted, study};
+pub use study::{Study, Wanted, study};

@@ -7,9 +7,11 @@ use super::ledger::Ledger;
 use super::measure::Row;
 use crate::io::image::{Image, ImageError};
 use crate::io::output::names::{MAX_NAME_BYTES, unique};
+use crate::io::output::{self, OutputError};
 use crate::io::report::page::Linked;
 use crate::studies::metrics::{self, squared_error};
 use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Largest width of a kept picture, in pixels.
@@ -19,15 +21,16 @@ const VISIBLE: f64 = 1.0 / 16.0;
 /// Name of the folder.
 pub const FOLDER: &str = "pictures";
 
-/// The pictures beside a ledger.
+/// The pictures beside a ledger; the default keeps none.
+#[derive(Default)]
 pub struct Album {
-    folder: PathBuf,
+    folder: Option<PathBuf>,
 }
 
 impl Album {
     /// Names the album of the ledger in this file.
     pub fn beside(ledger: &Path) -> Album {
-        Album { folder: ledger.with_file_name(FOLDER) }
+        Album { folder: Some(ledger.with_file_name(FOLDER)) }
     }
 
     /// Keeps a picture and its difference, unless another view of the setting is farther from the truth.
@@ -35,23 +38,39 @@ impl Album {
     /// # Errors
     /// A file cannot be written.
     pub fn keep(&self, ledger: &Ledger, row: &Row, picture: &Image, truth: &Image) -> Result<(), ImageError> {
-        let Ok(found) = &row.found else { return Ok(()) };
+        let (Ok(found), Some(folder)) = (&row.found, &self.folder) else { return Ok(()) };
         let of_row = squared_error(found.error.psnr_db);
         if ledger.farthest(&row.setting).is_some_and(|(_, psnr_db)| squared_error(psnr_db) >= of_row) {
             return Ok(());
         }
         let reduced = |image: &Image| if image.width > WIDTH { image.reduced(WIDTH) } else { image.clone() };
-        reduced(truth).save(&self.folder.join(truth_file(&row.camera)))?;
+        reduced(truth).save(&folder.join(truth_file(&row.camera)))?;
         let difference = metrics::difference(picture, truth, gain(found.error.psnr_db) as f32);
         for (file, image) in files(&row.setting).into_iter().zip([picture, &difference]) {
-            reduced(image).save(&self.folder.join(file))?;
+            reduced(image).save(&folder.join(file))?;
+        }
+        Ok(())
+    }
+
+    /// Copies the pictures of a setting from the album of the view that is farthest from the truth, if they are there.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn copy(&self, from: &Album, camera: &str, setting: &str) -> Result<(), OutputError> {
+        let (Some(folder), Some(from)) = (&self.folder, &from.folder) else { return Ok(()) };
+        for file in files(setting).into_iter().chain([truth_file(camera)]) {
+            if let Ok(bytes) = fs::read(from.join(&file)) {
+                output::write_bytes(&folder.join(&file), &bytes)?;
+            }
         }
         Ok(())
     }
 
     /// Lists the pictures of a setting: its own, the truth and the difference; none if one is missing.
     pub fn of(&self, ledger: &Ledger, setting: &str) -> Vec<Linked> {
-        let Some((camera, psnr_db)) = ledger.farthest(setting) else { return Vec::new() };
+        let (Some((camera, psnr_db)), Some(folder)) = (ledger.farthest(setting), &self.folder) else {
+            return Vec::new();
+        };
         let [picture, difference] = files(setting);
         let gain = gain(psnr_db);
         let all = [
@@ -59,7 +78,7 @@ impl Album {
             ("the truth".to_owned(), truth_file(camera)),
             (format!("their difference, {gain} times as large"), difference),
         ];
-        if all.iter().any(|(_, file)| !self.folder.join(file).is_file()) {
+        if all.iter().any(|(_, file)| !folder.join(file).is_file()) {
             return Vec::new();
         }
         let link = |file: &str| format!("{FOLDER}/{}", utf8_percent_encode(file, NON_ALPHANUMERIC));

@@ -6,6 +6,7 @@ use super::pictures::Album;
 use crate::draw::interleaved::Frames;
 use crate::draw::session::Session;
 use crate::io::image::Image;
+use crate::io::program;
 use crate::studies::measurement::plans::to_measure;
 use crate::studies::measurement::settings;
 use crate::studies::measurement::time::Baseline;
@@ -13,9 +14,7 @@ use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Setting, Steps, StudyError, Subject};
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
-use std::fs::File;
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::io::Read;
 use std::path::PathBuf;
 
 /// The request of the study.
@@ -32,65 +31,125 @@ pub struct Wanted {
     pub truths: Option<(String, Vec<Image>)>,
     /// Description of the opened device: a ledger keeps no rows of one that was opened otherwise.
     pub opened: String,
-    /// The file of the ledger, from which an interrupted study resumes. Pictures of the settings go into a folder beside it.
-    pub file: PathBuf,
+    /// The file of the ledger, from which an interrupted study resumes. Pictures of the settings go into a folder beside it. `None` keeps
+    /// neither.
+    pub file: Option<PathBuf>,
 }
 
 /// Measures settings, and returns the ledger with the rows of all that were wanted.
 ///
 /// # Errors
-/// The graph has errors, no setting has a name of [`Wanted::only`], the device fails, a file cannot be written, or the listener cancels.
+/// Those of [`Study::new`] and [`Study::measure`].
 pub fn study<D: Device>(
     subject: &Subject<D>,
     wanted: &Wanted,
     listener: &mut dyn Listener,
 ) -> Result<Ledger, StudyError> {
-    let Subject { scene, cameras, .. } = subject;
-    let camera = subject.first()?;
-    let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
-    let settings = chosen(wanted, &mut session, camera)?;
-    let mut exact = subject.session(&settings[0].pipeline, &settings[0].set)?;
-    // The files of the graph and its shaders are known once they are built.
-    exact.prepare((camera.width, camera.height), &mut |_| {})?;
-    let is_wanted = |setting: &Setting| setting.name == settings::EXACT || only(wanted, &setting.name);
-    let settings = to_measure(settings, &mut exact, cameras, &is_wanted, listener)?;
-    let plans: Vec<_> = settings.iter().map(|(setting, plan)| (setting.name.as_str(), *plan)).collect();
-    let (mut book, lost) = Book::open(wanted.file.clone(), origin(subject, wanted, plans[0].1)?, &plans);
-    lost.iter().for_each(|line| listener.say(line));
-    if !book.ledger.rows.is_empty() {
-        let (file, rows) = (book.path().display(), book.ledger.rows.len());
-        listener.say(&format!("{file}: {rows} rows of an earlier run are kept"));
+    let mut study = Study::new(subject, wanted, listener)?;
+    let mut book = study.book(wanted.file.clone(), listener);
+    let album = wanted.file.as_deref().map_or_else(Album::default, Album::beside);
+    study.measure(subject, wanted, 0..subject.cameras.len(), (&mut book, &album), listener)?;
+    Ok(study.wanted_of(book.ledger))
+}
+
+/// The settings to measure, and the sessions that draw them.
+pub struct Study<D> {
+    /// The graph with every parameter at its exact value.
+    exact: Session<D>,
+    /// A setting.
+    session: Session<D>,
+    /// The settings, each with the hash of its plans; the exact ones first.
+    settings: Vec<(Setting, Option<u64>)>,
+    origin: Origin,
+}
+
+impl<D: Device> Study<D> {
+    /// Chooses the settings, and builds the plans of each.
+    ///
+    /// # Errors
+    /// The graph has errors, no setting has a name of [`Wanted::only`], the device fails, or the listener cancels.
+    pub fn new(
+        subject: &Subject<D>,
+        wanted: &Wanted,
+        listener: &mut dyn Listener,
+    ) -> Result<Study<D>, StudyError> {
+        let camera = subject.first()?;
+        let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
+        let settings = chosen(wanted, &mut session, camera)?;
+        let mut exact = subject.session(&settings[0].pipeline, &settings[0].set)?;
+        // The files of the graph and its shaders are known once they are built.
+        exact.prepare((camera.width, camera.height), &mut |_| {})?;
+        let is_wanted = |setting: &Setting| setting.name == settings::EXACT || only(wanted, &setting.name);
+        let settings = to_measure(settings, &mut exact, &subject.cameras, &is_wanted, listener)?;
+        let origin = origin(subject, wanted, settings[0].1)?;
+        Ok(Study { exact, session, settings, origin })
     }
 
-    let album = Album::beside(&wanted.file);
-    let mut steps = Steps::new(listener, "measuring", settings.len() * cameras.len());
-    for (index, camera) in cameras.iter().enumerate() {
-        let name = &camera.img_name;
-        if settings.iter().all(|(setting, _)| book.has(&setting.name, name)) {
-            steps.skip(settings.len());
-            continue;
+    /// Everything that the rows depend on.
+    pub fn origin(&self) -> &Origin {
+        &self.origin
+    }
+
+    /// Opens a ledger, with its rows of an earlier run of the same origin.
+    pub fn book(&self, file: Option<PathBuf>, listener: &mut dyn Listener) -> Book {
+        let plans: Vec<_> =
+            self.settings.iter().map(|(setting, plan)| (setting.name.as_str(), *plan)).collect();
+        let name = file.as_deref().map(|file| file.display().to_string()).unwrap_or_default();
+        let (book, lost) = Book::open(file, self.origin.clone(), &plans);
+        lost.iter().for_each(|line| listener.say(line));
+        if !book.ledger.rows.is_empty() {
+            listener.say(&format!("{name}: {} rows of an earlier run are kept", book.ledger.rows.len()));
         }
-        exact.prepare((camera.width, camera.height), &mut |_| {})?;
-        let effort = wanted.frames.choose(&mut exact, camera, 4)?;
-        let picture = wanted.truths.as_ref().and_then(|(_, pictures)| pictures.get(index));
-        let view = view(scene, camera, picture);
-        for (setting, plan) in &settings {
-            if book.has(&setting.name, name) {
-                steps.skip(1);
+        book
+    }
+
+    /// Adds the missing rows of some views, which are indices of the subject's cameras, and their pictures.
+    ///
+    /// # Errors
+    /// The device fails, a file cannot be written, or the listener cancels.
+    pub fn measure(
+        &mut self,
+        subject: &Subject<D>,
+        wanted: &Wanted,
+        views: std::ops::Range<usize>,
+        (book, album): (&mut Book, &Album),
+        listener: &mut dyn Listener,
+    ) -> Result<(), StudyError> {
+        let Study { exact, session, settings, .. } = self;
+        let mut steps = Steps::new(listener, "measuring", settings.len() * views.len());
+        for index in views {
+            let camera = &subject.cameras[index];
+            let name = &camera.img_name;
+            if settings.iter().all(|(setting, _)| book.has(&setting.name, name)) {
+                steps.skip(settings.len());
                 continue;
             }
-            steps.next(&format!("{name}, {}", setting.name))?;
-            let baseline = Baseline { session: &mut exact, ms: book.exact_ms(name) };
-            let (row, picture) = measure(&mut session, baseline, (setting, *plan), &view, effort)?;
-            if let Some(picture) = picture {
-                album.keep(&book.ledger, &row, &picture, &view.picture)?;
+            exact.prepare((camera.width, camera.height), &mut |_| {})?;
+            let effort = wanted.frames.choose(exact, camera, 4)?;
+            let picture = wanted.truths.as_ref().and_then(|(_, pictures)| pictures.get(index));
+            let view = view(&subject.scene, camera, picture);
+            for (setting, plan) in settings.iter() {
+                if book.has(&setting.name, name) {
+                    steps.skip(1);
+                    continue;
+                }
+                steps.next(&format!("{name}, {}", setting.name))?;
+                let baseline = Baseline { session: exact, ms: book.exact_ms(name) };
+                let (row, picture) = measure(session, baseline, (setting, *plan), &view, effort)?;
+                if let Some(picture) = picture {
+                    album.keep(&book.ledger, &row, &picture, &view.picture)?;
+                }
+                book.add(row)?;
             }
-            book.add(row)?;
         }
+        Ok(())
     }
-    let mut ledger = book.ledger;
-    ledger.rows.retain(|row| settings.iter().any(|(setting, _)| setting.name == row.setting));
-    Ok(ledger)
+
+    /// Leaves out the rows of settings that are not wanted.
+    pub fn wanted_of(&self, mut ledger: Ledger) -> Ledger {
+        ledger.rows.retain(|row| self.settings.iter().any(|(setting, _)| setting.name == row.setting));
+        ledger
+    }
 }
 
 /// Returns true if a setting of this name is wanted.
@@ -129,7 +188,7 @@ fn origin<D: Device>(
     let own = |error: &dyn std::fmt::Display| StudyError::Input(format!("the ledger's origin: {error}"));
     Ok(Origin {
         version: env!("CARGO_PKG_VERSION").into(),
-        program: program().map_err(|error| own(&error))?,
+        program: program::hash().map_err(|error| own(&error))?,
         scene: subject.name.clone(),
         splats: subject.scene.count(),
         content: format!("{:016x}", subject.scene.identity()),
@@ -144,20 +203,6 @@ fn origin<D: Device>(
         rounds: wanted.frames.rounds,
         frames: wanted.frames.frames,
     })
-}
-
-/// Hashes the program's file.
-fn program() -> std::io::Result<String> {
-    // On Linux, the link leads to the running program, even if its file was replaced.
-    let link = File::open("/proc/self/exe");
-    let mut file = link.or_else(|_| File::open(std::env::current_exe()?))?;
-    let (mut hash, mut bytes) = (DefaultHasher::new(), vec![0; 1 << 20]);
-    loop {
-        match file.read(&mut bytes)? {
-            0 => return Ok(format!("{:016x}", hash.finish())),
-            count => hash.write(&bytes[..count]),
-        }
-    }
 }
 
 /// Hashes the pixels of pictures, bit by bit.

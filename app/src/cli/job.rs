@@ -1,0 +1,445 @@
+//! Shares the views of a command among processes, through a folder.
+//!
+//! The views of `render`, `trade`, `sweep` and `evaluate` do not depend on each other, and each leaves a file, which is whole or not there.
+//! So any number of processes may do them, in any order: `--shard 2/8` does every eighth view, and the Python package gives views to the
+//! workers of a cluster ([`Job`]). A view whose file is there is not done again. `job.json` in the folder names the views and everything
+//! that their results depend on; the folder takes no other results. `merge` reads it, joins the results, and names those that are missing.
+
+use super::outcome::{Outcome, Usage};
+use crate::draw::session::Session;
+use crate::io::output::{self, one_line, say};
+use crate::io::program;
+use anyhow::{Context, Result, bail};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json, json};
+use splatgraph_api::Device;
+use splatgraph_framework::source::Content;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// Every `count`-th view, from the one with this index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    index: usize,
+    count: usize,
+}
+
+impl Shard {
+    /// Lists the views of the shard, of so many.
+    fn views(self, of: usize) -> Vec<usize> {
+        (self.index..of).step_by(self.count).collect()
+    }
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Shard, String> {
+        let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match parsed {
+            Some((index, count)) if index < count => Ok(Shard { index, count }),
+            _ => Err("expected I/N with I from 0 to N - 1, for instance 0/8".into()),
+        }
+    }
+}
+
+/// The option of a command whose views can be shared.
+#[derive(Debug, clap::Args)]
+pub struct ShardArgs {
+    /// Do every N-th view alone, from view I (0 to N - 1), and none that is in the folder of --output already
+    ///
+    /// For arrays of jobs, with the same command and folder in each: `--shard $SLURM_ARRAY_TASK_ID/$SLURM_ARRAY_TASK_COUNT`. `merge`
+    /// joins the results and names missing views. `--shard 0/1` is a run that can be interrupted.
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<Shard>,
+}
+
+/// All that the results of views depend on, by names for messages.
+pub type Origin = Map<String, Json>;
+
+/// A command whose views can be shared.
+pub trait Work: Send {
+    /// The command's name.
+    fn command(&self) -> &'static str;
+
+    /// The folder of the results.
+    fn folder(&self) -> &Path;
+
+    /// The views, each with a file name of its own, without extension.
+    fn views(&self) -> &[String];
+
+    /// Returns the path of a view's result in the folder. The file is written after all other files of the view.
+    fn file(&self, view: &str) -> PathBuf;
+
+    /// Loads the scene and opens the device; returns what the results depend on.
+    ///
+    /// # Errors
+    /// No view can be done.
+    fn open(&mut self) -> Result<Origin>;
+
+    /// Does views, and writes their files.
+    ///
+    /// # Errors
+    /// One of them failed. The work must be closed and opened again.
+    fn draw(&mut self, views: &[usize]) -> Result<()>;
+
+    /// Closes the device; returns the messages of the validation.
+    fn close(&mut self) -> Vec<String>;
+}
+
+/// Name of the file that describes a folder of results.
+const MANIFEST: &str = "job.json";
+
+/// Describes a folder of results.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// The command.
+    pub command: String,
+    /// All that the results depend on.
+    pub origin: Origin,
+    /// The file names of the views, without extension.
+    pub views: Vec<String>,
+    /// The path of each view's result in the folder.
+    pub files: Vec<PathBuf>,
+}
+
+impl Manifest {
+    /// Reads the description of a folder.
+    ///
+    /// # Errors
+    /// There is none, or it is of another version of the program.
+    pub fn read(folder: &Path) -> Result<Manifest> {
+        let path = folder.join(MANIFEST);
+        let text = fs::read(&path)
+            .with_context(|| format!("expected a folder of --shard, found no {}", path.display()))?;
+        serde_json::from_slice(&text)
+            .with_context(|| format!("{}: expected the description of a job", path.display()))
+    }
+
+    /// Writes the description, or checks that the folder has the same.
+    ///
+    /// # Errors
+    /// The folder has results of another request.
+    fn claim(&self, folder: &Path) -> Result<()> {
+        let path = folder.join(MANIFEST);
+        let text = format!("{:#}\n", serde_json::to_value(self)?);
+        match fs::read(&path) {
+            Ok(found) if found == text.as_bytes() => return Ok(()),
+            Ok(_) => {
+                let (own, found) = (serde_json::from_str::<Manifest>(&text)?, Manifest::read(folder)?);
+                let changes = own.changes(&found);
+                bail!(
+                    "{}: expected results of this request, found some that differ in {}: name another folder, or remove this one",
+                    path.display(),
+                    changes.join(" and ")
+                );
+            }
+            Err(_) => {}
+        }
+        if let Some(file) = self.files.iter().map(|file| folder.join(file)).find(|file| file.exists()) {
+            // Unless another process has described the folder meanwhile.
+            if !path.exists() {
+                bail!(
+                    "expected an empty folder, or one with the {MANIFEST} of this request, found {}",
+                    file.display()
+                );
+            }
+        }
+        Ok(output::write_bytes(&path, text.as_bytes())?)
+    }
+
+    /// Refuses a folder of shared views, whose pictures would no longer be those of its description.
+    ///
+    /// # Errors
+    /// The folder has a description.
+    pub fn refuse(folder: &Path) -> Result<(), Usage> {
+        match folder.join(MANIFEST).exists() {
+            true => Err(Usage(format!(
+                "expected a folder without {MANIFEST}, found {}: add --shard 0/1 to go on there, or name another folder",
+                folder.display()
+            ))),
+            false => Ok(()),
+        }
+    }
+
+    /// Lists what differs from another description.
+    pub fn changes(&self, other: &Manifest) -> Vec<String> {
+        if self.command != other.command {
+            return vec!["command".into()];
+        }
+        let names =
+            self.origin.keys().chain(other.origin.keys().filter(|key| !self.origin.contains_key(*key)));
+        let differs = names.filter(|name| self.origin.get(*name) != other.origin.get(*name));
+        let mut changes: Vec<String> = differs.cloned().collect();
+        if self.views != other.views || self.files != other.files {
+            changes.push("the list of views".into());
+        }
+        changes
+    }
+}
+
+/// The outcome of some views.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Ran {
+    /// Views that were done, by index.
+    pub done: Vec<usize>,
+    /// Views whose results were there already.
+    pub kept: Vec<usize>,
+    /// Views that failed, with the reason.
+    pub failed: Vec<(usize, String)>,
+}
+
+/// A command's views, which one process does in any order.
+pub struct Job {
+    work: Box<dyn Work>,
+    opened: bool,
+    messages: Vec<String>,
+}
+
+impl Job {
+    /// Makes the job of a command. Nothing is loaded before the first views.
+    pub fn new(work: Box<dyn Work>) -> Job {
+        Job { work, opened: false, messages: Vec::new() }
+    }
+
+    /// The views, each by its file name without extension.
+    pub fn views(&self) -> &[String] {
+        self.work.views()
+    }
+
+    /// Does views, unless their results are there. A view that fails costs no other.
+    ///
+    /// # Errors
+    /// The scene cannot be loaded, there is no device, or the folder has results of another request.
+    pub fn run(&mut self, views: &[usize]) -> Result<Ran> {
+        let mut ran = Ran::default();
+        self.open()?;
+        let mut missing = views.to_vec();
+        missing.retain(|view| match self.has(*view) {
+            true => {
+                ran.kept.push(*view);
+                false
+            }
+            false => true,
+        });
+        while !missing.is_empty() {
+            // Frames are in flight while others are written, so that an error does not tell its view.
+            if missing.len() > 1 && self.draw(&missing).is_ok() {
+                ran.done.append(&mut missing);
+                break;
+            }
+            while let Some(view) = (!missing.is_empty()).then(|| missing.remove(0)) {
+                let found = if self.has(view) { Ok(()) } else { self.draw(&[view]) };
+                match found {
+                    Ok(()) => ran.done.push(view),
+                    Err(error) => {
+                        ran.failed.push((view, reason(&error)));
+                        break;
+                    }
+                }
+            }
+        }
+        Ok(ran)
+    }
+
+    /// Closes the device; returns the messages of the validation.
+    pub fn close(&mut self) -> Vec<String> {
+        self.shut();
+        std::mem::take(&mut self.messages)
+    }
+
+    fn has(&self, view: usize) -> bool {
+        self.work.folder().join(self.work.file(&self.work.views()[view])).exists()
+    }
+
+    fn draw(&mut self, views: &[usize]) -> Result<()> {
+        self.open()?;
+        self.work.draw(views).inspect_err(|_| self.shut())
+    }
+
+    fn open(&mut self) -> Result<()> {
+        if self.opened {
+            return Ok(());
+        }
+        let origin = self.work.open()?;
+        let views = self.work.views().to_vec();
+        let files = views.iter().map(|view| self.work.file(view)).collect();
+        Manifest { command: self.work.command().into(), origin, views, files }.claim(self.work.folder())?;
+        self.opened = true;
+        Ok(())
+    }
+
+    fn shut(&mut self) {
+        self.opened = false;
+        self.messages.extend(self.work.close());
+    }
+}
+
+/// Does the views of a shard.
+///
+/// # Errors
+/// Those of [`Job::run`].
+pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome> {
+    let mut job = Job::new(work);
+    let views = shard.views(job.views().len());
+    let Ran { done, kept, failed } = job.run(&views)?;
+    say(format!(
+        "shard {}/{}: {} of {} views: {} done, {} were there, {} failed",
+        shard.index,
+        shard.count,
+        views.len(),
+        job.views().len(),
+        done.len(),
+        kept.len(),
+        failed.len()
+    ));
+    for (view, why) in &failed {
+        say(format!("{}: {}", one_line(&job.views()[*view]), why.trim()));
+    }
+    let outcome = super::outcome::validated(validate, &job.close());
+    Ok(if failed.is_empty() { outcome } else { Outcome::Failed })
+}
+
+/// Formats an error with its causes, each once.
+fn reason(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text += &format!(": {cause}");
+        }
+    }
+    text
+}
+
+/// Returns the path of the result of a view that is no picture.
+pub fn part(view: &str) -> PathBuf {
+    Path::new("parts").join(format!("{view}.json"))
+}
+
+/// Writes the result of a view that is no picture.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_part(folder: &Path, view: &str, result: &impl Serialize) -> Result<()> {
+    let text = format!("{:#}\n", serde_json::to_value(result)?);
+    Ok(output::write_bytes(&folder.join(part(view)), text.as_bytes())?)
+}
+
+/// Returns what all pictures of a scene depend on; `session` is prepared.
+///
+/// # Errors
+/// The program's file cannot be read.
+pub fn origin_of<D: Device>(
+    session: &Session<D>,
+    cameras: &Json,
+    (pipeline, set): (&str, &[(String, String)]),
+) -> Result<Origin> {
+    let mut files = String::new();
+    for file in session.files() {
+        if let Content::Bytes { hash, .. } = file.content {
+            files += &format!("{hash:016x}");
+        }
+    }
+    let mut origin = origin(session.scene().identity(), cameras)?;
+    origin.insert("graph".into(), json!({ "pipeline": pipeline, "set": set, "files": files }));
+    Ok(origin)
+}
+
+/// Returns what all pictures of a scene depend on, without a graph.
+///
+/// # Errors
+/// The program's file cannot be read.
+pub fn origin(scene: u64, cameras: &Json) -> Result<Origin> {
+    let program = program::hash().context("the program's file cannot be read")?;
+    let origin = json!({ "program": program, "scene": format!("{scene:016x}"), "cameras": cameras });
+    Ok(origin.as_object().cloned().unwrap_or_default())
+}
+
+/// Refuses an option that has no meaning for a part of the views.
+///
+/// # Errors
+/// An option is given.
+pub fn refuse(given: &[(&str, bool)]) -> Result<(), Usage> {
+    match given.iter().find(|(_, given)| *given) {
+        Some((option, _)) => {
+            Err(Usage(format!("expected no {option} with --shard, which does a part of the views")))
+        }
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::Cell;
+
+    #[test]
+    fn shards_have_every_view_once() {
+        let shards = (0..3).map(|index| Shard { index, count: 3 }.views(8));
+        assert_eq!(shards.collect::<Vec<_>>(), [vec![0, 3, 6], vec![1, 4, 7], vec![2, 5]]);
+        assert_eq!("0/1".parse(), Ok(Shard { index: 0, count: 1 }));
+        for text in ["1/1", "0/0", "-1/2", "1", "a/b"] {
+            assert!(text.parse::<Shard>().unwrap_err().contains("expected I/N"), "{text}");
+        }
+    }
+
+    /// Views of which some fail, and which writes as it draws.
+    struct Some(PathBuf, Vec<String>, &'static [usize], Cell<u32>);
+
+    impl Work for Some {
+        fn command(&self) -> &'static str {
+            "render"
+        }
+
+        fn folder(&self) -> &Path {
+            &self.0
+        }
+
+        fn views(&self) -> &[String] {
+            &self.1
+        }
+
+        fn file(&self, view: &str) -> PathBuf {
+            part(view)
+        }
+
+        fn open(&mut self) -> Result<Origin> {
+            self.3.set(self.3.get() + 1);
+            origin(self.2.len() as u64, &json!([]))
+        }
+
+        fn draw(&mut self, views: &[usize]) -> Result<()> {
+            for view in views {
+                if self.2.contains(view) {
+                    bail!("view {view} is bad");
+                }
+                write_part(&self.0, &self.1[*view], view)?;
+            }
+            Ok(())
+        }
+
+        fn close(&mut self) -> Vec<String> {
+            Vec::new()
+        }
+    }
+
+    #[test]
+    fn a_view_that_fails_costs_no_other_and_what_is_there_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let job = |bad| {
+            let views = (0..6).map(|view| view.to_string()).collect();
+            Job::new(Box::new(Some(folder.path().into(), views, bad, Cell::default())))
+        };
+        let ran = job(&[1, 4]).run(&[0, 1, 2, 4, 5]).unwrap();
+        assert_eq!((ran.done.as_slice(), ran.kept.as_slice()), (&[0, 2, 5][..], &[][..]));
+        assert_eq!(ran.failed, [(1, "view 1 is bad".into()), (4, "view 4 is bad".into())]);
+        let ran = job(&[3, 4]).run(&[0, 1, 2, 3, 4, 5]).unwrap();
+        assert_eq!((ran.done.as_slice(), ran.kept.as_slice()), (&[1][..], &[0, 2, 5][..]));
+        let error = job(&[3]).run(&[0]).unwrap_err().to_string();
+        assert!(error.contains("found some that differ in scene: name another folder"), "{error}");
+        fs::remove_file(folder.path().join(MANIFEST)).unwrap();
+        let error = job(&[3]).run(&[0]).unwrap_err().to_string();
+        assert!(error.starts_with("expected an empty folder") && error.ends_with("0.json"), "{error}");
+    }
+}

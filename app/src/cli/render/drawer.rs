@@ -1,0 +1,215 @@
+//! Draws views of a scene, on a device or exactly, and writes their pictures.
+
+use super::batch::{Batch, Shown};
+use super::destination::per_camera;
+use super::frames::{self, Drawn, Wanted};
+use super::{Args, Renderer, Work};
+use crate::cli::options;
+use crate::cli::outcome::{Usage, claim_graph_files};
+use crate::draw::backend::Backend;
+use crate::draw::session::Session;
+use crate::draw::truth::{self, Truth, TruthStats};
+use crate::io::output::{OutputGuard, one_line, say};
+use crate::io::progress::Progress;
+use anyhow::{Context, Result};
+use serde_json::Value as Json;
+use splatgraph_api::Device;
+use splatgraph_assets::{Camera, Scene};
+use splatgraph_reference::Rules;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A scene and its cameras, in the scene's coordinates.
+#[derive(Clone)]
+pub struct Loaded {
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// The cameras, one for each file name of the work.
+    pub cameras: Vec<Camera>,
+}
+
+impl Loaded {
+    /// Loads the scenes and their cameras, in the requested size.
+    fn load(args: &Args, work: &Work) -> Result<Loaded> {
+        let (scene, own) = args.scenes.load()?;
+        let given = work.given.clone().or(own.map(|own| vec![own]));
+        let cameras = options::cameras_of(&scene, given, &work.stems, args.drawing.size);
+        let looking = args.look.cameras(&scene, args.drawing.size)?;
+        Ok(Loaded { scene: scene.into(), cameras: looking.unwrap_or(cameras) })
+    }
+}
+
+/// Draws views; the scene and the device stay for the next ones.
+pub struct Drawer {
+    loaded: Loaded,
+    stems: Vec<String>,
+    with: With,
+}
+
+/// The renderer of the views.
+enum With {
+    Device { session: Box<Session<Backend>>, batch: Batch, guard: OutputGuard },
+    Exact { rules: Rules, done: Vec<TruthStats> },
+}
+
+impl Drawer {
+    /// Opens the device, then loads the scene unless it is given.
+    ///
+    /// # Errors
+    /// There is no fit device, or the scene cannot be loaded.
+    pub fn open(args: &Args, work: &Work, loaded: Option<Loaded>) -> Result<Drawer> {
+        let load = || loaded.map_or_else(|| Loaded::load(args, work), Ok);
+        let stems = work.stems.clone();
+        let Renderer::Device(api) = args.backend else {
+            let rules = truth::rules(&args.rule).map_err(|error| Usage(error.to_string()))?;
+            return Ok(Drawer { loaded: load()?, stems, with: With::Exact { rules, done: Vec::new() } });
+        };
+        let device = Backend::open(api, &args.device.options())?;
+        args.scenes.check_header(device.info(), &args.drawing)?;
+        let loaded = load()?;
+        let (pipeline, set) = (&args.drawing.pipeline, &args.drawing.set);
+        let mut session = Session::new(device, loaded.scene.clone(), pipeline, set);
+        if !args.inspect.is_empty() {
+            session.keep_contents();
+        }
+        let names: Vec<String> = args.named().map(|(name, _)| name.to_owned()).collect();
+        session.set_outputs(&names);
+        let files: Vec<(String, PathBuf)> =
+            args.named().map(|(name, file)| (name.to_owned(), file.to_owned())).collect();
+        let batch =
+            Batch::new(args.jobs(), work.destination.clone(), (files, loaded.cameras.len()), args.stdout());
+        let with = With::Device { session: Box::new(session), batch, guard: work.guard.clone() };
+        Ok(Drawer { loaded, stems, with })
+    }
+
+    /// The scene and its cameras.
+    pub fn loaded(&self) -> &Loaded {
+        &self.loaded
+    }
+
+    /// Builds the plan of the first view. Returns the session, if a device draws.
+    ///
+    /// # Errors
+    /// The graph has errors, or the device has no room.
+    pub fn prepared(&mut self) -> Result<Option<&Session<Backend>>> {
+        let With::Device { session, .. } = &mut self.with else { return Ok(None) };
+        if let Some(camera) = self.loaded.cameras.first() {
+            frames::prepare_plan(session, camera)?;
+        }
+        Ok(Some(session))
+    }
+
+    /// Draws views, which are indices of the cameras, and writes their files.
+    ///
+    /// # Errors
+    /// A plan cannot be built, the device fails, or a file cannot be written.
+    pub fn draw(&mut self, args: &Args, views: &[usize]) -> Result<()> {
+        let Drawer { loaded: Loaded { scene, cameras }, stems, with } = self;
+        let mut progress = Progress::new("drawing");
+        for (index, &view) in views.iter().enumerate() {
+            let (camera, stem) = (&cameras[view], &stems[view]);
+            progress.set(index as u64, views.len() as u64, &camera.img_name);
+            match with {
+                With::Device { session, batch, guard } => {
+                    let view = (camera, stem.as_str(), cameras.len());
+                    draw(args, session, batch, guard, view, &progress)?;
+                }
+                With::Exact { rules, done } => {
+                    let stats = progress
+                        .suspend(|| draw_exactly(args, scene, rules, (camera, stem), cameras.len()))?;
+                    done.push(stats);
+                }
+            }
+        }
+        if let With::Device { session, batch, .. } = with {
+            batch.land_all(session, &progress)?;
+            batch.finish(&progress)?;
+        }
+        Ok(())
+    }
+
+    /// Returns the statistics of all views so far, in order.
+    ///
+    /// # Errors
+    /// None of those that were drawn.
+    pub fn stats(&mut self) -> Result<Json> {
+        Ok(match &mut self.with {
+            With::Device { batch, .. } => serde_json::to_value(batch.finish(&Progress::new("drawing"))?)?,
+            With::Exact { done, .. } => serde_json::to_value(done)?,
+        })
+    }
+
+    /// Closes the device; returns the messages of the validation.
+    pub fn close(self) -> Vec<String> {
+        match self.with {
+            With::Device { session, .. } => session.into_device().close(),
+            With::Exact { .. } => Vec::new(),
+        }
+    }
+}
+
+/// Draws a view on a device: the camera, its file name, and the number of cameras.
+fn draw(
+    args: &Args,
+    session: &mut Session<Backend>,
+    batch: &mut Batch,
+    guard: &mut OutputGuard,
+    (camera, stem, cameras): (&Camera, &str, usize),
+    progress: &Progress,
+) -> Result<()> {
+    if !session.is_prepared((camera.width, camera.height)) {
+        batch.land_all(session, progress)?;
+    }
+    let loaded = frames::prepare_plan(session, camera)?;
+    if loaded {
+        progress.suspend(|| session.settings_without_effect().iter().for_each(say));
+        claim_graph_files(guard, &session.files())?;
+    }
+    if args.repeat == 1 && args.inspect.is_empty() {
+        return batch.submit(session, args.background, (camera, stem), progress);
+    }
+    let wanted = Wanted {
+        repeat: args.repeat,
+        background: args.background,
+        read_output: batch.destination.is_some(),
+        inspect: &args.inspect,
+    };
+    let Drawn { stats, output, outputs, requests } = frames::draw(&wanted, session, camera, loaded)?;
+    let inspected: Vec<_> = stats.inspected.iter().cloned().zip(requests).collect();
+    let no_colours = frames::no_colours(session);
+    batch.save(Shown { stats, output, outputs, no_colours, stem: stem.to_owned() }, progress)?;
+    batch.finish(progress)?;
+    for (finding, inspect_request) in inspected {
+        progress.suspend(|| args.stdout().line(&finding.text()))?;
+        if let Some(file) = &args.inspect[inspect_request].file {
+            finding.save(&per_camera(file, stem, cameras))?;
+        }
+    }
+    Ok(())
+}
+
+/// Draws a view with the exact renderer.
+fn draw_exactly(
+    args: &Args,
+    scene: &Scene,
+    rules: &Rules,
+    (camera, stem): (&Camera, &str),
+    cameras: usize,
+) -> Result<TruthStats> {
+    let truth = Truth::draw(scene, camera, args.background, rules);
+    for (name, file) in args.named() {
+        let output =
+            truth.output(name).with_context(|| format!("the exact renderer has no output `{name}`"))?;
+        output.save(&per_camera(file, stem, cameras))?;
+    }
+    let name = match super::Destination::of(args.picture()?, args.format)? {
+        Some(destination) => {
+            let path = destination.path(stem);
+            truth.image().save_as(destination.format(), &path)?;
+            path.display().to_string()
+        }
+        None => one_line(&camera.img_name).into_owned(),
+    };
+    args.stdout().line(&format!("{name}: {} x {}, {}", camera.width, camera.height, truth.stats))?;
+    Ok(truth.stats)
+}

@@ -1,0 +1,85 @@
+//! Draws the views of a request in several processes.
+
+use super::drawer::{Drawer, Loaded};
+use super::{Args, Destination, Work, prepare};
+use crate::cli::job::{self, Origin};
+use crate::cli::outcome::Usage;
+use anyhow::{Context, Result};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// The command's name, in descriptions of shared folders.
+pub const COMMAND: &str = "render";
+
+/// The views of a rendering into a folder.
+pub struct Views {
+    args: Args,
+    folder: PathBuf,
+    work: Work,
+    loaded: Option<Loaded>,
+    drawer: Option<Drawer>,
+}
+
+impl Views {
+    /// Checks the arguments.
+    ///
+    /// # Errors
+    /// An option has no meaning for a part of the views, or the output is no folder.
+    pub fn new(args: Args) -> Result<Views> {
+        let inspects = !args.inspect.is_empty();
+        job::refuse(&[
+            ("--json", args.json.is_some()),
+            ("--inspect", inspects),
+            ("--repeat", args.repeat > 1),
+        ])?;
+        let work = prepare(&args)?;
+        let Some(Destination::Folder(folder, _)) = work.destination.clone() else {
+            return Err(Usage("expected a folder for --output with --shard".into()).into());
+        };
+        Ok(Views { args, folder, work, loaded: None, drawer: None })
+    }
+}
+
+impl job::Work for Views {
+    fn command(&self) -> &'static str {
+        COMMAND
+    }
+
+    fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    fn views(&self) -> &[String] {
+        &self.work.stems
+    }
+
+    fn file(&self, view: &str) -> PathBuf {
+        let path = self.work.destination.as_ref().map(|destination| destination.path(view));
+        path.as_deref().and_then(Path::file_name).unwrap_or_default().into()
+    }
+
+    fn open(&mut self) -> Result<Origin> {
+        let mut drawer = Drawer::open(&self.args, &self.work, self.loaded.clone())?;
+        let loaded = drawer.loaded().clone();
+        let cameras = serde_json::to_value(&loaded.cameras)?;
+        let Args { drawing, rule, background, backend, .. } = &self.args;
+        let mut origin = match drawer.prepared()? {
+            Some(session) => job::origin_of(session, &cameras, (&drawing.pipeline, &drawing.set))?,
+            None => job::origin(loaded.scene.identity(), &cameras)?,
+        };
+        let outputs: Vec<&str> = self.args.named().map(|(name, _)| name).collect();
+        let picture = json!({ "backend": backend.to_string(), "rule": rule, "background": background, "outputs": outputs });
+        origin.insert("kind of picture".into(), picture);
+        self.loaded = Some(loaded);
+        self.drawer = Some(drawer);
+        Ok(origin)
+    }
+
+    fn draw(&mut self, views: &[usize]) -> Result<()> {
+        self.drawer.as_mut().context("no device")?.draw(&self.args, views)
+    }
+
+    fn close(&mut self) -> Vec<String> {
+        self.drawer.take().map(Drawer::close).unwrap_or_default()
+    }
+}

@@ -1,0 +1,34 @@
+//! Identifies the build of the program, on which numbers and pictures depend.
+
+use std::fs::File;
+use std::hash::{DefaultHasher, Hasher};
+use std::io::{self, Read};
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+/// The file of the code where it is not the process's program.
+static FILE: OnceLock<PathBuf> = OnceLock::new();
+
+/// Sets the file of the code: a library's in the process of an interpreter. The first call counts.
+pub fn set(file: PathBuf) {
+    let _ = FILE.set(file);
+}
+
+/// Hashes the program's file.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn hash() -> io::Result<String> {
+    let mut file = match FILE.get() {
+        Some(file) => File::open(file)?,
+        // On Linux, the link leads to the running program, even if its file was replaced.
+        None => File::open("/proc/self/exe").or_else(|_| File::open(std::env::current_exe()?))?,
+    };
+    let (mut hash, mut bytes) = (DefaultHasher::new(), vec![0; 1 << 20]);
+    loop {
+        match file.read(&mut bytes)? {
+            0 => return Ok(format!("{:016x}", hash.finish())),
+            count => hash.write(&bytes[..count]),
+        }
+    }
+}

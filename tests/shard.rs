@@ -1,0 +1,146 @@
+//! `--shard` and `merge`: a command's views in several processes leave what one process leaves.
+
+use crate::files::Place;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+
+const CAMERAS: [&str; 3] = ["one", "two", "three"];
+
+/// The files of a folder, by their paths in it.
+fn files(place: &Place, folder: &str) -> BTreeMap<String, Vec<u8>> {
+    let inside = |(path, bytes): (String, Vec<u8>)| (path[folder.len() + 1..].to_owned(), bytes);
+    place.files(folder).into_iter().map(inside).collect()
+}
+
+/// Runs a command, which must end with `code`; returns its messages.
+fn run(place: &Place, line: &str, more: &[&str], code: i32) -> String {
+    let words: Vec<&str> = line.split(' ').chain(more.iter().copied()).collect();
+    let (found, errors) = place.code(&words);
+    assert_eq!(found, Some(code), "{words:?}: {errors}");
+    errors
+}
+
+/// Removes what two runs measure differently: times, and what follows from them.
+fn without_times(json: &[u8]) -> Value {
+    fn clean(value: &mut Value) {
+        match value {
+            Value::Object(fields) => {
+                for name in ["time", "fit", "command", "origin", "gpu_bytes"] {
+                    fields.remove(name);
+                }
+                fields.values_mut().for_each(clean);
+            }
+            Value::Array(values) => values.iter_mut().for_each(clean),
+            _ => {}
+        }
+    }
+    let mut value = serde_json::from_slice(json).expect("JSON");
+    clean(&mut value);
+    value
+}
+
+#[test]
+fn shards_draw_the_pictures_of_one_process_and_none_twice() {
+    let place = Place::new();
+    place.cameras(&CAMERAS);
+    let line = "render scene.ply -c cameras.json --size 32x24 --output depth=out/d.npy -o";
+    run(&place, line, &["out"], 0);
+    let one = files(&place, "out");
+    fs::remove_dir_all(place.at("out")).expect("it is there");
+    let told = run(&place, line, &["out", "--shard", "0/2"], 0);
+    assert!(told.contains("shard 0/2: 2 of 3 views: 2 done, 0 were there, 0 failed"), "{told}");
+    let told = run(&place, "merge out", &[], 1);
+    assert!(told.contains("2 of 3 views are there\n") && told.contains("missing: two\n"), "{told}");
+    // A process that was killed leaves some of its pictures.
+    fs::remove_file(place.at("out/three.png")).expect("it is there");
+    let told = run(&place, line, &["out", "--shard", "0/1"], 0);
+    assert!(told.contains("3 of 3 views: 2 done, 1 were there"), "{told}");
+    let mut many = files(&place, "out");
+    assert!(many.remove("job.json").is_some() && many == one);
+    assert_eq!(run(&place, "merge out", &[], 0), "3 of 3 views are there\n");
+    for (more, code, why) in [
+        (&["out", "--shard", "0/1", "--background", "1,1,1"][..], 1, "differ in kind of picture"),
+        (&["out", "--shard", "0/1", "-p", "splat"], 1, "differ in graph"),
+        (&["out"], 2, "expected a folder without job.json, found out"),
+        (&["new", "--shard", "2/2"], 2, "expected I/N"),
+        (&["new", "--shard", "0/2", "--json", "-"], 2, "expected no --json with --shard"),
+        (&["new.png", "--shard", "0/2"], 2, "expected one camera for the picture"),
+    ] {
+        let told = run(&place, line, more, code);
+        assert!(told.contains(why), "{more:?}: {told}");
+    }
+    let told = run(&place, "merge nowhere", &[], 1);
+    assert!(told.contains("expected a folder of --shard, found no nowhere/job.json"), "{told}");
+    fs::create_dir(place.at("full")).expect("a folder");
+    fs::copy(place.at("out/one.png"), place.at("full/one.png")).expect("a copy");
+    let told = run(&place, line, &["full", "--shard", "0/1"], 1);
+    assert!(told.contains("expected an empty folder") && told.contains("full/one.png"), "{told}");
+}
+
+#[test]
+fn a_graph_that_was_edited_is_another_request() {
+    let place = Place::new();
+    place.cameras(&CAMERAS);
+    run(&place, "new my.ron", &[], 0);
+    let line = "render scene.ply -c cameras.json --size 32x24 -p my.ron -o out --shard 0/1";
+    run(&place, line, &[], 0);
+    let text = fs::read_to_string(place.at("my.ron")).expect("it is there");
+    fs::write(place.at("my.ron"), text + "\n// edited\n").expect("it is there");
+    let told = run(&place, line, &[], 1);
+    assert!(told.contains("differ in graph: name another folder"), "{told}");
+}
+
+#[test]
+fn a_view_that_fails_costs_no_other() {
+    let place = Place::new();
+    place.cameras(&CAMERAS);
+    let mut cameras: Value =
+        serde_json::from_slice(&fs::read(place.at("cameras.json")).expect("cameras")).expect("JSON");
+    // No device has pictures of this width, but for one that draws no more than a line.
+    cameras[1]["width"] = 32_768.into();
+    cameras[1]["height"] = 32_768.into();
+    place.write("cameras.json", cameras.to_string());
+    let told = run(&place, "render scene.ply -c cameras.json -o out --shard 0/1", &[], 1);
+    assert!(told.contains("3 of 3 views: 2 done, 0 were there, 1 failed\ntwo: "), "{told}");
+    assert!(place.at("out/three.png").exists() && !place.at("out/two.png").exists());
+}
+
+#[test]
+fn ledgers_sweeps_and_scores_of_shards_are_joined_to_those_of_one_process() {
+    let place = Place::new();
+    place.cameras(&CAMERAS);
+    let short = "--size 32x24 --rounds 1 --frames 1";
+    for (line, file) in [
+        (format!("trade scene.ply -c cameras.json {short} --only key_bits"), "ledger.json"),
+        (format!("sweep scene.ply -c cameras.json {short} --steps 2"), "sweep.json"),
+    ] {
+        run(&place, &line, &["-o", "one"], 0);
+        for shard in ["1/2", "0/2"] {
+            // Machines with disks of their own.
+            run(&place, &line, &["-o", &format!("of-{}", &shard[..1]), "--shard", shard], 0);
+        }
+        let told = run(&place, "merge of-1", &["-o", "part"], 1);
+        assert!(told.contains("1 of 3 views are there\nmissing: one\nmissing: three\n"), "{told}");
+        run(&place, "merge of-1 of-0 -o many", &[], 0);
+        let (one, many) = (files(&place, "one"), files(&place, "many"));
+        assert!(one.keys().eq(many.keys()), "{:?} {:?}", one.keys(), many.keys());
+        assert_eq!(without_times(&one[file]), without_times(&many[file]), "{line}");
+        for (name, bytes) in one.iter().filter(|(name, _)| name.starts_with("pictures/")) {
+            assert!(many[name] == *bytes, "{name}");
+        }
+        for folder in ["one", "of-0", "of-1", "many", "part"] {
+            fs::remove_dir_all(place.at(folder)).expect("it is there");
+        }
+    }
+    run(&place, "synth --photograph scene.ply --dataset views --views 9 --size 32x24", &[], 0);
+    let line = "evaluate scene.ply -c views --all -o";
+    let one = place.run(&["evaluate", "scene.ply", "-c", "views", "--all", "--json"]);
+    for shard in ["0/3", "1/3", "2/3"] {
+        run(&place, line, &["scores", "--shard", shard], 0);
+    }
+    run(&place, "merge scores", &[], 0);
+    let many = fs::read(place.at("scores/scores.json")).expect("it is written");
+    assert!(many == one.stdout, "{}", String::from_utf8_lossy(&many));
+    assert!(place.at("scores/renders/view-0004.png").exists());
+}
