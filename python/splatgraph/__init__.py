@@ -22,29 +22,38 @@ from ._native import (
     SceneError,
     __version__,
 )
-from ._pictures import Comparison, compare
+from ._pictures import Comparison, compare, png
 from ._plan import plan
 from ._rasterization import rasterization
 from ._renderer import Param, Params, Renderer
+from ._studies import Advice, Ledger, Line, Share, Tried, advise, trade
 
 # Shaders are compiled in a second process, so that a broken one cannot end this one.
 if _sys.executable:
     _native._set_process(_sys.executable, _native.__file__)
 
 __all__ = [
+    "Advice",
     "Camera",
     "Comparison",
     "DeviceError",
     "Error",
     "GraphError",
+    "Ledger",
+    "Line",
     "Param",
     "Params",
     "Plan",
     "Renderer",
     "Scene",
     "SceneError",
+    "Share",
+    "Tried",
     "__version__",
+    "advise",
     "compare",
     "plan",
+    "png",
     "rasterization",
+    "trade",
 ]

@@ -137,6 +137,16 @@ class Engine:
     def device(self) -> dict[str, Any]: ...
     def close(self) -> None: ...
 
+@final
+class Job:
+    """The views of a command line, for the workers of a cluster."""
+
+    def __new__(cls, arguments: list[str]) -> Job: ...
+    @property
+    def views(self) -> list[str]: ...
+    def run(self, views: list[int]) -> tuple[list[int], list[int], list[tuple[int, str]]]: ...
+    def close(self) -> None: ...
+
 def plan(
     pipeline: str,
     params: list[tuple[str, str]],
@@ -144,6 +154,29 @@ def plan(
     size: tuple[int, int] = ...,
     subgroup_size: int = ...,
 ) -> Plan: ...
+def trade(
+    scene: Scene,
+    cameras: list[Camera],
+    pipeline: str,
+    params: list[tuple[str, str]],
+    only: list[str],
+    truths: list[Any] | None,
+    file: str | os.PathLike[str] | None,
+    effort: dict[str, Any],
+    progress: Any = ...,
+) -> dict[str, Any]: ...
+def advise(
+    scene: Scene,
+    cameras: list[Camera],
+    pipeline: str,
+    params: list[tuple[str, str]],
+    budget: tuple[float | None, float | None],
+    errors: int,
+    effort: dict[str, Any],
+    progress: Any = ...,
+) -> dict[str, Any]: ...
 def compare(a: Any, b: Any) -> dict[str, Any]: ...
+def png(picture: Any) -> bytes: ...
 def run(arguments: list[str]) -> int: ...
+def _join_studies() -> None: ...
 def _set_process(python: str, module: str) -> None: ...

@@ -1,4 +1,4 @@
-"""Compares pictures."""
+"""Compares and encodes pictures."""
 
 from __future__ import annotations
 
@@ -35,3 +35,12 @@ def compare(a: Any, b: Any) -> Comparison:
     worst = found["worst"]
     psnr = math.inf if found["psnr_db"] is None else found["psnr_db"]
     return Comparison(psnr, found["ssim"], worst["difference"], (worst["x"], worst["y"]), found["identical"])
+
+
+def png(picture: Any) -> bytes:
+    """Returns the bytes of a PNG file, 8 bits a channel, for a file or `IPython.display.Image`.
+
+    Args:
+        picture: display-encoded colours of which 0 is black and 1 is white, float32 [height, width, 3].
+    """
+    return _native.png(picture)

@@ -1,11 +1,12 @@
 //! Defines the exceptions, and turns the library's errors into them.
 
 use pyo3::create_exception;
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use splatgraph::draw::planner::{GraphErrors, PlainDiagnostic};
 use splatgraph::draw::session::SessionError;
+use splatgraph::studies::study::StudyError;
 use splatgraph_api::BackendError;
 
 create_exception!(splatgraph, Error, PyRuntimeError, "Base class of the errors of splatgraph.");
@@ -30,6 +31,17 @@ pub fn session(py: Python<'_>, error: &SessionError) -> PyErr {
     match error {
         SessionError::Graph(errors) => graph(py, errors),
         SessionError::Backend(error) => device(error),
+        error => Error::new_err(error.to_string()),
+    }
+}
+
+/// Makes the exception of an error of a study: that of its innermost cause which has one of its own.
+pub fn study(py: Python<'_>, error: &StudyError) -> PyErr {
+    match error {
+        StudyError::Session(error) => session(py, error),
+        StudyError::Input(_) | StudyError::UnknownSetting { .. } | StudyError::Metric(_) => {
+            PyValueError::new_err(error.to_string())
+        }
         error => Error::new_err(error.to_string()),
     }
 }
@@ -66,6 +78,11 @@ pub fn graph(py: Python<'_>, errors: &GraphErrors) -> PyErr {
 fn diagnostic<'py>(py: Python<'py>, found: &PlainDiagnostic) -> PyResult<Bound<'py, PyAny>> {
     let json = serde_json::to_string(found).map_err(|error| Error::new_err(error.to_string()))?;
     from_json(py, &json)
+}
+
+/// Formats an error of the command line with its causes.
+pub fn with_causes(error: &impl std::fmt::Display) -> String {
+    format!("{error:#}")
 }
 
 /// Makes Python's values of JSON.

@@ -9,7 +9,9 @@
 //! - [`scene`], [`camera`]: what is drawn;
 //! - [`plan`]: plans as text, JSON and pages;
 //! - [`engine`]: a thread that owns a device and draws;
-//! - [`pictures`]: differences between pictures.
+//! - [`job`]: a command's views, for the workers of a cluster;
+//! - [`pictures`]: differences between pictures;
+//! - [`studies`]: measurements over many frames.
 
 use pyo3::prelude::*;
 use splatgraph::draw::planner;
@@ -23,9 +25,11 @@ mod arrays;
 mod camera;
 mod engine;
 mod errors;
+mod job;
 mod pictures;
 mod plan;
 mod scene;
+mod studies;
 mod wait;
 
 /// The interpreter and the file of this module.
@@ -65,11 +69,15 @@ mod _native {
     #[pymodule_export]
     use super::errors::{DeviceError, Error, GraphError, SceneError};
     #[pymodule_export]
-    use super::pictures::compare;
+    use super::job::Job;
+    #[pymodule_export]
+    use super::pictures::{compare, png};
     #[pymodule_export]
     use super::plan::{Plan, plan};
     #[pymodule_export]
     use super::scene::Scene;
+    #[pymodule_export]
+    use super::studies::{_join_studies, advise, trade};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -81,6 +89,7 @@ mod _native {
     /// Says which interpreter and which file of this module other processes can start from.
     #[pyfunction]
     fn _set_process(python: PathBuf, module: PathBuf) {
+        splatgraph::io::program::set(module.clone());
         // A second import in one process has the same.
         let _ = PROCESS.set((python, module));
     }

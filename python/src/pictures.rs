@@ -1,9 +1,10 @@
-//! Compares pictures.
+//! Compares and encodes pictures.
 
 use crate::arrays::take;
 use crate::errors;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 use splatgraph::io::image::Image;
 use splatgraph::studies::metrics;
 
@@ -20,6 +21,15 @@ pub fn compare<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Bo
         py.detach(|| metrics::compare(&a, &b)).map_err(|e| PyValueError::new_err(e.to_string()))?;
     let json = serde_json::to_string(&comparison).map_err(|e| PyValueError::new_err(e.to_string()))?;
     errors::from_json(py, &json)
+}
+
+/// Returns a picture, float32 [height, width, 3], display-encoded, as the bytes of a PNG file of 8 bits.
+#[pyfunction]
+pub fn png<'py>(picture: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyBytes>> {
+    let py = picture.py();
+    let image = self::picture(picture, "picture")?;
+    let bytes = py.detach(|| image.png()).map_err(|error| PyValueError::new_err(error.to_string()))?;
+    Ok(PyBytes::new(py, &bytes))
 }
 
 fn picture(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Image> {

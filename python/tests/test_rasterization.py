@@ -1,5 +1,6 @@
 """`rasterization` against gsplat's definition (definition.py), and its arguments."""
 
+import importlib.util
 import re
 import sys
 import types
@@ -152,6 +153,32 @@ def test_arrays_of_other_libraries_are_taken_without_a_copy_and_given_back(monke
     monkeypatch.setitem(sys.modules, "foreign", types.SimpleNamespace(from_dlpack=Foreign))
     drawn, alphas, _ = rasterization(**{**VALID, "means": Foreign(VALID["means"])})
     assert type(drawn) is type(alphas) is Foreign and drawn.values.shape == (1, 8, 8, 3)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="torch is not installed")
+def test_tensors_of_torch_are_taken_without_a_copy_and_given_back():
+    import torch
+    from splatgraph._arrays import array
+
+    given = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in VALID.items() if name not in ("width", "height")}
+    taken = array(given["means"], "means")
+    assert taken.__array_interface__["data"][0] == given["means"].data_ptr()
+    drawn, alphas, _ = rasterization(**{**VALID, **given})
+    assert type(drawn) is type(alphas) is torch.Tensor and drawn.dtype == torch.float32
+    expected, _, _ = rasterization(**VALID)
+    assert type(expected) is np.ndarray and np.array_equal(drawn.numpy(), expected)
+    drawn.mul_(2.0)
+    strided = torch.stack([given["scales"]] * 2, dim=-1)[..., 0]
+    assert not strided.is_contiguous() and torch.equal(rasterization(**{**VALID, **given, "scales": strided})[0] * 2, drawn)
+    half = rasterization(**{**VALID, **given, "opacities": given["opacities"].to(torch.float16)})[0]
+    assert psnr(half * 2, drawn) > 40
+    given["means"].requires_grad_()
+    with pytest.raises(ValueError, match=r"means: expected an array without gradients.*pass means\.detach\(\)"):
+        rasterization(**{**VALID, **given})
+    scene = splatgraph.Scene.from_arrays(
+        *(given[name].detach() for name in ("means", "quats", "scales", "opacities")), given["colors"][:, None]
+    )
+    assert np.array_equal(scene.means, given["means"].detach().numpy())
 
 
 VALID = dict(zip(("means", "quats", "scales", "opacities", "colors"), random_splats(8, 10)))

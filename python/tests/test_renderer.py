@@ -226,6 +226,18 @@ def test_ctrl_c_ends_a_long_batch():
     assert (output, process.returncode) == ("interrupted\n", 0)
 
 
+def test_a_picture_becomes_the_file_that_the_command_line_writes(scene, camera, tmp_path):
+    picture = Renderer(scene).render(camera)
+    file = splatgraph.png(picture)
+    assert file.startswith(b"\x89PNG") and int.from_bytes(file[16:20], "big") == 64
+    (tmp_path / "a.png").write_bytes(file)
+    np.save(tmp_path / "b.npy", picture)
+    command = [sys.executable, "-m", "splatgraph", "compare", "a.png", "b.npy", "--min-psnr", "50"]
+    subprocess.run(command, cwd=tmp_path, check=True, stdout=subprocess.DEVNULL)
+    with pytest.raises(ValueError, match="picture: expected the shape"):
+        splatgraph.png(picture[0])
+
+
 def test_equal_pictures_are_identical_and_others_measured():
     a = np.random.default_rng(0).uniform(size=(16, 20, 3)).astype(np.float32)
     same = splatgraph.compare(a, a)

@@ -1,0 +1,287 @@
+"""Measures what settings save and cost, and searches for the best within a budget."""
+
+from __future__ import annotations
+
+import atexit
+import dataclasses
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Literal
+
+from . import _native
+from ._native import Camera, Scene
+from ._renderer import Setting, texts
+
+#: Called with the task, the steps done, all steps, and the name of the next step. An exception ends the study.
+Progress = Callable[[str, int, int, str], object]
+
+
+@dataclasses.dataclass(frozen=True)
+class Share:
+    """A share of the exact settings' time."""
+
+    #: The median of the rounds.
+    median: float
+    #: The least and the greatest that the median can be (99 %); None with fewer than 8 rounds.
+    range: tuple[float, float] | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """A setting of a ledger, over all views."""
+
+    #: "exact", "defaults", "key_bits = 16", "preset key16".
+    setting: str
+    #: Mean time of a frame on the device, in milliseconds; None without timestamps.
+    gpu_ms: float | None
+    #: Largest spread of a view's time, in milliseconds.
+    spread_ms: float | None
+    #: Share of the exact settings' time; None without timestamps.
+    share: Share | None
+    #: PSNR of the mean squared error of all views, in dB; infinite for equal pictures.
+    psnr_db: float
+    #: The same over the pixels that a splat covers.
+    covered_psnr_db: float
+    #: Least SSIM of a view; None for pictures below 11 x 11 pixels.
+    ssim: float | None
+    #: Mean of NVIDIA's FLIP, 0 for equal pictures.
+    flip: float
+    #: Largest difference of a channel.
+    worst: float
+    #: Mean share of pixels that are off by more than 1/255, 0 to 1.
+    off: float
+    #: Pairs of visible splats in the wrong order, in all views; None if the graph has no order.
+    inversions: int | None
+    #: Least share of the host's time in which the device drew, 0 to 1.
+    busy: float | None
+    #: Most bytes on the device.
+    gpu_bytes: int
+    #: Each phase: a name, the mean of the views' milliseconds, and the largest spread of a view.
+    phases: tuple[tuple[str, float, float], ...]
+    #: On the Pareto front: "best", "likely" (too noisy to tell), "unlikely", "beaten"; "hidden" where still views hide the cost.
+    mark: Literal["best", "likely", "unlikely", "beaten", "hidden"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Ledger:
+    """What each setting of a graph saves and costs. `str(ledger)` is the command line's table."""
+
+    #: One for each setting.
+    lines: tuple[Line, ...]
+    #: Names of settings that cannot be drawn, with the reason.
+    failed: dict[str, str]
+    #: Every setting in every view: dicts as in the command line's ledger.json.
+    rows: tuple[dict[str, Any], ...]
+    #: The device and its driver.
+    device: str
+    #: What people should know: what is too noisy to tell, or not measured.
+    notes: tuple[str, ...]
+    #: All lines as CSV, with all digits.
+    csv: str = dataclasses.field(repr=False)
+    #: A page with plots, for any browser.
+    html: str = dataclasses.field(repr=False)
+    _table: str = dataclasses.field(repr=False)
+
+    def __str__(self) -> str:
+        return self._table
+
+    def __iter__(self) -> Iterator[Line]:
+        return iter(self.lines)
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def __getitem__(self, setting: str) -> Line:
+        """Returns the line of a setting."""
+        for line in self.lines:
+            if line.setting == setting:
+                return line
+        raise KeyError(f"{setting}; there are {', '.join(line.setting for line in self.lines)}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Tried:
+    """A setting that a search measured."""
+
+    name: str
+    #: The graph, and its parameters that are not the defaults: `Renderer(scene, tried.pipeline, tried.params)` draws it.
+    pipeline: str
+    params: dict[str, str]
+    #: PSNR of each view against the exact renderer, in dB; infinite for equal pictures.
+    psnr_db: tuple[float, ...]
+    #: Mean time of a frame on the device, in milliseconds; None without timestamps.
+    gpu_ms: float | None
+    #: Share of the exact settings' time; None without timestamps.
+    share: Share | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Advice:
+    """What a scene needs, and the best setting within a budget. `str(advice)` describes the scene."""
+
+    #: The best setting within the budget; None without a budget, or if no setting is within it for sure.
+    best: Tried | None
+    #: All settings that were measured.
+    tried: tuple[Tried, ...]
+    #: Settings that may be better: too noisy to tell.
+    hidden: tuple[Tried, ...]
+    #: Names of settings that may save time within the noise, and were not combined.
+    unsure: tuple[str, ...]
+    #: For each mapping of depth to keys, the bits at which overlapping splats stay in order; None if 32 are too few.
+    key_bits: dict[str, int | None]
+    #: How much each band of harmonics adds to a colour of 0 to 1, root mean square: band 0 first, up to the scene's degree.
+    band_rms: tuple[float, ...]
+    #: Statistics of the scene, as the command line's `advise --json` has them.
+    report: dict[str, Any]
+    _text: str = dataclasses.field(repr=False)
+
+    def __str__(self) -> str:
+        return self._text
+
+
+def trade(
+    scene: Scene,
+    cameras: Camera | Iterable[Camera],
+    pipeline: str = "auto",
+    params: Mapping[str, Setting] | None = None,
+    *,
+    only: Sequence[str] = (),
+    truths: Sequence[Any] | None = None,
+    rounds: int = 32,
+    frames: int | None = None,
+    file: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+    backend: str | None = None,
+    device: str | int | None = None,
+) -> Ledger:
+    """Measures what each setting of a graph saves, and what it costs in accuracy, as the command `trade`.
+
+    Every parameter is changed alone, from its exact value; the graph's defaults and all presets are measured, too. Frames are
+    interleaved with frames of the exact settings, and pictures compared with the exact renderer's.
+
+    Args:
+        scene: the scene.
+        cameras: one view, or several, in the size of the pictures.
+        pipeline: the graph whose parameters are changed.
+        params: values that parameters have in every setting.
+        only: beginnings of the names of the settings to measure, such as "key_bits"; the exact ones are always measured.
+        truths: true pictures, one for each camera, float32 [height, width, 3], display-encoded; by default, the exact renderer's.
+        rounds: most rounds of frames; below 8, all differences in time count as noise.
+        frames: frames in a round; by default 1 to 30, from the time of a frame.
+        file: path of a ledger.json, which grows with each row and from which an interrupted study goes on.
+        progress: called with (task, done, of, step); `print` will do.
+        backend: "vulkan" or "metal".
+        device: a part of the device's name, or its index in `splatgraph devices`.
+
+    Raises:
+        ValueError: no setting has a name of `only`, or an argument has a wrong shape.
+        GraphError: the graph has errors.
+        DeviceError: there is no fit device, or it failed.
+    """
+    found = _native.trade(
+        scene,
+        _cameras(cameras),
+        pipeline,
+        texts(params),
+        list(only),
+        None if truths is None else list(truths),
+        file,
+        _effort(backend, device, rounds, frames),
+        progress,
+    )
+    lines = tuple(
+        Line(
+            **{
+                **line,
+                "share": _share(line["share"]),
+                "psnr_db": _db(line["psnr_db"]),
+                "covered_psnr_db": _db(line["covered_psnr_db"]),
+                "phases": tuple(map(tuple, line["phases"])),
+            }
+        )
+        for line in found["lines"]
+    )
+    notes = (*found["messages"], *found["notes"])
+    return Ledger(lines, dict(found["failed"]), tuple(found["rows"]), found["device"], notes, found["csv"], found["html"], found["table"])
+
+
+def advise(
+    scene: Scene,
+    cameras: Camera | Iterable[Camera],
+    pipeline: str = "auto",
+    params: Mapping[str, Setting] | None = None,
+    *,
+    psnr: float | None = None,
+    ms: float | None = None,
+    errors: int = 0,
+    rounds: int = 32,
+    frames: int | None = None,
+    progress: Progress | None = None,
+    backend: str | None = None,
+    device: str | int | None = None,
+) -> Advice:
+    """Finds what a scene needs, and the best setting within a budget, as the command `advise`.
+
+    With `psnr`, the fastest setting that has it in every view; with `ms` alone, the most accurate one within the time. Without
+    either, the scene is described and no device is used.
+
+    Args:
+        scene: the scene.
+        cameras: one view, or several, in the size of the pictures.
+        pipeline: the graph whose parameters are changed; presets are tried unchanged.
+        params: values that parameters have in every setting.
+        psnr: least PSNR of every view against the exact renderer, in dB.
+        ms: greatest mean time of a frame on the device, in milliseconds.
+        errors: pairs of overlapping splats that a depth key may leave in the wrong order in a view.
+        rounds, frames, progress, backend, device: see `trade`.
+
+    Raises:
+        GraphError: the graph has errors.
+        DeviceError: there is no fit device, or it failed.
+    """
+    for name, limit in (("psnr", psnr), ("ms", ms)):
+        if limit is not None and not 0.0 < limit < math.inf:
+            raise ValueError(f"{name}: expected a number above 0, found {limit}")
+    answer = _native.advise(
+        scene, _cameras(cameras), pipeline, texts(params), (psnr, ms), errors, _effort(backend, device, rounds, frames), progress
+    )
+    found = answer["found"]
+    best = found.get("best")
+    return Advice(
+        None if best is None else _tried(best),
+        tuple(map(_tried, found.get("tried", ()))),
+        tuple(map(_tried, found.get("hidden", ()))),
+        tuple(found.get("unsure", ())),
+        {need["map"]: need["bits"] for need in found["keys"]},
+        tuple(band["rms"] for band in found["bands"]),
+        found["report"],
+        found["text"],
+    )
+
+
+def _cameras(cameras: Camera | Iterable[Camera]) -> list[Camera]:
+    return [cameras] if isinstance(cameras, Camera) else list(cameras)
+
+
+def _effort(backend: str | None, device: str | int | None, rounds: int, frames: int | None) -> dict[str, Any]:
+    return {"backend": backend, "device": None if device is None else str(device), "rounds": rounds, "frames": frames}
+
+
+def _share(found: dict[str, Any] | None) -> Share | None:
+    return None if found is None else Share(found["median"], None if found["range"] is None else tuple(found["range"]))
+
+
+def _db(value: float | None) -> float:
+    # JSON has no infinity.
+    return math.inf if value is None else value
+
+
+def _tried(found: dict[str, Any]) -> Tried:
+    setting = found["setting"]
+    psnr = tuple(map(_db, found["psnr_db"]))
+    return Tried(setting["name"], setting["pipeline"], dict(setting["set"]), psnr, found["gpu_ms"], _share(found["share"]))
+
+
+# A study that was interrupted finishes its step, with a driver that must not be gone.
+atexit.register(_native._join_studies)

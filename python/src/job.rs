@@ -1,0 +1,59 @@
+//! Wraps a command's views, which a cluster's workers do.
+
+use crate::errors::{Error, with_causes};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use splatgraph::cli;
+use std::ffi::OsString;
+use std::sync::{Mutex, PoisonError};
+
+/// Views that were done, views that were there, and views that failed with the reason.
+type Ran = (Vec<usize>, Vec<usize>, Vec<(usize, String)>);
+
+/// The views of a command line: `render`, `trade`, `sweep` or `evaluate` with its arguments.
+///
+/// The scene is loaded and the device opened with the first views, and both stay for the next ones.
+#[pyclass(frozen, module = "splatgraph._native")]
+pub struct Job {
+    /// `None` once closed.
+    job: Mutex<Option<cli::Job>>,
+    /// The views' file names, without extension.
+    #[pyo3(get)]
+    views: Vec<String>,
+}
+
+#[pymethods]
+impl Job {
+    #[new]
+    fn new(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Job> {
+        crate::configure();
+        let job = py.detach(|| cli::job(&arguments));
+        let job = job.map_err(|error| PyValueError::new_err(with_causes(&error)))?;
+        Ok(Job { views: job.views().to_vec(), job: Mutex::new(Some(job)) })
+    }
+
+    /// Does views, by index, unless their files are there.
+    fn run(&self, py: Python<'_>, views: Vec<usize>) -> PyResult<Ran> {
+        if let Some(view) = views.iter().find(|view| **view >= self.views.len()) {
+            return Err(PyValueError::new_err(format!(
+                "views: expected indices below {}, found {view}",
+                self.views.len()
+            )));
+        }
+        let ran = py.detach(|| {
+            let mut job = self.job.lock().unwrap_or_else(PoisonError::into_inner);
+            job.as_mut().map(|job| job.run(&views))
+        });
+        let ran = ran.ok_or_else(|| Error::new_err("the job is closed"))?;
+        let cli::Ran { done, kept, failed } = ran.map_err(|error| Error::new_err(with_causes(&error)))?;
+        Ok((done, kept, failed))
+    }
+
+    /// Closes the device.
+    fn close(&self, py: Python<'_>) {
+        py.detach(|| {
+            let job = self.job.lock().unwrap_or_else(PoisonError::into_inner).take();
+            job.map(|mut job| job.close())
+        });
+    }
+}

@@ -1,0 +1,247 @@
+//! Runs the studies of the library: each on a thread of its own, which tells of its progress and can be cancelled.
+
+use crate::arrays::take;
+use crate::camera::Camera;
+use crate::errors;
+use crate::scene::Scene;
+use crate::wait;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde_json::{Value as Json, json};
+use splatgraph::draw::backend::{Api, Backend, Options};
+use splatgraph::draw::interleaved::Frames;
+use splatgraph::io::image::Image;
+use splatgraph::io::output::names::{self, MAX_NAME_BYTES};
+use splatgraph::studies::study::{Listener, StudyError, Subject};
+use splatgraph::studies::{advise as advising, trade as trading};
+use splatgraph_assets as assets;
+use std::collections::HashMap;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::mpsc::Sender;
+use std::sync::{Mutex, PoisonError};
+use std::thread::JoinHandle;
+
+/// Studies that were cancelled and finish their last step. The process waits for them: they use a driver.
+static CANCELLED: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
+
+/// News of a study.
+enum News<T> {
+    Progress(String, u64, u64, String),
+    Message(String),
+    Done(T),
+}
+
+/// Sends a study's news; a receiver that is gone cancels it.
+struct Reporter<T>(Sender<News<T>>);
+
+impl<T> Listener for Reporter<T> {
+    fn progress(&mut self, task: &str, done: u64, of: u64, step: &str) -> ControlFlow<()> {
+        match self.0.send(News::Progress(task.to_owned(), done, of, step.to_owned())) {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(_) => ControlFlow::Break(()),
+        }
+    }
+
+    fn say(&mut self, message: &str) {
+        // The next step learns that nobody listens.
+        let _ = self.0.send(News::Message(message.to_owned()));
+    }
+}
+
+/// Runs a study on a thread of its own; returns its result and its messages. `progress` is called with task, done, of and step.
+///
+/// # Errors
+/// The exception of `progress` or of a signal handler, such as `KeyboardInterrupt`: the study then ends after its present step.
+fn run<T: Send + 'static>(
+    py: Python<'_>,
+    progress: Option<&Bound<'_, PyAny>>,
+    study: impl FnOnce(&mut dyn Listener) -> Result<T, StudyError> + Send + 'static,
+) -> PyResult<(T, Vec<String>)> {
+    let (sender, mut receiver) = std::sync::mpsc::channel();
+    let thread = std::thread::Builder::new().name("splatgraph".into()).spawn(move || {
+        let found = study(&mut Reporter(sender.clone()));
+        // Nobody waits any more after an interruption.
+        let _ = sender.send(News::Done(found));
+    })?;
+    let mut messages = Vec::new();
+    let found = loop {
+        match wait::receive(py, &mut receiver) {
+            Ok(News::Done(found)) => break found.map_err(|error| errors::study(py, &error)),
+            Ok(News::Message(message)) => messages.push(message),
+            Ok(News::Progress(task, done, of, step)) => {
+                if let Some(Err(error)) = progress.map(|progress| progress.call1((task, done, of, step))) {
+                    break Err(error);
+                }
+            }
+            Err(error) => break Err(error),
+        }
+    };
+    drop(receiver);
+    CANCELLED.lock().unwrap_or_else(PoisonError::into_inner).push(thread);
+    found.map(|found| (found, messages))
+}
+
+/// Waits for studies that were cancelled, at the end of the process.
+#[pyfunction]
+pub fn _join_studies(py: Python<'_>) {
+    let threads = std::mem::take(&mut *CANCELLED.lock().unwrap_or_else(PoisonError::into_inner));
+    // A panic's message is on standard error already.
+    py.detach(|| threads.into_iter().for_each(|thread| drop(thread.join())));
+}
+
+/// The device of a study, and the numbers of frames.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Effort {
+    backend: Option<String>,
+    device: Option<String>,
+    rounds: u32,
+    frames: Option<u32>,
+}
+
+impl Effort {
+    /// Returns the API to open.
+    fn api(&self) -> PyResult<Api> {
+        let api = self.backend.as_deref().map_or_else(|| Ok(Api::default()), Api::parse_drawing);
+        api.map_err(|error| PyValueError::new_err(format!("backend: {error}")))
+    }
+
+    fn frames(&self) -> PyResult<Frames> {
+        if self.rounds == 0 || self.frames == Some(0) {
+            return Err(PyValueError::new_err("rounds, frames: expected numbers above 0, found 0"));
+        }
+        Ok(Frames { rounds: self.rounds, frames: self.frames })
+    }
+
+    fn options(&self) -> Options {
+        Options { device: self.device.clone(), ..Options::default() }
+    }
+}
+
+/// Measures settings: see `splatgraph.trade`. Returns a dict.
+#[pyfunction]
+#[pyo3(signature = (scene, cameras, pipeline, params, only, truths, file, effort, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "the package has one caller, with defaults")]
+pub fn trade<'py>(
+    py: Python<'py>,
+    scene: &Bound<'py, Scene>,
+    cameras: Vec<Bound<'py, Camera>>,
+    pipeline: String,
+    params: Vec<(String, String)>,
+    only: Vec<String>,
+    truths: Option<Vec<Bound<'py, PyAny>>>,
+    file: Option<PathBuf>,
+    effort: Effort,
+    progress: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    crate::configure();
+    let scene = scene.get().0.clone();
+    let cameras = of_study(&scene, &cameras)?;
+    let truths = truths.map(|truths| pictures(&truths, &cameras)).transpose()?;
+    let (api, options, frames) = (effort.api()?, effort.options(), effort.frames()?);
+    let wanted = trading::Wanted {
+        pipeline,
+        set: params,
+        only,
+        frames,
+        truths: truths.map(|truths| ("arrays".into(), truths)),
+        opened: "from Python".into(),
+        file,
+    };
+    let name = format!("{:016x}", scene.identity());
+    let (ledger, messages) = run(py, progress, move |listener| {
+        let device = Backend::open(api, &options)?;
+        let subject = Subject { device: &device, name, scene, cameras };
+        let found = trading::study(&subject, &wanted, listener);
+        device.close();
+        found
+    })?;
+    let (lines, failed) = ledger.lines();
+    let table = trading::table::table(&lines);
+    let page = trading::page::page(&ledger, &lines, &failed, &trading::pictures::Album::default())
+        .map_err(|error| errors::study(py, &error.into()))?;
+    let all = json!({
+        "lines": lines, "failed": failed, "rows": ledger.rows, "device": ledger.origin.device, "messages": messages,
+        "notes": trading::table::notes(&lines), "table": table, "csv": trading::table::csv(&lines), "html": page,
+    });
+    errors::from_json(py, &all.to_string())
+}
+
+/// Describes a scene and searches for settings: see `splatgraph.advise`. Returns a dict.
+#[pyfunction]
+#[pyo3(signature = (scene, cameras, pipeline, params, budget, errors, effort, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "the package has one caller, with defaults")]
+pub fn advise<'py>(
+    py: Python<'py>,
+    scene: &Bound<'py, Scene>,
+    cameras: Vec<Bound<'py, Camera>>,
+    pipeline: String,
+    params: Vec<(String, String)>,
+    budget: (Option<f64>, Option<f64>),
+    errors: u64,
+    effort: Effort,
+    progress: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    crate::configure();
+    let scene = scene.get().0.clone();
+    let cameras = of_study(&scene, &cameras)?;
+    let (api, options, frames) = (effort.api()?, effort.options(), effort.frames()?);
+    let budget = advising::search::Budget { psnr: budget.0, ms: budget.1 };
+    let wanted = advising::Wanted { pipeline, set: params, budget, frames };
+    let (all, messages) = run(py, progress, move |listener| {
+        let advising::Description { report, keys, bands } = advising::describe(&scene, &cameras, errors);
+        let mut all = json!({ "report": report, "text": report.to_string(), "keys": keys, "bands": bands });
+        if budget == advising::search::Budget::default() {
+            return Ok(all);
+        }
+        let device = Backend::open(api, &options)?;
+        let subject = Subject { device: &device, name: "scene".into(), scene, cameras };
+        let found = advising::study(&subject, &keys, &wanted, listener);
+        device.close();
+        let advice = found?;
+        let best = advice.best();
+        all["best"] = json!(best.found);
+        all["hidden"] = json!(best.hidden);
+        all["tried"] = json!(advice.tried);
+        all["unsure"] = json!(advice.unsure);
+        Ok(all)
+    })?;
+    let all: Json = json!({ "found": all, "messages": messages });
+    errors::from_json(py, &all.to_string())
+}
+
+/// Moves cameras into a scene, with a name of its own for each.
+fn of_study(scene: &assets::Scene, cameras: &[Bound<'_, Camera>]) -> PyResult<Vec<assets::Camera>> {
+    if cameras.is_empty() {
+        return Err(PyValueError::new_err("cameras: expected at least one, found none"));
+    }
+    let mut cameras: Vec<assets::Camera> =
+        cameras.iter().map(|camera| camera.get().0.relative_to(scene.offset())).collect();
+    let names: Vec<String> = cameras.iter().map(|camera| camera.img_name.clone()).collect();
+    let mut uses: HashMap<&str, usize> = HashMap::new();
+    names.iter().for_each(|name| *uses.entry(name).or_default() += 1);
+    for (camera, own) in cameras.iter_mut().zip(names::unique(&names, MAX_NAME_BYTES)) {
+        if camera.img_name.is_empty() || uses.get(camera.img_name.as_str()).is_some_and(|uses| *uses > 1) {
+            camera.img_name = own;
+        }
+    }
+    Ok(cameras)
+}
+
+/// Takes the true picture of each camera.
+fn pictures(truths: &[Bound<'_, PyAny>], cameras: &[assets::Camera]) -> PyResult<Vec<Image>> {
+    if truths.len() != cameras.len() {
+        return Err(PyValueError::new_err(format!(
+            "truths: expected a picture for each of {} cameras, found {}",
+            cameras.len(),
+            truths.len()
+        )));
+    }
+    let of = |(truth, camera): (&Bound<'_, PyAny>, &assets::Camera)| -> PyResult<Image> {
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let array = take::<f32>(truth, "truths", &[Some(height), Some(width), Some(3)])?;
+        Ok(Image { width, height, rgb: array.values.as_chunks::<3>().0.to_vec() })
+    };
+    truths.iter().zip(cameras).map(of).collect()
+}
