@@ -1,7 +1,10 @@
 """The listings of the pages on Python run."""
 
 import json
+import os
 import re
+import subprocess
+import sys
 
 import pytest
 import splatgraph
@@ -25,5 +28,28 @@ def test_a_listing_of_a_page_runs(page, listing, tmp_path, monkeypatch, capsys):
     assert "digit_bits=40" not in listing or "digit_bits" in printed.partition("error")[2]
 
 
+COMMANDS = [text for text in re.findall(r"```sh\n(.*?)```", (ROOT / "docs/many.md").read_text(), re.DOTALL)]
+
+
+@pytest.mark.parametrize("listing", COMMANDS, ids=[f"docs/many.md-{i}" for i in range(len(COMMANDS))])
+def test_a_listing_of_commands_runs(listing, tmp_path):
+    if "splatgraph.ray" in listing:
+        pytest.importorskip("ray", reason="Ray cannot be installed")
+    splatgraph.Scene.from_arrays(*random_splats(7, 300, 1)).save(tmp_path / "scene.ply")
+    (tmp_path / "cameras.json").write_text(json.dumps([CAMERA | {"img_name": name} for name in ("one", "two", "three")]))
+    photograph = ["synth", "--photograph", "scene.ply", "--dataset", "dataset", "--views", "2", "--size", "32x24"]
+    # As in the environment of a person: its programs first. A Slurm array of one job sets these.
+    path = f"{os.path.dirname(sys.executable)}:{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "SLURM_ARRAY_TASK_ID": "0", "SLURM_ARRAY_TASK_COUNT": "1"}
+    if "dataset" in listing:
+        subprocess.run(["splatgraph", *photograph], cwd=tmp_path, check=True, env=environment)
+    ended = subprocess.run(["bash", "-e", "-c", listing], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    left = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+    for result in ("out/three.png", "ledger/ledger.html", "scores/job.json"):
+        assert result.partition("/")[0] + "/" not in listing or result in left, (result, left)
+
+
 def test_every_page_has_listings():
+    assert len(COMMANDS) >= 4
     assert {page for page, _ in LISTINGS} == set(PAGES) and len(LISTINGS) >= 6
