@@ -10,6 +10,7 @@ import argparse
 import collections
 import dataclasses
 import json
+import logging
 import os
 import pathlib
 import subprocess
@@ -327,7 +328,9 @@ def main(arguments: list[str] | None = None) -> int:
         raise SystemExit("error: --cpus, --batch: expected numbers above 0")
     scenes = list(_scenes(options, more))
     # Lines of the workers are told here already.
-    ray.init(address=options.address, log_to_driver=False, logging_level="ERROR", include_dashboard=False if not options.address else None)
+    ray.init(
+        address=options.address, log_to_driver=False, logging_level=logging.ERROR, include_dashboard=False if not options.address else None
+    )
     try:
         run = _run(scenes, options)
         try:
@@ -335,8 +338,8 @@ def main(arguments: list[str] | None = None) -> int:
         except KeyboardInterrupt:
             _say("interrupted; the same command goes on from here")
             return 130
-        for scene, view, reason in run.failed:
-            _say(f"{scene}: {view} failed {TRIES} times: {reason}")
+        for name, view, reason in run.failed:
+            _say(f"{name}: {view} failed {TRIES} times: {reason}")
     finally:
         ray.shutdown()
     code = 0

@@ -149,17 +149,17 @@ class Viewer:
             view.end()
 
     def _control(self, param: Param) -> None:
-        gui, options = self.server.gui, {"hint": param.help or None}
-        label = param.label or param.name
+        gui, label, hint = self.server.gui, param.label or param.name, param.help or None
+        control: Any
         if param.kind == "bool":
-            control = gui.add_checkbox(label, initial_value=bool(param.value), **options)
+            control = gui.add_checkbox(label, initial_value=bool(param.value), hint=hint)
         elif param.choices is not None:
-            control = gui.add_dropdown(label, param.choices, initial_value=str(param.value), **options)
+            control = gui.add_dropdown(label, param.choices, initial_value=str(param.value), hint=hint)
         elif param.range is not None and isinstance(param.value, (int, float)):
             low, high = param.range
             step = 1 if param.kind == "int" else param.step or (high - low) / 1000
             # A slider keeps to its steps, of which a value need not be one.
-            control = gui.add_number(label, initial_value=param.value, min=low, max=high, step=step, **options)
+            control = gui.add_number(label, initial_value=param.value, min=low, max=high, step=step, hint=hint)
         else:
             return
 
