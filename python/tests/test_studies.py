@@ -63,7 +63,6 @@ def test_advice_describes_the_scene_and_finds_a_setting_within_the_budget(scene,
     chosen = next(tried for tried in found.tried if tried.pipeline == "splat")
     drawn = splatgraph.Renderer(scene, chosen.pipeline, chosen.params).render(cameras[0])
     assert drawn.shape == (32, 40, 3)
-    assert splatgraph.advise(scene, cameras[0], "splat", psnr=300, rounds=1, frames=1).best is None
     with pytest.raises(ValueError, match="psnr: expected a number above 0, found inf"):
         splatgraph.advise(scene, cameras[0], psnr=math.inf)
 
