@@ -5,8 +5,8 @@
 //! The plan is a pure function of the files, the parameters, the facts of the scene and the facts of the device, so it
 //! can be built, dumped and tested anywhere.
 //!
-//! [`ir`] is the ground floor: the plain types that all steps share. Data passes through the other folders in this
-//! order, and a test checks that imports follow it:
+//! [`ir`] has the plain types that all steps share, and [`plan`] the result, which lowering begins and solving
+//! completes. Data passes through the other folders in this order, and a test checks that imports follow it:
 //!
 //! 1. [`source`] finds and reads files, records the byte span of every element, and renders diagnostics;
 //! 2. `expr` parses and evaluates the expressions that a graph may contain in place of numbers;
@@ -15,7 +15,7 @@
 //! 5. [`shader`] compiles GLSL to SPIR-V, and reflects each shader's bindings and accesses;
 //! 6. `link` compiles the shaders and checks the flat list against them;
 //! 7. [`solve`] orders the passes, places memory and lists the dependencies;
-//! 8. [`plan`] is the result, [`dump`] writes it for people and programs, and `msl` translates its shaders for Metal.
+//! 8. [`dump`] writes the plan for people and programs, and `msl` translates its shaders for Metal.
 //!
 //! When a file changes, [`reload`] rebuilds the plan while the last good one is still drawn.
 

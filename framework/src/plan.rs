@@ -17,8 +17,8 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use crate::ir::{
-    Accesses, BlockId, Culled, Domain, Effect, Fallback, Hazard, Layout, Origin, Output, Param, ParamBinding,
-    Pass, PassId, Reason, ResourceId, Shader, ShaderId, Shape, Source, Stages, Stat, Usage, Value,
+    BlockId, Culled, Domain, Effect, Fallback, Hazard, Layout, Masks, Origin, Output, Param, ParamBinding,
+    Pass, PassId, Reason, ResourceId, Shader, ShaderId, Shape, Source, Stat, Usage, Value,
 };
 use crate::source::Diagnostic;
 
@@ -63,7 +63,7 @@ pub struct Plan {
     /// Constructs of the graph that are allowed but probably unintended.
     pub warnings: Vec<Warning>,
     /// The image that is shown or saved. A [`Work::Export`](crate::ir::Work::Export) pass at the end of the frame leaves it in
-    /// [`Layout::TransferSource`], readable by [`Stages::COPY`].
+    /// [`Layout::TransferSource`], readable by [`Stages::COPY`](crate::ir::Stages::COPY).
     pub output: ResourceId,
     /// Images requested besides the output; the export leaves them in the same layout.
     pub outputs: Vec<Output>,
@@ -301,37 +301,61 @@ impl Resource {
 ///
 /// A read depends on the last write. A write depends on all reads since the last write, or on that write if there are
 /// none. All other order follows from chains of dependencies.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Dependency {
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Dependency<P = PassId, R = ResourceId> {
     /// The kind of conflict; [`Hazard::LayoutChange`] if only the image's layout change waits, and not the pass itself.
     pub hazard: Hazard,
     /// The earlier pass.
-    pub first: PassId,
+    #[serde(rename = "pass")]
+    pub first: P,
     /// The later pass.
-    pub second: PassId,
+    #[serde(skip)]
+    pub second: P,
     /// Which run of the earlier pass.
     pub since: Since,
     /// The resource that the later pass accesses.
-    pub resource: ResourceId,
+    pub resource: R,
     /// The resource that the earlier pass accessed, if it is another one in the same memory.
-    pub alias: Option<ResourceId>,
+    pub alias: Option<R>,
     /// The smallest range of the resource that holds all bytes of the conflict.
+    #[serde(flatten)]
     pub bytes: Range<u64>,
-    /// The earlier accesses.
-    pub source: Scope,
-    /// The later accesses.
-    pub target: Scope,
     /// True if the image changes its layout in between, and the change waits for the earlier accesses.
     pub changes_layout: bool,
+    /// Stages and accesses of both passes.
+    #[serde(flatten)]
+    pub masks: Masks,
 }
 
-/// Pipeline stages of a pass, and accesses in these stages.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Scope {
-    /// The stages.
-    pub stages: Stages,
-    /// The accesses.
-    pub accesses: Accesses,
+/// Gives one reason for a command of an API that orders passes: accesses of `before` conflict with accesses of `after`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Cause<P = PassId, R = ResourceId> {
+    /// The kind of conflict.
+    pub hazard: Hazard,
+    /// The pass that waits. It can be a later one than the pass after the command.
+    pub before: P,
+    /// The resource that it accesses.
+    pub resource: R,
+    /// The passes that are waited for. Empty if an image was never accessed.
+    pub after: Vec<P>,
+    /// True if they ran in the frame before the frame of `before`.
+    pub previous_frame: bool,
+    /// The resource that they accessed, if it is another one in the same memory.
+    pub alias: Option<R>,
+}
+
+impl Cause {
+    /// Returns the cause with other references to passes and resources.
+    pub fn map<P, R>(&self, pass: impl Fn(PassId) -> P, resource: impl Fn(ResourceId) -> R) -> Cause<P, R> {
+        Cause {
+            hazard: self.hazard,
+            before: pass(self.before),
+            resource: resource(self.resource),
+            after: self.after.iter().map(|id| pass(*id)).collect(),
+            previous_frame: self.previous_frame,
+            alias: self.alias.map(resource),
+        }
+    }
 }
 
 /// The run of the earlier pass on which a later one depends.
@@ -343,6 +367,24 @@ pub enum Since {
     Prologue,
     /// The earlier pass runs in the previous frame.
     PreviousFrame,
+}
+
+/// A change of an image's layout.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Transition<R = ResourceId> {
+    /// The image.
+    pub image: R,
+    /// The layout before; [`Layout::Undefined`] if the contents are not needed.
+    pub old: Layout,
+    /// The layout after.
+    pub new: Layout,
+}
+
+impl<R> Transition<R> {
+    /// Returns the same with another kind of reference to the image.
+    pub fn map<T>(&self, image: impl FnOnce(&R) -> T) -> Transition<T> {
+        Transition { image: image(&self.image), old: self.old, new: self.new }
+    }
 }
 
 /// A change of an image's layout before a pass.

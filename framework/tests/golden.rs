@@ -252,6 +252,8 @@ const NOT_SHOWN: &[&str] = &[
     "shader/compile/mod.rs: ERROR: cannot start a thread",
     "shader/compile/generate.rs: ERROR: glslang does not start",
     "shader/compile/generate.rs: ERROR: the shader compiles to more than",
+    // Data and texts about plans.
+    "ir/access.rs",
     // The process of the compiler: shader/compile/tests.rs.
     "shader/compile/serve.rs",
     "shader/compile/worker.rs",

@@ -36,7 +36,7 @@ impl Conflicts {
         let of_device =
             |d: &&Dependency| d.hazard != Hazard::LayoutChange && plan.pass(d.second).work != Work::Host;
         for dependency in plan.dependencies.iter().filter(of_device) {
-            let both = [dependency.source.stages, dependency.target.stages];
+            let both = [dependency.masks.source_stages, dependency.masks.target_stages];
             let blends = dependency.alias.is_none() && both == [Stages::COLOR_OUTPUT; 2];
             for pair in [(dependency.first, dependency.second), (dependency.second, dependency.first)] {
                 found.any.insert(pair);

@@ -177,7 +177,7 @@ impl Layer<'_> {
             let target = |stages: Stages| after.iter().all(|view| stages.contains(view.stage));
             passes
                 .flat_map(|pass| mutant.at(Some(*pass)))
-                .any(|b| b.source_stages.intersects(with_later) && target(b.target_stages))
+                .any(|b| b.masks.source_stages.intersects(with_later) && target(b.masks.target_stages))
         };
         frame == same
             && (first + 1..second).any(|reader| {
@@ -274,8 +274,8 @@ fn with_fills_as_copies(plan: &Plan, barriers: &Barriers) -> (Plan, Barriers) {
     };
     plan.passes.iter_mut().flat_map(|pass| &mut pass.uses).for_each(|touch| rename(&mut touch.stages));
     for barrier in barriers.before.iter_mut().flatten().chain(&mut barriers.handover) {
-        rename(&mut barrier.source_stages);
-        rename(&mut barrier.target_stages);
+        rename(&mut barrier.masks.source_stages);
+        rename(&mut barrier.masks.target_stages);
     }
     (plan, barriers)
 }

@@ -15,7 +15,7 @@ use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameInputs, Loader, SceneData};
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_framework::ir::{DeviceFacts, Hazard, PassId, Stages, Work};
 use splatgraph_framework::oracle::dependencies;
-use splatgraph_framework::plan::{Dependency, Plan, Scope};
+use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::sync::model::mutate::{Mutation, apply, mutations, needless, needless_by};
 use splatgraph_vulkan::sync::model::{Replay, Rules, replay};
 use splatgraph_vulkan::sync::{Barrier, Barriers};
@@ -114,22 +114,13 @@ fn a_dependency_of_a_preset_that_is_removed_or_has_a_bit_cleared_is_missed() {
             let removed = mutant.dependencies.remove(index);
             missed(&mutant, index, "all");
             mutant.dependencies.insert(index, removed);
-            // If only the layout change waits, its target is not checked.
-            let sides = if whole.hazard == Hazard::LayoutChange { 1 } else { 2 };
-            for side in 0..sides {
-                let scope = |d: &Dependency| [d.source, d.target][side];
-                let stages = scope(whole).stages.iter().map(|stages| Scope { stages, ..Scope::default() });
-                let accesses = scope(whole).accesses.iter();
-                let accesses = accesses.map(|accesses| Scope { accesses, ..Scope::default() });
-                for bit in stages.chain(accesses) {
-                    let dependency = &mut mutant.dependencies[index];
-                    let scope = [&mut dependency.source, &mut dependency.target].into_iter().nth(side);
-                    let scope = scope.expect("one of two");
-                    scope.stages -= bit.stages;
-                    scope.accesses -= bit.accesses;
-                    missed(&mutant, index, &format!("{bit:?}"));
-                    mutant.dependencies[index] = whole.clone();
-                }
+            // Where only the layout change waits, its target is not looked at.
+            let change_alone = whole.hazard == Hazard::LayoutChange;
+            let masks = if change_alone { whole.masks.source() } else { whole.masks };
+            for bit in masks.bits() {
+                mutant.dependencies[index].masks = whole.masks.without(bit);
+                missed(&mutant, index, &format!("{bit:?}"));
+                mutant.dependencies[index] = whole.clone();
             }
             if whole.changes_layout {
                 mutant.dependencies[index].changes_layout = false;
@@ -165,7 +156,7 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
         let args = plan.find_resource("order.args").expect("the draw has arguments");
         let barriers = builds::barriers(&plan);
         for barrier in barriers.calls(&plan).flat_map(|(_, call)| call) {
-            let after_draw = barrier.causes.iter().any(|cause| {
+            let after_draw = barrier.causes.iter().any(|(cause, _)| {
                 cause.resource == args
                     && cause.hazard == Hazard::WriteAfterRead
                     && cause.after.iter().any(draws)
@@ -173,7 +164,7 @@ fn what_waits_for_the_arguments_of_a_draw_names_a_stage_of_drawing() {
             if after_draw {
                 waits += 1;
                 assert!(
-                    barrier.source_stages.intersects(DRAWING),
+                    barrier.masks.source_stages.intersects(DRAWING),
                     "{name}={value}\n{}",
                     builds::shown(&plan)
                 );
@@ -301,15 +292,7 @@ impl Tally {
 /// A mutation with the barrier that it is about.
 fn text(plan: &Plan, barriers: &Barriers, mutation: &Mutation) -> String {
     let (Mutation::Remove { at, barrier } | Mutation::Clear { at, barrier, .. }) = *mutation;
-    let masks = &barriers.at(at)[barrier];
-    format!(
-        "{}: {:?} {:?} {:?} {:?}",
-        mutation.describe(plan, barriers),
-        masks.source_stages,
-        masks.source_accesses,
-        masks.target_stages,
-        masks.target_accesses
-    )
+    format!("{}: {}", mutation.describe(plan, barriers), barriers.at(at)[barrier].masks)
 }
 
 fn is_hazard_or_layout(message: &str) -> bool {

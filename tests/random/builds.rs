@@ -121,11 +121,7 @@ impl Case<'_> {
     }
 }
 
-fn names<T>(flags: impl Iterator<Item = (&'static str, T)>) -> String {
-    flags.map(|(name, _)| name).collect::<Vec<_>>().join("|")
-}
-
-/// Formats a plan's passes and barriers.
+/// A plan's passes and barriers, as people can read them.
 pub fn shown(plan: &Plan) -> String {
     let name = |id: PassId| plan.pass(id).name.as_str();
     let shown = |barriers: &[Barrier]| -> String {
@@ -134,14 +130,8 @@ pub fn shown(plan: &Plan) -> String {
                 let image = b.image.map_or(String::new(), |t| {
                     format!(" [{} {:?} to {:?}]", plan.resource(t.image).name, t.old, t.new)
                 });
-                let [source, target] =
-                    [(b.source_stages, b.source_accesses), (b.target_stages, b.target_accesses)].map(
-                        |(stages, accesses)| {
-                            format!("{} / {}", names(stages.iter_names()), names(accesses.iter_names()))
-                        },
-                    );
                 let reasons: Vec<String> = (b.causes.iter())
-                    .map(|d| {
+                    .map(|(d, _)| {
                         let after: Vec<&str> = d.after.iter().map(|id| name(*id)).collect();
                         let resource = &plan.resource(d.resource).name;
                         format!(
@@ -152,7 +142,7 @@ pub fn shown(plan: &Plan) -> String {
                         )
                     })
                     .collect();
-                format!("        {source} -> {target}{image}: {}\n", reasons.join(", "))
+                format!("        {}{image}: {}\n", b.masks, reasons.join(", "))
             })
             .collect()
     };

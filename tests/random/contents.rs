@@ -1,7 +1,7 @@
 //! Contents that graphs declare to keep, and the contents of a presented output.
 
 use splatgraph_framework::ir::{
-    Accesses, Layout, Load, Pass, PassId, ResourceId, Run, Stages, Use, Work as PlanWork,
+    Accesses, Layout, Load, Masks, Pass, PassId, ResourceId, Run, Stages, Use, Work as PlanWork,
 };
 use splatgraph_framework::plan::Plan;
 use splatgraph_vulkan::sync::model::{Replay, has_violation, replay};
@@ -117,10 +117,7 @@ fn presented(plan: &Plan, mut barriers: Barriers, waiting: Stages) -> (Plan, Bar
     let (blit, after) = (pass("blit", vec![read]), pass("after", Vec::new()));
     let waits = Barrier {
         image: None,
-        source_stages: Stages::COPY,
-        source_accesses: Accesses::empty(),
-        target_stages: waiting,
-        target_accesses: Accesses::empty(),
+        masks: Masks { source_stages: Stages::COPY, target_stages: waiting, ..Masks::default() },
         causes: Vec::new(),
     };
     for (pass, call) in [(blit, Vec::new()), (after, vec![waits])] {

@@ -3,7 +3,7 @@
 
 use splatgraph::draw::backend::Backend;
 use splatgraph_api::{Device, FrameInputs, Inspect, Loader, SceneData};
-use splatgraph_framework::ir::{Accesses, PassId, ResourceId, Source, Stages};
+use splatgraph_framework::ir::{Accesses, Masks, PassId, ResourceId, Source, Stages};
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::shader::Glslang;
 use splatgraph_framework::solve::reorder;
@@ -160,23 +160,12 @@ fn inspections(plan: &Plan) -> Vec<Inspect> {
 /// Returns barriers that make everything wait for everything, with layout changes where they are.
 fn full_barriers(plan: &Plan) -> Barriers {
     let mut all = barriers(plan);
+    let everything = (Stages::all(), Accesses::all());
+    let masks = Masks::new(everything, everything);
     let widen = |barriers: &mut Vec<Barrier>| {
         barriers.retain(|barrier| barrier.image.is_some());
-        barriers.insert(
-            0,
-            Barrier {
-                image: None,
-                source_stages: Stages::all(),
-                source_accesses: Accesses::all(),
-                target_stages: Stages::all(),
-                target_accesses: Accesses::all(),
-                causes: Vec::new(),
-            },
-        );
-        for barrier in barriers {
-            (barrier.source_stages, barrier.target_stages) = (Stages::all(), Stages::all());
-            (barrier.source_accesses, barrier.target_accesses) = (Accesses::all(), Accesses::all());
-        }
+        barriers.insert(0, Barrier { image: None, masks, causes: Vec::new() });
+        barriers.iter_mut().for_each(|barrier| barrier.masks = masks);
     };
     all.before.iter_mut().chain([&mut all.handover]).for_each(widen);
     all

@@ -376,7 +376,7 @@ fn verify(plan: &Plan, barriers: &Barriers) -> Result<String, String> {
     if !problems.is_empty() {
         return Err(problems.join("\n"));
     }
-    let dump = sync::dump::add_barriers(dump::dump(plan), plan, barriers);
+    let dump = sync::dump::add_barriers(dump::dump(plan), plan, Ok(barriers));
     let frame = &dump.totals.frame;
     let mut line = format!(
         "{} passes once and {} every frame, {} shaders; {} barriers in {} calls: they leave no hazard, and taking away any \

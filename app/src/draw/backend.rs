@@ -23,14 +23,11 @@ pub use splatgraph_metal::dump::add_encoders as add_metal_encoders;
 pub use splatgraph_runtime::{Window, compilers_given_up};
 pub use splatgraph_vulkan::sync;
 
-/// Returns the dump of a plan with Vulkan's barriers, the finest of the APIs' commands. The dump has none if no barriers satisfy the
-/// plan, which loading and `check` report.
+/// Returns the dump of a plan with Vulkan's barriers, the finer of the APIs' commands.
+///
+/// If none hold, the dump has a warning instead, and loading the plan fails.
 pub fn dump(plan: &Plan) -> Dump {
-    let dump = dump::dump(plan);
-    match sync::barriers(plan) {
-        Ok(barriers) => sync::dump::add_barriers(dump, plan, &barriers),
-        Err(_) => dump,
-    }
+    sync::dump::add_barriers(dump::dump(plan), plan, sync::barriers(plan).as_ref())
 }
 
 /// Names a graphics API.

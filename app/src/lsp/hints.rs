@@ -55,7 +55,8 @@ pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
 /// Lists the passes that the barriers of a pass wait for, and layouts of images that nothing wrote.
 fn after(pass: &DumpPass) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
-    for dependency in pass.barriers.iter().flat_map(|barrier| &barrier.dependencies) {
+    let causes = pass.barriers.iter().flat_map(|barrier| &barrier.dependencies);
+    for dependency in causes.map(|cause| &cause.conflict) {
         let frame = if dependency.previous_frame { " of the frame before" } else { "" };
         let mut passes: Vec<String> =
             dependency.after.iter().map(|place| format!("{}{frame}", place.name)).collect();

@@ -1,16 +1,17 @@
 //! The encoders of a plan in its dump, with names in place of numbers.
 
-use crate::sync::{self, Cause, *};
-use splatgraph_framework::dump::{
-    self, Declared, Dump, DumpEncoder, DumpEncoders, DumpReason, EncoderTotals,
-};
-use splatgraph_framework::plan::*;
+use crate::sync::{self, *};
+use splatgraph_framework::dump::{self, Declared, Dump, DumpEncoder, DumpEncoders, EncoderTotals};
+use splatgraph_framework::plan::{Cause, Plan};
+
+type Reason = Cause<Declared, Declared>;
 
 /// Adds the encoders of a plan to its dump.
 pub fn add_encoders(dump: Dump, plan: &Plan) -> Dump {
     let (encoders, reasons) = explained(plan, Division::Merged);
-    let at = |place: At| -> Vec<DumpReason> {
-        reasons.iter().filter(|reason| reason.at == place).map(|reason| reason_of(plan, reason)).collect()
+    let at = |place: At| -> Vec<Reason> {
+        let here = reasons.iter().filter(|(at, _)| *at == place);
+        here.map(|(_, reason)| Declared::cause(plan, reason)).collect()
     };
     let list = |encodings: &[Encoding], place: fn(usize, Point) -> At| -> Vec<DumpEncoder> {
         let encoder = |(index, encoding)| encoder_of(plan, encoding, |point| at(place(index, point)));
@@ -29,7 +30,7 @@ pub fn add_encoders(dump: Dump, plan: &Plan) -> Dump {
     }
 }
 
-fn encoder_of(plan: &Plan, encoding: &Encoding, reasons: impl Fn(Point) -> Vec<DumpReason>) -> DumpEncoder {
+fn encoder_of(plan: &Plan, encoding: &Encoding, reasons: impl Fn(Point) -> Vec<Reason>) -> DumpEncoder {
     let stage = |of: Option<RenderStages>| of.map(|stages| format!("{stages:?}").to_lowercase());
     let wait = |(index, wait): (usize, &FenceUse)| dump::DumpWait {
         fence: wait.fence,
@@ -55,17 +56,6 @@ fn encoder_of(plan: &Plan, encoding: &Encoding, reasons: impl Fn(Point) -> Vec<D
     }
 }
 
-fn reason_of(plan: &Plan, reason: &Cause) -> DumpReason {
-    DumpReason {
-        hazard: reason.hazard,
-        before: Declared::pass(plan, reason.before),
-        resource: Declared::resource(plan, reason.resource),
-        after: reason.after.iter().map(|id| Declared::pass(plan, *id)).collect(),
-        previous_frame: reason.previous_frame,
-        alias: reason.alias.map(|id| Declared::resource(plan, id)),
-    }
-}
-
 fn totals(encodings: &[Encoding]) -> EncoderTotals {
     let mut fences: Vec<u32> = encodings.iter().flat_map(|e| &e.updates).map(|update| update.fence).collect();
     fences.sort_unstable();
@@ -83,11 +73,13 @@ fn totals(encodings: &[Encoding]) -> EncoderTotals {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::handmade;
     use crate::testing::*;
 
     #[test]
     fn encoders_are_told_beside_the_barriers_of_the_plan_with_their_reasons_and_counts() {
-        let s = chain();
+        let mut s = chain();
+        s.plan.shaders = handmade::plan().shaders;
         let dump = add_encoders(dump::dump(&s.plan), &s.plan);
         let text = dump::encoders_text(&dump).expect("they were added");
         let lines: Vec<&str> = text.lines().map(str::trim).collect();

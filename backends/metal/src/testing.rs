@@ -3,102 +3,46 @@
 use crate::sync::*;
 use splatgraph_framework::{ir::*, plan::*, solve::add_dependencies};
 
-/// A plan under construction. Buffers and images have 64 bytes and their own memory unless a test changes it.
-pub struct Sketch {
-    pub plan: Plan,
-}
+#[allow(dead_code)]
+#[path = "../../../framework/src/oracle/tests/sketch.rs"]
+mod sketch;
 
-fn origin() -> Origin {
-    Origin { file: "graph.ron".into(), line: 1, column: 1 }
-}
-
-fn shader(stage: ShaderStage) -> Shader {
-    let reflection = Reflection {
-        stage,
-        local_size: [1; 3],
-        shared_bytes: 0,
-        bindings: vec![],
-        push: None,
-        inputs: vec![],
-        outputs: vec![],
-        subgroups: false,
-        features: Features::empty(),
-    };
-    let (name, spirv) = ("shader".into(), Default::default());
-    Shader { name, defines: vec![], spirv, reflection, msl: None }
-}
+pub use sketch::{Sketch, reads, writes};
+use sketch::{dispatch, touch};
 
 impl Sketch {
-    pub fn new() -> Sketch {
-        let plan = Plan {
-            name: "sketch".into(),
-            shaders: vec![shader(ShaderStage::Vertex), shader(ShaderStage::Fragment)],
-            ..Plan::default()
-        };
-        Sketch { plan }
-    }
-
-    fn resource(&mut self, name: &str, shape: Shape, source: Source) -> ResourceId {
-        let id = ResourceId(self.plan.resources.len() as u32);
-        let block = (source == Source::Transient).then(|| {
-            self.plan.blocks.push(Block { aliases: vec![id] });
-            BlockId(self.plan.blocks.len() as u32 - 1)
-        });
-        let (name, usage, history, origin) = (name.into(), Usage::all(), None, origin());
-        self.plan.resources.push(Resource { name, shape, usage, source, block, history, origin });
-        id
-    }
-
-    pub fn buffer(&mut self, name: &str) -> ResourceId {
-        self.resource(name, Shape::Buffer { stride: 4, count: 16 }, Source::Transient)
-    }
-
-    /// Adds a buffer with a copy per frame in flight.
+    /// Adds a buffer of which each frame in flight has its own.
     pub fn readback(&mut self) -> ResourceId {
         self.resource("readback", Shape::Buffer { stride: 4, count: 16 }, Source::Readback)
     }
 
-    pub fn image(&mut self, name: &str) -> ResourceId {
-        let shape = Shape::Image { format: Format::Rgba8Unorm, width: 4, height: 4 };
-        self.resource(name, shape, Source::Transient)
-    }
-
-    /// Puts the second resource into the memory of the first.
-    pub fn share(&mut self, first: ResourceId, second: ResourceId) {
-        let block = self.plan.resource(first).block.expect("a transient one");
-        self.plan.resources[second.index()].block = Some(block);
-        self.plan.blocks[block.index()].aliases.push(second);
-        add_dependencies(&mut self.plan);
-    }
-
-    fn pass(&mut self, name: &str, run: Run, work: Work, uses: &[Use]) {
-        let pass = PassId(self.plan.passes.len() as u32);
-        let (bindings, push, origin) = (vec![], vec![], origin());
-        let (name, phase, uses) = (name.into(), "test".into(), uses.to_vec());
-        self.plan.passes.push(Pass { name, phase, run, work, bindings, push, uses, origin });
-        let steps = if run == Run::Once { &mut self.plan.prologue } else { &mut self.plan.frame };
-        steps.push(pass);
+    /// Adds a pass of the prologue or the frame, and its dependencies.
+    fn add(&mut self, name: &str, run: Run, work: Work, uses: &[Use]) {
+        match run {
+            Run::Once => self.once_work(name, work, uses),
+            Run::Frame => self.frame_work(name, work, uses),
+        };
         add_dependencies(&mut self.plan);
     }
 
     pub fn once(&mut self, name: &str, uses: &[Use]) {
-        self.pass(name, Run::Once, DISPATCH, uses);
+        self.add(name, Run::Once, dispatch(), uses);
     }
 
     pub fn dispatch(&mut self, name: &str, uses: &[Use]) {
-        self.pass(name, Run::Frame, DISPATCH, uses);
+        self.add(name, Run::Frame, dispatch(), uses);
     }
 
     /// Adds a dispatch whose arguments start at a byte of a buffer.
     pub fn dispatch_from(&mut self, name: &str, buffer: ResourceId, offset: u64, uses: &[Use]) {
         let groups = Groups::Indirect { buffer, offset };
         let uses = [&[arguments(buffer)], uses].concat();
-        self.pass(name, Run::Frame, Work::Dispatch { shader: ShaderId(0), groups }, &uses);
+        self.add(name, Run::Frame, Work::Dispatch { shader: ShaderId(0), groups }, &uses);
     }
 
     pub fn fill(&mut self, name: &str, buffer: ResourceId) {
         let uses = [touch(buffer, Stages::CLEAR, Accesses::TRANSFER_WRITE)];
-        self.pass(name, Run::Frame, Work::Fill { buffer, value: 0 }, &uses);
+        self.add(name, Run::Frame, Work::Fill { buffer, value: 0 }, &uses);
     }
 
     /// Adds a draw into an image, which it clears or keeps.
@@ -120,7 +64,7 @@ impl Sketch {
             call,
             targets: vec![Target { image, load, blend: Blend::Replace }],
         };
-        self.pass(name, Run::Frame, work, &[&[target], uses].concat());
+        self.add(name, Run::Frame, work, &[&[target], uses].concat());
     }
 
     /// Adds the export of an image, and of the first word of a buffer.
@@ -133,12 +77,12 @@ impl Sketch {
             uses.push(touch(readback, Stages::COPY, Accesses::TRANSFER_WRITE));
         }
         self.plan.output = image;
-        self.pass("export", Run::Frame, Work::Export, &uses);
+        self.add("export", Run::Frame, Work::Export, &uses);
     }
 
     pub fn host(&mut self, readback: ResourceId) {
         let uses = [touch(readback, Stages::HOST, Accesses::HOST_READ)];
-        self.pass("host", Run::Frame, Work::Host, &uses);
+        self.add("host", Run::Frame, Work::Host, &uses);
     }
 
     /// Formats the encoders of the prologue and of the frame, a line each.
@@ -148,30 +92,16 @@ impl Sketch {
         (lines(&encoders.prologue), lines(&encoders.frame))
     }
 
-    /// Formats the encoders of the frame in the merged division.
-    pub fn frame(&self) -> Vec<String> {
+    /// Returns the encoders of the frame, as few as there can be.
+    pub fn lines(&self) -> Vec<String> {
         self.told(Division::Merged).1
     }
 }
 
 pub const CLEAR: Load = Load::Clear(0.0, 0.0, 0.0, 0.0);
 
-const DISPATCH: Work = Work::Dispatch { shader: ShaderId(0), groups: Groups::Direct([1; 3]) };
-
-fn touch(resource: ResourceId, stages: Stages, accesses: Accesses) -> Use {
-    Use { resource, stages, accesses, layout: None, discards: false }
-}
-
 fn arguments(buffer: ResourceId) -> Use {
     touch(buffer, Stages::INDIRECT, Accesses::INDIRECT_READ)
-}
-
-pub fn reads(resource: ResourceId) -> Use {
-    touch(resource, Stages::COMPUTE, Accesses::STORAGE_READ)
-}
-
-pub fn writes(resource: ResourceId) -> Use {
-    touch(resource, Stages::COMPUTE, Accesses::STORAGE_WRITE)
 }
 
 pub fn vertices_read(resource: ResourceId) -> Use {

@@ -5,13 +5,14 @@ use crate::gpu::{Owned, VulkanGpu};
 use crate::memory::{LAYER, WHOLE};
 use crate::pipelines::Pipelines;
 use crate::queue;
+use crate::sync::Barriers;
 use crate::sync::commands::{
     ANYTHING, BEFORE_COPIES, COPIES, Dependency, HOST, ImageBarrier, MemoryBarrier, READERS, Scope, layout,
 };
-use crate::sync::{Barriers, Transition};
 use ash::vk;
 use splatgraph_api::BackendError;
 use splatgraph_framework::ir::*;
+use splatgraph_framework::plan::Transition;
 use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout};
 use std::fmt::Arguments;
 use std::ops::Range;

@@ -6,8 +6,10 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-use super::form::{DUMP_VERSION, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource, DumpTouch};
-use super::text::{comes_after, mask_text};
+use super::form::{DUMP_VERSION, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource};
+use super::text::comes_after;
+use crate::ir::Use;
+use crate::plan::Cause;
 
 /// The differences between two dumps, `a` and `b`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -258,9 +260,8 @@ fn pass_properties(pass: &DumpPass) -> Properties {
     all
 }
 
-fn uses(uses: &[DumpTouch]) -> String {
-    let touch =
-        |t: &DumpTouch| format!("{} ({} {})", t.resource, t.stages.join(" | "), t.accesses.join(" | "));
+fn uses(uses: &[Use<String>]) -> String {
+    let touch = |t: &Use<String>| format!("{} ({} {})", t.resource, t.stages, t.accesses);
     uses.iter().map(touch).collect::<Vec<_>>().join(", ")
 }
 
@@ -280,7 +281,7 @@ fn resource_properties(dump: &Dump, resource: &DumpResource) -> Properties {
         ("shape".to_owned(), resource.shape.clone()),
         ("bytes".into(), resource.bytes.to_string()),
         ("source".into(), resource.source.clone()),
-        ("usage".into(), resource.usage.join(" | ")),
+        ("usage".into(), resource.usage.to_string()),
         ("shares memory with".into(), aliases.join(", ")),
         ("lifetime".into(), lifetime),
     ];
@@ -294,15 +295,10 @@ fn reasons(barrier: &DumpBarrier) -> Vec<String> {
     barrier.dependencies.iter().map(reason).collect()
 }
 
-fn reason(d: &DumpCause) -> String {
-    let after: Vec<&str> = d.after.iter().map(|p| p.name.as_str()).collect();
-    let alias = d.alias.as_ref().map(|p| &p.name);
-    format!(
-        "{:?} {} {} {after:?} {} {alias:?} {}",
-        d.hazard,
-        d.before.name,
-        d.resource.name,
-        d.previous_frame,
-        mask_text(&d.masks)
-    )
+fn reason(cause: &DumpCause) -> String {
+    let DumpCause { conflict: Cause { hazard, before, resource, after, previous_frame, alias }, masks } =
+        cause;
+    let after: Vec<&str> = after.iter().map(|p| p.name.as_str()).collect();
+    let alias = alias.as_ref().map(|p| &p.name);
+    format!("{hazard:?} {} {} {after:?} {previous_frame} {alias:?} {masks}", before.name, resource.name)
 }

@@ -5,7 +5,7 @@ use std::fmt::{self, Write};
 use super::diff::{Diff, NamedChange, PropertyChange, TotalChange};
 use super::form::DumpBarrier;
 use super::repeats::single_index;
-use super::text::{bytes, cause_line, mask_text, subject};
+use super::text::{bytes, cause_line, subject};
 
 /// Maximum number of values of a property on one line.
 const MAX_VALUES: usize = 4;
@@ -140,7 +140,7 @@ fn place(barrier: &DumpBarrier) -> String {
 
 /// Returns the masks, and a line for each dependency.
 fn lines(barrier: &DumpBarrier) -> Vec<String> {
-    let masks = mask_text(&barrier.masks);
+    let masks = barrier.masks.to_string();
     std::iter::once(masks).chain(barrier.dependencies.iter().map(|d| cause_line(barrier, d))).collect()
 }
 

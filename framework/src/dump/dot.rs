@@ -36,19 +36,19 @@ pub fn dot(dump: &Dump) -> String {
 }
 
 fn write_edges(out: &mut String, barrier: &DumpBarrier) {
-    for dependency in &barrier.dependencies {
-        for after in &dependency.after {
-            let kept_apart = dependency.hazard != Hazard::ReadAfterWrite;
-            let style = if kept_apart || dependency.previous_frame { "dashed" } else { "solid" };
+    for cause in &barrier.dependencies {
+        let conflict = &cause.conflict;
+        for after in &conflict.after {
+            let kept_apart = conflict.hazard != Hazard::ReadAfterWrite;
+            let style = if kept_apart || conflict.previous_frame { "dashed" } else { "solid" };
             // An edge from the previous frame must not reverse the layout.
-            let constraint = if dependency.previous_frame { ", constraint=false" } else { "" };
-            let tip =
-                format!("barrier {} {}\n{}", barrier.id, subject(barrier), cause_line(barrier, dependency));
+            let constraint = if conflict.previous_frame { ", constraint=false" } else { "" };
+            let tip = format!("barrier {} {}\n{}", barrier.id, subject(barrier), cause_line(barrier, cause));
             *out += &format!(
                 "  {} -> {} [label={}, tooltip={}, style={style}{constraint}];\n",
                 quote(&after.name),
-                quote(&dependency.before.name),
-                quote(&dependency.resource.name),
+                quote(&conflict.before.name),
+                quote(&conflict.resource.name),
                 quote(&tip)
             );
         }

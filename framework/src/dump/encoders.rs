@@ -5,11 +5,12 @@
 use std::fmt::{self, Write};
 
 use super::form::{
-    BarrierTotals, Dump, DumpBarrier, DumpEncoder, DumpEncoders, DumpPass, DumpReason, DumpUpdate, DumpWait,
+    BarrierTotals, Declared, Dump, DumpBarrier, DumpEncoder, DumpEncoders, DumpPass, DumpUpdate, DumpWait,
     EncodedPass, EncoderTotals,
 };
-use super::text::hazard_words;
+use super::text::conflict_line;
 use crate::ir::Run;
+use crate::plan::Cause;
 
 /// Formats a dump's encoders with their reasons, beside its barriers, which are Vulkan's.
 ///
@@ -103,22 +104,20 @@ fn plan_barriers(barriers: &[DumpBarrier]) -> String {
     }
 }
 
-fn write_reasons(out: &mut String, title: &str, what: &str, reasons: &[DumpReason]) -> fmt::Result {
+fn write_reasons(
+    out: &mut String,
+    title: &str,
+    what: &str,
+    reasons: &[Cause<Declared, Declared>],
+) -> fmt::Result {
     if reasons.is_empty() {
         return Ok(());
     }
     let title = if title == "handover" { String::new() } else { format!("{title}, ") };
     writeln!(out, "  {title}{what}")?;
-    for reason in reasons {
-        let mut line = format!("{} on {}", hazard_words(reason.hazard), reason.resource.name);
-        if let Some(alias) = &reason.alias {
-            line += &format!(" in the memory of {}", alias.name);
-        }
-        let after: Vec<&str> = reason.after.iter().map(|place| place.name.as_str()).collect();
-        let frame = if reason.previous_frame { " of the frame before" } else { "" };
-        writeln!(out, "      {line}, after {}{frame}, for {}", after.join(", "), reason.before.name)?;
-    }
-    Ok(())
+    reasons
+        .iter()
+        .try_for_each(|reason| writeln!(out, "      {}, for {}", conflict_line(reason), reason.before.name))
 }
 
 fn write_counts(out: &mut String, dump: &Dump, encoders: &DumpEncoders) -> fmt::Result {

@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 use crate::ir::{
-    Blend, DescriptorKind, Fallback, Hazard, Layout, Load, Origin, Reason, Run, Shape, Topology, Value,
+    Binding, Culled, Fallback, Masks, Origin, Reason, Run, Shape, Stat, Target, Topology, Usage, Use, Value,
 };
-use crate::plan::Since;
+use crate::plan::{Cause, Dependency, Transition};
 
 /// Version of the JSON form; raised when a field changes its meaning or is removed.
 pub const DUMP_VERSION: u32 = 4;
@@ -47,7 +47,7 @@ pub struct Dump {
     /// Barriers recorded in one call between the prologue and the first frame.
     pub handover: Vec<DumpBarrier>,
     /// Passes of the graph that are not in the plan.
-    pub left_out: Vec<DumpLeftOut>,
+    pub left_out: Vec<Culled>,
     /// Constructs of the graph that are allowed but probably unintended.
     pub warnings: Vec<DumpWarning>,
     /// The image that is shown or saved.
@@ -56,7 +56,7 @@ pub struct Dump {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub outputs: BTreeMap<String, String>,
     /// Numbers that the host reads after each frame.
-    pub stats: Vec<DumpStat>,
+    pub stats: Vec<Stat<String>>,
     /// Total GPU milliseconds of the frame's passes. Filled in by [`Dump::with_times`].
     pub gpu_ms: Option<f64>,
     /// The encoders, for an API that has them. Filled in by its backend.
@@ -166,7 +166,7 @@ pub struct DumpResource {
     /// Size in bytes.
     pub bytes: u64,
     /// For instance `STORAGE`, `INDIRECT`.
-    pub usage: Vec<String>,
+    pub usage: Usage,
     /// The block of a transient resource; it lists the resource's aliases.
     pub block: Option<u32>,
     /// `None` for a resource that outlives the frame.
@@ -236,18 +236,18 @@ pub struct DumpPass {
     /// Primitive topology of a draw.
     pub topology: Option<Topology>,
     /// Color targets of a draw.
-    pub targets: Vec<DumpTarget>,
+    pub targets: Vec<Target<String>>,
     /// Resources that it reads.
-    pub reads: Vec<DumpTouch>,
+    pub reads: Vec<Use<String>>,
     /// Resources that it writes.
-    pub writes: Vec<DumpTouch>,
+    pub writes: Vec<Use<String>>,
     /// Descriptors that are bound.
-    pub bindings: Vec<DumpBinding>,
+    pub bindings: Vec<Binding<String>>,
     /// Push constants.
     pub push: Vec<DumpPush>,
     /// Dependencies on earlier passes, with reasons.
     #[serde(default)]
-    pub dependencies: Vec<DumpDependency>,
+    pub dependencies: Vec<Dependency<Declared, Declared>>,
     /// Barriers recorded in one call before the pass.
     pub barriers: Vec<DumpBarrier>,
     /// GPU milliseconds. Filled in by [`Dump::with_times`].
@@ -289,47 +289,6 @@ pub struct Define {
     pub value: String,
 }
 
-/// A colour attachment.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DumpTarget {
-    /// Name of the image resource.
-    pub image: String,
-    /// Contents before the draw: kept or cleared.
-    pub load: Load,
-    /// Blending of fragments with the target.
-    pub blend: Blend,
-}
-
-/// One access of a pass to a resource.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DumpTouch {
-    /// Name of the resource.
-    pub resource: String,
-    /// Stages by name, after Vulkan's synchronization2.
-    pub stages: Vec<String>,
-    /// Accesses by name, after Vulkan's synchronization2.
-    pub accesses: Vec<String>,
-    /// The layout that an image must be in.
-    pub layout: Option<Layout>,
-    /// True if the previous contents are not needed.
-    pub discards: bool,
-}
-
-/// A descriptor of set 0.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DumpBinding {
-    /// Name of the GLSL block or image.
-    pub name: String,
-    /// Binding number in the set.
-    pub binding: u32,
-    /// Index in an array of descriptors, 0 if there is none.
-    pub element: u32,
-    /// Type of the descriptor.
-    pub kind: DescriptorKind,
-    /// Name of the bound resource.
-    pub resource: String,
-}
-
 /// A push constant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpPush {
@@ -342,36 +301,12 @@ pub struct DumpPush {
 }
 
 /// A resource or a pass, with its declaration in the graph.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Declared {
     /// Name of the resource or pass, as in the dump.
     pub name: String,
     /// Position of its declaration.
     pub declared: Origin,
-}
-
-/// A dependency of a pass: an access of an earlier pass to the same memory.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DumpDependency {
-    /// Kind of conflict; [`Hazard::LayoutChange`] if only the change of the image's layout waits.
-    pub hazard: Hazard,
-    /// The earlier pass.
-    pub pass: Declared,
-    /// The run of the earlier pass: same frame, prologue or previous frame.
-    pub since: Since,
-    /// The resource that the later pass accesses.
-    pub resource: Declared,
-    /// The resource that the earlier pass accessed, if it is another one in the same memory.
-    pub alias: Option<Declared>,
-    /// First byte of the resource in the conflict.
-    pub start: u64,
-    /// End of these bytes, exclusive.
-    pub end: u64,
-    /// True if the layout of the image changes between the two.
-    pub changes_layout: bool,
-    /// Stages and accesses of both passes.
-    #[serde(flatten)]
-    pub masks: Masks,
 }
 
 /// A barrier between earlier and later commands, with Vulkan's meaning.
@@ -382,7 +317,7 @@ pub struct DumpBarrier {
     /// The pass that follows it; `None` in the handover.
     pub before: Option<Declared>,
     /// The image whose layout changes; `None` for a memory barrier.
-    pub image: Option<DumpTransition>,
+    pub image: Option<Transition<String>>,
     /// Stages and accesses: the union over all dependencies.
     #[serde(flatten)]
     pub masks: Masks,
@@ -390,60 +325,15 @@ pub struct DumpBarrier {
     pub dependencies: Vec<DumpCause>,
 }
 
-/// A change of an image's layout.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DumpTransition {
-    /// Name of the image resource.
-    pub image: String,
-    /// Layout before; undefined if the contents are discarded.
-    pub old: Layout,
-    /// Layout after.
-    pub new: Layout,
-}
-
-/// Stages and accesses by name, after Vulkan's synchronization2.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Masks {
-    /// Stages that are waited for.
-    pub source_stages: Vec<String>,
-    /// Accesses whose writes are made available.
-    pub source_accesses: Vec<String>,
-    /// Stages that wait.
-    pub target_stages: Vec<String>,
-    /// Accesses that see the writes.
-    pub target_accesses: Vec<String>,
-}
-
-/// One reason for a barrier.
+/// One reason for a barrier, which can join the needs of several passes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpCause {
-    /// Kind of conflict.
-    pub hazard: Hazard,
-    /// The pass that needs it: the one after the barrier, or a later one that would otherwise need its own call. (It
-    /// may be a pass at the start of the next frame that depends on the last call of this one.)
-    pub before: Declared,
-    /// The resource that this pass accesses.
-    pub resource: Declared,
-    /// The earlier passes. Empty if the image was never accessed before.
-    pub after: Vec<Declared>,
-    /// True if they ran in the previous frame.
-    pub previous_frame: bool,
-    /// The resource that they accessed, if it is another one in the same memory.
-    pub alias: Option<Declared>,
+    /// The conflict.
+    #[serde(flatten)]
+    pub conflict: Cause<Declared, Declared>,
     /// Masks that this reason alone requires.
     #[serde(flatten)]
     pub masks: Masks,
-}
-
-/// A pass of the graph that is not in the plan.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DumpLeftOut {
-    /// Name of the pass.
-    pub pass: String,
-    /// Reason for its absence.
-    pub why: String,
-    /// Position of its declaration.
-    pub declared: Origin,
 }
 
 /// A construct of the graph that is allowed but probably unintended.
@@ -457,24 +347,13 @@ pub struct DumpWarning {
     pub declared: Origin,
 }
 
-/// A number that the GPU computes: a 32-bit word of a buffer.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DumpStat {
-    /// Name in the graph.
-    pub name: String,
-    /// Name of the buffer that holds the word.
-    pub buffer: String,
-    /// Byte offset of the word.
-    pub offset: u64,
-}
-
 /// The encoders of a plan, for an API that has encoders, fences and barriers within them (Metal).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpEncoders {
     /// Encoders that run once.
     pub prologue: Vec<DumpEncoder>,
     /// Reasons for the event between the prologue and the first frame; empty if there is none.
-    pub handover: Vec<DumpReason>,
+    pub handover: Vec<Cause<Declared, Declared>>,
     /// Encoders that run every frame.
     pub frame: Vec<DumpEncoder>,
     /// Sums over the prologue.
@@ -506,7 +385,7 @@ pub struct DumpWait {
     /// The stage of draws that waits: `vertex` (so both stages wait) or `fragment`.
     pub stage: Option<String>,
     /// The conflicts behind it.
-    pub reasons: Vec<DumpReason>,
+    pub reasons: Vec<Cause<Declared, Declared>>,
 }
 
 /// A fence that an encoder updates.
@@ -533,24 +412,7 @@ pub struct EncoderBarrier {
     /// The kinds of resources that it covers: `buffers`, `textures`.
     pub scope: Vec<String>,
     /// The conflicts behind it.
-    pub reasons: Vec<DumpReason>,
-}
-
-/// One reason for a wait, a barrier or an event.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DumpReason {
-    /// Kind of conflict.
-    pub hazard: Hazard,
-    /// The pass that waits.
-    pub before: Declared,
-    /// The resource that it accesses.
-    pub resource: Declared,
-    /// The passes that are waited for.
-    pub after: Vec<Declared>,
-    /// True if they ran in the previous frame.
-    pub previous_frame: bool,
-    /// The resource that they accessed, if it is another one in the same memory.
-    pub alias: Option<Declared>,
+    pub reasons: Vec<Cause<Declared, Declared>>,
 }
 
 /// Counts of the synchronization in one part of a plan.

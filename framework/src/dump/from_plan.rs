@@ -1,16 +1,15 @@
 //! Converts a plan to its dump: names for numbers, sums, lifetimes.
 
 use super::form::{
-    DUMP_VERSION, Declared, Define, Dump, DumpBinding, DumpBlock, DumpDependency, DumpLeftOut, DumpParameter,
-    DumpPass, DumpPhase, DumpPush, DumpResource, DumpShader, DumpStat, DumpTarget, DumpTouch, DumpWarning,
-    Lifetime, Masks, Totals,
+    DUMP_VERSION, Declared, Define, Dump, DumpBlock, DumpParameter, DumpPass, DumpPhase, DumpPush,
+    DumpResource, DumpShader, DumpWarning, Lifetime, Totals,
 };
 use super::repeats;
 use crate::ir::{
     Accesses, DrawCall, Groups, MemberKind, ParamBinding, Pass, PassId, ResourceId, Run, ShaderId, Shape,
-    Source, Value, Work,
+    Source, Use, Value, Work,
 };
-use crate::plan::{Dependency, Plan, Scope, Warning};
+use crate::plan::{Cause, Dependency, Plan, Warning};
 use std::collections::HashMap;
 
 /// Returns the plan with names in place of numbers.
@@ -20,6 +19,7 @@ pub fn dump(plan: &Plan) -> Dump {
     // Passes in execution order.
     let mut passes: Vec<DumpPass> = plan.order().map(|id| pass_of(plan, id)).collect();
     let repeats = repeats::find(&mut passes);
+    let name = |id: &ResourceId| plan.resource(*id).name.clone();
     let lifetimes = lifetimes(plan);
     let used_once = plan.used_once();
     let resources = (0..plan.resources.len() as u32).map(ResourceId);
@@ -40,23 +40,11 @@ pub fn dump(plan: &Plan) -> Dump {
         repeats,
         passes,
         handover: Vec::new(),
-        left_out: plan
-            .culled
-            .iter()
-            .map(|l| DumpLeftOut { pass: l.pass.clone(), why: l.why.clone(), declared: l.origin.clone() })
-            .collect(),
+        left_out: plan.culled.clone(),
         warnings: plan.warnings.iter().map(warning_of).collect(),
-        output: plan.resource(plan.output).name.clone(),
-        outputs: plan.outputs.iter().map(|o| (o.name.clone(), plan.resource(o.image).name.clone())).collect(),
-        stats: plan
-            .stats
-            .iter()
-            .map(|s| DumpStat {
-                name: s.name.clone(),
-                buffer: plan.resource(s.buffer).name.clone(),
-                offset: s.offset,
-            })
-            .collect(),
+        output: name(&plan.output),
+        outputs: plan.outputs.iter().map(|output| (output.name.clone(), name(&output.image))).collect(),
+        stats: plan.stats.iter().map(|stat| stat.map(name)).collect(),
         gpu_ms: None,
         encoders: None,
     }
@@ -154,7 +142,7 @@ fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>], free
         },
         dimensions: resource.shape,
         bytes: resource.bytes(),
-        usage: flags(resource.usage.iter_names()),
+        usage: resource.usage,
         block: resource.block.map(|b| b.0),
         lifetime: lifetimes[id.index()],
         freed,
@@ -194,6 +182,7 @@ fn lifetimes(plan: &Plan) -> Vec<Option<Lifetime>> {
 
 fn pass_of(plan: &Plan, id: PassId) -> DumpPass {
     let pass = plan.pass(id);
+    let name = |id: &ResourceId| plan.resource(*id).name.clone();
     let (kind, size) = kind_and_size(plan, &pass.work);
     let (shaders, topology, targets) = match &pass.work {
         Work::Dispatch { shader, .. } => (vec![*shader], None, &[][..]),
@@ -210,23 +199,10 @@ fn pass_of(plan: &Plan, id: PassId) -> DumpPass {
         repeat: None,
         size,
         topology,
-        targets: targets
-            .iter()
-            .map(|t| DumpTarget { image: plan.resource(t.image).name.clone(), load: t.load, blend: t.blend })
-            .collect(),
+        targets: targets.iter().map(|target| target.map(name)).collect(),
         reads: touched(plan, pass, Accesses::WRITES.complement()),
         writes: touched(plan, pass, Accesses::WRITES),
-        bindings: pass
-            .bindings
-            .iter()
-            .map(|b| DumpBinding {
-                name: b.name.clone(),
-                binding: b.binding,
-                element: b.element,
-                kind: b.kind,
-                resource: plan.resource(b.resource).name.clone(),
-            })
-            .collect(),
+        bindings: pass.bindings.iter().map(|binding| binding.map(name)).collect(),
         push: push(plan, pass, &shaders),
         shaders: shaders.iter().map(|id| shader_of(plan, *id)).collect(),
         dependencies: plan.dependencies_of(id).iter().map(|d| dependency_of(plan, d)).collect(),
@@ -275,16 +251,11 @@ fn shader_of(plan: &Plan, id: ShaderId) -> DumpShader {
     }
 }
 
-/// Returns the touches with any of the wanted accesses, reduced to them.
-fn touched(plan: &Plan, pass: &Pass, wanted: Accesses) -> Vec<DumpTouch> {
-    let touch = |t: &crate::ir::Use| DumpTouch {
-        resource: plan.resource(t.resource).name.clone(),
-        stages: flags(t.stages.iter_names()),
-        accesses: flags(t.accesses.intersection(wanted).iter_names()),
-        layout: t.layout,
-        discards: t.discards,
-    };
-    pass.uses.iter().filter(|t| t.accesses.intersects(wanted)).map(touch).collect()
+/// Returns the uses with at least one of the wanted accesses, reduced to them.
+fn touched(plan: &Plan, pass: &Pass, wanted: Accesses) -> Vec<Use<String>> {
+    let reduced = |touch: &Use| Use { accesses: touch.accesses & wanted, ..*touch };
+    let uses = pass.uses.iter().map(reduced).filter(|touch| !touch.accesses.is_empty());
+    uses.map(|touch| touch.map(|id| plan.resource(*id).name.clone())).collect()
 }
 
 /// Returns the push constants as words, in the types of the shader that declares them.
@@ -308,22 +279,28 @@ fn push(plan: &Plan, pass: &Pass, shaders: &[ShaderId]) -> Vec<DumpPush> {
     pass.push.chunks_exact(4).enumerate().map(word).collect()
 }
 
-fn dependency_of(plan: &Plan, dependency: &Dependency) -> DumpDependency {
-    let Dependency { hazard, since, bytes, source, target, changes_layout, .. } = dependency;
-    DumpDependency {
-        hazard: *hazard,
-        pass: Declared::pass(plan, dependency.first),
-        since: *since,
+fn dependency_of(plan: &Plan, dependency: &Dependency) -> Dependency<Declared, Declared> {
+    let Dependency { hazard, since, bytes, changes_layout, masks, .. } = dependency.clone();
+    Dependency {
+        hazard,
+        first: Declared::pass(plan, dependency.first),
+        // The pass that holds it.
+        second: Declared::default(),
+        since,
         resource: Declared::resource(plan, dependency.resource),
         alias: dependency.alias.map(|id| Declared::resource(plan, id)),
-        start: bytes.start,
-        end: bytes.end,
-        changes_layout: *changes_layout,
-        masks: Masks::new(*source, *target),
+        bytes,
+        changes_layout,
+        masks,
     }
 }
 
 impl Declared {
+    /// Names the passes and resources of a conflict.
+    pub fn cause(plan: &Plan, cause: &Cause) -> Cause<Declared, Declared> {
+        cause.map(|id| Declared::pass(plan, id), |id| Declared::resource(plan, id))
+    }
+
     /// Names a pass of a plan.
     pub fn pass(plan: &Plan, id: PassId) -> Declared {
         Declared { name: plan.pass(id).name.clone(), declared: plan.pass(id).origin.clone() }
@@ -333,22 +310,6 @@ impl Declared {
     pub fn resource(plan: &Plan, id: ResourceId) -> Declared {
         Declared { name: plan.resource(id).name.clone(), declared: plan.resource(id).origin.clone() }
     }
-}
-
-impl Masks {
-    /// Names the stages and accesses of both sides.
-    pub fn new(source: Scope, target: Scope) -> Masks {
-        Masks {
-            source_stages: flags(source.stages.iter_names()),
-            source_accesses: flags(source.accesses.iter_names()),
-            target_stages: flags(target.stages.iter_names()),
-            target_accesses: flags(target.accesses.iter_names()),
-        }
-    }
-}
-
-fn flags<T>(names: impl Iterator<Item = (&'static str, T)>) -> Vec<String> {
-    names.map(|(name, _)| name.to_owned()).collect()
 }
 
 impl DumpPass {
@@ -363,7 +324,7 @@ impl DumpPass {
     }
 }
 
-fn names(uses: &[DumpTouch]) -> Vec<&str> {
+fn names(uses: &[Use<String>]) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
     for touch in uses {
         if !names.contains(&touch.resource.as_str()) {

@@ -2,12 +2,9 @@
 
 use std::fmt::{self, Write};
 
-use super::form::{
-    BarrierTotals, Declared, Dump, DumpBarrier, DumpCause, DumpDependency, DumpPass, DumpResource, Lifetime,
-    Masks,
-};
+use super::form::{BarrierTotals, Declared, Dump, DumpBarrier, DumpCause, DumpPass, DumpResource, Lifetime};
 use crate::ir::{Hazard, Run};
-use crate::plan::Since;
+use crate::plan::{Cause, Dependency, Since};
 
 /// Formats bytes with a unit and three significant digits.
 pub fn bytes(n: u64) -> String {
@@ -104,7 +101,7 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
     if !dump.left_out.is_empty() {
         writeln!(out, "\nleft out")?;
         for l in &dump.left_out {
-            writeln!(out, "  {:<20} {} ({}:{})", l.pass, l.why, l.declared.file, l.declared.line)?;
+            writeln!(out, "  {:<20} {} ({}:{})", l.pass, l.why, l.origin.file, l.origin.line)?;
         }
     }
     writeln!(out, "\noutput: {}", dump.output)?;
@@ -114,7 +111,7 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
 
 fn write_resource(out: &mut String, dump: &Dump, r: &DumpResource) -> fmt::Result {
     let size = bytes(r.bytes);
-    let mut notes = r.usage.join(" | ");
+    let mut notes = r.usage.to_string();
     if let Some(block) = r.block {
         notes += &format!(", block {block}");
     }
@@ -163,7 +160,8 @@ pub(super) fn comes_after(pass: &DumpPass) -> String {
     // For each earlier pass and its run, the resources.
     let mut passes: Vec<((&str, Since), Vec<String>)> = Vec::new();
     for dependency in &pass.dependencies {
-        let (earlier, resource) = ((dependency.pass.name.as_str(), dependency.since), subject_of(dependency));
+        let (earlier, resource) =
+            ((dependency.first.name.as_str(), dependency.since), subject_of(dependency));
         match passes.iter_mut().find(|(known, _)| *known == earlier) {
             Some((_, resources)) if resources.contains(&resource) => {}
             Some((_, resources)) => resources.push(resource),
@@ -196,17 +194,17 @@ fn when(since: Since) -> &'static str {
 }
 
 /// Formats the resource: `color in the memory of depth`.
-fn subject_of(dependency: &DumpDependency) -> String {
+fn subject_of(dependency: &Dependency<Declared, Declared>) -> String {
     let alias = dependency.alias.as_ref().map(|alias| format!(" in the memory of {}", alias.name));
     format!("{}{}", dependency.resource.name, alias.unwrap_or_default())
 }
 
 /// Formats a dependency: `write after read on color in the memory of depth, after compose of the previous frame:
 /// COMPUTE STORAGE_READ -> ...`.
-pub fn dependency_line(dependency: &DumpDependency) -> String {
-    let DumpDependency { hazard, pass, since, masks, .. } = dependency;
+pub fn dependency_line(dependency: &Dependency<Declared, Declared>) -> String {
+    let Dependency { hazard, first, since, masks, .. } = dependency;
     let (hazard, resource) = (hazard_words(*hazard), subject_of(dependency));
-    format!("{hazard} on {resource}, after {}{}: {}", pass.name, when(*since), mask_text(masks))
+    format!("{hazard} on {resource}, after {}{}: {masks}", first.name, when(*since))
 }
 
 /// Formats the shader files: `splat.vert + splat.frag`.
@@ -250,7 +248,7 @@ pub(super) fn barrier_counts(t: &BarrierTotals) -> String {
 /// Formats a barrier: `barrier 3 on all memory: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ`, or `barrier 9 on image
 /// color, General -> ColorTarget: ...`.
 pub fn barrier_line(b: &DumpBarrier) -> String {
-    format!("barrier {} {}: {}", b.id, subject(b), mask_text(&b.masks))
+    format!("barrier {} {}: {}", b.id, subject(b), b.masks)
 }
 
 /// Formats a barrier's scope: `on all memory`, or `on image color, General -> ColorTarget`.
@@ -265,42 +263,35 @@ pub(super) fn subject(b: &DumpBarrier) -> String {
 /// STORAGE_READ`.
 ///
 /// Names the pass that needs it, unless it is the one right after the barrier.
-pub fn cause_line(barrier: &DumpBarrier, d: &DumpCause) -> String {
-    let mut line = format!("{} on {}", hazard_words(d.hazard), d.resource.name);
-    if let Some(alias) = &d.alias {
-        line += &format!(" in the memory of {}", alias.name);
+pub fn cause_line(barrier: &DumpBarrier, cause: &DumpCause) -> String {
+    let DumpCause { conflict, masks } = cause;
+    let mut line = conflict_line(conflict);
+    if barrier.before.as_ref().is_none_or(|before| before.name != conflict.before.name) {
+        line += &format!(", for {}", conflict.before.name);
     }
-    if !d.after.is_empty() {
-        let after: Vec<&str> = d.after.iter().map(|Declared { name, .. }| name.as_str()).collect();
-        let frame = if d.previous_frame { " of the frame before" } else { "" };
-        line += &format!(", after {}{frame}", after.join(", "));
-    }
-    if barrier.before.as_ref().is_none_or(|before| before.name != d.before.name) {
-        line += &format!(", for {}", d.before.name);
-    }
-    line + ": " + &mask_text(&d.masks)
+    format!("{line}: {masks}")
 }
 
-/// Names the kind of conflict.
-pub(super) fn hazard_words(hazard: Hazard) -> &'static str {
+/// `read after write on keys#1, after sort.scatter[0] of the frame before`.
+pub(super) fn conflict_line(conflict: &Cause<Declared, Declared>) -> String {
+    let mut line = format!("{} on {}", hazard_words(conflict.hazard), conflict.resource.name);
+    if let Some(alias) = &conflict.alias {
+        line += &format!(" in the memory of {}", alias.name);
+    }
+    if !conflict.after.is_empty() {
+        let after: Vec<&str> = conflict.after.iter().map(|Declared { name, .. }| name.as_str()).collect();
+        let frame = if conflict.previous_frame { " of the frame before" } else { "" };
+        line += &format!(", after {}{frame}", after.join(", "));
+    }
+    line
+}
+
+/// Names a kind of conflict.
+fn hazard_words(hazard: Hazard) -> &'static str {
     match hazard {
         Hazard::ReadAfterWrite => "read after write",
         Hazard::WriteAfterRead => "write after read",
         Hazard::WriteAfterWrite => "write after write",
         Hazard::LayoutChange => "layout change",
     }
-}
-
-/// Formats masks: `COMPUTE STORAGE_WRITE -> INDIRECT | COMPUTE INDIRECT_READ | STORAGE_READ`.
-pub(super) fn mask_text(m: &Masks) -> String {
-    let half = |stages: &[String], accesses: &[String]| match (stages, accesses) {
-        ([], _) => "NONE".to_owned(),
-        (stages, []) => stages.join(" | "),
-        (stages, accesses) => format!("{} {}", stages.join(" | "), accesses.join(" | ")),
-    };
-    format!(
-        "{} -> {}",
-        half(&m.source_stages, &m.source_accesses),
-        half(&m.target_stages, &m.target_accesses)
-    )
 }

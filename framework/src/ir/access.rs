@@ -1,10 +1,16 @@
 //! Pipeline stages, memory accesses, image layouts and hazards.
 //!
-//! Names and meanings are from Vulkan's synchronization2, which is finer than Metal's model. The dependencies of a plan
-//! use them. Vulkan maps them one to one; Metal maps them to the two stages of a draw.
+//! Names and meanings follow Vulkan's synchronization2, which is finer than Metal's model. Dependencies of a plan use them.
+//! Vulkan maps them one to one, Metal to the two stages of a draw.
+
+use std::fmt;
 
 use bitflags::bitflags;
-use serde::{Deserialize, Serialize};
+use bitflags::parser::to_writer;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use super::Usage;
 
 bitflags! {
     /// Pipeline stages, after `VkPipelineStageFlagBits2`.
@@ -56,6 +62,32 @@ bitflags! {
     }
 }
 
+/// Writes sets of flags by name: as `A | B` in text, as a list in data.
+macro_rules! named {
+    ($($set:ident),*) => { $(
+        impl fmt::Display for $set {
+            fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                to_writer(self, f)
+            }
+        }
+
+        impl Serialize for $set {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.collect_seq(self.iter_names().map(|(name, _)| name))
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $set {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<$set, D::Error> {
+                let names = Vec::<String>::deserialize(deserializer)?;
+                let unknown = |name: &str| D::Error::custom(format!("expected a flag, found `{name}`"));
+                names.iter().map(|name| $set::from_name(name).ok_or_else(|| unknown(name))).collect()
+            }
+        }
+    )* };
+}
+named!(Stages, Accesses, Usage);
+
 impl Accesses {
     /// All kinds that write.
     pub const WRITES: Accesses =
@@ -98,4 +130,86 @@ pub enum Hazard {
     WriteAfterWrite,
     /// Only the image's layout changes.
     LayoutChange,
+}
+
+/// Holds the stages and accesses on both sides of a dependency or a barrier.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Masks {
+    /// The stages that are waited for.
+    pub source_stages: Stages,
+    /// The earlier accesses; of a barrier, the writes to make available.
+    pub source_accesses: Accesses,
+    /// The stages that wait.
+    pub target_stages: Stages,
+    /// The later accesses; of a barrier, the accesses that the writes become visible to.
+    pub target_accesses: Accesses,
+}
+
+impl Masks {
+    /// Joins two sides, each with stages and accesses.
+    pub fn new(source: (Stages, Accesses), target: (Stages, Accesses)) -> Masks {
+        Masks {
+            source_stages: source.0,
+            source_accesses: source.1,
+            target_stages: target.0,
+            target_accesses: target.1,
+        }
+    }
+
+    /// Returns the source's half.
+    pub fn source(self) -> Masks {
+        Masks { target_stages: Stages::empty(), target_accesses: Accesses::empty(), ..self }
+    }
+
+    /// Returns the target's half.
+    pub fn target(self) -> Masks {
+        Masks { source_stages: Stages::empty(), source_accesses: Accesses::empty(), ..self }
+    }
+
+    /// Adds the bits of another.
+    pub fn add(&mut self, bits: Masks) {
+        self.source_stages |= bits.source_stages;
+        self.source_accesses |= bits.source_accesses;
+        self.target_stages |= bits.target_stages;
+        self.target_accesses |= bits.target_accesses;
+    }
+
+    /// Returns the bits of both.
+    pub fn with(mut self, bits: Masks) -> Masks {
+        self.add(bits);
+        self
+    }
+
+    /// Returns the bits that another lacks.
+    pub fn without(self, bits: Masks) -> Masks {
+        Masks {
+            source_stages: self.source_stages - bits.source_stages,
+            source_accesses: self.source_accesses - bits.source_accesses,
+            target_stages: self.target_stages - bits.target_stages,
+            target_accesses: self.target_accesses - bits.target_accesses,
+        }
+    }
+
+    /// Iterates over single bits, accesses before the stages on the same side.
+    pub fn bits(self) -> impl Iterator<Item = Masks> {
+        let none = Masks::default;
+        let accesses = self.source_accesses.iter().map(move |bit| Masks { source_accesses: bit, ..none() });
+        let stages = self.source_stages.iter().map(move |bit| Masks { source_stages: bit, ..none() });
+        let seen = self.target_accesses.iter().map(move |bit| Masks { target_accesses: bit, ..none() });
+        let seers = self.target_stages.iter().map(move |bit| Masks { target_stages: bit, ..none() });
+        accesses.chain(stages).chain(seen).chain(seers)
+    }
+}
+
+impl fmt::Display for Masks {
+    /// Writes for instance `COMPUTE STORAGE_WRITE -> INDIRECT | COMPUTE INDIRECT_READ | STORAGE_READ`.
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let half = |stages: Stages, accesses: Accesses| match (stages.is_empty(), accesses.is_empty()) {
+            (true, _) => "NONE".to_owned(),
+            (_, true) => stages.to_string(),
+            _ => format!("{stages} {accesses}"),
+        };
+        let source = half(self.source_stages, self.source_accesses);
+        write!(f, "{source} -> {}", half(self.target_stages, self.target_accesses))
+    }
 }

@@ -17,8 +17,8 @@ pub struct Span {
     pub end: usize,
 }
 
-/// The position of a declaration in a graph file, for messages.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Locates a declaration in a graph file, for messages.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
     /// The file's path.
     pub file: String,

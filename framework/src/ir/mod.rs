@@ -18,7 +18,7 @@ mod resource;
 mod shader;
 mod value;
 
-pub use access::{Accesses, Hazard, Layout, Stages};
+pub use access::{Accesses, Hazard, Layout, Masks, Stages};
 pub use device::DeviceFacts;
 pub use features::Features;
 pub use format::{Blend, Format, Load, Topology};

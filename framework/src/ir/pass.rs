@@ -1,7 +1,7 @@
 //! Passes: one dispatch, draw, fill or export each.
 //!
-//! The types are generic over the ids of resources (`R`) and shaders (`S`): linked passes use handles of the lowered graph, passes of
-//! a plan use the plan's ids (the default).
+//! Lowering names the shaders of a pass (`S`) and counts invocations (`G`); linking replaces both by ids and workgroups, the defaults. A
+//! dump has names in place of the resources (`R`).
 
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +24,7 @@ pub enum Run {
 
 /// One dispatch, draw, fill or export.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Pass<R = ResourceId, S = ShaderId> {
+pub struct Pass<S = ShaderId, G = Groups> {
     /// Unique in the plan, for instance `sort.histogram[2]`.
     pub name: String,
     /// The group that its time is summed under: `key`, `sort`, `draw`, ...
@@ -32,46 +32,62 @@ pub struct Pass<R = ResourceId, S = ShaderId> {
     /// Prologue or frame.
     pub run: Run,
     /// The command.
-    pub work: Work<R, S>,
+    pub work: Work<S, G>,
     /// The descriptors of set 0.
-    pub bindings: Vec<Binding<R>>,
+    pub bindings: Vec<Binding>,
     /// Push constant bytes, complete, little-endian; empty if the shaders take none.
     pub push: Vec<u8>,
     /// The accesses, one entry per resource and stage.
-    pub uses: Vec<Use<R>>,
+    pub uses: Vec<Use>,
     /// The declaration.
     pub origin: Origin,
 }
 
 impl Pass {
     /// Lists the resources that the pass names, some more than once.
-    pub fn resources(&self) -> impl Iterator<Item = ResourceId> + '_ {
-        let (operand, targets) = match &self.work {
-            Work::Dispatch { groups: Groups::Indirect { buffer, .. }, .. } | Work::Fill { buffer, .. } => {
-                (Some(*buffer), &[][..])
+    pub fn resources(&self) -> Vec<ResourceId> {
+        let mut found = Vec::new();
+        self.clone().visit(|id| found.push(*id), |_| {});
+        found
+    }
+
+    /// Visits every resource and every shader that the pass names.
+    pub fn visit(
+        &mut self,
+        mut resource: impl FnMut(&mut ResourceId),
+        mut shader: impl FnMut(&mut ShaderId),
+    ) {
+        self.uses.iter_mut().for_each(|used| resource(&mut used.resource));
+        self.bindings.iter_mut().for_each(|binding| resource(&mut binding.resource));
+        match &mut self.work {
+            Work::Dispatch { shader: of, groups } => {
+                shader(of);
+                if let Groups::Indirect { buffer, .. } = groups {
+                    resource(buffer);
+                }
             }
-            Work::Draw { call: DrawCall::Indirect { buffer, .. }, targets, .. } => {
-                (Some(*buffer), &targets[..])
+            Work::Draw { vertex, fragment, call, targets, .. } => {
+                [vertex, fragment].into_iter().for_each(shader);
+                if let DrawCall::Indirect { buffer, .. } = call {
+                    resource(buffer);
+                }
+                targets.iter_mut().for_each(|target| resource(&mut target.image));
             }
-            Work::Draw { targets, .. } => (None, &targets[..]),
-            Work::ClearHistory { resource } => (Some(*resource), &[][..]),
-            Work::Dispatch { .. } | Work::Export | Work::Host => (None, &[][..]),
-        };
-        let used = self.uses.iter().map(|used| used.resource);
-        let bound = self.bindings.iter().map(|binding| binding.resource);
-        used.chain(bound).chain(operand).chain(targets.iter().map(|target| target.image))
+            Work::Fill { buffer: id, .. } | Work::ClearHistory { resource: id } => resource(id),
+            Work::Export | Work::Host => {}
+        }
     }
 }
 
 /// The command of a pass.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Work<R = ResourceId, S = ShaderId> {
+pub enum Work<S = ShaderId, G = Groups> {
     /// Runs a compute shader.
     Dispatch {
         /// The compute shader.
         shader: S,
         /// The number of workgroups.
-        groups: Groups<R>,
+        groups: G,
     },
     /// Draws into `targets`, all of one size, with a full-size viewport and scissor, without depth test or face
     /// culling.
@@ -83,14 +99,14 @@ pub enum Work<R = ResourceId, S = ShaderId> {
         /// The primitives.
         topology: Topology,
         /// The number of vertices and instances.
-        call: DrawCall<R>,
+        call: DrawCall,
         /// The colour attachments, in the order of the fragment shader's output locations.
-        targets: Vec<Target<R>>,
+        targets: Vec<Target>,
     },
     /// Writes `value` to every 32-bit word of a buffer.
     Fill {
         /// The buffer.
-        buffer: R,
+        buffer: ResourceId,
         /// The word.
         value: u32,
     },
@@ -100,7 +116,7 @@ pub enum Work<R = ResourceId, S = ShaderId> {
     /// other barriers), and transitions the image to the layout that the pass would have left.
     ClearHistory {
         /// The resource.
-        resource: R,
+        resource: ResourceId,
     },
     /// Copies the statistics, and makes the output readable by copies.
     Export,
@@ -110,7 +126,7 @@ pub enum Work<R = ResourceId, S = ShaderId> {
 
 /// The number of workgroups of a dispatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Groups<R = ResourceId> {
+pub enum Groups {
     /// Workgroups in x, y, z, within the device's limits.
     ///
     /// An excess in x is folded into y: shaders compute their index as `gl_WorkGroupID.y * gl_NumWorkGroups.x +
@@ -119,7 +135,7 @@ pub enum Groups<R = ResourceId> {
     /// Three words of a buffer.
     Indirect {
         /// The buffer.
-        buffer: R,
+        buffer: ResourceId,
         /// Byte offset of the first word.
         offset: u64,
     },
@@ -127,8 +143,8 @@ pub enum Groups<R = ResourceId> {
 
 /// The numbers of vertices and instances of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DrawCall<R = ResourceId> {
-    /// The numbers are known when the plan is built.
+pub enum DrawCall {
+    /// Numbers known when the plan is built.
     Direct {
         /// Vertices of an instance.
         vertices: u32,
@@ -138,14 +154,14 @@ pub enum DrawCall<R = ResourceId> {
     /// Four words of a buffer: vertices, instances, first vertex, first instance.
     Indirect {
         /// The buffer.
-        buffer: R,
+        buffer: ResourceId,
         /// Byte offset of the first word.
         offset: u64,
     },
 }
 
-/// A colour attachment.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Describes a colour attachment.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Target<R = ResourceId> {
     /// The image.
     pub image: R,
@@ -155,8 +171,15 @@ pub struct Target<R = ResourceId> {
     pub blend: Blend,
 }
 
+impl<R> Target<R> {
+    /// Returns the same with another kind of reference to the resource.
+    pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Target<T> {
+        Target { image: resource(&self.image), load: self.load, blend: self.blend }
+    }
+}
+
 /// Binds a resource to a shader's block or image.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Binding<R = ResourceId> {
     /// The name of the GLSL block or image.
     pub name: String,
@@ -170,7 +193,20 @@ pub struct Binding<R = ResourceId> {
     pub resource: R,
 }
 
-/// The type of a descriptor.
+impl<R> Binding<R> {
+    /// Returns the same with another kind of reference to the resource.
+    pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Binding<T> {
+        Binding {
+            resource: resource(&self.resource),
+            name: self.name.clone(),
+            binding: self.binding,
+            element: self.element,
+            kind: self.kind,
+        }
+    }
+}
+
+/// Names the type of a descriptor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DescriptorKind {
     /// A storage buffer.
@@ -181,8 +217,8 @@ pub enum DescriptorKind {
     StorageImage,
 }
 
-/// A pass's accesses to a resource in one set of stages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Describes a pass's accesses to a resource in one set of stages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Use<R = ResourceId> {
     /// The resource.
     pub resource: R,
@@ -196,28 +232,42 @@ pub struct Use<R = ResourceId> {
     pub discards: bool,
 }
 
+impl<R> Use<R> {
+    /// Returns the same with another kind of reference to the resource.
+    pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Use<T> {
+        Use {
+            resource: resource(&self.resource),
+            stages: self.stages,
+            accesses: self.accesses,
+            layout: self.layout,
+            discards: self.discards,
+        }
+    }
+}
+
 /// A pass of the graph that is not in the plan.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Culled {
     /// The pass's name.
     pub pass: String,
     /// The reason: its `when` is false, or nothing reads its results.
     pub why: String,
     /// The declaration.
+    #[serde(rename = "declared")]
     pub origin: Origin,
 }
 
 /// An image that a frame produces besides the picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Output<R = ResourceId> {
+pub struct Output {
     /// The name for users: `depth`.
     pub name: String,
     /// The image.
-    pub image: R,
+    pub image: ResourceId,
 }
 
 /// A 32-bit word of a buffer that is read back after each frame.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stat<R = ResourceId> {
     /// The name.
     pub name: String,
@@ -225,4 +275,11 @@ pub struct Stat<R = ResourceId> {
     pub buffer: R,
     /// Byte offset of the word.
     pub offset: u64,
+}
+
+impl<R> Stat<R> {
+    /// Returns the same with another kind of reference to the resource.
+    pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Stat<T> {
+        Stat { buffer: resource(&self.buffer), name: self.name.clone(), offset: self.offset }
+    }
 }

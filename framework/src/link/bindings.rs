@@ -1,11 +1,11 @@
 //! Checks blocks, images and push constants against the graph's `bind` and `push`.
 
-use super::linker::{Linker, ShaderHandle, describe, touch};
+use super::linker::{Linker, describe, touch};
 use crate::ir::{
-    Accesses, Binding, DescriptorKind, LIVE_BLOCK, Layout, MemberKind, ReflectedBinding, ReflectedKind, Run,
-    Shape, Source, Span, Stages, Use, Value, to_f32,
+    Accesses, Binding, DescriptorKind, LIVE_BLOCK, Layout, MemberKind, ReflectedBinding, ReflectedKind,
+    ResourceId, Run, ShaderId, Shape, Source, Span, Stages, Use, Value, to_f32,
 };
-use crate::lower::{LoweredBind, LoweredPass, ResourceHandle};
+use crate::lower::{LoweredBind, LoweredPass};
 use crate::source::{Diagnostic, nearest};
 
 impl Linker<'_> {
@@ -13,10 +13,10 @@ impl Linker<'_> {
     pub(super) fn bindings(
         &mut self,
         pass: &LoweredPass,
-        stages: &[(ShaderHandle, Stages)],
-        uses: &mut Vec<Use<ResourceHandle>>,
-    ) -> Vec<Binding<ResourceHandle>> {
-        let mut bindings: Vec<Binding<ResourceHandle>> = Vec::new();
+        stages: &[(ShaderId, Stages)],
+        uses: &mut Vec<Use>,
+    ) -> Vec<Binding> {
+        let mut bindings: Vec<Binding> = Vec::new();
         let mut used = vec![false; pass.bind.len()];
         for (shader, stage) in stages {
             let reflection = self.shaders[shader.index()].reflection.clone();
@@ -31,7 +31,7 @@ impl Linker<'_> {
                     continue;
                 };
                 let Some(kind) = self.fits(*shader, block, &resources, span) else { continue };
-                if pass.run == Run::Once && self.changes_every_frame(&resources) {
+                if pass.pass.run == Run::Once && self.changes_every_frame(&resources) {
                     let shader = &self.shaders[shader.index()].name;
                     let label = format!("`{}` of `{shader}`", block.name);
                     self.errors.push(once_every_frame(pass, span, label));
@@ -76,8 +76,8 @@ impl Linker<'_> {
     fn unbound(
         &mut self,
         pass: &LoweredPass,
-        stages: &[(ShaderHandle, Stages)],
-        shader: ShaderHandle,
+        stages: &[(ShaderId, Stages)],
+        shader: ShaderId,
         block: &ReflectedBinding,
     ) {
         let known = |name: &str| stages.iter().any(|(shader, _)| self.declares(*shader, name));
@@ -106,14 +106,14 @@ impl Linker<'_> {
     }
 
     /// Returns true if a shader declares a block of this name, whether or not its code uses it.
-    fn declares(&self, shader: ShaderHandle, block: &str) -> bool {
+    fn declares(&self, shader: ShaderId, block: &str) -> bool {
         let used = |b: &ReflectedBinding| b.name == block;
         self.declared[&shader].contains(block)
             || self.shaders[shader.index()].reflection.bindings.iter().any(used)
     }
 
     /// Returns true if the host rewrites one of these for every frame.
-    pub(super) fn changes_every_frame(&self, resources: &[ResourceHandle]) -> bool {
+    pub(super) fn changes_every_frame(&self, resources: &[ResourceId]) -> bool {
         resources.iter().any(|id| self.resource(*id).source.is_per_frame())
     }
 
@@ -121,7 +121,7 @@ impl Linker<'_> {
     ///
     /// It is no error if a shader declares the block but does not use it with the current constants; nothing is bound
     /// then.
-    fn unknown(&mut self, stages: &[(ShaderHandle, Stages)], bind: &LoweredBind) {
+    fn unknown(&mut self, stages: &[(ShaderId, Stages)], bind: &LoweredBind) {
         if stages.iter().any(|(shader, _)| self.declares(*shader, &bind.block)) {
             return;
         }
@@ -147,15 +147,16 @@ impl Linker<'_> {
     /// Returns the kind of descriptor for a block, or `None` after an error.
     fn fits(
         &mut self,
-        shader: ShaderHandle,
+        shader: ShaderId,
         block: &ReflectedBinding,
-        resources: &[ResourceHandle],
+        resources: &[ResourceId],
         span: Span,
     ) -> Option<DescriptorKind> {
         let shader = self.shaders[shader.index()].name.clone();
         let error = |message: String, label: String| Some(Diagnostic::new(message, span, label));
         let name = &block.name;
         let first = self.resource(resources[0]).clone();
+        let declaration = self.lowered.declaration(resources[0]);
         let mut wrong = None;
         if block.set != 0 {
             wrong = error(
@@ -168,7 +169,7 @@ impl Linker<'_> {
                 format!("`{}` has {} planes", first.name, resources.len()),
             );
         }
-        if block.writes && first.previous_frame_of.is_some() {
+        if block.writes && declaration.previous_frame_of.is_some() {
             wrong = wrong.or(error(
                 format!("`{shader}` writes to `{name}`"),
                 format!("`{}` is of the frame before and can only be read", first.name),
@@ -215,7 +216,7 @@ impl Linker<'_> {
                                 mib(bytes),
                                 mib(limit)
                             ),
-                            self.resource(*id).span,
+                            self.lowered.declaration(*id).span,
                             describe(self.resource(*id)),
                         );
                         self.errors.push(
@@ -277,8 +278,7 @@ impl Linker<'_> {
         match wrong {
             None => Some(kind),
             Some(diagnostic) => {
-                let declared = first.span;
-                self.errors.push(diagnostic.with_label(declared, "declared here"));
+                self.errors.push(diagnostic.with_label(declaration.span, "declared here"));
                 None
             }
         }
@@ -288,9 +288,9 @@ impl Linker<'_> {
         &self,
         block: &ReflectedBinding,
         kind: DescriptorKind,
-        resources: &[ResourceHandle],
+        resources: &[ResourceId],
         stage: Stages,
-        uses: &mut Vec<Use<ResourceHandle>>,
+        uses: &mut Vec<Use>,
     ) {
         let mut accesses = Accesses::empty();
         accesses.set(Accesses::STORAGE_READ, block.reads);
@@ -309,7 +309,7 @@ impl Linker<'_> {
     }
 
     /// Returns the bytes of the push constants.
-    pub(super) fn push(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) -> Vec<u8> {
+    pub(super) fn push(&mut self, pass: &LoweredPass, stages: &[(ShaderId, Stages)]) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut known = Vec::new();
         for (shader, _) in stages {
@@ -374,7 +374,7 @@ impl Linker<'_> {
 
 /// Reports a pass of the prologue that reads per-frame data from the host.
 pub(super) fn once_every_frame(pass: &LoweredPass, span: Span, label: impl Into<String>) -> Diagnostic {
-    let message = format!("`{}` runs once, and reads what changes with every frame", pass.name);
+    let message = format!("`{}` runs once, and reads what changes with every frame", pass.pass.name);
     Diagnostic::new(message, span, label).with_help("let it run every frame, or give it constants")
 }
 

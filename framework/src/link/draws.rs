@@ -1,14 +1,14 @@
 //! Checks the interface between the two stages of a draw, and its targets.
 
-use super::linker::{Linker, ShaderHandle, describe, touch};
-use crate::ir::{Accesses, Layout, Load, Shape, Source, Span, Stages, Target, Use};
-use crate::lower::ResourceHandle;
+use super::linker::{Linker, describe, touch};
+use crate::ir::{Accesses, Layout, Load, ShaderId, Shape, Source, Span, Stages, Target, Use};
+use crate::lower::LoweredPass;
 use crate::source::Diagnostic;
 
 impl Linker<'_> {
     /// Checks that every input of the fragment shader is an output of the vertex shader, of the same type. The two are
     /// compiled separately, so the compiler does not check this.
-    pub(super) fn interface(&mut self, vertex: ShaderHandle, fragment: ShaderHandle, span: Span) {
+    pub(super) fn interface(&mut self, vertex: ShaderId, fragment: ShaderId, span: Span) {
         let (from, to) = (&self.shaders[vertex.index()], &self.shaders[fragment.index()]);
         for input in &to.reflection.inputs {
             let output = from.reflection.outputs.iter().find(|o| o.location == input.location);
@@ -27,19 +27,19 @@ impl Linker<'_> {
 
     pub(super) fn targets(
         &mut self,
-        fragment: ShaderHandle,
-        targets: &[(Target<ResourceHandle>, Span)],
-        pass: Span,
-        uses: &mut Vec<Use<ResourceHandle>>,
+        fragment: ShaderId,
+        pass: &LoweredPass,
+        targets: &[Target],
+        uses: &mut Vec<Use>,
     ) {
         let shader = self.shaders[fragment.index()].clone();
         let outputs = shader.reflection.outputs.len();
         if outputs != targets.len() || targets.is_empty() {
-            self.errors.push(outputs_and_targets(&shader.name, outputs, targets.len(), pass));
+            self.errors.push(outputs_and_targets(&shader.name, outputs, targets.len(), pass.span));
             return;
         }
         let mut size = None;
-        for (i, (target, span)) in targets.iter().enumerate() {
+        for (i, (target, span)) in targets.iter().zip(&pass.target_spans).enumerate() {
             let image = self.resource(target.image).clone();
             let Shape::Image { width, height, .. } = image.shape else {
                 self.errors.push(Diagnostic::new(
@@ -49,14 +49,14 @@ impl Linker<'_> {
                 ));
                 continue;
             };
-            if image.source != Source::Transient || image.previous_frame_of.is_some() {
+            if image.source != Source::Transient || self.lowered.real(target.image) != target.image {
                 self.errors.push(Diagnostic::new(
                     format!("`{}` cannot be drawn to", image.name),
                     *span,
                     "not the graph's own",
                 ));
             }
-            if targets[..i].iter().any(|(t, _)| t.image == target.image) {
+            if targets[..i].iter().any(|t| t.image == target.image) {
                 self.errors.push(Diagnostic::new(
                     format!("`{}` is a target twice", image.name),
                     *span,

@@ -2,14 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::linker::{LinkedPass, Linker, MOST_COMPILATIONS, PassParams, ShaderHandle};
-use crate::ir::{LIVE_BLOCK, ParamSet, ReflectedKind, ShaderStage, Stages};
+use super::linker::{LinkedPass, Linker, MOST_COMPILATIONS, PassParams};
+use crate::ir::{LIVE_BLOCK, ParamSet, ReflectedKind, ShaderId, ShaderStage, Stages};
 use crate::lower::{Lowered, LoweredPass, RemovedPass};
 use crate::shader::{ShaderCompiler, ShaderRequest};
 use crate::source::{Kind, SourceMap};
 
 impl Linker<'_> {
-    pub(super) fn params(&self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) -> PassParams {
+    pub(super) fn params(&self, pass: &LoweredPass, stages: &[(ShaderId, Stages)]) -> PassParams {
         let mut structure = pass.decided.clone();
         let (mut live, mut skipped) = (ParamSet::new(), ParamSet::new());
         for (handle, _) in stages {
@@ -48,7 +48,7 @@ pub(super) fn mentioned(
 ) -> Vec<ParamSet> {
     let mut used: ParamSet = lowered.shape.union(&lowered.results).copied().collect();
     passes.iter().for_each(|pass| used.extend(&pass.params.all));
-    if used.len() == lowered.params.len() {
+    if used.len() == lowered.plan.params.len() {
         return Vec::new();
     }
     // Including the file names the block, but uses no parameter by itself.

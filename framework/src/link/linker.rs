@@ -4,44 +4,35 @@ use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
 use std::sync::Arc;
 
-use crate::ir::{Accesses, DeviceFacts, FileId, Layout, ParamSet, Pass, Shader, Shape, Span, Stages, Use};
-use crate::lower::{Lowered, LoweredResource, ResourceHandle};
+use crate::ir::{
+    Accesses, DeviceFacts, FileId, Layout, ParamSet, Pass, ResourceId, Shader, ShaderId, Shape, Span, Stages,
+    Use,
+};
+use crate::lower::Lowered;
+use crate::plan::Resource;
 use crate::shader::ShaderCompiler;
 use crate::source::{Diagnostic, SourceMap};
 
 /// A graph whose passes match their shaders.
 #[derive(Clone, Debug)]
 pub struct Linked {
-    /// Resources, parameters and names of the graph.
+    /// The graph; its plan has the compiled shaders, one per file and set of defines.
     pub lowered: Lowered,
-    /// Compiled shaders, one per file and set of defines.
-    pub shaders: Vec<Shader>,
     /// Passes in file order, prologue and frame mixed.
     pub passes: Vec<LinkedPass>,
 }
 
-/// A pass with its accesses, over handles of the lowered graph.
+/// Holds a pass with its accesses.
 #[derive(Clone, Debug)]
 pub struct LinkedPass {
     /// The pass.
-    pub pass: Pass<ResourceHandle, ShaderHandle>,
+    pub pass: Pass,
     /// Its name in the file.
     pub span: Span,
     /// The include that it comes from, as an index into [`Lowered::includes`].
     pub include: Option<usize>,
     /// The parameters that it depends on.
     pub params: PassParams,
-}
-
-/// Index into [`Linked::shaders`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct ShaderHandle(pub u32);
-
-impl ShaderHandle {
-    /// Returns the position in the list.
-    pub fn index(self) -> usize {
-        self.0 as usize
-    }
 }
 
 /// The parameters that a pass depends on, except those that its resources' sizes and formats depend on.
@@ -68,26 +59,26 @@ pub(super) struct Linker<'a> {
     pub generated: Vec<(String, String)>,
     pub shaders: Vec<Shader>,
     /// Names of the blocks that each shader declares; see [`Compiled::declared`].
-    pub declared: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
+    pub declared: HashMap<ShaderId, Arc<BTreeSet<String>>>,
     /// Names that each shader depends on; see [`Compiled::reached`].
-    pub reached: HashMap<ShaderHandle, Arc<BTreeSet<String>>>,
+    pub reached: HashMap<ShaderId, Arc<BTreeSet<String>>>,
     /// Shaders compiled so far, by file and defines; the iterations of a repeat share them.
-    pub compiled: HashMap<(FileId, Rc<Defines>), ShaderHandle>,
+    pub compiled: HashMap<(FileId, Rc<Defines>), ShaderId>,
     /// Shader files, by the graph that names them and the name there.
     pub found: HashMap<(FileId, String), FileId>,
     pub errors: Vec<Diagnostic>,
 }
 
 impl Linker<'_> {
-    pub fn resource(&self, handle: ResourceHandle) -> &LoweredResource {
-        self.lowered.resource(handle)
+    pub fn resource(&self, id: ResourceId) -> &Resource {
+        self.lowered.plan.resource(id)
     }
 }
 
 /// Adds accesses to a pass's list, with one entry per resource and stage.
 pub(super) fn touch(
-    uses: &mut Vec<Use<ResourceHandle>>,
-    resource: ResourceHandle,
+    uses: &mut Vec<Use>,
+    resource: ResourceId,
     stages: Stages,
     accesses: Accesses,
     layout: Option<Layout>,
@@ -100,7 +91,7 @@ pub(super) fn touch(
 }
 
 /// Formats a shape: "12 x 4 bytes" or "960 x 540 Rgba16Float".
-pub(super) fn describe(resource: &LoweredResource) -> String {
+pub(super) fn describe(resource: &Resource) -> String {
     match resource.shape {
         Shape::Buffer { stride, count } => format!("{count} elements of {stride} bytes"),
         Shape::Image { format, width, height } => format!("an image of {width} x {height}, {format:?}"),

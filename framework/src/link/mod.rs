@@ -13,11 +13,11 @@ mod shaders;
 
 use std::collections::HashMap;
 
-use crate::ir::{Accesses, DrawCall, Groups, Pass, Request, Run, ShaderStage, Stages, Work};
-use crate::lower::{Lowered, LoweredPass, LoweredWork};
+use crate::ir::{Accesses, DrawCall, Groups, Pass, Request, Run, ShaderId, ShaderStage, Stages, Work};
+use crate::lower::{Lowered, LoweredPass};
 use crate::shader::{CANCELLED, ShaderCompiler};
 use crate::source::{Diagnostic, SourceMap};
-pub use linker::{Linked, LinkedPass, PassParams, ShaderHandle};
+pub use linker::{Linked, LinkedPass, PassParams};
 use linker::{Linker, touch};
 use shaders::count_compilations;
 
@@ -71,7 +71,8 @@ pub fn link(
     // Uncompiled shaders only affect messages: the plan does not depend on their files.
     let mentioned = files.aside(|files| effects::mentioned(&lowered, &passes, files, compiler));
     lowered.removed.iter_mut().zip(mentioned).for_each(|(removed, params)| removed.named.extend(params));
-    Ok(Linked { lowered, shaders, passes })
+    lowered.plan.shaders = shaders;
+    Ok(Linked { lowered, passes })
 }
 
 impl Linker<'_> {
@@ -79,58 +80,46 @@ impl Linker<'_> {
     fn pass(&mut self, pass: &LoweredPass) -> Option<LinkedPass> {
         let before = self.errors.len();
         let mut uses = Vec::new();
-        let (work, stages): (Work<_, _>, Vec<(ShaderHandle, Stages)>) = match &pass.work {
-            LoweredWork::Fill { buffer, value } => {
-                touch(&mut uses, *buffer, Stages::CLEAR, Accesses::TRANSFER_WRITE, None, false);
-                (Work::Fill { buffer: *buffer, value: *value }, Vec::new())
-            }
-            LoweredWork::Dispatch { shader, size, size_span } => {
+        let (work, stages): (Work, Vec<(ShaderId, Stages)>) = match &pass.pass.work {
+            Work::Dispatch { shader, groups } => {
                 let id = self.shader(pass, shader, ShaderStage::Compute)?;
                 self.workgroup(id, shader.span);
-                let groups = self.groups(id, *size, *size_span)?;
+                let groups = self.groups(id, *groups, pass.size_span)?;
                 if let Groups::Indirect { buffer, .. } = groups {
                     touch(&mut uses, buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None, false);
                 }
                 (Work::Dispatch { shader: id, groups }, vec![(id, Stages::COMPUTE)])
             }
-            LoweredWork::Draw { vertex, fragment, topology, call, targets, .. } => {
+            Work::Draw { vertex, fragment, topology, call, targets } => {
                 let vertex_id = self.shader(pass, vertex, ShaderStage::Vertex);
                 let fragment_id = self.shader(pass, fragment, ShaderStage::Fragment);
                 let (vertex_id, fragment_id) = (vertex_id?, fragment_id?);
                 self.interface(vertex_id, fragment_id, fragment.span);
-                self.targets(fragment_id, targets, pass.span, &mut uses);
+                self.targets(fragment_id, pass, targets, &mut uses);
                 if let DrawCall::Indirect { buffer, .. } = *call {
                     touch(&mut uses, buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None, false);
                 }
-                let work = Work::Draw {
-                    vertex: vertex_id,
-                    fragment: fragment_id,
-                    topology: *topology,
-                    call: *call,
-                    targets: targets.iter().map(|(t, _)| *t).collect(),
-                };
+                let (topology, call, targets) = (*topology, *call, targets.clone());
+                let work = Work::Draw { vertex: vertex_id, fragment: fragment_id, topology, call, targets };
                 (work, vec![(vertex_id, Stages::VERTEX), (fragment_id, Stages::FRAGMENT)])
             }
+            Work::Fill { buffer, value } => {
+                touch(&mut uses, *buffer, Stages::CLEAR, Accesses::TRANSFER_WRITE, None, false);
+                (Work::Fill { buffer: *buffer, value: *value }, Vec::new())
+            }
+            Work::ClearHistory { .. } | Work::Export | Work::Host => unreachable!("the solver adds these"),
         };
         let bindings = self.bindings(pass, &stages, &mut uses);
         let push = self.push(pass, &stages);
         self.races(pass, &stages, &uses);
         if let Some((buffer, span)) = races::arguments(pass)
-            && pass.run == Run::Once
+            && pass.pass.run == Run::Once
             && self.changes_every_frame(&[buffer])
         {
             self.errors.push(bindings::once_every_frame(pass, span, "its arguments"));
         }
-        let linked = Pass {
-            name: pass.name.clone(),
-            phase: pass.phase.clone(),
-            run: pass.run,
-            work,
-            bindings,
-            push,
-            uses,
-            origin: self.files.origin(pass.span),
-        };
+        let Pass { name, phase, run, origin, .. } = pass.pass.clone();
+        let linked = Pass { name, phase, run, work, bindings, push, uses, origin };
         (self.errors.len() == before).then_some(LinkedPass {
             pass: linked,
             span: pass.span,

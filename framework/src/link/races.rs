@@ -10,18 +10,13 @@
 //! The invocations of one stage have no order either. That is the shader's responsibility: by atomics, by a workgroup
 //! barrier, or by accessing disjoint elements. Its accesses do not show whether it is safe.
 
-use super::linker::{Linker, ShaderHandle};
-use crate::ir::{DrawCall, ReflectedBinding, Span, Stages, Use};
-use crate::lower::{LoweredBind, LoweredPass, LoweredSize, LoweredWork, ResourceHandle};
+use super::linker::Linker;
+use crate::ir::{DrawCall, ReflectedBinding, ResourceId, ShaderId, Span, Stages, Use, Work};
+use crate::lower::{LoweredBind, LoweredPass, LoweredSize};
 use crate::source::Diagnostic;
 
 impl Linker<'_> {
-    pub(super) fn races(
-        &mut self,
-        pass: &LoweredPass,
-        stages: &[(ShaderHandle, Stages)],
-        uses: &[Use<ResourceHandle>],
-    ) {
+    pub(super) fn races(&mut self, pass: &LoweredPass, stages: &[(ShaderId, Stages)], uses: &[Use]) {
         self.bound_twice(pass, uses);
         self.drawn_and_bound(pass);
         self.arguments(pass, stages);
@@ -29,9 +24,9 @@ impl Linker<'_> {
     }
 
     /// Refuses a resource that is bound twice to a pass that writes it: invocations run in any order.
-    fn bound_twice(&mut self, pass: &LoweredPass, uses: &[Use<ResourceHandle>]) {
+    fn bound_twice(&mut self, pass: &LoweredPass, uses: &[Use]) {
         // The previous frame's contents are in the resource itself.
-        let real = |id: &ResourceHandle| self.lowered.real(*id);
+        let real = |id: &ResourceId| self.lowered.real(*id);
         for (i, bind) in pass.bind.iter().enumerate() {
             for id in &bind.resources {
                 let written = uses.iter().any(|t| real(&t.resource) == real(id) && t.accesses.writes());
@@ -47,7 +42,7 @@ impl Linker<'_> {
                     .with_label(other.resource_span, "and here");
                     let mut bound =
                         other.resources.iter().chain([id]).filter(|other| real(other) == real(id));
-                    let last = bound.find(|id| self.resource(**id).previous_frame_of.is_some());
+                    let last = bound.find(|id| real(id) != **id);
                     self.errors.push(match last.map(|id| &self.resource(*id).name) {
                         // Halves of a ping-pong buffer are numbered.
                         Some(last) if name.contains('#') => diagnostic.with_help(format!(
@@ -67,8 +62,8 @@ impl Linker<'_> {
 
     /// Refuses an attachment that is also bound in the same pass.
     fn drawn_and_bound(&mut self, pass: &LoweredPass) {
-        let LoweredWork::Draw { targets, .. } = &pass.work else { return };
-        for (target, span) in targets {
+        let Work::Draw { targets, .. } = &pass.pass.work else { return };
+        for (target, span) in targets.iter().zip(&pass.target_spans) {
             let binds =
                 |b: &&LoweredBind| b.resources.iter().any(|id| self.lowered.real(*id) == target.image);
             if let Some(bind) = pass.bind.iter().find(binds) {
@@ -87,7 +82,7 @@ impl Linker<'_> {
 
     /// Refuses a command whose shaders write its own arguments. The written words are unknown, so this covers the whole
     /// buffer.
-    fn arguments(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) {
+    fn arguments(&mut self, pass: &LoweredPass, stages: &[(ShaderId, Stages)]) {
         let Some((buffer, span)) = arguments(pass) else { return };
         for bind in &pass.bind {
             let same = bind.resources.iter().any(|id| self.lowered.real(*id) == self.lowered.real(buffer));
@@ -96,7 +91,7 @@ impl Linker<'_> {
             let diagnostic = Diagnostic::new(
                 format!(
                     "`{}` writes the buffer `{}`, which its own arguments are in",
-                    pass.name,
+                    pass.pass.name,
                     self.resource(buffer).name
                 ),
                 bind.resource_span,
@@ -109,12 +104,12 @@ impl Linker<'_> {
     }
 
     /// Refuses a draw in which one stage writes data that the other accesses: stages of different primitives overlap.
-    fn between_stages(&mut self, pass: &LoweredPass, stages: &[(ShaderHandle, Stages)]) {
+    fn between_stages(&mut self, pass: &LoweredPass, stages: &[(ShaderId, Stages)]) {
         if stages.len() < 2 {
             return;
         }
         for bind in &pass.bind {
-            let blocks: Vec<(ShaderHandle, &ReflectedBinding)> = self.blocks(stages, &bind.block).collect();
+            let blocks: Vec<(ShaderId, &ReflectedBinding)> = self.blocks(stages, &bind.block).collect();
             let [(vertex, a), (fragment, b)] = blocks[..] else { continue };
             let uses = |block: &ReflectedBinding| block.reads || block.writes;
             let conflict = uses(a) && uses(b) && (a.writes || b.writes);
@@ -126,7 +121,7 @@ impl Linker<'_> {
                 (_, true) => "writes",
                 _ => "reads",
             };
-            let name = |shader: ShaderHandle| &self.shaders[shader.index()].name;
+            let name = |shader: ShaderId| &self.shaders[shader.index()].name;
             let diagnostic = Diagnostic::new(
                 format!(
                     "`{}` {} `{}` while `{}` {} it",
@@ -148,9 +143,9 @@ impl Linker<'_> {
     /// Returns the shaders that use a block of this name.
     fn blocks<'s>(
         &'s self,
-        stages: &'s [(ShaderHandle, Stages)],
+        stages: &'s [(ShaderId, Stages)],
         name: &'s str,
-    ) -> impl Iterator<Item = (ShaderHandle, &'s ReflectedBinding)> {
+    ) -> impl Iterator<Item = (ShaderId, &'s ReflectedBinding)> {
         stages.iter().filter_map(move |(shader, _)| {
             let bindings = &self.shaders[shader.index()].reflection.bindings;
             Some((*shader, bindings.iter().find(|block| block.name == name)?))
@@ -159,14 +154,10 @@ impl Linker<'_> {
 }
 
 /// Returns the buffer of a pass's indirect arguments, and where the graph names it.
-pub(super) fn arguments(pass: &LoweredPass) -> Option<(ResourceHandle, Span)> {
-    match &pass.work {
-        LoweredWork::Dispatch { size: LoweredSize::Indirect { buffer, .. }, size_span, .. } => {
-            Some((*buffer, *size_span))
-        }
-        LoweredWork::Draw { call: DrawCall::Indirect { buffer, .. }, call_span, .. } => {
-            Some((*buffer, *call_span))
-        }
+pub(super) fn arguments(pass: &LoweredPass) -> Option<(ResourceId, Span)> {
+    match pass.pass.work {
+        Work::Dispatch { groups: LoweredSize::Indirect { buffer, .. }, .. }
+        | Work::Draw { call: DrawCall::Indirect { buffer, .. }, .. } => Some((buffer, pass.size_span)),
         _ => None,
     }
 }

@@ -3,9 +3,9 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use super::linker::{Linker, MOST_COMPILATIONS, ShaderHandle};
-use crate::ir::{Features, Groups, Shader, ShaderStage, Span};
-use crate::lower::{Extent, LoweredPass, LoweredSize, LoweredWork, ResourceHandle, ShaderName};
+use super::linker::{Linker, MOST_COMPILATIONS};
+use crate::ir::{Features, Groups, Shader, ShaderId, ShaderStage, Span, Work};
+use crate::lower::{Extent, LoweredPass, LoweredSize, ShaderName};
 use crate::shader::{Compiled, ShaderRequest};
 use crate::source::{Diagnostic, Kind};
 
@@ -14,10 +14,10 @@ pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagn
     let mut different = HashSet::new();
     let mut passed = None;
     for pass in passes {
-        let shaders = match &pass.work {
-            LoweredWork::Dispatch { shader, .. } => vec![shader],
-            LoweredWork::Draw { vertex, fragment, .. } => vec![vertex, fragment],
-            LoweredWork::Fill { .. } => Vec::new(),
+        let shaders = match &pass.pass.work {
+            Work::Dispatch { shader, .. } => vec![shader],
+            Work::Draw { vertex, fragment, .. } => vec![vertex, fragment],
+            _ => Vec::new(),
         };
         for shader in shaders {
             different.insert((pass.file, &shader.name, &pass.defines));
@@ -40,7 +40,7 @@ impl Linker<'_> {
         pass: &LoweredPass,
         name: &ShaderName,
         stage: ShaderStage,
-    ) -> Option<ShaderHandle> {
+    ) -> Option<ShaderId> {
         if ShaderStage::of_file(&name.name) != Some(stage) {
             let ending = match stage {
                 ShaderStage::Compute => ".comp",
@@ -82,7 +82,7 @@ impl Linker<'_> {
                     self.shaders.push(shader);
                     self.shaders.len() - 1
                 });
-                let id = ShaderHandle(at as u32);
+                let id = ShaderId(at as u32);
                 self.features(id, name.span);
                 self.declared.insert(id, declared);
                 // Texts that differ only in uncompiled code give one shader.
@@ -101,7 +101,7 @@ impl Linker<'_> {
     }
 
     /// Checks a shader's optional features against those of the device.
-    fn features(&mut self, id: ShaderHandle, span: Span) {
+    fn features(&mut self, id: ShaderId, span: Span) {
         let shader = &self.shaders[id.index()];
         let missing = shader.reflection.features.difference(self.device.features);
         if missing.is_empty() {
@@ -121,7 +121,7 @@ impl Linker<'_> {
     }
 
     /// Checks a compute shader's workgroup against the device.
-    pub(super) fn workgroup(&mut self, id: ShaderHandle, span: Span) {
+    pub(super) fn workgroup(&mut self, id: ShaderId, span: Span) {
         let reflection = &self.shaders[id.index()].reflection;
         let invocations: u64 = reflection.local_size.iter().map(|s| *s as u64).product();
         if invocations > self.device.max_invocations.into() {
@@ -140,12 +140,7 @@ impl Linker<'_> {
         }
     }
 
-    pub(super) fn groups(
-        &mut self,
-        id: ShaderHandle,
-        size: LoweredSize,
-        span: Span,
-    ) -> Option<Groups<ResourceHandle>> {
+    pub(super) fn groups(&mut self, id: ShaderId, size: LoweredSize, span: Span) -> Option<Groups> {
         let local = self.shaders[id.index()].reflection.local_size.map(|n| u64::from(n.max(1)));
         // Invocations per unit of `size`: 1 for `Groups`, the local size for `Threads`.
         let (extent, each) = match size {

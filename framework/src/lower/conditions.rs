@@ -2,10 +2,9 @@
 
 use super::lowered::{RemovedPass, RemovedUse};
 use super::lowering::{Handle, Level, Lowering};
-use super::scope::Place;
 use crate::ir::{Culled, ParamSet, Reason};
 use crate::schema::{Call, Expression, Number, Part, PassDecl, Reference, ResourceName, Size, is_choice};
-use crate::source::Diagnostic;
+use crate::source::{Diagnostic, Place};
 
 /// A `when` that is false.
 struct False<'a> {
@@ -80,7 +79,7 @@ impl Lowering<'_> {
         let numbers = numbers.chain(chosen.into_iter().flatten());
         let choices = users.iter().flat_map(|user| level.names.named_by_choice(user));
         let exposed = match pass {
-            PassDecl::Include { .. } => level.exposed.get(&place.path),
+            PassDecl::Include { .. } => level.exposed.get(&place.id()),
             _ => None,
         };
         let exposed = exposed.into_iter().flatten().filter_map(|name| level.names.params.get(name)).flatten();
@@ -96,7 +95,7 @@ impl Lowering<'_> {
         });
         let origin = self.files.origin(place.span());
         let why = format!("its condition is false: {condition}");
-        self.culled.push(Culled { pass: name, why, origin });
+        self.plan.culled.push(Culled { pass: name, why, origin });
     }
 }
 

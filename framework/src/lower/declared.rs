@@ -11,10 +11,9 @@ use std::rc::Rc;
 
 use super::document::{MAX_DEPTH, Opened, Setting};
 use super::require::Choices;
-use super::scope::Place;
 use crate::ir::{FileId, Span};
 use crate::schema::{Expose, Expression, Graph, Number, ParamDecl, ParamKind, PassDecl};
-use crate::source::{Diagnostic, Kind, Path, SourceMap};
+use crate::source::{Diagnostic, Kind, Place, SourceMap};
 
 /// A parameter of a graph, with the file that declares it.
 #[derive(Clone, Debug)]
@@ -145,8 +144,8 @@ fn names_in(number: &Number, kind: &ParamKind) -> Vec<String> {
     }
 }
 
-/// Names of parameters by the places of the includes that expose them.
-pub(super) type Exposed = HashMap<Path, BTreeSet<String>>;
+/// Names of parameters by the [ids](Place::id) of the includes that expose them.
+pub(super) type Exposed = HashMap<usize, BTreeSet<String>>;
 
 /// The parameters of a graph, in order.
 #[derive(Clone, Debug, Default)]
@@ -282,11 +281,11 @@ impl Collect<'_, '_> {
         if let Some(known) = self.known.get(&opened.file) {
             return Ok(known.clone());
         }
-        let params = Path::root().field("params");
+        let params = opened.root.field("params");
         let own = opened.graph.params.keys().map(|name| Declared {
             name: name.clone(),
             graph: opened.graph.clone(),
-            place: Place::new(&opened.outline, params.key(name)),
+            place: params.field(name),
             default: None,
             part: None,
             around: Vec::new(),
@@ -297,7 +296,7 @@ impl Collect<'_, '_> {
             return Ok(Rc::new(found));
         }
         self.around.push(opened.file);
-        let passes = Place::new(&opened.outline, Path::root().field("passes"));
+        let passes = opened.root.field("passes");
         let result = self.passes(opened, &opened.graph.passes, &passes, &mut found);
         self.around.pop();
         result?;
@@ -350,8 +349,7 @@ impl Collect<'_, '_> {
             Expose::Only(names) => names.contains(name),
         };
         let given = |name: &String| {
-            let path = place.field("set").field(name).path;
-            Some(Setting { number: set.get(name)?.clone(), outline: place.outline.clone(), path })
+            Some(Setting { number: set.get(name)?.clone(), place: place.field("set").field(name) })
         };
         let mut around = Around::default();
         for Declared { name, graph, place, .. } in inner.all.iter().filter(|inner| !is_exposed(&inner.name)) {
@@ -374,11 +372,11 @@ impl Collect<'_, '_> {
             let mut exposed = Declared { default, part: Some(name.clone()), ..declared.clone() };
             exposed.around.push(around.clone());
             if let Some(first) = found.all.iter().find(|other| other.name == *name_of) {
-                let span = |(setting, _): &(Setting, usize)| setting.outline.value(&setting.path);
+                let span = |(setting, _): &(Setting, usize)| setting.place.span();
                 let same_default = first.default.as_ref().map(span) == exposed.default.as_ref().map(span)
                     && first.values_around() == exposed.values_around();
                 if first.place.key() == declared.place.key() && same_default {
-                    found.exposed.entry(place.path.clone()).or_default().insert(name_of.clone());
+                    found.exposed.entry(place.id()).or_default().insert(name_of.clone());
                     continue;
                 }
                 let message = format!("this graph has the parameter `{name_of}` already");
@@ -389,7 +387,7 @@ impl Collect<'_, '_> {
                 );
                 return Err(vec![error.with_help(help)]);
             }
-            found.exposed.entry(place.path.clone()).or_default().insert(name_of.clone());
+            found.exposed.entry(place.id()).or_default().insert(name_of.clone());
             found.all.push(exposed);
         }
         Ok(())

@@ -5,14 +5,15 @@ use std::rc::Rc;
 
 use crate::ir::{FileId, Span};
 use crate::schema::{Document, Expression, GRAPH_VERSION, Graph, Number};
-use crate::source::{Diagnostic, Kind, Outline, Path, SourceMap, ron_error};
+use crate::source::{Diagnostic, Kind, Outline, Place, SourceMap, ron_error};
 
 /// A graph with the changes of presets.
 #[derive(Clone, Debug)]
 pub(super) struct Opened {
     pub file: FileId,
     pub graph: Rc<Graph>,
-    pub outline: Rc<Outline>,
+    /// The whole text.
+    pub root: Place,
     /// The summary of the outermost preset or choice, or of the graph.
     pub summary: String,
     /// Settings of the presets, merged; outer presets win.
@@ -32,8 +33,7 @@ pub(super) struct Opened {
 pub(super) struct Requirement {
     pub condition: Expression,
     pub words: String,
-    pub outline: Rc<Outline>,
-    pub path: Path,
+    pub place: Place,
     /// True if it is in a choice: the graph would run, but another is preferred.
     pub preference: bool,
 }
@@ -41,8 +41,7 @@ pub(super) struct Requirement {
 #[derive(Clone, Debug)]
 pub(super) struct Setting {
     pub number: Number,
-    pub outline: Rc<Outline>,
-    pub path: Path,
+    pub place: Place,
 }
 
 /// Maximum nesting of presets, choices and includes, so that the stack cannot overflow.
@@ -78,25 +77,24 @@ struct Follow<'a> {
 
 impl Follow<'_> {
     fn file(&mut self, file: FileId) -> Result<Vec<Opened>, Vec<Diagnostic>> {
-        let (document, outline) = parse(self.files, file)?;
-        let root = Path::root();
+        let (document, root) = parse(self.files, file)?;
         match document {
             Document::Graph(graph) => {
                 if graph.version != GRAPH_VERSION {
-                    let at = outline.value(&root.field("version"));
+                    let at = root.field("version").span();
                     let message = format!("this graph is of version {}", graph.version);
                     let read = format!("this program reads version {GRAPH_VERSION}");
                     return Err(vec![Diagnostic::new(message, at, read)]);
                 }
                 self.found += 1;
-                let require = requirements(&graph.require, &outline, &root, false);
+                let require = requirements(&graph.require, &root, false);
                 let summary = graph.summary.clone();
                 let (set, based_on) = (IndexMap::new(), Vec::new());
                 let graph = Rc::new(graph);
                 Ok(vec![Opened {
                     file,
                     graph,
-                    outline,
+                    root,
                     summary,
                     set,
                     based_on,
@@ -106,36 +104,36 @@ impl Follow<'_> {
                 }])
             }
             Document::Preset(preset) => {
-                let at = outline.value(&root.field("graph"));
+                let at = root.field("graph").span();
                 let mut all = self.next(file, &preset.graph, at, "these presets are based on each other")?;
                 for opened in &mut all {
                     opened.summary.clone_from(&preset.summary);
                     let mut set = IndexMap::new();
                     for (name, number) in &preset.set {
-                        let (number, path) = (number.clone(), root.field("set").key(name));
-                        set.insert(name.clone(), Setting { number, outline: outline.clone(), path });
+                        let (number, place) = (number.clone(), root.field("set").field(name));
+                        set.insert(name.clone(), Setting { number, place });
                     }
                     for (name, setting) in std::mem::take(&mut opened.set) {
                         set.entry(name).or_insert(setting);
                     }
                     opened.set = set;
                     opened.based_on.insert(0, preset.graph.clone());
-                    opened.require.splice(0..0, requirements(&preset.require, &outline, &root, false));
+                    opened.require.splice(0..0, requirements(&preset.require, &root, false));
                 }
                 Ok(all)
             }
             Document::Choice(choice) => {
                 let mut all = Vec::new();
                 for (index, candidate) in choice.of.iter().enumerate() {
-                    let path = root.field("of").index(index);
-                    let at = outline.value(&path.field("graph"));
+                    let place = root.field("of").index(index);
+                    let at = place.field("graph").span();
                     let mut found =
                         self.next(file, &candidate.graph, at, "these choices lead to each other")?;
                     for opened in &mut found {
                         opened.summary.clone_from(&choice.summary);
                         opened.based_on.insert(0, candidate.graph.clone());
                         opened.candidate.get_or_insert_with(|| candidate.graph.clone());
-                        opened.require.splice(0..0, requirements(&candidate.require, &outline, &path, true));
+                        opened.require.splice(0..0, requirements(&candidate.require, &place, true));
                     }
                     all.append(&mut found);
                     if self.found > MAX_CANDIDATES {
@@ -144,7 +142,7 @@ impl Follow<'_> {
                     }
                 }
                 if all.is_empty() {
-                    let at = outline.value(&root.field("of"));
+                    let at = root.field("of").span();
                     return Err(vec![Diagnostic::new("this choice has no graph", at, "is empty")]);
                 }
                 Ok(all)
@@ -177,26 +175,22 @@ impl Follow<'_> {
     }
 }
 
-fn requirements(
-    needs: &[(Expression, String)],
-    outline: &Rc<Outline>,
-    of: &Path,
-    preference: bool,
-) -> Vec<Requirement> {
+fn requirements(needs: &[(Expression, String)], of: &Place, preference: bool) -> Vec<Requirement> {
     let requirement = |(index, (condition, words)): (usize, &(Expression, String))| {
         let (condition, words) = (condition.clone(), words.clone());
-        let path = of.field("require").index(index);
-        Requirement { condition, words, outline: outline.clone(), path, preference }
+        Requirement { condition, words, place: of.field("require").index(index), preference }
     };
     needs.iter().enumerate().map(requirement).collect()
 }
 
 /// Reads one file, without following references.
-pub(super) fn parse(files: &SourceMap, file: FileId) -> Result<(Document, Rc<Outline>), Vec<Diagnostic>> {
+pub(super) fn parse(files: &SourceMap, file: FileId) -> Result<(Document, Place), Vec<Diagnostic>> {
     let text = files.text(file);
     // The outline comes first because it limits the nesting, on which the RON parser recurses.
     let outline = Outline::parse(file, text).map_err(|e| vec![e])?;
     let document = Document::parse(text).map_err(|e| vec![ron_error(file, text, &e)])?;
-    let twice = outline.duplicates();
-    if twice.is_empty() { Ok((document, Rc::new(outline))) } else { Err(twice) }
+    match outline.duplicates() {
+        [] => Ok((document, Place::root(&Rc::new(outline)))),
+        twice => Err(twice.to_vec()),
+    }
 }

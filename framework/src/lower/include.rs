@@ -8,10 +8,10 @@ use super::document::{MAX_DEPTH, Opened};
 use super::lowered::LoweredInclude;
 use super::lowering::{Handle, Level, Lowering, Scope};
 use super::params::{self, is_identifier};
-use super::scope::{Names, Place};
+use super::scope::Names;
 use crate::ir::{Param, ParamSet, Value};
 use crate::schema::{Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};
-use crate::source::{Diagnostic, Kind, Path};
+use crate::source::{Diagnostic, Kind, Place};
 
 /// The name of an included graph's output.
 const PICTURE: &str = "picture";
@@ -24,8 +24,8 @@ fn hides_the_output(inner: &Level) -> Diagnostic {
         () if imports.contains_key(PICTURE) => "imports",
         () => "let",
     };
-    let at = Place::new(&inner.outline, Path::root().field(list).key(PICTURE));
-    let output = Place::new(&inner.outline, Path::root().field("output"));
+    let at = inner.root.field(list).field(PICTURE);
+    let output = inner.root.field("output");
     Diagnostic::new(
         "to an includer, `picture` is the name of a graph's output",
         at.key(),
@@ -101,7 +101,7 @@ impl Lowering<'_> {
         let mut include = LoweredInclude { name: full, span, parent: level.include, given: Vec::new() };
         for (port_name, port) in &opened.graph.ports {
             let Some(given) = with.get(port_name) else {
-                let span = opened.outline.key(&Path::root().field("ports").key(port_name));
+                let span = opened.root.field("ports").field(port_name).key();
                 return Err(Diagnostic::new(
                     format!("nothing is given for the port `{port_name}`"),
                     place.field("with").span(),
@@ -133,7 +133,7 @@ impl Lowering<'_> {
                 None => Vec::new(),
             };
             include.given.push((given.text.clone(), resources));
-            let port_at = Place::new(&opened.outline, Path::root().field("ports").key(port_name));
+            let port_at = opened.root.field("ports").field(port_name);
             let handle =
                 handle.map(|handle| self.port(port_name, port, handle, &inner, &port_at, &at)).transpose()?;
             inner.handles.insert(port_name.clone(), handle);
@@ -154,7 +154,7 @@ impl Lowering<'_> {
             return Ok(());
         }
         self.includes.push(opened.file);
-        let passes = Place::new(&opened.outline, Path::root().field("passes"));
+        let passes = opened.root.field("passes");
         self.walk(&mut inner, &opened.graph.passes, &passes);
         self.includes.pop();
         if self.errors.len() > before {
@@ -214,12 +214,12 @@ impl Lowering<'_> {
         if let Some((name, setting)) =
             opened.set.iter().find(|(k, _)| !parameters.contains(k) && !parameters.elsewhere.contains(*k))
         {
-            return Err(parameters.unknown(name, setting.outline.key(&setting.path), "set here"));
+            return Err(parameters.unknown(name, setting.place.key(), "set here"));
         }
         if let Some(name) = set.keys().find(|k| !parameters.contains(k)) {
             return Err(parameters.unknown(name, place.field("set").field(name).key(), "set here"));
         }
-        let exposed = level.exposed.get(&place.path);
+        let exposed = level.exposed.get(&place.id());
         let mut names = Names::of(self.request.facts);
         let mut params = Vec::new();
         let (order, circle) = parameters.order(&opened.set);

@@ -3,32 +3,18 @@
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use crate::ir::{
-    Culled, DrawCall, Fallback, FileId, Output, Param, ParamSet, Reason, Run, Shape, Source, Span, Stat,
-    Target, Topology, Value,
-};
+use crate::ir::{FileId, ParamSet, Pass, Reason, ResourceId, Span, Value};
+use crate::plan::Plan;
 
 /// A lowered graph: only dispatches, draws and fills, in the order of the file.
 #[derive(Clone, Debug)]
 pub struct Lowered {
-    /// The name under which the graph was requested.
-    pub name: String,
-    /// Summary of the outermost preset, or of the graph.
-    pub summary: String,
-    /// The chain of presets and choices that leads to it, the graph last; empty for a plain graph.
-    pub based_on: Vec<String>,
-    /// The graphs that a choice passed over, in order; the last one's fallback is this graph.
-    pub fallbacks: Vec<Fallback>,
-    /// Known values of scene, device and viewport.
-    pub facts: BTreeMap<String, Value>,
-    /// Parameters of the requested graph.
-    pub params: Vec<Param>,
-    /// Buffers and images, including those for the previous frame's contents.
-    pub resources: Vec<LoweredResource>,
+    /// The plan so far: names, parameters, resources and results. It has no passes and no shaders yet.
+    pub plan: Plan,
+    /// The declarations of its resources, in the same order.
+    pub declarations: Vec<Declaration>,
     /// Dispatches, draws and fills.
     pub passes: Vec<LoweredPass>,
-    /// Passes that a `when` removed.
-    pub culled: Vec<Culled>,
     /// The removed passes, with the parameters that they would use.
     pub removed: Vec<RemovedPass>,
     /// Uses of parameters in expressions that were not evaluated.
@@ -37,18 +23,12 @@ pub struct Lowered {
     pub unwritten: Vec<RemovedUse>,
     /// Included graphs, includers before their includes.
     pub includes: Vec<LoweredInclude>,
-    /// The output image.
-    pub output: ResourceHandle,
     /// The output's name in the file.
     pub output_span: Span,
-    /// Images requested besides the output.
-    pub outputs: Vec<Output<ResourceHandle>>,
-    /// Words to read back.
-    pub stats: Vec<Stat<ResourceHandle>>,
     /// The text of the generated include `live.glsl`.
     pub live_glsl: String,
     /// The uniform block of the live parameters.
-    pub live: ResourceHandle,
+    pub live: ResourceId,
     /// The parameters behind each live parameter: itself, and those that its default depends on.
     pub live_params: BTreeMap<String, ParamSet>,
     /// Parameters that conditions, counts of repeats and swaps depend on.
@@ -71,44 +51,25 @@ pub struct SkippedUse {
 }
 
 impl Lowered {
-    /// Returns the resource behind a handle.
-    pub fn resource(&self, handle: ResourceHandle) -> &LoweredResource {
-        &self.resources[handle.index()]
+    /// Returns the declaration of a resource.
+    pub fn declaration(&self, id: ResourceId) -> &Declaration {
+        &self.declarations[id.index()]
     }
 
-    /// Returns the handle that owns the memory: `handle` itself, unless it is a previous frame's contents.
-    pub fn real(&self, handle: ResourceHandle) -> ResourceHandle {
-        self.resource(handle).previous_frame_of.unwrap_or(handle)
-    }
-}
-
-/// An index into [`Lowered::resources`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct ResourceHandle(pub u32);
-
-impl ResourceHandle {
-    /// Returns the position in the list.
-    pub fn index(self) -> usize {
-        self.0 as usize
+    /// Returns the resource that owns the memory of `id`: a different one for the previous frame's contents.
+    pub fn real(&self, id: ResourceId) -> ResourceId {
+        self.declaration(id).previous_frame_of.unwrap_or(id)
     }
 }
 
-/// A buffer or an image. Each half of a ping-pong resource is one, named `keys#0` and `keys#1`.
+/// Describes the declaration of a resource.
 #[derive(Clone, Debug)]
-pub struct LoweredResource {
-    /// Unique in the graph.
-    pub name: String,
-    /// The size.
-    pub shape: Shape,
-    /// The owner and writer.
-    pub source: Source,
-    /// The name under which its contents persist from frame to frame.
-    pub history: Option<String>,
+pub struct Declaration {
+    /// Its place in the file.
+    pub span: Span,
     /// For `last(name)`, the resource itself, or for a ping-pong resource the half in front at the end of the frame.
     /// Readers of `last(name)` run before this frame's writers.
-    pub previous_frame_of: Option<ResourceHandle>,
-    /// The declaration.
-    pub span: Span,
+    pub previous_frame_of: Option<ResourceId>,
     /// Parameters that the declaration depends on.
     pub params: ParamSet,
 }
@@ -123,14 +84,14 @@ pub struct LoweredInclude {
     /// The include that contains it, as an index into [`Lowered::includes`].
     pub parent: Option<usize>,
     /// The name of each port and its resources, both halves for a ping-pong buffer.
-    pub given: Vec<(String, Vec<ResourceHandle>)>,
+    pub given: Vec<(String, Vec<ResourceId>)>,
 }
 
 /// A use that was removed with its pass.
 #[derive(Clone, Debug)]
 pub struct RemovedUse {
     /// The resource.
-    pub resource: ResourceHandle,
+    pub resource: ResourceId,
     /// The removed pass.
     pub pass: String,
     /// Its `when`.
@@ -158,23 +119,21 @@ pub struct RemovedPass {
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
-/// One dispatch, draw or fill; its shaders are names.
+/// Holds a dispatch, a draw or a fill, and its places in the file.
 #[derive(Clone, Debug)]
 pub struct LoweredPass {
-    /// Unique in the graph.
-    pub name: String,
-    /// The group that its time is summed under.
-    pub phase: String,
-    /// Prologue or frame.
-    pub run: Run,
+    /// The pass. Linking adds its bindings, push constants and uses.
+    pub pass: Pass<ShaderName, LoweredSize>,
     /// The graph file that declares it: shaders are searched beside it.
     pub file: FileId,
     /// Its `name` in the file.
     pub span: Span,
     /// The include that it comes from, as an index into [`Lowered::includes`].
     pub include: Option<usize>,
-    /// The command.
-    pub work: LoweredWork,
+    /// The `size` or the `call` in the file.
+    pub size_span: Span,
+    /// The names of the targets in the file.
+    pub target_spans: Vec<Span>,
     /// The entries of `bind`.
     pub bind: Vec<LoweredBind>,
     /// The entries of `push`.
@@ -200,42 +159,6 @@ pub struct ShaderName {
     pub span: Span,
 }
 
-/// The command of a pass.
-#[derive(Clone, Debug)]
-pub enum LoweredWork {
-    /// Runs a compute shader.
-    Dispatch {
-        /// The shader.
-        shader: ShaderName,
-        /// The number of invocations or workgroups.
-        size: LoweredSize,
-        /// The `size` in the file.
-        size_span: Span,
-    },
-    /// Draws into images.
-    Draw {
-        /// The vertex shader.
-        vertex: ShaderName,
-        /// The fragment shader.
-        fragment: ShaderName,
-        /// The primitives.
-        topology: Topology,
-        /// The number of vertices and instances.
-        call: DrawCall<ResourceHandle>,
-        /// The `call` in the file.
-        call_span: Span,
-        /// The colour attachments, with their names in the file.
-        targets: Vec<(Target<ResourceHandle>, Span)>,
-    },
-    /// Writes `value` to every 32-bit word of a buffer.
-    Fill {
-        /// The buffer.
-        buffer: ResourceHandle,
-        /// The word.
-        value: u32,
-    },
-}
-
 /// The size of a dispatch.
 #[derive(Clone, Copy, Debug)]
 pub enum LoweredSize {
@@ -246,7 +169,7 @@ pub enum LoweredSize {
     /// Three words of a buffer.
     Indirect {
         /// The buffer.
-        buffer: ResourceHandle,
+        buffer: ResourceId,
         /// Byte offset of the first word.
         offset: u64,
     },
@@ -271,7 +194,7 @@ pub struct LoweredBind {
     /// The block's name in the file.
     pub block_span: Span,
     /// The resources.
-    pub resources: Vec<ResourceHandle>,
+    pub resources: Vec<ResourceId>,
     /// The resource's name in the file.
     pub resource_span: Span,
 }

@@ -7,14 +7,13 @@ use std::rc::Rc;
 use super::declared::{Exposed, Known};
 use super::defines::{Constants, defines};
 use super::document::Opened;
-use super::lowered::{
-    LoweredInclude, LoweredPass, LoweredResource, RemovedPass, RemovedUse, ResourceHandle, SkippedUse,
-};
+use super::lowered::{Declaration, LoweredInclude, LoweredPass, RemovedPass, RemovedUse, SkippedUse};
 use super::require::Choices;
-use super::scope::{Names, Place};
-use crate::ir::{Culled, EXPORT, FileId, HOST, Param, ParamSet, Request, Span, Stat};
+use super::scope::Names;
+use crate::ir::{EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span, Stat};
+use crate::plan::Plan;
 use crate::schema::Graph;
-use crate::source::{Diagnostic, Outline, Path, SourceMap};
+use crate::source::{Diagnostic, Place, SourceMap};
 
 /// Maximum number of passes after repeats: far beyond any use, but few enough that a typing error cannot exhaust memory.
 pub(super) const MAX_PASSES: usize = 20_000;
@@ -27,7 +26,9 @@ pub(super) struct Lowering<'a> {
     pub request: &'a Request<'a>,
     pub files: &'a mut SourceMap,
     pub errors: Vec<Diagnostic>,
-    pub resources: Vec<LoweredResource>,
+    /// The plan so far, and the declarations of its resources.
+    pub plan: Plan,
+    pub declarations: Vec<Declaration>,
     /// Name and place of every resource, to detect duplicates.
     pub resource_names: BTreeMap<String, Span>,
     pub ping_pongs: Vec<PingPong>,
@@ -40,7 +41,6 @@ pub(super) struct Lowering<'a> {
     pub pass_names: BTreeMap<String, Option<Span>>,
     /// Name and place of every include, to detect duplicates.
     pub include_names: BTreeMap<String, Span>,
-    pub culled: Vec<Culled>,
     pub histories: Vec<History>,
     pub unwritten: Vec<RemovedUse>,
     pub removed: Vec<RemovedPass>,
@@ -50,7 +50,7 @@ pub(super) struct Lowering<'a> {
     /// As [`Lowered::results`](super::Lowered::results).
     pub results: ParamSet,
     /// Statistics of this graph and of its parts, with their places in the files.
-    pub stats: Vec<(Stat<ResourceHandle>, Span)>,
+    pub stats: Vec<(Stat, Span)>,
     /// The files being included, outermost first.
     pub includes: Vec<FileId>,
     pub included: Vec<LoweredInclude>,
@@ -60,7 +60,7 @@ pub(super) struct Lowering<'a> {
 pub(super) struct Level {
     pub file: FileId,
     pub graph: Rc<Graph>,
-    pub outline: Rc<Outline>,
+    pub root: Place,
     pub names: Names,
     /// Its own parameters and those exposed by its parts.
     pub params: Vec<Param>,
@@ -106,7 +106,7 @@ pub(super) struct Scope {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Handle {
     /// One resource, or the planes of an attribute.
-    Plain(Vec<ResourceHandle>),
+    Plain(Vec<ResourceId>),
     /// Index into [`Lowering::ping_pongs`].
     PingPong(usize),
 }
@@ -114,7 +114,7 @@ pub(super) enum Handle {
 /// Two buffers. `Swap` changes which one is the front.
 #[derive(Clone, Debug)]
 pub(super) struct PingPong {
-    pub halves: [ResourceHandle; 2],
+    pub halves: [ResourceId; 2],
     pub front: usize,
 }
 
@@ -122,7 +122,7 @@ pub(super) struct PingPong {
 #[derive(Clone, Debug)]
 pub(super) struct History {
     pub name: String,
-    pub previous_frame: ResourceHandle,
+    pub previous_frame: ResourceId,
     pub of: Handle,
 }
 
@@ -132,7 +132,8 @@ impl<'a> Lowering<'a> {
             request,
             files,
             errors: Vec::new(),
-            resources: Vec::new(),
+            plan: Plan::default(),
+            declarations: Vec::new(),
             resource_names: BTreeMap::new(),
             ping_pongs: Vec::new(),
             passes: Vec::new(),
@@ -142,7 +143,6 @@ impl<'a> Lowering<'a> {
             // The frame's last passes, which the solver adds.
             pass_names: [EXPORT, HOST].map(|name| (name.to_string(), None)).into(),
             include_names: BTreeMap::new(),
-            culled: Vec::new(),
             histories: Vec::new(),
             unwritten: Vec::new(),
             removed: Vec::new(),
@@ -159,7 +159,7 @@ impl<'a> Lowering<'a> {
     pub(super) fn level(&mut self, opened: &Opened, scope: Scope, prefix: String) -> Level {
         let Scope { mut names, params, exposed } = scope;
         for (name, number) in &opened.graph.lets {
-            let place = Place::new(&opened.outline, Path::root().field("let").key(name));
+            let place = opened.root.field("let").field(name);
             if names.values.contains_key(name) || names.live.contains(name) {
                 let taken = "the name is already that of a parameter, a fact or a `let`";
                 self.errors.push(Diagnostic::new(format!("`{name}` is declared twice"), place.key(), taken));
@@ -182,7 +182,7 @@ impl<'a> Lowering<'a> {
         let mut seen = BTreeMap::new();
         for (name, value) in &defines {
             if seen.insert(name, value).is_some_and(|other| other != value) {
-                let span = opened.outline.head(&Path::root());
+                let span = opened.root.head();
                 let message = format!("two constants of this graph are `{name}` to its shaders");
                 self.errors.push(Diagnostic::new(message, span, "in this graph").with_help(
                     "names are in capitals there, and a choice adds one for each of its values: rename one of them",
@@ -192,7 +192,7 @@ impl<'a> Lowering<'a> {
         Level {
             file: opened.file,
             graph: opened.graph.clone(),
-            outline: opened.outline.clone(),
+            root: opened.root.clone(),
             names,
             params,
             exposed,

@@ -26,8 +26,8 @@ mod results;
 mod scope;
 
 pub use lowered::{
-    Extent, Lowered, LoweredBind, LoweredInclude, LoweredPass, LoweredPush, LoweredResource, LoweredSize,
-    LoweredWork, RemovedPass, RemovedUse, ResourceHandle, ShaderName, SkippedUse,
+    Declaration, Extent, Lowered, LoweredBind, LoweredInclude, LoweredPass, LoweredPush, LoweredSize,
+    RemovedPass, RemovedUse, ShaderName, SkippedUse,
 };
 pub use params::parse_value;
 pub use results::no_output;
@@ -35,12 +35,13 @@ pub use results::no_output;
 use declared::Declared;
 use lowering::{Lowering, Scope};
 use require::Choices;
-use scope::{Place, Values};
+use scope::Values;
 
 use crate::expr::Expr;
 use crate::ir::{Fallback, LIVE_BLOCK, Param, ParamSet, Request, Shape, Source, Unmet, Value};
+use crate::plan::Plan;
 use crate::schema::folded;
-use crate::source::{Diagnostic, Path, SourceMap};
+use crate::source::{Diagnostic, SourceMap};
 
 /// A parameter with its texts for users.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,7 +70,7 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
     let scope = Scope { names, params, exposed: parameters.exposed.clone() };
     let mut level = walk.level(root, scope, String::new());
     if let Some(port) = root.graph.ports.keys().next() {
-        let span = root.outline.key(&Path::root().field("ports").key(port));
+        let span = root.root.field("ports").field(port).key();
         walk.errors.push(
             Diagnostic::new("this graph is made to be included", span, "nothing is bound to this port")
                 .with_help("name a graph that includes it"),
@@ -82,7 +83,7 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
     }
     walk.includes.push(root.file);
     walk.declare(&mut level);
-    let passes = Place::new(&root.outline, Path::root().field("passes"));
+    let passes = root.root.field("passes");
     walk.walk(&mut level, &root.graph.passes, &passes);
     level.names.take_notes();
     let output = walk.output(&level);
@@ -90,33 +91,35 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
     walk.stats(&level);
     walk.results.extend(level.names.take_notes().all());
     let live_bytes = resolved.live_bytes.next_multiple_of(16).max(16);
-    let live_span = root.outline.key(&Path::root().field("params"));
+    let live_span = root.root.field("params").key();
     let live_shape = Shape::Buffer { stride: live_bytes, count: 1 };
     let live = walk.add(LIVE_BLOCK.into(), live_shape, Source::Live, live_span);
     walk.end_histories();
     match output {
         Some((output, output_span)) if walk.errors.is_empty() => Ok(Lowered {
-            name: walk.request.graph.into(),
-            summary: folded(&root.summary),
-            based_on: root.based_on.clone(),
-            fallbacks: fallbacks.clone(),
-            facts: walk.request.facts.named(),
             live_glsl: params::live_glsl(&resolved.params),
-            params: resolved.params,
+            plan: Plan {
+                name: walk.request.graph.into(),
+                summary: folded(&root.summary),
+                based_on: root.based_on.clone(),
+                fallbacks: fallbacks.clone(),
+                facts: walk.request.facts.named(),
+                params: resolved.params,
+                output,
+                outputs,
+                stats: walk.stats.into_iter().map(|(stat, _)| stat).collect(),
+                ..walk.plan
+            },
+            declarations: walk.declarations,
             live_params: resolved.live,
             shape: walk.shape,
             results: walk.results,
-            resources: walk.resources,
             passes: walk.passes,
-            culled: walk.culled,
             removed: walk.removed,
             skipped: [resolved.skipped, walk.skipped].concat(),
             unwritten: walk.unwritten,
             includes: walk.included,
-            output,
             output_span,
-            outputs,
-            stats: walk.stats.into_iter().map(|(stat, _)| stat).collect(),
             live,
         }),
         _ => Err(walk.errors),
@@ -186,7 +189,7 @@ pub fn expression_names(
         return Err(require::explained(errors, &chosen.fallbacks));
     }
     for (name, number) in &opened.graph.lets {
-        let place = Place::new(&opened.outline, Path::root().field("let").key(name));
+        let place = opened.root.field("let").field(name);
         if let Ok(value) = names.evaluate(number, &place) {
             names.define(name, value, ParamSet::new());
         }

@@ -6,12 +6,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::declared::{Declared, Parameters, Reach};
 use super::document::{Opened, Setting};
 use super::lowered::SkippedUse;
-use super::scope::{Names, Place, describe};
+use super::scope::{Names, describe};
 use crate::ir::{
     Domain, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, ParamSet, Reason, Request, Span, Value,
 };
 use crate::schema::{Expression, Number, ParamDecl, ParamKind};
-use crate::source::{Diagnostic, SourceMap, nearest};
+use crate::source::{Diagnostic, Place, SourceMap, nearest};
 
 /// The parameters of a graph with their values.
 pub(super) struct Resolved {
@@ -40,7 +40,7 @@ pub(super) fn resolve(
 ) -> Resolved {
     let unknown_here = |name: &str| !parameters.contains(name) && !parameters.elsewhere.contains(name);
     for (name, setting) in root.set.iter().filter(|(name, _)| unknown_here(name)) {
-        errors.push(parameters.unknown(name, setting.outline.key(&setting.path), "set here"));
+        errors.push(parameters.unknown(name, setting.place.key(), "set here"));
     }
     let mut texts = Vec::new();
     for (name, value) in request.set {
@@ -141,9 +141,7 @@ fn one(
     }
     let kind_place = place.index(0);
     let (written, level) = match replaced {
-        Some((Setting { number, outline, path }, level)) => {
-            ((number.clone(), Place { outline: outline.clone(), path: path.clone() }), *level)
-        }
+        Some((Setting { number, place }, level)) => ((number.clone(), place.clone()), *level),
         None => ((kind.default(), kind_place.field("default")), 0),
     };
     let around = around(declared, setting, names)?;
@@ -160,8 +158,7 @@ fn one(
             (value, Default::default())
         }
         (None, Some(setting)) => {
-            let at = Place { outline: setting.outline.clone(), path: setting.path.clone() };
-            let value = given(&setting.number, &domain, names, &at)?;
+            let value = given(&setting.number, &domain, names, &setting.place)?;
             (value, reason(&setting.number, &domain, names))
         }
         (None, None) => (default.clone(), reason(&written.0, &domain, outer)),
@@ -197,9 +194,8 @@ fn around<'a>(
         let mut inside = outside.clone();
         for (_, name) in set.iter().filter(|(at, _)| *at == level) {
             let given = &around.set[name];
-            let Setting { number, outline, path } = &given.setting;
-            let at = Place { outline: outline.clone(), path: path.clone() };
-            let (value, read) = outside.traced(|| self::given(number, &any(given.kind()), outside, &at));
+            let Setting { number, place: at } = &given.setting;
+            let (value, read) = outside.traced(|| self::given(number, &any(given.kind()), outside, at));
             let explain = |error: Diagnostic| {
                 let needs = format!("`{}` is exposed, and needs this value", declared.name);
                 error.with_label(declared.place.key(), needs)

@@ -3,14 +3,12 @@
 use indexmap::IndexMap;
 
 use super::include::Written;
-use super::lowered::{
-    LoweredBind, LoweredPass, LoweredPush, LoweredSize, LoweredWork, ResourceHandle, ShaderName,
-};
+use super::lowered::{LoweredBind, LoweredPass, LoweredPush, LoweredSize, ShaderName};
 use super::lowering::{Level, Lowering, MAX_PASSES};
-use super::scope::{Notes, Place, describe};
-use crate::ir::{DrawCall, Format, Load, Run, Shape, Source, Target, Value};
+use super::scope::{Notes, describe};
+use crate::ir::{DrawCall, Format, Load, Pass, ResourceId, Run, Shape, Source, Span, Target, Value, Work};
 use crate::schema::{Call, Expression, Number, PassDecl, Reference, Size, is_choice};
-use crate::source::Diagnostic;
+use crate::source::{Diagnostic, Place};
 
 /// Maximum length of a pass's name in the file, in bytes.
 const LONGEST_NAME: usize = 256;
@@ -67,8 +65,8 @@ impl Lowering<'_> {
                     }
                 };
                 let shader = self.shader(level, shader, &place.field("shader"))?;
-                let work = LoweredWork::Dispatch { shader, size, size_span: size_place.span() };
-                self.emit(level, &head, work, bind, push)
+                let places = (size_place.span(), Vec::new());
+                self.emit(level, &head, (Work::Dispatch { shader, groups: size }, places), bind, push)
             }
             PassDecl::Draw { name, phase, when, vertex, fragment, topology, call, bind, push, targets } => {
                 let head = Head { name, phase, run: Run::Frame, place };
@@ -96,7 +94,7 @@ impl Lowering<'_> {
                         }
                     }
                 };
-                let mut resolved = Vec::new();
+                let (mut resolved, mut target_spans) = (Vec::new(), Vec::new());
                 for (i, target) in targets.iter().enumerate() {
                     let at = place.field("targets").index(i);
                     if let Some(when) = &target.when
@@ -109,18 +107,17 @@ impl Lowering<'_> {
                         return Ok(());
                     };
                     self.clear(image, target.load, &at.field("load"))?;
-                    resolved
-                        .push((Target { image, load: target.load, blend: target.blend }, image_at.span()));
+                    resolved.push(Target { image, load: target.load, blend: target.blend });
+                    target_spans.push(image_at.span());
                 }
-                let work = LoweredWork::Draw {
+                let work = Work::Draw {
                     vertex: self.shader(level, vertex, &place.field("vertex"))?,
                     fragment: self.shader(level, fragment, &place.field("fragment"))?,
                     topology: *topology,
                     call,
-                    call_span: call_place.span(),
                     targets: resolved,
                 };
-                self.emit(level, &head, work, bind, push)
+                self.emit(level, &head, (work, (call_place.span(), target_spans)), bind, push)
             }
             PassDecl::Fill { name, phase, when, buffer, value } => {
                 let head = Head { name, phase, run: Run::Frame, place };
@@ -133,7 +130,7 @@ impl Lowering<'_> {
                     .map_err(|_| value_place.error("this does not fit 32 bits", format!("is {value}")))?;
                 let at = place.field("buffer");
                 let Some(id) = self.look_up_one(level, buffer, &at)? else { return Ok(()) };
-                let target = &self.resources[id.index()];
+                let target = &self.plan.resources[id.index()];
                 let last = self.histories.iter().any(|history| history.previous_frame == id);
                 if !matches!(target.shape, Shape::Buffer { .. }) || target.source != Source::Transient || last
                 {
@@ -143,7 +140,8 @@ impl Lowering<'_> {
                     ));
                 }
                 let none = (IndexMap::new(), IndexMap::new());
-                self.emit(level, &head, LoweredWork::Fill { buffer: id, value }, &none.0, &none.1)
+                let work = (Work::Fill { buffer: id, value }, (at.span(), Vec::new()));
+                self.emit(level, &head, work, &none.0, &none.1)
             }
             PassDecl::Repeat { var, count, body } => self.repeat(level, var, count, body, place),
             PassDecl::Swap(name) => self.swap(level, name, &place.index(0)),
@@ -183,10 +181,10 @@ impl Lowering<'_> {
     }
 
     /// Checks the colour that a target is cleared to.
-    fn clear(&self, image: ResourceHandle, load: Load, at: &Place) -> Result<(), Diagnostic> {
+    fn clear(&self, image: ResourceId, load: Load, at: &Place) -> Result<(), Diagnostic> {
         let Load::Clear(r, g, b, a) = load else { return Ok(()) };
         let integers =
-            matches!(self.resources[image.index()].shape, Shape::Image { format: Format::R32Uint, .. });
+            matches!(self.plan.resources[image.index()].shape, Shape::Image { format: Format::R32Uint, .. });
         for v in [r, g, b, a] {
             if !v.is_finite() {
                 return Err(
@@ -209,7 +207,7 @@ impl Lowering<'_> {
         named: (&Reference, &Number),
         bytes: u64,
         at: &Place,
-    ) -> Result<Option<(ResourceHandle, u64)>, Diagnostic> {
+    ) -> Result<Option<(ResourceId, u64)>, Diagnostic> {
         let what = format!("{bytes} bytes of arguments do not stand");
         self.words(level, named, (bytes, &what), at)
     }
@@ -222,11 +220,11 @@ impl Lowering<'_> {
         (buffer, offset): (&Reference, &Number),
         (bytes, what): (u64, &str),
         at: &Place,
-    ) -> Result<Option<(ResourceHandle, u64)>, Diagnostic> {
+    ) -> Result<Option<(ResourceId, u64)>, Diagnostic> {
         let Some(id) = self.look_up_one(level, buffer, &at.index(0))? else { return Ok(None) };
         let offset_place = at.index(1);
         let offset = level.names.natural(offset, &offset_place)?;
-        let resource = &self.resources[id.index()];
+        let resource = &self.plan.resources[id.index()];
         if !matches!(resource.shape, Shape::Buffer { .. }) {
             return Err(at
                 .index(0)
@@ -246,7 +244,7 @@ impl Lowering<'_> {
         &mut self,
         level: &Level,
         head: &Head,
-        work: LoweredWork,
+        (work, (size_span, target_spans)): (Work<ShaderName, LoweredSize>, (Span, Vec<Span>)),
         bind: &IndexMap<String, Reference>,
         push: &IndexMap<String, Number>,
     ) -> Result<(), Diagnostic> {
@@ -292,14 +290,23 @@ impl Lowering<'_> {
         }
         let Notes { read, mut decided } = level.names.take_notes();
         decided.extend(&level.around);
-        self.passes.push(LoweredPass {
+        let pass = Pass {
             name,
             phase: head.phase.clone().unwrap_or_else(|| head.name.into()),
             run: head.run,
+            work,
+            bindings: Vec::new(),
+            push: Vec::new(),
+            uses: Vec::new(),
+            origin: self.files.origin(span),
+        };
+        self.passes.push(LoweredPass {
+            pass,
             file: level.file,
             span,
             include: level.include,
-            work,
+            size_span,
+            target_spans,
             bind: binds,
             push: pushes,
             defines: level.defines.clone(),

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::rc::Rc;
 
 use super::document::{self, MAX_DEPTH, Opened, Requirement};
-use super::scope::{Names, Place};
+use super::scope::Names;
 use crate::ir::{Fallback, FileId, Reason, Request, Unmet, Value};
 use crate::schema::{Number, PassDecl, folded};
 use crate::source::{Diagnostic, Kind, SourceMap};
@@ -147,7 +147,7 @@ fn unmet(require: &[Requirement], names: &Names) -> Result<Needs, Vec<Diagnostic
     let mut needs = Needs { preference: true, ..Needs::default() };
     let mut errors = Vec::new();
     for requirement in require {
-        let at = Place::new(&requirement.outline, requirement.path.index(0));
+        let at = requirement.place.index(0);
         let condition = Number::Expression(requirement.condition.clone());
         match names.truth(&condition, &at) {
             Ok(true) => {}

@@ -1,19 +1,20 @@
 //! Resolves declarations, imports and ports to numbered buffers and images.
 
-use super::lowered::{LoweredResource, ResourceHandle};
+use super::lowered::Declaration;
 use super::lowering::{Handle, History, Level, Lowering, PingPong};
 use super::params::is_identifier;
-use super::scope::{Place, describe};
+use super::scope::describe;
 
 use crate::expr::Scope;
-use crate::ir::{Format, HostBuffer, Shape, Source, Span, Value};
+use crate::ir::{Format, HostBuffer, ParamSet, ResourceId, Shape, Source, Span, Usage, Value};
+use crate::plan::Resource;
 use crate::schema::{Expression, Import, Part, Port, Reference, ResourceDecl, ResourceName, is_choice};
-use crate::source::{Diagnostic, Path};
+use crate::source::{Diagnostic, Place};
 
 impl Lowering<'_> {
     pub(super) fn declare(&mut self, level: &mut Level) {
         let graph = level.graph.clone();
-        let root = Place::new(&level.outline, Path::root());
+        let root = level.root.clone();
         level.names.take_notes();
         let lists = [
             ("ports", graph.ports.keys().collect::<Vec<_>>()),
@@ -31,14 +32,14 @@ impl Lowering<'_> {
         }
         for (name, import) in &graph.imports {
             let place = root.field("imports").field(name);
-            let first = self.resources.len();
+            let first = self.plan.resources.len();
             let handle = self.import(level, name, import, &place);
             self.note(level, first);
             self.enter(level, name, handle, &place);
         }
         for (name, declaration) in &graph.resources {
             let place = root.field("resources").field(name);
-            let first = self.resources.len();
+            let first = self.plan.resources.len();
             let handle = self.resource(level, name, declaration, &place);
             self.note(level, first);
             self.enter(level, name, handle, &place);
@@ -48,7 +49,7 @@ impl Lowering<'_> {
     /// Records the parameters of a declaration with the resources that it added, from `first` on.
     fn note(&mut self, level: &Level, first: usize) {
         let params = level.names.take_notes().all();
-        self.resources[first..].iter_mut().for_each(|resource| resource.params = params.clone());
+        self.declarations[first..].iter_mut().for_each(|declaration| declaration.params = params.clone());
     }
 
     fn enter(&mut self, level: &mut Level, name: &str, handle: Result<Handle, Diagnostic>, place: &Place) {
@@ -200,8 +201,8 @@ impl Lowering<'_> {
                     pair.halves[pair.front]
                 }
             };
-            self.resources[real.index()].history = Some(name);
-            self.resources[previous_frame.index()].previous_frame_of = Some(real);
+            self.plan.resources[real.index()].history = Some(name);
+            self.declarations[previous_frame.index()].previous_frame_of = Some(real);
         }
     }
 
@@ -229,8 +230,8 @@ impl Lowering<'_> {
         }
     }
 
-    pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceHandle {
-        let id = ResourceHandle(self.resources.len() as u32);
+    pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceId {
+        let id = ResourceId(self.plan.resources.len() as u32);
         // The name of the live block is reserved.
         if let Some(first) = self.resource_names.insert(name.clone(), span) {
             self.errors.push(
@@ -238,17 +239,9 @@ impl Lowering<'_> {
                     .with_label(first, "the first"),
             );
         }
-        let (history, previous_frame_of) = (None, None);
-        let params = Default::default();
-        self.resources.push(LoweredResource {
-            name,
-            shape,
-            source,
-            history,
-            previous_frame_of,
-            span,
-            params,
-        });
+        let (usage, origin) = (Usage::empty(), self.files.origin(span));
+        self.plan.resources.push(Resource { name, shape, usage, source, block: None, history: None, origin });
+        self.declarations.push(Declaration { span, previous_frame_of: None, params: ParamSet::new() });
         id
     }
 
@@ -259,7 +252,7 @@ impl Lowering<'_> {
         level: &Level,
         reference: &Reference,
         place: &Place,
-    ) -> Result<Option<Vec<ResourceHandle>>, Diagnostic> {
+    ) -> Result<Option<Vec<ResourceId>>, Diagnostic> {
         let Reference { text, name, choice } = reference;
         // A constant can hold a resource's name, unless a resource has the constant's name.
         let constant = level.names.values.get(text).filter(|_| !level.handles.contains_key(text));
@@ -270,7 +263,7 @@ impl Lowering<'_> {
                 value.clone()
             }
             (None, _) => {
-                let span = |name: &ResourceName| place.outline.within_string(&place.path, name.range.clone());
+                let span = |name: &ResourceName| place.within_string(name.range.clone());
                 let span = name.as_ref().map_or_else(|| place.span(), span);
                 return self.look_up_name(level, name.as_ref(), place, span);
             }
@@ -290,7 +283,7 @@ impl Lowering<'_> {
         name: Option<&ResourceName>,
         place: &Place,
         span: Span,
-    ) -> Result<Option<Vec<ResourceHandle>>, Diagnostic> {
+    ) -> Result<Option<Vec<ResourceId>>, Diagnostic> {
         let Some(ResourceName { name, part, .. }) = name else {
             return Err(place
                 .error("this is not the name of a resource", "cannot be read")
@@ -334,7 +327,7 @@ impl Lowering<'_> {
         level: &Level,
         reference: &Reference,
         place: &Place,
-    ) -> Result<Option<ResourceHandle>, Diagnostic> {
+    ) -> Result<Option<ResourceId>, Diagnostic> {
         match self.look_up(level, reference, place)?.as_deref() {
             None => Ok(None),
             Some([id]) => Ok(Some(*id)),
@@ -380,7 +373,7 @@ impl Lowering<'_> {
             Handle::Plain(ids) => ids[0],
         };
         let wanted = inner.names.positive(stride, &port_at.field("stride"))?;
-        match self.resources[first.index()].shape {
+        match self.plan.resources[first.index()].shape {
             Shape::Buffer { stride, .. } if stride == wanted => Ok(handle),
             Shape::Buffer { stride, .. } => Err(at.error(
                 format!("the port `{name}` takes elements of {wanted} bytes"),
@@ -404,7 +397,7 @@ impl Lowering<'_> {
     ) -> Result<Handle, Diagnostic> {
         let is_buffer = || at.error(format!("the port `{name}` takes an image"), "this is a buffer");
         let Handle::Plain(ids) = &given else { return Err(is_buffer()) };
-        let Shape::Image { format: found, .. } = self.resources[ids[0].index()].shape else {
+        let Shape::Image { format: found, .. } = self.plan.resources[ids[0].index()].shape else {
             return Err(is_buffer());
         };
         let wanted = format.as_ref().map(|f| self.format(inner, f, &port_at.field("format"))).transpose()?;

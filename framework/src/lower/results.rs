@@ -1,11 +1,9 @@
 //! Resolves the output, the other requested outputs, and the statistics of a graph and its parts.
 
-use super::lowered::ResourceHandle;
 use super::lowering::{Level, Lowering};
-use super::scope::Place;
-use crate::ir::{OUTPUTS, Output, Shape, Span, Stat, Value};
+use crate::ir::{OUTPUTS, Output, ResourceId, Shape, Span, Stat, Value};
 use crate::schema::Reference;
-use crate::source::{Diagnostic, Path};
+use crate::source::{Diagnostic, Place};
 
 /// Returns the error message for a requested output that the graph does not have.
 pub fn no_output(name: &str) -> String {
@@ -13,12 +11,12 @@ pub fn no_output(name: &str) -> String {
 }
 
 impl<'a> Lowering<'a> {
-    pub(super) fn output(&mut self, level: &Level) -> Option<(ResourceHandle, Span)> {
-        let root = Place::new(&level.outline, Path::root());
+    pub(super) fn output(&mut self, level: &Level) -> Option<(ResourceId, Span)> {
+        let root = level.root.clone();
         let Some(name) = &level.graph.output else {
             self.errors.push(Diagnostic::new(
                 "this graph has no output",
-                level.outline.head(&Path::root()),
+                level.root.head(),
                 "add `output: \"name of an image\"`",
             ));
             return None;
@@ -35,14 +33,14 @@ impl<'a> Lowering<'a> {
                 0 => "gives its picture alone".to_owned(),
                 _ => format!("gives {} besides its picture", known().collect::<Vec<_>>().join(", ")),
             };
-            let error = Diagnostic::new(no_output(name), level.outline.head(&Path::root()), label);
+            let error = Diagnostic::new(no_output(name), level.root.head(), label);
             self.errors.push(error.with_nearest(name, known(), ""));
         }
     }
 
     /// Finds the images of the outputs besides the picture, and returns the requested ones.
-    pub(super) fn outputs(&mut self, level: &Level) -> Vec<Output<ResourceHandle>> {
-        let root = Place::new(&level.outline, Path::root());
+    pub(super) fn outputs(&mut self, level: &Level) -> Vec<Output> {
+        let root = level.root.clone();
         let mut found = Vec::new();
         for (name, image) in &level.graph.outputs {
             let at = root.field("outputs").field(name);
@@ -62,9 +60,9 @@ impl<'a> Lowering<'a> {
     }
 
     /// Finds the image of an output; `at` is the place of its name.
-    fn output_image(&mut self, level: &Level, name: &Reference, at: &Place) -> Option<ResourceHandle> {
+    fn output_image(&mut self, level: &Level, name: &Reference, at: &Place) -> Option<ResourceId> {
         match self.look_up_one(level, name, at).and_then(|id| self.of_this_frame(id, at)) {
-            Ok(Some(id)) if matches!(self.resources[id.index()].shape, Shape::Image { .. }) => Some(id),
+            Ok(Some(id)) if matches!(self.plan.resources[id.index()].shape, Shape::Image { .. }) => Some(id),
             Ok(None) => None,
             Ok(Some(_)) => {
                 self.errors.push(at.error(format!("`{}` is a buffer", name.text), "the output is an image"));
@@ -78,11 +76,7 @@ impl<'a> Lowering<'a> {
     }
 
     /// Refuses `last(name)` as a result: this frame has overwritten it by then.
-    fn of_this_frame(
-        &self,
-        id: Option<ResourceHandle>,
-        at: &Place,
-    ) -> Result<Option<ResourceHandle>, Diagnostic> {
+    fn of_this_frame(&self, id: Option<ResourceId>, at: &Place) -> Result<Option<ResourceId>, Diagnostic> {
         match id.and_then(|id| self.histories.iter().find(|history| history.previous_frame == id)) {
             None => Ok(id),
             Some(history) => Err(at
@@ -97,7 +91,7 @@ impl<'a> Lowering<'a> {
     /// Adds the statistics of a graph.
     pub(super) fn stats(&mut self, level: &Level) {
         for (name, (buffer, offset)) in &level.graph.stats {
-            let at = Place::new(&level.outline, Path::root().field("stats").key(name));
+            let at = level.root.field("stats").field(name);
             let word = format!("the word of `{name}` does not stand");
             let found = self.words(level, (buffer, offset), (4, &word), &at).and_then(|found| {
                 self.of_this_frame(found.map(|(id, _)| id), &at.index(0))?;

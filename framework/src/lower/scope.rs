@@ -2,13 +2,12 @@
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
-use std::rc::Rc;
 
 use super::lowered::Extent;
 use crate::expr::{ExprError, Scope};
-use crate::ir::{Facts, OUTPUTS, ParamSet, Reason, Span, Value};
+use crate::ir::{Facts, OUTPUTS, ParamSet, Reason, Value};
 use crate::schema::{self, Expression, Number, Reference};
-use crate::source::{Diagnostic, Outline, Path};
+use crate::source::{Diagnostic, Place};
 
 /// Values by name.
 pub(super) type Values = BTreeMap<String, Value>;
@@ -55,41 +54,6 @@ impl Scope for Names {
 
     fn names(&self) -> Vec<String> {
         self.values.keys().cloned().collect()
-    }
-}
-
-/// An element of a file: the file's outline, and the path.
-#[derive(Clone, Debug)]
-pub(super) struct Place {
-    pub outline: Rc<Outline>,
-    pub path: Path,
-}
-
-impl Place {
-    pub fn new(outline: &Rc<Outline>, path: Path) -> Place {
-        Place { outline: outline.clone(), path }
-    }
-
-    pub fn field(&self, name: &str) -> Place {
-        Place { outline: self.outline.clone(), path: self.path.field(name) }
-    }
-
-    pub fn index(&self, index: usize) -> Place {
-        Place { outline: self.outline.clone(), path: self.path.index(index) }
-    }
-
-    /// Returns the element itself.
-    pub fn span(&self) -> Span {
-        self.outline.value(&self.path)
-    }
-
-    /// Returns the span of the element's field name or key.
-    pub fn key(&self) -> Span {
-        self.outline.key(&self.path)
-    }
-
-    pub fn error(&self, message: impl Into<String>, label: impl Into<String>) -> Diagnostic {
-        Diagnostic::new(message, self.span(), label)
     }
 }
 
@@ -181,7 +145,7 @@ impl Names {
     /// Evaluates the expression at `place`.
     pub fn expression(&self, expression: &Expression, place: &Place) -> Result<Value, Diagnostic> {
         let show = |error: ExprError| {
-            let span = place.outline.within_string(&place.path, error.start..error.end);
+            let span = place.within_string(error.start..error.end);
             let diagnostic = Diagnostic::new("this expression has no value", span, error.message);
             match error.help {
                 Some(help) => diagnostic.with_help(help),
@@ -191,7 +155,7 @@ impl Names {
         let expr = expression.parsed.as_ref().map_err(|error| show(error.clone()))?;
         for (name, range) in expr.names() {
             if self.live.contains(name) {
-                let span = place.outline.within_string(&place.path, range);
+                let span = place.within_string(range);
                 return Err(Diagnostic::new(
                     format!("`{name}` is a live parameter"),
                     span,

@@ -6,14 +6,9 @@
 //! in such a pair.
 
 use super::trace::{Access, Trace};
-use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Stages};
+use crate::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Stages};
 use crate::plan::{Dependency, LayoutChange, Plan, Since};
 use std::collections::HashSet;
-
-/// Formats a set's named members: `A | B`.
-pub fn flag_names<T>(names: impl Iterator<Item = (&'static str, T)>) -> String {
-    names.map(|(name, _)| name).collect::<Vec<_>>().join(" | ")
-}
 
 /// Number of frames listed: enough for a frame whose predecessor has a predecessor.
 const FRAMES: u32 = 3;
@@ -63,9 +58,7 @@ impl Objection {
     pub fn describe(&self, plan: &Plan) -> String {
         let pass = |id: &PassId| &plan.pass(*id).name;
         let image = |id: &ResourceId| &plan.resource(*id).name;
-        let side = |(stages, accesses): &(Stages, Accesses)| {
-            format!("{} at {}", flag_names(accesses.iter_names()), flag_names(stages.iter_names()))
-        };
+        let side = |(stages, accesses): &(Stages, Accesses)| format!("{accesses} at {stages}");
         match self {
             Objection::Missing { hazard, first, second, resource, source, target } => {
                 let resource = image(resource);
@@ -129,7 +122,7 @@ struct Check<'a> {
     cells: Vec<Vec<Event<'a>>>,
     layouts: Vec<Layout>,
     /// For each dependency, the stages and accesses that were needed, and whether its layout change was.
-    used: Vec<(Dependency, bool)>,
+    used: Vec<(Masks, bool)>,
     found: Vec<Objection>,
     seen: HashSet<String>,
 }
@@ -137,17 +130,12 @@ struct Check<'a> {
 /// Lists missing and needless parts of a plan's dependencies and layout changes.
 pub fn dependencies(plan: &Plan) -> Vec<Objection> {
     let trace = Trace::new(plan, 1);
-    let nothing = |dependency: &Dependency| Dependency {
-        source: Default::default(),
-        target: Default::default(),
-        ..dependency.clone()
-    };
     let mut check = Check {
         plan,
         trace: &trace,
         cells: trace.cells.iter().map(|_| Vec::new()).collect(),
         layouts: vec![Layout::Undefined; plan.resources.len()],
-        used: plan.dependencies.iter().map(|dependency| (nothing(dependency), false)).collect(),
+        used: vec![Default::default(); plan.dependencies.len()],
         found: Vec::new(),
         seen: HashSet::new(),
     };
@@ -280,25 +268,25 @@ impl<'a> Check<'a> {
                 Some(target) => {
                     dependency.hazard != Hazard::LayoutChange
                         && after_read != source.writes()
-                        && dependency.target.stages.contains(target.stage)
-                        && dependency.target.accesses.contains(target.access)
+                        && dependency.masks.target_stages.contains(target.stage)
+                        && dependency.masks.target_accesses.contains(target.access)
                 }
             };
             let same = (dependency.first, Some(dependency.since), dependency.resource, dependency.alias)
                 == (first.pass, since, resource, alias)
-                && dependency.source.stages.contains(source.stage)
-                && dependency.source.accesses.contains(source.access);
+                && dependency.masks.source_stages.contains(source.stage)
+                && dependency.masks.source_accesses.contains(source.access);
             if !(fits && same) {
                 continue;
             }
             known = true;
-            used.0.source.stages |= source.stage;
-            used.0.source.accesses |= source.access;
+            used.0.source_stages |= source.stage;
+            used.0.source_accesses |= source.access;
             match target {
                 None => used.1 = true,
                 Some(target) => {
-                    used.0.target.stages |= target.stage;
-                    used.0.target.accesses |= target.access;
+                    used.0.target_stages |= target.stage;
+                    used.0.target_accesses |= target.access;
                 }
             }
         }
@@ -340,7 +328,7 @@ impl<'a> Check<'a> {
                 let what = if names.is_empty() { what.to_string() } else { format!("{what} {names}") };
                 self.found.push(Objection::Needless { dependency: index, what });
             };
-            if used.source.stages.is_empty() {
+            if used.source_stages.is_empty() {
                 say("the whole", String::new());
                 continue;
             }
@@ -349,15 +337,13 @@ impl<'a> Check<'a> {
             }
             // The target of a layout change is its pass's access to the image.
             let change_alone = dependency.hazard == Hazard::LayoutChange;
+            let Masks { source_stages, source_accesses, target_stages, target_accesses } =
+                dependency.masks.without(*used);
             let sides =
-                [("source", &dependency.source, &used.source), ("target", &dependency.target, &used.target)];
-            for (side, all, used) in sides.into_iter().take(if change_alone { 1 } else { 2 }) {
-                for stage in (all.stages - used.stages).iter() {
-                    say(side, flag_names(stage.iter_names()));
-                }
-                for access in (all.accesses - used.accesses).iter() {
-                    say(side, flag_names(access.iter_names()));
-                }
+                [("source", source_stages, source_accesses), ("target", target_stages, target_accesses)];
+            for (side, stages, accesses) in sides.into_iter().take(if change_alone { 1 } else { 2 }) {
+                stages.iter().for_each(|stage| say(side, stage.to_string()));
+                accesses.iter().for_each(|access| say(side, access.to_string()));
             }
         }
     }

@@ -14,4 +14,4 @@ pub mod stages;
 mod tests;
 pub mod trace;
 
-pub use dependencies::{Objection, dependencies, flag_names};
+pub use dependencies::{Objection, dependencies};

@@ -1,172 +1,70 @@
-//! Compaction: maps handles of the lowered graph to ids of the plan.
+//! Compaction: drops the resources and shaders that no pass uses, numbers the others anew, in the same order, and collects the uses of
+//! each resource.
 //!
-//! Resources and shaders that no pass of the plan uses are dropped; the others keep their relative order. A handle for the
-//! previous frame's contents maps to the resource itself: the order of the passes already accounts for the difference.
+//! The previous frame's contents become the resource itself: the order of the passes already accounts for the difference.
 
-use crate::ir::{
-    Binding, DrawCall, Groups, Output, Pass, ResourceId, ShaderId, Stat, Target, Usage, Use, Work,
-};
-use crate::link::{LinkedPass, ShaderHandle};
-use crate::lower::{Lowered, ResourceHandle};
-use crate::plan::{Plan, Resource};
-use crate::source::SourceMap;
+use crate::ir::{Accesses, DescriptorKind, ResourceId, ShaderId, Usage};
+use crate::link::LinkedPass;
+use crate::lower::Lowered;
+use crate::plan::Plan;
 
-/// The plan's ids of the used resources and shaders.
-struct Ids<'a> {
-    lowered: &'a Lowered,
-    /// Ids by handle; `None` for unused ones.
-    resources: Vec<Option<ResourceId>>,
-    shaders: Vec<Option<ShaderId>>,
+/// Makes a plan of these passes, in this order. It has no memory, no dependencies and no usage yet.
+pub(super) fn compact(lowered: Lowered, passes: &[&LinkedPass]) -> Plan {
+    let real = |id: ResourceId| lowered.real(id);
+    let mut plan = lowered.plan.clone();
+    plan.passes = passes.iter().map(|linked| linked.pass.clone()).collect();
+    let mut used = (vec![false; plan.resources.len()], vec![false; plan.shaders.len()]);
+    for pass in &mut plan.passes {
+        pass.uses.iter().for_each(|touch| used.0[real(touch.resource).index()] = true);
+        pass.visit(|_| {}, |shader| used.1[shader.index()] = true);
+    }
+    let (resources, shaders) = (number(&used.0), number(&used.1));
+    let resource = |id: &mut ResourceId| *id = ResourceId(resources[real(*id).index()]);
+    for pass in &mut plan.passes {
+        pass.visit(resource, |id| *id = ShaderId(shaders[id.index()]));
+    }
+    resource(&mut plan.output);
+    plan.outputs.iter_mut().for_each(|output| resource(&mut output.image));
+    plan.stats.iter_mut().for_each(|stat| resource(&mut stat.buffer));
+    retain(&mut plan.resources, &used.0);
+    retain(&mut plan.shaders, &used.1);
+    plan
 }
 
-impl Ids<'_> {
-    fn resource(&self, handle: ResourceHandle) -> ResourceId {
-        self.resources[self.lowered.real(handle).index()].expect("passes of the plan use it")
-    }
-
-    fn shader(&self, handle: ShaderHandle) -> ShaderId {
-        self.shaders[handle.index()].expect("passes of the plan use it")
-    }
-
-    fn pass(&self, pass: &Pass<ResourceHandle, ShaderHandle>) -> Pass {
-        let binding = |b: &Binding<_>| Binding {
-            name: b.name.clone(),
-            binding: b.binding,
-            element: b.element,
-            kind: b.kind,
-            resource: self.resource(b.resource),
-        };
-        let touch = |t: &Use<_>| Use {
-            resource: self.resource(t.resource),
-            stages: t.stages,
-            accesses: t.accesses,
-            layout: t.layout,
-            discards: t.discards,
-        };
-        Pass {
-            name: pass.name.clone(),
-            phase: pass.phase.clone(),
-            run: pass.run,
-            work: self.work(&pass.work),
-            bindings: pass.bindings.iter().map(binding).collect(),
-            push: pass.push.clone(),
-            uses: pass.uses.iter().map(touch).collect(),
-            origin: pass.origin.clone(),
-        }
-    }
-
-    fn work(&self, work: &Work<ResourceHandle, ShaderHandle>) -> Work {
-        match work {
-            Work::Dispatch { shader, groups } => {
-                let groups = match *groups {
-                    Groups::Direct(groups) => Groups::Direct(groups),
-                    Groups::Indirect { buffer, offset } => {
-                        Groups::Indirect { buffer: self.resource(buffer), offset }
-                    }
-                };
-                Work::Dispatch { shader: self.shader(*shader), groups }
-            }
-            Work::Draw { vertex, fragment, topology, call, targets } => {
-                let call = match *call {
-                    DrawCall::Direct { vertices, instances } => DrawCall::Direct { vertices, instances },
-                    DrawCall::Indirect { buffer, offset } => {
-                        DrawCall::Indirect { buffer: self.resource(buffer), offset }
-                    }
-                };
-                let target =
-                    |t: &Target<_>| Target { image: self.resource(t.image), load: t.load, blend: t.blend };
-                Work::Draw {
-                    vertex: self.shader(*vertex),
-                    fragment: self.shader(*fragment),
-                    topology: *topology,
-                    call,
-                    targets: targets.iter().map(target).collect(),
-                }
-            }
-            Work::Fill { buffer, value } => Work::Fill { buffer: self.resource(*buffer), value: *value },
-            Work::ClearHistory { resource } => Work::ClearHistory { resource: self.resource(*resource) },
-            Work::Export => Work::Export,
-            Work::Host => Work::Host,
-        }
-    }
-}
-
-/// Builds a plan of these passes, in this order, without memory, dependencies or usage yet.
-pub(super) fn compact(
-    lowered: Lowered,
-    shaders: Vec<crate::ir::Shader>,
-    passes: &[&LinkedPass],
-    files: &SourceMap,
-) -> Plan {
-    let mut used = (vec![false; lowered.resources.len()], vec![false; shaders.len()]);
-    for LinkedPass { pass, .. } in passes {
-        pass.uses.iter().for_each(|touch| used.0[lowered.real(touch.resource).index()] = true);
-        match &pass.work {
-            Work::Dispatch { shader, .. } => used.1[shader.index()] = true,
-            Work::Draw { vertex, fragment, .. } => {
-                [vertex, fragment].into_iter().for_each(|shader| used.1[shader.index()] = true);
-            }
-            _ => {}
-        }
-    }
-    let ids = Ids {
-        lowered: &lowered,
-        resources: number(&used.0).map(|id| id.map(ResourceId)).collect(),
-        shaders: number(&used.1).map(|id| id.map(ShaderId)).collect(),
-    };
-    let kept = lowered.resources.iter().zip(&used.0).filter(|(_, used)| **used);
-    let resource = |resource: &crate::lower::LoweredResource| Resource {
-        name: resource.name.clone(),
-        shape: resource.shape,
-        usage: Usage::empty(),
-        source: resource.source.clone(),
-        block: None,
-        history: resource.history.clone(),
-        origin: files.origin(resource.span),
-    };
-    let stat = |stat: &Stat<ResourceHandle>| Stat {
-        name: stat.name.clone(),
-        buffer: ids.resource(stat.buffer),
-        offset: stat.offset,
-    };
-    let image = |output: &Output<ResourceHandle>| Output {
-        name: output.name.clone(),
-        image: ids.resource(output.image),
-    };
-    let outputs = lowered.outputs.iter().map(image).collect();
-    let (resources, stats) =
-        (kept.map(|(r, _)| resource(r)).collect(), lowered.stats.iter().map(stat).collect());
-    let (passes, output) = (passes.iter().map(|p| ids.pass(&p.pass)).collect(), ids.resource(lowered.output));
-    Plan {
-        resources,
-        stats,
-        passes,
-        output,
-        outputs,
-        shaders: shaders.into_iter().zip(&used.1).filter(|(_, used)| **used).map(|(s, _)| s).collect(),
-        name: lowered.name,
-        summary: lowered.summary,
-        based_on: lowered.based_on,
-        fallbacks: lowered.fallbacks,
-        facts: lowered.facts,
-        params: lowered.params,
-        effects: Vec::new(),
-        blocks: Vec::new(),
-        dependencies: Vec::new(),
-        layout_changes: Vec::new(),
-        prologue: Vec::new(),
-        frame: Vec::new(),
-        culled: lowered.culled,
-        warnings: Vec::new(),
-    }
-}
-
-/// Numbers the used ones consecutively.
-fn number(used: &[bool]) -> impl Iterator<Item = Option<u32>> {
+/// Counts up over the used ones; the numbers of the others mean nothing.
+fn number(used: &[bool]) -> Vec<u32> {
     let mut next = 0;
-    used.iter().map(move |used| {
-        let id = used.then_some(next);
+    let number = |used: &bool| {
         next += u32::from(*used);
-        id
-    })
+        next.saturating_sub(1)
+    };
+    used.iter().map(number).collect()
+}
+
+fn retain<T>(list: &mut Vec<T>, used: &[bool]) {
+    let mut used = used.iter();
+    list.retain(|_| used.next() == Some(&true));
+}
+
+const OF_ACCESSES: [(Accesses, Usage); 4] = [
+    (Accesses::INDIRECT_READ, Usage::INDIRECT),
+    (Accesses::TRANSFER_READ, Usage::COPY_SOURCE),
+    (Accesses::TRANSFER_WRITE, Usage::COPY_TARGET),
+    (Accesses::COLOR_READ.union(Accesses::COLOR_WRITE), Usage::COLOR_TARGET),
+];
+
+/// Fills in [`Resource::usage`](crate::plan::Resource::usage).
+pub(super) fn note_usage(plan: &mut Plan) {
+    for pass in &plan.passes {
+        for binding in &pass.bindings {
+            plan.resources[binding.resource.index()].usage |= match binding.kind {
+                DescriptorKind::UniformBuffer => Usage::UNIFORM,
+                DescriptorKind::StorageBuffer | DescriptorKind::StorageImage => Usage::STORAGE,
+            };
+        }
+        for touch in &pass.uses {
+            let usages = OF_ACCESSES.iter().filter(|(accesses, _)| touch.accesses.intersects(*accesses));
+            usages.for_each(|(_, usage)| plan.resources[touch.resource.index()].usage |= *usage);
+        }
+    }
 }

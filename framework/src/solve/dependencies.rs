@@ -10,8 +10,8 @@
 //! dependency of the change only has the hazard [`Hazard::LayoutChange`].
 
 use super::extents::{Extents, Group};
-use crate::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Run, Source, Use};
-use crate::plan::{Dependency, LayoutChange, Plan, Scope, Since};
+use crate::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Run, Source, Stages, Use};
+use crate::plan::{Dependency, LayoutChange, Plan, Since};
 use std::ops::Range;
 
 /// Lists the layout changes and the dependencies of a plan that has resources, ordered passes, and blocks.
@@ -194,7 +194,7 @@ impl Walk<'_> {
             for number in access.cells.iter().cloned().flatten() {
                 let cell = &self.cells[number];
                 let mut add = |hazard, first: &Mark, accesses| {
-                    let target = Scope { stages: touch.stages, accesses };
+                    let target = (touch.stages, accesses);
                     self.add(found, hazard, first, (pass, group.resource), target, number, false);
                 };
                 // A write after reads also comes after the write before them.
@@ -217,10 +217,10 @@ impl Walk<'_> {
     /// Adds the dependencies of the layout change before a pass: on the reads since the last write or change, or else
     /// on that write.
     fn change(&mut self, pass: PassId, group: &Group, found: &mut Vec<Dependency>) {
-        let mut target = Scope::default();
+        let mut target = (Stages::empty(), Accesses::empty());
         for access in &group.accesses {
-            target.stages |= access.touch.stages;
-            target.accesses |= access.touch.accesses;
+            target.0 |= access.touch.stages;
+            target.1 |= access.touch.accesses;
         }
         let cells = self.extents.resources[group.resource.index()].clone();
         for number in cells.clone() {
@@ -245,7 +245,7 @@ impl Walk<'_> {
         hazard: Hazard,
         first: &Mark,
         (second, resource): (PassId, ResourceId),
-        target: Scope,
+        target: (Stages, Accesses),
         cell: usize,
         changes_layout: bool,
     ) {
@@ -261,17 +261,18 @@ impl Walk<'_> {
             _ if first.touch.accesses.writes() => first.touch.accesses & Accesses::WRITES,
             _ => first.touch.accesses,
         };
-        let source = Scope { stages: first.touch.stages, accesses };
+        let masks = Masks::new((first.touch.stages, accesses), target);
         let alias = Some(first.touch.resource).filter(|other| *other != resource);
         let bytes = self.extents.cells[cell].clone();
         let from = |d: &Dependency| {
-            (d.first, d.since, d.resource, d.alias, d.source) == (first.pass, since, resource, alias, source)
+            (d.first, d.since, d.resource, d.alias, d.masks.source())
+                == (first.pass, since, resource, alias, masks.source())
         };
         // A change is part of its pass's dependency if both wait for the same accesses.
         let same = |d: &&mut Dependency| {
             from(d)
                 && (changes_layout && d.hazard != Hazard::LayoutChange
-                    || (d.hazard, d.target) == (hazard, target))
+                    || (d.hazard, d.masks) == (hazard, masks))
         };
         let mut known = false;
         for dependency in found.iter_mut().filter(|d| same(d)) {
@@ -288,9 +289,8 @@ impl Walk<'_> {
                 resource,
                 alias,
                 bytes,
-                source,
-                target,
                 changes_layout,
+                masks,
             });
         }
     }

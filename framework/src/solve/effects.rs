@@ -33,7 +33,7 @@ impl Causes {
             let resources = bound.chain(pass.uses.iter().map(|touch| touch.resource));
             let behind = resources
                 .flat_map(|resource| [resource, lowered.real(resource)])
-                .flat_map(|resource| &lowered.resource(resource).params);
+                .flat_map(|resource| &lowered.declaration(resource).params);
             params.all.iter().chain(behind).copied().collect()
         };
         let left_out = || passes.iter().zip(&order.live).filter(|(_, live)| !**live).map(|(pass, _)| pass);
@@ -46,11 +46,11 @@ impl Causes {
             let unread = || unread_hint(left_out().filter(|pass| pass.params.all.contains(&param)));
             let removed = || {
                 let removed = lowered.removed.iter().find(|pass| pass.named.contains(&param))?;
-                Some(removed_hint(removed, &lowered.params, files))
+                Some(removed_hint(removed, &lowered.plan.params, files))
             };
             let unreached = || {
                 let found = lowered.skipped.iter().find(|found| found.params.contains(&param))?;
-                Some(unreached_hint(found, &lowered.params, files))
+                Some(unreached_hint(found, &lowered.plan.params, files))
             };
             let skipped = || {
                 let pass = passes.iter().find(|pass| pass.params.skipped.contains(&param))?;
@@ -62,10 +62,11 @@ impl Causes {
                 unread().or_else(removed).or_else(unreached).or_else(skipped)
             }
         };
+        let names = lowered.plan.resources.iter().map(|resource| resource.name.clone());
         Causes {
-            hints: (0..lowered.params.len()).map(hint).collect(),
+            hints: (0..lowered.plan.params.len()).map(hint).collect(),
             passes: of_passes,
-            resources: lowered.resources.iter().map(|r| (r.name.clone(), r.params.clone())).collect(),
+            resources: names.zip(lowered.declarations.iter().map(|d| d.params.clone())).collect(),
             shape,
         }
     }

@@ -2,10 +2,10 @@
 //!
 //! Each step has a file. `order` builds the dependency graph (petgraph; read-after-write, write-after-read and
 //! write-after-write), culls passes whose results are unused, and sorts the rest. Ties follow the order of the file, so
-//! a file always gives the same plan. `compact` drops unused resources and numbers the others with the plan's ids;
-//! `usage` records the uses of each. `effects` finds the passes that depend on each parameter. `memory` lets resources
-//! share blocks. `dependencies` walks the sorted passes with the state of every memory cell (cut by `extents`) and
-//! lists the accesses that must be ordered. `warnings` reports constructs that are probably unintended.
+//! a file always gives the same plan. `compact` drops unused resources, renumbers the others, and records the uses of
+//! each. `effects` finds the passes that depend on each parameter. `memory` lets resources share blocks. `dependencies`
+//! walks the sorted passes with the state of every memory cell (cut by `extents`) and lists the accesses that must be
+//! ordered. `warnings` reports constructs that are probably unintended.
 
 mod compact;
 mod dependencies;
@@ -13,37 +13,36 @@ mod effects;
 mod extents;
 mod memory;
 mod order;
-mod usage;
 mod warnings;
 
 use crate::ir::{
-    Accesses, EXPORT, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages, Use, Work,
+    Accesses, EXPORT, HOST, Layout, Pass, PassId, ResourceId, Run, Shape, Source, Stages, Usage, Use, Work,
 };
 use crate::link::{Linked, LinkedPass, PassParams};
-use crate::lower::{Lowered, LoweredResource, ResourceHandle};
+use crate::lower::{Declaration, Lowered};
 use crate::plan::{Plan, Resource};
 use crate::source::{Diagnostic, SourceMap};
 
 /// Orders and culls the passes, places memory (shared if `share_memory`), and lists the dependencies.
 pub fn solve(linked: Linked, share_memory: bool, files: &SourceMap) -> Result<Plan, Vec<Diagnostic>> {
-    let Linked { mut lowered, shaders, mut passes } = linked;
+    let Linked { mut lowered, mut passes } = linked;
     passes.extend(end(&mut lowered, files));
 
     forget_overwritten(&passes.iter().collect::<Vec<_>>(), &mut lowered);
-    let order = order::order(&passes, &lowered, files)?;
-    let warnings = warnings::warnings(&passes, &shaders, &order, &lowered, files);
+    let order = order::order(&passes, &lowered)?;
+    let warnings = warnings::warnings(&passes, &order, &lowered, files);
     let causes = effects::Causes::new(&lowered, &passes, &order, files);
-    lowered.culled.extend(order.culled);
+    lowered.plan.culled.extend(order.culled);
     // The plan holds the passes in execution order: the prologue first.
     let sorted: Vec<&LinkedPass> = order.once.iter().chain(&order.frame).map(|i| &passes[*i]).collect();
     forget_overwritten(&sorted, &mut lowered);
-    let mut plan = compact::compact(lowered, shaders, &sorted, files);
+    let mut plan = compact::compact(lowered, &sorted);
     plan.warnings = warnings;
     let starts = starts(&plan.resources);
     plan.effects = causes.effects(&plan, &starts);
     let split = starts.len() + order.once.len();
     plan.passes.splice(..0, starts);
-    usage::note(&mut plan);
+    compact::note_usage(&mut plan);
 
     let mut prologue: Vec<PassId> = (0..plan.passes.len() as u32).map(PassId).collect();
     plan.frame = prologue.split_off(split);
@@ -102,30 +101,32 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
         params: PassParams { all: lowered.results.clone(), ..PassParams::default() },
     };
     let output = Some(Layout::TransferSource);
-    let mut uses = vec![touch(lowered.output, Stages::COPY, Accesses::TRANSFER_READ, output)];
-    for other in &lowered.outputs {
+    let mut uses = vec![touch(lowered.plan.output, Stages::COPY, Accesses::TRANSFER_READ, output)];
+    for other in &lowered.plan.outputs {
         if uses.iter().all(|t| t.resource != other.image) {
             uses.push(touch(other.image, Stages::COPY, Accesses::TRANSFER_READ, output));
         }
     }
-    if lowered.stats.is_empty() {
+    if lowered.plan.stats.is_empty() {
         return vec![pass(EXPORT, Work::Export, uses)];
     }
-    for stat in &lowered.stats {
+    for stat in &lowered.plan.stats {
         if uses.iter().all(|t| t.resource != stat.buffer) {
             uses.push(touch(stat.buffer, Stages::COPY, Accesses::TRANSFER_READ, None));
         }
     }
-    let readback = ResourceHandle(lowered.resources.len() as u32);
-    lowered.resources.push(LoweredResource {
+    let readback = ResourceId(lowered.plan.resources.len() as u32);
+    lowered.plan.resources.push(Resource {
         name: "host(stats)".into(),
-        shape: Shape::Buffer { stride: 4, count: lowered.stats.len() as u64 },
+        shape: Shape::Buffer { stride: 4, count: lowered.plan.stats.len() as u64 },
+        usage: Usage::empty(),
         source: Source::Readback,
+        block: None,
         history: None,
-        previous_frame_of: None,
-        span,
-        params: lowered.results.clone(),
+        origin: files.origin(span),
     });
+    let params = lowered.results.clone();
+    lowered.declarations.push(Declaration { span, previous_frame_of: None, params });
     uses.push(touch(readback, Stages::COPY, Accesses::TRANSFER_WRITE, None));
     let read = touch(readback, Stages::HOST, Accesses::HOST_READ, None);
     vec![pass(EXPORT, Work::Export, uses), pass(HOST, Work::Host, vec![read])]
@@ -137,8 +138,8 @@ fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
 /// A fill and a cleared target overwrite everything; a shader is never assumed to. All other histories keep their
 /// contents.
 fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
-    let mut users: Vec<Vec<&LinkedPass>> = vec![Vec::new(); lowered.resources.len()];
-    let mut used_once = vec![false; lowered.resources.len()];
+    let mut users: Vec<Vec<&LinkedPass>> = vec![Vec::new(); lowered.plan.resources.len()];
+    let mut used_once = vec![false; lowered.plan.resources.len()];
     for pass in passes {
         for touch in &pass.pass.uses {
             if pass.pass.run == Run::Once {
@@ -152,8 +153,8 @@ fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
             }
         }
     }
-    for previous in (0..lowered.resources.len() as u32).map(ResourceHandle) {
-        let Some(real) = lowered.resource(previous).previous_frame_of else { continue };
+    for previous in (0..lowered.plan.resources.len() as u32).map(ResourceId) {
+        let Some(real) = lowered.declaration(previous).previous_frame_of else { continue };
         let writes = |p: &&&LinkedPass| p.pass.uses.iter().any(|t| t.resource == real && t.accesses.writes());
         let mut writers = users[real.index()].iter().filter(writes);
         // The only writer runs first, wherever it is in the file.
@@ -163,13 +164,13 @@ fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
         };
         let once = used_once[real.index()] || used_once[previous.index()];
         if !once && users[previous.index()].is_empty() && first.is_none_or(|p| writes_all(p, real)) {
-            lowered.resources[real.index()].history = None;
+            lowered.plan.resources[real.index()].history = None;
         }
     }
 }
 
 /// Returns true if a pass is known to overwrite a resource completely, without reading it.
-fn writes_all(pass: &LinkedPass, resource: ResourceHandle) -> bool {
+fn writes_all(pass: &LinkedPass, resource: ResourceId) -> bool {
     let mut uses = pass.pass.uses.iter().filter(|touch| touch.resource == resource);
     let fills = matches!(pass.pass.work, Work::Fill { .. });
     uses.all(|touch| !touch.accesses.reads() && (fills || touch.discards))

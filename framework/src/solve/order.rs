@@ -11,10 +11,10 @@ use petgraph::visit::EdgeRef;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use crate::ir::{Accesses, Culled, Run, Source, Work};
+use crate::ir::{Accesses, Culled, ResourceId, Run, Source, Work};
 use crate::link::LinkedPass;
-use crate::lower::{Lowered, ResourceHandle};
-use crate::source::{Diagnostic, SourceMap};
+use crate::lower::Lowered;
+use crate::source::Diagnostic;
 
 /// Indices into the list of passes, in execution order.
 pub(super) struct Order {
@@ -24,20 +24,16 @@ pub(super) struct Order {
     /// One flag per pass: true if it is in the plan.
     pub live: Vec<bool>,
     /// Passes that are the first to use a resource, and both read and write it.
-    pub unwritten: Vec<(usize, ResourceHandle)>,
+    pub unwritten: Vec<(usize, ResourceId)>,
 }
 
 /// A graph of passes; each edge has the resource that orders its passes.
-type Needs = DiGraph<usize, ResourceHandle>;
+type Needs = DiGraph<usize, ResourceId>;
 
 /// Orders the passes. The last of them are the roots of culling: the export and the host pass.
-pub(super) fn order(
-    passes: &[LinkedPass],
-    lowered: &Lowered,
-    files: &SourceMap,
-) -> Result<Order, Vec<Diagnostic>> {
+pub(super) fn order(passes: &[LinkedPass], lowered: &Lowered) -> Result<Order, Vec<Diagnostic>> {
     let mut errors = Vec::new();
-    let users = users(passes, lowered.resources.len());
+    let users = users(passes, lowered.plan.resources.len());
     let mut unwritten = Vec::new();
     let needs = needs(passes, lowered, &users, &mut errors, &mut unwritten);
     if !errors.is_empty() {
@@ -53,7 +49,7 @@ pub(super) fn order(
         .map(|i| Culled {
             pass: passes[i].pass.name.clone(),
             why: "nothing reads what it writes".into(),
-            origin: files.origin(passes[i].span),
+            origin: passes[i].pass.origin.clone(),
         })
         .collect();
 
@@ -93,16 +89,16 @@ fn needs(
     lowered: &Lowered,
     users: &[Vec<User>],
     errors: &mut Vec<Diagnostic>,
-    unwritten: &mut Vec<(usize, ResourceHandle)>,
+    unwritten: &mut Vec<(usize, ResourceId)>,
 ) -> Needs {
     let mut graph = Needs::with_capacity(passes.len(), passes.len() * 4);
     for i in 0..passes.len() {
         graph.add_node(i);
     }
     for (resource, users) in users.iter().enumerate() {
-        let id = ResourceHandle(resource as u32);
-        let written = matches!(lowered.resources[resource].source, Source::Transient | Source::Readback);
-        if !written || lowered.resource(id).previous_frame_of.is_some() {
+        let id = ResourceId(resource as u32);
+        let written = matches!(lowered.plan.resources[resource].source, Source::Transient | Source::Readback);
+        if !written || lowered.declaration(id).previous_frame_of.is_some() {
             continue;
         }
         let writers: Vec<usize> = users.iter().filter(|u| u.accesses.writes()).map(|u| u.pass).collect();
@@ -116,13 +112,13 @@ fn needs(
                     Diagnostic::new(
                         format!("`{}` runs once, before any frame", passes[early.pass].pass.name),
                         passes[early.pass].span,
-                        format!("reads `{}`", lowered.resources[resource].name),
+                        format!("reads `{}`", lowered.plan.resources[resource].name),
                     )
                     .with_label(passes[*writer].span, "which is written here, in every frame"),
                 );
             }
         }
-        let history = lowered.resources[resource].history.is_some();
+        let history = lowered.plan.resources[resource].history.is_some();
         if let [writer] = writers[..] {
             for user in users {
                 if user.pass != writer {
@@ -167,8 +163,8 @@ fn needs(
         }
     }
     // The previous frame's contents are read before this frame overwrites them.
-    for (readers, resource) in users.iter().zip(&lowered.resources) {
-        let Some(real) = resource.previous_frame_of else { continue };
+    for (readers, declaration) in users.iter().zip(&lowered.declarations) {
+        let Some(real) = declaration.previous_frame_of else { continue };
         if let (Some(reader), false) =
             (readers.first(), users[real.index()].iter().any(|u| u.accesses.writes()))
         {
@@ -186,12 +182,12 @@ fn needs(
 
 fn never_written(
     reader: usize,
-    resource: ResourceHandle,
+    resource: ResourceId,
     writers: &[usize],
     passes: &[LinkedPass],
     lowered: &Lowered,
 ) -> Diagnostic {
-    let name = &lowered.resources[resource.index()].name;
+    let name = &lowered.plan.resources[resource.index()].name;
     let diagnostic = match writers.first() {
         None => Diagnostic::new(
             format!("`{}` reads `{name}`, which no pass writes", passes[reader].pass.name),
@@ -208,7 +204,7 @@ fn never_written(
             "where several passes write a resource, the order of the file holds: move the reader down",
         ),
     };
-    let mut diagnostic = diagnostic.with_label(lowered.resource(resource).span, "declared here");
+    let mut diagnostic = diagnostic.with_label(lowered.declaration(resource).span, "declared here");
     for removed in lowered.unwritten.iter().filter(|removed| removed.resource == resource) {
         diagnostic = diagnostic.with_label(
             removed.when,
@@ -222,7 +218,7 @@ fn never_written(
 fn live(passes: &[LinkedPass], users: &[Vec<User>], lowered: &Lowered) -> Vec<bool> {
     // For each resource, the writers whose data can reach a reader.
     let mut sources: Vec<Sources> = users.iter().map(|users| Sources::of(users, passes)).collect();
-    for (sources, resource) in sources.iter_mut().zip(&lowered.resources) {
+    for (sources, resource) in sources.iter_mut().zip(&lowered.plan.resources) {
         sources.carried |= resource.history.is_some();
     }
     let mut live = vec![false; passes.len()];
@@ -233,7 +229,7 @@ fn live(passes: &[LinkedPass], users: &[Vec<User>], lowered: &Lowered) -> Vec<bo
             continue;
         }
         for touch in passes[pass].pass.uses.iter().filter(|t| t.accesses.reads()) {
-            let (resource, last) = match lowered.resource(touch.resource).previous_frame_of {
+            let (resource, last) = match lowered.declaration(touch.resource).previous_frame_of {
                 Some(real) => (real.index(), true),
                 None => (touch.resource.index(), false),
             };
@@ -358,7 +354,7 @@ fn describe_cycle(
         let (from, to) = (cycle[(i + cycle.len() - 1) % cycle.len()], cycle[i]);
         let resource = needs
             .find_edge(from, to)
-            .map_or("?".to_string(), |edge| lowered.resources[needs[edge].index()].name.clone());
+            .map_or("?".to_string(), |edge| lowered.plan.resources[needs[edge].index()].name.clone());
         format!("{} needs {} first, for `{resource}`", name(to), name(from))
     };
     let message = format!("these passes wait for each other: {}", all.join(", "));

@@ -5,9 +5,9 @@
 //! the reader gets the contents from before the include.
 
 use super::order::Order;
-use crate::ir::{Shader, Span, Work};
+use crate::ir::{ResourceId, Shader, Span, Work};
 use crate::link::LinkedPass;
-use crate::lower::{Lowered, ResourceHandle};
+use crate::lower::Lowered;
 use crate::plan::Warning;
 use crate::source::{Diagnostic, SourceMap};
 use std::collections::{HashMap, HashSet};
@@ -15,15 +15,13 @@ use std::collections::{HashMap, HashSet};
 /// Lists the warnings about passes in the plan, and about culled includes.
 pub(super) fn warnings(
     passes: &[LinkedPass],
-    shaders: &[Shader],
     order: &Order,
     lowered: &Lowered,
     files: &SourceMap,
 ) -> Vec<Warning> {
-    let unwritten = order
-        .unwritten
-        .iter()
-        .filter(|(pass, resource)| order.live[*pass] && !writes_first(&passes[*pass], *resource, shaders));
+    let unwritten = order.unwritten.iter().filter(|(pass, resource)| {
+        order.live[*pass] && !writes_first(&passes[*pass], *resource, &lowered.plan.shaders)
+    });
     let mut found: Vec<Diagnostic> = Vec::new();
     let mut spans = HashSet::new();
     for (pass, resource) in unwritten {
@@ -39,7 +37,7 @@ pub(super) fn warnings(
 }
 
 /// Returns true if the pass's shaders store to the resource before they load from it.
-fn writes_first(pass: &LinkedPass, resource: ResourceHandle, shaders: &[Shader]) -> bool {
+fn writes_first(pass: &LinkedPass, resource: ResourceId, shaders: &[Shader]) -> bool {
     let used = match &pass.pass.work {
         Work::Dispatch { shader, .. } => vec![*shader],
         Work::Draw { vertex, fragment, .. } => vec![*vertex, *fragment],
@@ -57,14 +55,15 @@ fn writes_first(pass: &LinkedPass, resource: ResourceHandle, shaders: &[Shader])
 }
 
 /// Describes a pass that modifies undefined contents in place.
-fn first_touch(pass: &LinkedPass, resource: ResourceHandle, lowered: &Lowered) -> Diagnostic {
-    let resource = lowered.resource(resource);
+fn first_touch(pass: &LinkedPass, resource: ResourceId, lowered: &Lowered) -> Diagnostic {
+    let declared = lowered.declaration(resource).span;
     let message = format!(
         "`{}` reads and writes `{}`, which nothing has written before it",
-        pass.pass.name, resource.name
+        pass.pass.name,
+        lowered.plan.resource(resource).name
     );
     Diagnostic::new(message, pass.span, "finds undefined contents, unless its shader writes them first")
-        .with_label(resource.span, "declared here")
+        .with_label(declared, "declared here")
         .with_help(
             "fill it in an earlier pass, or declare it with `history: true` to go on from the previous frame",
         )
@@ -75,7 +74,7 @@ fn idle_includes(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec
     // For each include, its culled passes, including those of nested includes.
     let mut idle: Vec<Vec<usize>> = vec![Vec::new(); lowered.includes.len()];
     // For each resource, the passes of the plan that read it.
-    let mut readers: HashMap<ResourceHandle, Vec<usize>> = HashMap::new();
+    let mut readers: HashMap<ResourceId, Vec<usize>> = HashMap::new();
     for (number, pass) in passes.iter().enumerate() {
         if live[number] {
             let reads = pass.pass.uses.iter().filter(|touch| touch.accesses.reads());
@@ -91,7 +90,7 @@ fn idle_includes(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec
         if idle[number].is_empty() || idle[number].iter().all(|pass| told.contains(pass)) {
             continue;
         }
-        let writes = |given: &[ResourceHandle]| {
+        let writes = |given: &[ResourceId]| {
             let uses = idle[number].iter().flat_map(|pass| &passes[*pass].pass.uses);
             uses.filter(|t| t.accesses.writes()).any(|t| given.contains(&lowered.real(t.resource)))
         };

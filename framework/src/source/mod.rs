@@ -6,7 +6,7 @@
 //! - a [`SourceMap`] finds files by name (in memory, on disk, built into the binary), reads each once and assigns it a
 //!   [`FileId`](crate::ir::FileId). A [`Span`](crate::ir::Span) is a byte range in one such file;
 //! - an [`Outline`] has the span of every element of a RON text. `serde` builds the typed tree without spans; if an
-//!   element later turns out to be wrong, the outline returns its span by [`Path`];
+//!   element later turns out to be wrong, its [`Place`] in the outline has the span;
 //! - a [`Diagnostic`] is an error with its place and suggestions. [`render`] formats a list of them as a compiler
 //!   would, and [`nearest`] finds the name that was probably meant;
 //! - [`ron_error`] converts errors of the `ron` crate to diagnostics.
@@ -18,6 +18,7 @@ mod content;
 mod diagnostic;
 mod files;
 mod outline;
+mod place;
 mod render;
 mod ron_error;
 #[cfg(test)]
@@ -27,6 +28,7 @@ mod token;
 pub use content::{Content, Wanted};
 pub use diagnostic::{Diagnostic, Label, nearest};
 pub use files::{Kind, Library, NotFound, SourceMap};
-pub use outline::{Outline, Path};
+pub use outline::Outline;
+pub use place::Place;
 pub use render::{render, render_warnings};
 pub use ron_error::ron_error;

@@ -1,78 +1,22 @@
 //! Byte spans of every element of a RON text.
 //!
-//! `serde` and the `ron` crate turn the text into typed values, with places for syntax errors only. The outline parses
-//! the text again, into a tree of spans without values. A [`Path`] selects an element: the steps from the root, by
-//! fields, keys and indices.
+//! `serde` and the `ron` crate turn the text into typed values, with places for syntax errors only. The outline parses the
+//! text again, into a tree of spans without values, in which a [`Place`](super::Place) is an element.
 
-use std::collections::HashMap;
+use indexmap::IndexMap;
 use std::ops::Range;
-use std::sync::Arc;
-use std::{fmt, iter};
 
 use super::token::{Text, Token, TokenKind, tokens};
 use super::{Diagnostic, Label};
 use crate::ir::{FileId, Span};
 
-/// The path from the root of a RON text to one of its elements.
-///
-/// A step is a field of a struct, a key of a map (equal names make equal steps) or an index of a list, a tuple or a
-/// variant's parentheses. In `params: {"x": Const(Int(default: 8))}` the 8 is at
-/// `root().field("params").key("x").index(0).field("default")`. `Some(x)` counts as `x`, without a step.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Path(Arc<[Step]>);
-
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-enum Step {
-    Name(Arc<str>),
-    Index(usize),
-}
-
-impl Path {
-    /// Returns the path of the whole file.
-    pub fn root() -> Self {
-        Path(Arc::new([]))
-    }
-
-    /// Appends a field.
-    pub fn field(&self, name: &str) -> Self {
-        self.then(Step::Name(name.into()))
-    }
-
-    /// Appends a key; keys that are not strings are named as written.
-    pub fn key(&self, name: &str) -> Self {
-        self.then(Step::Name(name.into()))
-    }
-
-    /// Appends an index, counted from 0.
-    pub fn index(&self, index: usize) -> Self {
-        self.then(Step::Index(index))
-    }
-
-    fn then(&self, step: Step) -> Self {
-        Path(self.0.iter().cloned().chain(iter::once(step)).collect())
-    }
-}
-
-/// Formats as `passes[2].bind.Keys`.
-impl fmt::Display for Path {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        for (i, step) in self.0.iter().enumerate() {
-            match step {
-                Step::Name(name) if i == 0 => write!(f, "{name}")?,
-                Step::Name(name) => write!(f, ".{name}")?,
-                Step::Index(index) => write!(f, "[{index}]")?,
-            }
-        }
-        Ok(())
-    }
-}
-
 /// The spans of the elements of one RON text.
 #[derive(Clone, Debug)]
 pub struct Outline {
     file: FileId,
-    nodes: Vec<Node>,
-    root: usize,
+    pub(super) nodes: Vec<Node>,
+    pub(super) root: usize,
+    duplicates: Vec<Diagnostic>,
 }
 
 /// An element.
@@ -98,7 +42,7 @@ pub(super) enum Content {
     },
     /// `(a: 1)`, `Name(a: 1)`, `{"a": 1}`
     Record {
-        children: Vec<(String, usize)>,
+        children: IndexMap<String, usize>,
         bracket: char,
     },
 }
@@ -111,100 +55,28 @@ impl Outline {
     /// values are not interpreted.
     pub fn parse(file: FileId, text: &str) -> Result<Outline, Diagnostic> {
         let (tokens, lexical_error) = tokens(file, text);
-        let mut parser =
-            Parser { file, text, tokens: &tokens, lexical_error, at: 0, open: Vec::new(), nodes: Vec::new() };
+        let mut parser = Parser {
+            file,
+            text,
+            tokens: &tokens,
+            lexical_error,
+            at: 0,
+            open: Vec::new(),
+            nodes: Vec::new(),
+            duplicates: Vec::new(),
+        };
         let root = parser.document().map_err(|error| *error)?;
-        Ok(Outline { file, nodes: parser.nodes, root })
-    }
-
-    /// Returns the span of the element at `path`; for a string, without its quotes. If there is no such element,
-    /// returns the span of the nearest enclosing one.
-    pub fn value(&self, path: &Path) -> Span {
-        self.span(self.walk(path).0.inside())
-    }
-
-    /// Returns the span of the field name or map key of the element at `path`; for a string, without its quotes. If it
-    /// has neither, or does not exist, returns the span of the element itself.
-    pub fn key(&self, path: &Path) -> Span {
-        let (node, found) = self.walk(path);
-        self.span(node.key.clone().filter(|_| found).unwrap_or(node.inside()))
-    }
-
-    /// Like [`Outline::value`], but for a struct, a variant or a list returns only its name or opening bracket. Use it
-    /// to report that something is missing in the element.
-    pub fn head(&self, path: &Path) -> Span {
-        self.span(self.walk(path).0.shallow())
-    }
-
-    /// Returns the file offset of byte `offset_in_value` of the string at `path`, counted after escapes are resolved.
-    /// Falls back to the nearest place if the string is missing or shorter.
-    pub fn string_offset(&self, path: &Path, offset_in_value: usize) -> usize {
-        let node = self.walk(path).0;
-        match &node.content {
-            Content::Text(text) => text.file_offset(offset_in_value.min(text.value.len())),
-            _ => node.place.start,
-        }
-    }
-
-    /// Returns the span of a byte range of the string at `path`, counted after escapes are resolved, for errors in
-    /// expressions. Returns the whole element if it is not a string.
-    pub fn within_string(&self, path: &Path, range: Range<usize>) -> Span {
-        if !matches!(self.walk(path).0.content, Content::Text(_)) {
-            return self.value(path);
-        }
-        let [start, end] = [range.start, range.end].map(|offset| self.string_offset(path, offset));
-        self.span(start..end.max(start))
+        let Parser { nodes, mut duplicates, .. } = parser;
+        duplicates.sort_by_key(|error| error.primary.span.start);
+        Ok(Outline { file, nodes, root, duplicates })
     }
 
     /// Returns an error for every duplicate name in a struct or a map. (A map would silently keep the last one.)
-    pub fn duplicates(&self) -> Vec<Diagnostic> {
-        let mut errors = Vec::new();
-        for node in &self.nodes {
-            let Content::Record { children, bracket } = &node.content else { continue };
-            let mut first: HashMap<&str, usize> = HashMap::new();
-            for (name, child) in children {
-                let key = |child: usize| self.span(self.nodes[child].key.clone().unwrap_or_default());
-                if let Some(first) = first.insert(name, *child) {
-                    let what = if *bracket == '(' { "field" } else { "key" };
-                    errors.push(
-                        Diagnostic::new(
-                            format!("the {what} `{name}` is given twice"),
-                            key(*child),
-                            "again here",
-                        )
-                        .with_label(key(first), "first here"),
-                    );
-                }
-            }
-        }
-        errors.sort_by_key(|error| error.primary.span.start);
-        errors
+    pub fn duplicates(&self) -> &[Diagnostic] {
+        &self.duplicates
     }
 
-    /// Returns the element at a path or the nearest enclosing one, and whether the path exists.
-    fn walk(&self, path: &Path) -> (&Node, bool) {
-        let mut node = &self.nodes[self.root];
-        for step in path.0.iter() {
-            let child = match (&node.content, step) {
-                (Content::List { children, .. }, Step::Index(index)) => children.get(*index).copied(),
-                (Content::Record { children, .. }, Step::Name(name)) => {
-                    // Of duplicate keys in a map, the last one counts.
-                    children.iter().rev().find(|(n, _)| **n == **name).map(|(_, child)| *child)
-                }
-                // With `unwrap_variant_newtypes`, `Const(Int(default: 8))` may be written `Const(default:
-                // 8)`.
-                (Content::Record { .. }, Step::Index(0)) => continue,
-                _ => None,
-            };
-            match child {
-                Some(child) => node = &self.nodes[child],
-                None => return (node, false),
-            }
-        }
-        (node, true)
-    }
-
-    fn span(&self, place: Range<usize>) -> Span {
+    pub(super) fn span(&self, place: Range<usize>) -> Span {
         Span { file: self.file, start: place.start, end: place.end }
     }
 
@@ -238,12 +110,6 @@ impl Outline {
         let innermost = self.nodes.iter().filter(holds).min_by_key(|node| node.place.len());
         innermost.unwrap_or(&self.nodes[self.root])
     }
-
-    /// Returns the first field called `name` in an element.
-    pub(super) fn field_of(&self, node: &Node, name: &str) -> Option<Range<usize>> {
-        let Content::Record { children, .. } = &node.content else { return None };
-        children.iter().find(|(n, _)| n == name).and_then(|(_, child)| self.nodes[*child].key.clone())
-    }
 }
 
 impl Node {
@@ -274,6 +140,7 @@ struct Parser<'a> {
     /// The open brackets, outermost first.
     open: Vec<&'a Token>,
     nodes: Vec<Node>,
+    duplicates: Vec<Diagnostic>,
 }
 
 /// Boxed, because a diagnostic is much larger than an index.
@@ -347,15 +214,17 @@ impl<'a> Parser<'a> {
             }
             _ => false,
         };
-        let (mut children, mut names) = (Vec::new(), Vec::new());
+        let (mut children, mut named) = (Vec::new(), IndexMap::new());
         while self.peek_kind(0) != Some(&TokenKind::Close(closer)) {
             let key = if is_record { Some(self.key(bracket)?) } else { None };
             let child = self.value()?;
+            children.push(child);
             if let Some((name, place)) = key {
                 self.nodes[child].key = Some(place);
-                names.push(name);
+                if let Some(first) = named.insert(name.clone(), child) {
+                    self.duplicate(bracket, &name, (first, child));
+                }
             }
-            children.push(child);
             match self.peek_kind(0) {
                 Some(TokenKind::Comma) => self.at += 1,
                 Some(TokenKind::Close(c)) if *c == closer => {}
@@ -371,7 +240,7 @@ impl<'a> Parser<'a> {
             return Ok(*inner);
         }
         let content = if is_record {
-            Content::Record { children: names.into_iter().zip(children).collect(), bracket }
+            Content::Record { children: named, bracket }
         } else {
             Content::List { children, bracket }
         };
@@ -424,6 +293,16 @@ impl<'a> Parser<'a> {
         }
         self.at += 1;
         Ok((name, place))
+    }
+
+    fn duplicate(&mut self, bracket: char, name: &str, (first, again): (usize, usize)) {
+        let what = if bracket == '(' { "field" } else { "key" };
+        let message = format!("the {what} `{name}` is given twice");
+        let key = |child: usize| self.nodes[child].key.clone().unwrap_or_default();
+        let Range { start, end } = key(first);
+        let error = self.error(key(again), message, "again here");
+        let error = error.with_label(Span { file: self.file, start, end }, "first here");
+        self.duplicates.push(error);
     }
 
     fn push(&mut self, place: Range<usize>, head: Range<usize>, content: Content) -> usize {

@@ -84,16 +84,11 @@ impl Translator<'_> {
             }
             Error::DuplicateStructField { field, .. } => {
                 let again = self.name_before_cursor(field).unwrap_or(self.start..self.end);
-                let error =
-                    self.error(format!("the field `{field}` is given twice"), again.clone(), "again here");
-                let first = self
-                    .outline
-                    .as_ref()
-                    .and_then(|outline| outline.field_of(outline.enclosing(again.start), field));
-                match first.filter(|first| *first != again) {
-                    Some(first) => error.with_label(self.span(first), "first here"),
-                    None => error,
-                }
+                let mut twice = self.outline.iter().flat_map(Outline::duplicates);
+                let known = twice.find(|error| error.primary.span.start == again.start);
+                known.cloned().unwrap_or_else(|| {
+                    self.error(format!("the field `{field}` is given twice"), again, "again here")
+                })
             }
             Error::ExpectedDifferentStructName { expected, found } => {
                 let place = self.name_before_cursor(found).unwrap_or(self.start..self.end);

@@ -10,8 +10,8 @@ use crate::view::viewport::Viewport;
 use egui::{RichText, Ui};
 use egui_plot::{Line, Plot, PlotPoints};
 use splatgraph_api::Device;
-use splatgraph_framework::dump::{self, Declared, Dump, DumpBarrier, DumpPass, DumpResource, DumpTouch};
-use splatgraph_framework::ir::{Origin, Run};
+use splatgraph_framework::dump::{self, Declared, Dump, DumpBarrier, DumpPass, DumpResource};
+use splatgraph_framework::ir::{Masks, Origin, Run, Use};
 
 /// The state of the tool.
 #[derive(Default)]
@@ -150,7 +150,7 @@ fn show_pass<D: Device>(
         heading(ui, "Comes after");
         for dependency in &pass.dependencies {
             if link(ui, dump::dependency_line(dependency)).clicked() {
-                *target.selection = Some(Selection::Pass(dependency.pass.name.clone()));
+                *target.selection = Some(Selection::Pass(dependency.first.name.clone()));
             }
         }
     }
@@ -198,7 +198,7 @@ fn show_touch<D: Device>(
     ui: &mut Ui,
     viewport: &mut Viewport<D>,
     pass: &DumpPass,
-    touch: &DumpTouch,
+    touch: &Use<String>,
     target: &mut Target,
 ) {
     ui.horizontal(|ui| {
@@ -208,7 +208,7 @@ fn show_touch<D: Device>(
         if hint(look, "Read its contents after this pass").clicked() {
             viewport.look_at(&touch.resource, &pass.name);
         }
-        let masks = format!("{} {}", touch.stages.join("|"), touch.accesses.join("|"));
+        let masks = format!("{} {}", touch.stages, touch.accesses);
         let name = link(ui, &touch.resource);
         if hint(name, masks).clicked() {
             *target.selection = Some(Selection::Resource(touch.resource.clone()));
@@ -227,19 +227,16 @@ fn show_barrier(ui: &mut Ui, barrier: &DumpBarrier, target: &mut Target) {
         }
         None => _ = ui.weak("between the prologue and the first frame"),
     }
-    let masks = |stages: &[String], accesses: &[String]| match accesses {
-        [] => stages.join(" | "),
-        _ => format!("{} {}", stages.join(" | "), accesses.join(" | ")),
-    };
     match &barrier.image {
         Some(image) => fact(ui, "Layout", format!("{}: {:?} to {:?}", image.image, image.old, image.new)),
         None => fact(ui, "On", "all memory"),
     }
-    fact(ui, "Waits for", masks(&barrier.masks.source_stages, &barrier.masks.source_accesses));
-    fact(ui, "Holds up", masks(&barrier.masks.target_stages, &barrier.masks.target_accesses));
+    let Masks { source_stages, source_accesses, target_stages, target_accesses } = barrier.masks;
+    fact(ui, "Waits for", format!("{source_stages} {source_accesses}").trim_end());
+    fact(ui, "Holds up", format!("{target_stages} {target_accesses}").trim_end());
     heading(ui, format!("Hazards resolved: {}", barrier.dependencies.len()));
-    for dependency in &barrier.dependencies {
-        let kind = dump::cause_line(barrier, dependency);
+    for cause in &barrier.dependencies {
+        let (kind, dependency) = (dump::cause_line(barrier, cause), &cause.conflict);
         ui.add(egui::Label::new(kind).wrap());
         ui.horizontal_wrapped(|ui| {
             let Declared { name, declared } = &dependency.resource;
@@ -269,7 +266,7 @@ fn show_resource(ui: &mut Ui, dump: &Dump, resource: &DumpResource, target: &mut
         None => resource.source.clone(),
     };
     fact(ui, "Source", source);
-    fact(ui, "Usage", resource.usage.join(" | "));
+    fact(ui, "Usage", resource.usage.to_string());
     if let Some(block) = resource.block.and_then(|id| dump.blocks.iter().find(|block| block.id == id)) {
         let others: Vec<&str> =
             block.aliases.iter().map(String::as_str).filter(|name| *name != resource.name).collect();

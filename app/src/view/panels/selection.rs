@@ -1,7 +1,8 @@
 //! Holds the one selection that all tools share, and the dump of the plan that it refers to.
 
 use crate::draw::backend;
-use splatgraph_framework::dump::{self, Dump, DumpBarrier, DumpPass, DumpResource};
+use splatgraph_framework::dump::{Dump, DumpBarrier, DumpPass, DumpResource};
+use splatgraph_framework::ir::Use;
 use splatgraph_framework::plan::Plan;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -74,13 +75,13 @@ pub fn resource<'a>(dump: &'a Dump, name: &str) -> Option<&'a DumpResource> {
 
 /// Returns the way in which a pass uses a resource: reads, writes.
 pub fn touches(pass: &DumpPass, resource: &str) -> (bool, bool) {
-    let of = |touches: &[dump::DumpTouch]| touches.iter().any(|touch| touch.resource == resource);
+    let of = |touches: &[Use<String>]| touches.iter().any(|touch| touch.resource == resource);
     (of(&pass.reads), of(&pass.writes))
 }
 
 /// Sums the sizes of the resources that a pass reads and writes, in bytes: an upper bound of its traffic if it touches each byte once.
 pub fn bound_bytes(dump: &Dump, pass: &DumpPass) -> (u64, u64) {
-    let sum = |touches: &[dump::DumpTouch]| {
+    let sum = |touches: &[Use<String>]| {
         touches.iter().filter_map(|touch| resource(dump, &touch.resource)).map(|r| r.bytes).sum()
     };
     (sum(&pass.reads), sum(&pass.writes))

@@ -486,7 +486,7 @@ fn draw_dependencies(painter: &Painter, dump: &Dump, columns: &[Column], view: &
         Some(view.x((column.left + column.right) / 2.0))
     };
     let stroke = Stroke::new(1.5, view.palette.accent);
-    for dependency in &barrier.dependencies {
+    for dependency in barrier.dependencies.iter().map(|cause| &cause.conflict) {
         let Some(to) = middle(&dependency.before.name) else { continue };
         for after in &dependency.after {
             let Some(from) = middle(&after.name) else { continue };

@@ -1,10 +1,9 @@
 //! Records commands into a command buffer.
 //!
-//! The plan's order is not decided here: [`Walk`](crate::walk::Walk) tells which encoder a pass belongs to, and what it
-//! waits for. An encoder is opened with its first command, because only then are the targets of draws and the timestamp
-//! samples known.
+//! [`Walk`](crate::walk::Walk) determines the encoder of each pass and its waits. An encoder opens with its first command, because the targets
+//! of draws and the samples of times are not known earlier.
 //!
-//! Every call has its own autorelease pool, so that Metal's autoreleased objects are freed before the thread ends.
+//! Every call has its own autorelease pool, so that Metal's temporary objects are freed before the thread ends.
 
 use crate::capture;
 use crate::descriptors::ArgumentTables;
@@ -31,7 +30,7 @@ pub use state::Encoder;
 use state::{Bound, Open};
 
 impl Encoder {
-    /// Submits the recorded commands, followed by the draw of the output into a window.
+    /// Submits the commands, and after them the draw of the output into a window.
     pub(crate) fn submit(&mut self, window: Option<&mut Swapchain>) -> Result<(), BackendError> {
         objc::pool(|| self.submit_pooled(window))
     }
@@ -55,7 +54,7 @@ impl Encoder {
                 }
                 _ => window.draw(&self.gpu, &[], frame)?,
             };
-            // The value for completion comes after the frame's own.
+            // The value for the whole submission is after the value for the frame.
             shown.encode_wait_for_event(&self.done.0, self.done.1);
             self.done.1 += 1;
             shown.encode_signal_event(&self.done.0, self.done.1);
@@ -70,7 +69,7 @@ impl Encoder {
         Ok(())
     }
 
-    /// Blocks until the last submission has completed, or the time is over. Returns false if the time is over.
+    /// Blocks until the last submission has completed, or for `limit`. Returns true in the first case.
     pub(crate) fn wait(&mut self, limit: Duration) -> Result<bool, BackendError> {
         let done = objc::pool(|| queue::wait(&self.submitted, (&self.done.0, self.done.1), limit))?;
         if let (true, Some(frame)) = (done, self.submitted.first()) {
@@ -82,13 +81,13 @@ impl Encoder {
         Ok(done)
     }
 
-    /// Executes the walk's moves.
+    /// Executes the moves of the walk.
     fn follow(&mut self) {
         let moves = std::mem::take(&mut self.moves);
         for step in &moves {
             match *step {
                 Move::AfterAll => self.after_all = true,
-                // Later submissions may begin before an event that only these commands wait for.
+                // Later submissions do not wait for an event within these commands.
                 Move::HandOver => {
                     self.order_midst();
                     self.publishes = true;
@@ -112,8 +111,8 @@ impl Encoder {
         self.moves.clear();
     }
 
-    /// Orders all later commands after everything recorded and everything submitted earlier. It covers later
-    /// submissions as well, whose fences do not include these commands.
+    /// Closes the encoder. All later commands wait for all earlier ones and all earlier submissions, and all later submissions wait for
+    /// these commands: their fences do not cover commands outside of the plan.
     fn order_everything(&mut self) {
         self.interrupt();
         self.after_all = true;
@@ -121,7 +120,7 @@ impl Encoder {
         self.order_midst();
     }
 
-    /// Orders later commands after earlier ones in this recording.
+    /// Orders all earlier commands before all later ones.
     fn order_midst(&mut self) {
         let (event, value) = &mut self.midst;
         *value += 1;
@@ -131,7 +130,7 @@ impl Encoder {
         }
     }
 
-    /// Closes the plan's encoder, or an encoder of copies outside the plan.
+    /// Closes the open encoder, of the plan or of copies outside of it.
     fn interrupt(&mut self) {
         if let Some(order) = self.order.clone() {
             self.walk.interrupt(&order.walked(), &mut self.moves);
@@ -144,13 +143,13 @@ impl Encoder {
 impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
     fn begin(&mut self) -> Result<(), BackendError> {
         objc::pool(|| {
-            // An encoder must have ended before it is dropped; the earlier recording may have been abandoned.
+            // Metal requires an encoder to end before it is dropped. An earlier recording may have failed.
             self.close();
             if let Some(reason) = capture::begin(&self.gpu.device) {
                 self.gpu.messages.add(format!("no frame is captured: {reason}"));
             }
             let commands = self.gpu.commands(&self.name)?;
-            // Its meaning is decided at submission.
+            // The submission decides what it waits for.
             self.others.1 += 1;
             commands.encode_wait_for_event(&self.others.0, self.others.1);
             self.commands = Some(commands);
@@ -173,7 +172,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         objc::pool(|| {
             let order = self.order.get_or_insert_with(|| pipelines.order.clone()).clone();
             let timed = timed && self.gpu.timestamps.is_some();
-            // Work outside the plan ends with the plan's next pass.
+            // The plan's next pass ends copies outside of it.
             if !self.walk.is_open() {
                 self.close();
             }
@@ -205,7 +204,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         }
     }
 
-    /// Does nothing: the walk orders Metal's encoders by fences, and images have no layouts.
+    /// Does nothing: the walk orders encoders by fences, and images have no layouts.
     fn synchronize<'a>(
         &mut self,
         _: &(),
@@ -230,7 +229,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         self.publishes = true;
     }
 
-    /// Does nothing: all writes are visible to the host once the command buffer has completed.
+    /// Does nothing: completion of the command buffer makes writes visible to the host.
     fn copies_to_host(&mut self) {}
 
     fn bind(

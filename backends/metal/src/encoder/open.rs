@@ -1,4 +1,4 @@
-//! Opens Metal's encoders with their fences, samples and targets, and closes them.
+//! Opens and closes Metal's encoders, with their fences, samples and targets.
 
 use super::state::{Encoder, Open};
 use crate::gpu::MetalGpu;
@@ -10,8 +10,8 @@ use splatgraph_runtime::Image;
 
 impl Encoder {
     pub(super) fn update(&mut self, update: FenceUse) {
-        // Dependencies can pass through encoders whose passes are skipped, and Metal may drop an encoder without
-        // commands, including its fences. So it gets a command without effect. (Draws are never skipped.)
+        // Other encoders rely on the order through this one, and Metal may drop an encoder without commands, with its fences. So it gets a
+        // command without effect. (Draws are never left out.)
         match self.next {
             Some(EncoderKind::Compute) => {
                 if let Some(encoder) = self.compute() {

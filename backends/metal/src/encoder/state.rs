@@ -12,7 +12,7 @@ use std::ffi::c_void;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The open Metal encoder, to which commands are recorded.
+/// The Metal encoder that records commands.
 pub(super) enum Open {
     None,
     Compute(ComputeCommandEncoder),
@@ -28,11 +28,11 @@ pub struct Encoder {
     pub(super) submitted: Vec<CommandBuffer>,
     /// Signalled when a submission has completed.
     pub(super) done: (SharedEvent, u64),
-    /// Signalled and waited for between commands of this recording.
+    /// Signalled and waited for between commands.
     pub(super) midst: (Event, u64),
-    /// Signalled when the earlier work that the commands wait for has completed; see [`submit`](crate::queue::submit).
+    /// Signalled when the work that all commands wait for has completed; see [`submit`](crate::queue::submit).
     pub(super) others: (SharedEvent, u64),
-    /// True if they wait for everything submitted earlier, and not only for published work.
+    /// True if they wait for all earlier submissions, not only for published ones.
     pub(super) after_all: bool,
     /// True if all later submissions wait for them.
     pub(super) publishes: bool,
@@ -60,7 +60,7 @@ pub struct Encoder {
 pub(super) struct Bound {
     pub(super) pipeline: Option<Pipeline>,
     pub(super) table: Table,
-    /// Words copied with the command: push constants, and sizes of buffers.
+    /// Bytes to copy with the command: push constants, and sizes of buffers.
     pub(super) bytes: Vec<u8>,
     pub(super) copied: Vec<(Stage, u32, Range<usize>)>,
 }

@@ -1,4 +1,4 @@
-//! From the passes, in their order, to encoders: each as long as the next pass is of its kind.
+//! Groups the passes into encoders. An encoder continues while the next pass is of its kind.
 
 use super::encoding::{Division, EncoderKind};
 use splatgraph_framework::{ir::*, plan::*};
@@ -9,7 +9,7 @@ pub(super) struct Group {
     pub passes: Vec<PassId>,
 }
 
-/// Divides passes into the encoders that hold them.
+/// Groups passes into encoders.
 pub(super) fn divide(plan: &Plan, passes: &[PassId], division: Division) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for id in passes {
@@ -36,7 +36,7 @@ fn kind(work: &Work) -> Option<EncoderKind> {
     }
 }
 
-/// Returns true if a draw keeps the targets of the draws before it, and depends on them nowhere else.
+/// Returns true if a draw keeps the targets of the earlier draws, and has no other dependency on them.
 fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     let targets = |pass: PassId| match &plan.pass(pass).work {
         Work::Draw { targets, .. } => targets.as_slice(),
@@ -46,7 +46,7 @@ fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     let images = |targets: &[Target]| targets.iter().map(|target| target.image).collect::<Vec<_>>();
     // An encoder keeps the accesses of its draws to a target in order by itself.
     let blends = |dependency: &Dependency| {
-        let both = dependency.source.stages | dependency.target.stages;
+        let both = dependency.masks.source_stages | dependency.masks.target_stages;
         both == Stages::COLOR_OUTPUT && dependency.alias.is_none()
     };
     let inner = |dependency: &&Dependency| {
@@ -57,7 +57,7 @@ fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
         && ordering(plan, pass).filter(inner).all(blends)
 }
 
-/// Lists what a pass must come after. Images have no layouts here, and the host waits for the whole command buffer.
+/// Lists the dependencies of a pass. Layout changes do not count, and the host waits for the whole command buffer.
 pub(super) fn ordering(plan: &Plan, pass: PassId) -> impl Iterator<Item = &Dependency> {
     let of_device = |dependency: &&Dependency| plan.pass(dependency.second).work != Work::Host;
     let dependencies = plan.dependencies_of(pass).iter();

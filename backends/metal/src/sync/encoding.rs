@@ -4,23 +4,23 @@ use splatgraph_framework::{ir::*, plan::*};
 
 /// Lists the encoders of a plan.
 ///
-/// For the fences to hold, an executor keeps these rules:
+/// The fences hold if an executor keeps these rules:
 ///
-/// - Encoders are opened in this order, all of them: one whose passes have nothing to do, or are left out, still waits for its fences
-///   and updates them, since others may count on the order through it.
-/// - What reads the plan's output after the frame (copies to the host, to a window, to another plan) belongs to the encoder of
-///   [`Work::Export`]: its fences are updated after that.
-/// - Fences are those of one plan in one [`Division`]. A frame that follows one of another plan or of the other division waits for
+/// - It opens every encoder, in this order. An encoder without work still waits for its fences and updates them, because other
+///   encoders rely on the order through it.
+/// - Reads of the plan's output after the frame (copies to the host, to a window, to another plan) belong to the encoder of
+///   [`Work::Export`], before its updates.
+/// - Fences belong to one plan in one [`Division`]. A frame after a frame of another plan or division waits for
 ///   everything before it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Encoders {
     /// Run once after the plan or the scene changed. All commands submitted later wait for all of them (see
     /// [`handover`](Encoders::handover)).
     pub prologue: Vec<Encoding>,
-    /// Between the prologue and the first frame everything waits for everything (an event that is signalled and waited for, once):
-    /// some pass of the frame touches what the prologue touched.
+    /// True if the first frame waits for the whole prologue, by an event: some pass of the frame accesses memory that the prologue
+    /// accessed.
     pub handover: bool,
-    /// Run every frame. Frames may overlap, but for the fences.
+    /// Run every frame. Only the fences order frames.
     pub frame: Vec<Encoding>,
     /// The number of fences. The prologue and the frame use the same ones.
     pub fences: u32,
@@ -31,7 +31,7 @@ pub struct Encoders {
 pub struct Encoding {
     /// The kind of its commands.
     pub kind: EncoderKind,
-    /// Fences that it waits for before its first command. One that was never updated is not waited for.
+    /// Fences that it waits for before its first command. A fence without an update blocks nothing.
     pub waits: Vec<FenceUse>,
     /// The passes, in order.
     pub passes: Vec<EncodedPass>,
@@ -42,8 +42,7 @@ pub struct Encoding {
 /// Classifies encoders by their commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum EncoderKind {
-    /// Dispatches, and fills and clears, which are dispatches of kernels of our own. They may run at the same time
-    /// (`MTLDispatchTypeConcurrent`).
+    /// Dispatches. Fills and clears are dispatches of built-in kernels. They may run at the same time (`MTLDispatchTypeConcurrent`).
     Compute,
     /// Draws into the same targets, in order.
     Render,
@@ -56,13 +55,11 @@ pub enum EncoderKind {
 pub struct FenceUse {
     /// Its number, below [`Encoders::fences`].
     pub fence: u32,
-    /// The stages of draws that it waits before, or updates after; `None` in other encoders.
-    ///
-    /// They are vertices alone, or vertices and fragments.
+    /// The stage of draws that waits, or that the update follows; `None` in other encoders.
     pub stages: Option<RenderStages>,
 }
 
-/// Names stages of a draw, in their order. Every other pass has the first beginning and the last end.
+/// Names stages of a draw, in order. Any other pass begins at the first and ends at the last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum RenderStages {
     /// Reading of indirect arguments, and vertex shaders.
@@ -90,7 +87,7 @@ impl RenderStages {
 /// Holds a pass, and the barrier before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EncodedPass {
-    /// Orders everything before it in the encoder before it and everything after.
+    /// Orders the earlier passes of the encoder before this pass and the later ones.
     pub barrier: Option<MemoryBarrier>,
     /// The pass.
     pub pass: PassId,
@@ -112,12 +109,12 @@ impl MemoryBarrier {
         MemoryBarrier { buffers: !textures, textures }
     }
 
-    /// Returns the barrier for what either is for.
+    /// Returns the union of the scopes.
     pub fn union(self, other: MemoryBarrier) -> MemoryBarrier {
         MemoryBarrier { buffers: self.buffers || other.buffers, textures: self.textures || other.textures }
     }
 
-    /// Returns true if it is for everything that `other` is for.
+    /// Returns true if its scope contains the scope of `other`.
     pub fn contains(self, other: MemoryBarrier) -> bool {
         self.union(other) == self
     }
@@ -135,25 +132,6 @@ pub enum Division {
 impl Division {
     /// Both.
     pub const ALL: [Division; 2] = [Division::Merged, Division::Passes];
-}
-
-/// Gives one reason for a barrier, a wait or the handover: the accesses of `before` conflict with those of `after`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Cause {
-    /// The wait, the barrier or the handover that it explains.
-    pub at: At,
-    /// The kind of conflict.
-    pub hazard: Hazard,
-    /// The pass that waits.
-    pub before: PassId,
-    /// The resource that it accesses.
-    pub resource: ResourceId,
-    /// The passes that are waited for.
-    pub after: Vec<PassId>,
-    /// They ran in the frame before that of `before`.
-    pub previous_frame: bool,
-    /// The resource that they accessed, if it is another one in the same memory.
-    pub alias: Option<ResourceId>,
 }
 
 /// Locates synchronization among the encoders of a plan.

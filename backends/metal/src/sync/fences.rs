@@ -1,32 +1,31 @@
-//! Numbers for the fences: one serves several encoders where each passes it on.
+//! Numbers the fences. One fence serves a chain of encoders.
 //!
-//! An encoder that waits for a fence may update it again for those after it ("Reuse a fence by waiting first and updating second",
-//! `mtlblitcommandencoder/waitforfence(_:)`). It may take the fence over if all others that wait for it come before: a wait is for the
-//! update that was encoded last. A chain of encoders, each of which waits for the one before, needs one fence, and where the first
-//! waits for the last of the previous frame, no more. A chain must not go round more than once, so that the next frame finds its fences
-//! free.
+//! An encoder that waits for a fence may update it again ("Reuse a fence by waiting first and updating second",
+//! `mtlblitcommandencoder/waitforfence(_:)`), if all other waits for the earlier update come before: a wait is for the last update. So a
+//! chain of encoders, each of which waits for the previous one, needs one fence, even if the first waits for the last of the previous
+//! frame. A chain covers at most one frame, so that the next frame can reuse its fences.
 
 use super::encoding::RenderStages;
 use std::cmp::Ordering;
 
-/// A wait of an encoder, by the index of the one that is waited for.
+/// A wait of an encoder for another, `source`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wait {
     pub source: usize,
-    /// It ran in the previous frame.
+    /// True if it ran in the previous frame.
     pub previous: bool,
     pub after: RenderStages,
     pub before: RenderStages,
 }
 
-/// Fences with stages, of the waits and the updates of an encoder.
+/// The fences and stages of the waits and of the updates of an encoder.
 pub(super) type Uses = (Vec<(u32, RenderStages)>, Vec<(u32, RenderStages)>);
 
-/// An end of a stage that is waited for.
+/// The end of a stage, for which other encoders wait.
 struct Source {
     encoder: usize,
     after: RenderStages,
-    /// The encoder that is the last to wait for it, how far that is, and the stage that waits.
+    /// The last encoder that waits for it, its distance in encoders, and the stage that waits.
     last: (usize, usize, RenderStages),
     fence: Option<u32>,
 }
@@ -59,7 +58,7 @@ pub(super) fn number(waits: &[Vec<Wait>], turn: Option<usize>) -> (Vec<Uses>, u3
             let (heir, _, before) = sources[current].last;
             let first = sources[start].after;
             let fits = |source: &Source| {
-                // Where it comes back to the first, that must wait before it updates, too.
+                // A full round ends at the first encoder, which must wait before it updates.
                 let goes_round = |turn: usize| match (gone + source.last.1).cmp(&turn) {
                     Ordering::Less => true,
                     Ordering::Equal => source.last.2 <= first,

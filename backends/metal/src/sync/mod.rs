@@ -1,21 +1,21 @@
 //! Encoders, fences and memory barriers of a plan, as plain data.
 //!
 //! A Metal command buffer consists of encoders, each for commands of one kind. Resources are untracked: Metal orders nothing by itself.
-//! Within an encoder of dispatches, which may run at the same time, a memory barrier orders those before it before those after it;
-//! between encoders, a fence that one updates and another waits for does.
+//! Dispatches of one encoder may run at the same time; a memory barrier orders the earlier ones before the later ones. A fence orders
+//! the encoder that updates it before the encoder that waits for it.
 //!
-//! All of this follows from the plan's dependencies: `divide` makes encoders of the passes, `order` walks over prologue and frames and
-//! turns each dependency into a wait or a barrier, and `fences` numbers the fences. [`model`], which shares no code with the rest of
-//! this folder, checks the result against the dependencies.
+//! The dependencies of the plan determine all of this. `divide` groups the passes into encoders, `order` walks over prologue and frames
+//! and lowers each dependency to a wait or a barrier, and `fences` numbers the fences. [`model`] checks the result against the
+//! dependencies, and shares no code with the rest of this folder.
 //!
 //! # The rules, and where Apple states them
 //!
-//! Pages are those below `developer.apple.com/documentation/metal/`.
+//! Pages are below `developer.apple.com/documentation/metal/`.
 //!
 //! 1. Metal does not order accesses to an untracked resource; "you're responsible for ensuring that commands access those resources
 //!    safely with barriers, fences, or events" (`mtlhazardtrackingmode/untracked`). The GPU can run "multiple passes" and "two or more
 //!    dispatch commands within a compute pass" at the same time (`synchronizing-passes-with-a-fence`). An encoder makes one such pass.
-//! 2. In an encoder of type `MTLDispatchTypeConcurrent` whoever encodes commands that access one resource must synchronise them
+//! 2. In an encoder of type `MTLDispatchTypeConcurrent`, the application must synchronise commands that access one resource
 //!    (`mtldispatchtype/concurrent`). `memoryBarrierWithScope:` "enforces the order of write and read operations for specific resource
 //!    types" (`mtlcomputecommandencoder/memorybarrier(scope:)`): buffers, textures, or both (`mtlbarrierscope`). Where a buffer and a
 //!    texture share memory, the barrier between them names both.
@@ -25,12 +25,12 @@
 //!    command encoder boundaries", `mtlrendercommandencoder/1648377-updatefence`). An encoder may wait for a fence and then update it,
 //!    not the other way round (same page; "can cause GPU deadlock" in later versions).
 //! 5. A fence "can wait for workloads that have already begun, but it can't wait for future workloads" (sample "Image Filter Graph with
-//!    Heaps and Events"); who updates is submitted before who waits (`mtlfence`). So a wait is for the update that was encoded last
-//!    before it, and one without any holds nothing back.
+//!    Heaps and Events"); the update is submitted before the wait (`mtlfence`). So a wait is for the last update encoded before it;
+//!    without one, it blocks nothing.
 //! 6. In an encoder of draws, a wait is before a stage and an update after one; an update captures the work "up to the given render
 //!    stage" (`1648377-updatefence`), "a GPU can run the vertex stage of a pass while the fragment stage waits" (`mtlfence`). As a
 //!    fragment needs its vertices, a wait before vertices holds back fragments as well.
-//! 7. Draws of one encoder blend into its targets in the order in which they were encoded, as everywhere.
+//! 7. Draws of one encoder blend into its targets in the order of encoding.
 //! 8. An event that is signalled and waited for orders everything before it before everything after it
 //!    (`mtlcommandbuffer/encodesignalevent(_:value:)`, `mtlcommandbuffer/encodewaitforevent(_:value:)`).
 //!
@@ -49,7 +49,7 @@ mod order;
 mod tests;
 
 pub use encoding::*;
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::plan::{Cause, Plan};
 
 /// Divides the passes of a plan into encoders, and orders these.
 ///
@@ -60,7 +60,7 @@ pub fn encoders(plan: &Plan, division: Division) -> Encoders {
 }
 
 /// Divides a plan as [`encoders`] does, and gives the reasons for every wait and barrier, in their order.
-pub fn explained(plan: &Plan, division: Division) -> (Encoders, Vec<Cause>) {
+pub fn explained(plan: &Plan, division: Division) -> (Encoders, Vec<(At, Cause)>) {
     let prologue = divide::divide(plan, &plan.prologue, division);
     let frame = divide::divide(plan, &plan.frame, division);
     order::order(plan, prologue, frame)

@@ -1,16 +1,15 @@
 //! Turns dependencies into fences between encoders and barriers within them.
 //!
-//! The walk takes the prologue and two frames. The second frame follows a frame like itself, as all later ones do, so its waits and
-//! barriers are those of every frame.
+//! The walk covers the prologue and two frames. The second frame follows a frame like itself, as every later frame does, so its waits
+//! and barriers hold for every frame.
 //!
-//! **Barriers.** Within an encoder, an access and a later one that depends on it need a barrier somewhere between them. One that is
-//! placed as late as possible, before the first pass that needs it, serves as many as any: no other choice has fewer. A dependency
-//! that a barrier could cover but for its scope adds to the last barrier's scope.
+//! **Barriers.** A dependency within an encoder needs a barrier between its passes. Barriers are placed as late as possible, before the
+//! first pass that needs one; no other placement has fewer. If only the scope of an existing barrier is too small, the last such
+//! barrier gets the scope as well.
 //!
-//! **Fences.** An encoder must wait for those that it depends on, but for those that another wait implies: what is left is the
-//! transitive reduction, which is unique. Draws have two beginnings and two ends, of vertices and of fragments. Fragments wait for
-//! whatever their vertices wait for, and who waits for fragments waits for their vertices, too; nothing else of the two is mixed, so
-//! that vertices can run ahead.
+//! **Fences.** An encoder waits for the encoders that it depends on, unless another wait implies it: the waits are the transitive
+//! reduction, which is unique. Draws begin and end twice, for vertices and for fragments. Fragments wait for everything that their
+//! vertices wait for, and a wait for fragments includes their vertices. Vertices can otherwise run ahead.
 
 use super::divide::{Group, ordering};
 use super::encoding::*;
@@ -58,7 +57,7 @@ struct Ordered<'a> {
 }
 
 /// Orders the encoders of a plan.
-pub(super) fn order(plan: &Plan, prologue: Vec<Group>, frame: Vec<Group>) -> (Encoders, Vec<Cause>) {
+pub(super) fn order(plan: &Plan, prologue: Vec<Group>, frame: Vec<Group>) -> (Encoders, Vec<(At, Cause)>) {
     let mut walk = Walk {
         plan,
         places: vec![None; plan.passes.len()],
@@ -122,7 +121,7 @@ pub(super) fn order(plan: &Plan, prologue: Vec<Group>, frame: Vec<Group>) -> (En
 }
 
 impl<'a> Walk<'a> {
-    /// Takes the passes of the next encoder. Those of instances before `start` are the prologue, which the handover is for.
+    /// Adds the next encoder. Instances before `start` are the prologue; the handover orders them.
     fn encoder(&mut self, group: &Group, start: usize) -> Ordered<'a> {
         let instance = self.waits.len();
         let mut ordered = Ordered {
@@ -160,17 +159,17 @@ impl<'a> Walk<'a> {
         ordered
     }
 
-    /// Lists what a pass must come after: of the frame before only if there was one, and no layout changes.
+    /// Lists the dependencies of a pass on passes that have run.
     fn needs(&self, pass: PassId) -> Vec<Need<'a>> {
         let need = |dependency: &'a Dependency| {
             let (instance, position) = self.places[dependency.first.index()]?;
-            let Dependency { first, second, source, target, resource, alias, .. } = dependency;
+            let Dependency { first, second, masks, resource, alias, .. } = dependency;
             Some(Need {
                 dependency,
                 instance,
                 position,
-                after: RenderStages::last(self.plan.pass(*first), source.stages),
-                before: RenderStages::first(self.plan.pass(*second), target.stages),
+                after: RenderStages::last(self.plan.pass(*first), masks.source_stages),
+                before: RenderStages::first(self.plan.pass(*second), masks.target_stages),
                 scope: [Some(*resource), *alias]
                     .into_iter()
                     .flatten()
@@ -182,11 +181,11 @@ impl<'a> Walk<'a> {
         ordering(self.plan, pass).filter_map(need).collect()
     }
 
-    /// Chooses the waits that an encoder needs, without those that others imply.
+    /// Chooses the waits of an encoder: the needs that no other wait implies.
     fn reduce(&mut self, needs: &[Need], instance: usize) -> Vec<Edge> {
         let edge = |need: &Need| Edge { source: need.instance, after: need.after, before: need.before };
         let mut all: Vec<Edge> = needs.iter().map(edge).collect();
-        // What implies another comes first: what is later, ends later, or begins earlier.
+        // An edge that implies another comes first: a later source, a later end, or an earlier beginning.
         all.sort_by_key(|edge| (std::cmp::Reverse((edge.source, edge.after)), edge.before));
         all.dedup();
         for edge in all {
@@ -204,7 +203,7 @@ impl<'a> Walk<'a> {
         edges
     }
 
-    /// Returns true if the end of a stage comes before the end of another, or is it.
+    /// Returns true if the end of a stage is the end of another, or comes before it.
     fn reaches(&mut self, first: (usize, RenderStages), last: (usize, RenderStages)) -> bool {
         self.searches += 1;
         self.seen.resize(2 * self.waits.len(), 0);
@@ -225,13 +224,13 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// Sees to it that there is a barrier between each of these accesses and the pass at `position`.
+/// Places barriers between the earlier passes of these needs and the pass at `position`.
 fn place<'a>(ordered: &mut Ordered<'a>, position: usize, mut needs: Vec<Need<'a>>) {
     needs.retain(|need| {
         let covers = |barrier: &Option<MemoryBarrier>| barrier.is_some_and(|b| b.contains(need.scope));
         !ordered.barriers[need.position + 1..position].iter().rev().any(covers)
     });
-    // Those after the last barrier need a new one, which then serves all.
+    // Needs after the last barrier require a new one, which then serves all.
     needs.sort_by_key(|need| std::cmp::Reverse(need.position));
     for need in needs {
         let last = (need.position + 1..=position).rev().find(|at| ordered.barriers[*at].is_some());
@@ -242,7 +241,7 @@ fn place<'a>(ordered: &mut Ordered<'a>, position: usize, mut needs: Vec<Need<'a>
     }
 }
 
-fn add_reasons(reasons: &mut Vec<Cause>, encoder: &Ordered, at: impl Fn(Point) -> At) {
+fn add_reasons(reasons: &mut Vec<(At, Cause)>, encoder: &Ordered, at: impl Fn(Point) -> At) {
     let mut waits = encoder.waits.clone();
     waits.sort_by_key(|(wait, _)| *wait);
     for (wait, dependency) in waits {
@@ -258,31 +257,26 @@ fn add_reasons(reasons: &mut Vec<Cause>, encoder: &Ordered, at: impl Fn(Point) -
 /// Adds a dependency to the reasons.
 ///
 /// It joins one that differs in the passes that are waited for alone, if there is one.
-fn add_reason(reasons: &mut Vec<Cause>, at: At, dependency: &Dependency) {
+fn add_reason(reasons: &mut Vec<(At, Cause)>, at: At, dependency: &Dependency) {
     let Dependency { hazard, first, second, since, resource, alias, .. } = *dependency;
     let previous_frame = since == Since::PreviousFrame;
-    let same = |reason: &&mut Cause| {
-        (reason.at, reason.before, reason.resource, reason.alias, reason.previous_frame)
+    let same = |(known_at, reason): &&mut (At, Cause)| {
+        (*known_at, reason.before, reason.resource, reason.alias, reason.previous_frame)
             == (at, second, resource, alias, previous_frame)
     };
     // A pass that reads and writes is ordered by either.
     let read_first = |hazard| if hazard == Hazard::WriteAfterWrite { Hazard::ReadAfterWrite } else { hazard };
-    let known = reasons.iter_mut().filter(same).find(|r| read_first(r.hazard) == read_first(hazard));
+    let known = reasons.iter_mut().filter(same).find(|(_, r)| read_first(r.hazard) == read_first(hazard));
     match known {
-        Some(reason) => {
+        Some((_, reason)) => {
             reason.hazard = reason.hazard.min(hazard);
             if !reason.after.contains(&first) {
                 reason.after.push(first);
             }
         }
-        None => reasons.push(Cause {
-            at,
-            hazard,
-            before: second,
-            resource,
-            after: vec![first],
-            previous_frame,
-            alias,
-        }),
+        None => {
+            let (before, after) = (second, vec![first]);
+            reasons.push((at, Cause { hazard, before, resource, after, previous_frame, alias }));
+        }
     }
 }

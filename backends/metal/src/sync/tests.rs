@@ -4,11 +4,12 @@ use super::*;
 use crate::sync::model::{Model, mutate};
 use crate::testing::*;
 use splatgraph_framework::ir::{Hazard, Load, PassId, Shape};
+use splatgraph_framework::plan::Cause;
 
 /// Checks the lines of the frame, and what the model must say.
 #[track_caller]
 fn expect(sketch: &Sketch, frame: &[&str]) {
-    assert_eq!(sketch.frame(), frame);
+    assert_eq!(sketch.lines(), frame);
     let model = Model::new(&sketch.plan);
     for division in Division::ALL {
         let encoders = encoders(&sketch.plan, division);
@@ -225,7 +226,7 @@ fn a_frame_does_not_wait_for_copies_that_it_does_not_overwrite() {
     s.draw("draw", image, CLEAR, &[vertices_read(x)]);
     s.dispatch("count", &[writes(y)]);
     s.export(image, Some(y));
-    let frame = s.frame();
+    let frame = s.lines();
     // `make` waits for the vertices that read `x`, and for nothing else.
     assert_eq!(frame[0], "compute after 0: make; then 0");
     assert_eq!(frame[1], "render after 2f 0v: draw; then 0v 1f");
@@ -302,14 +303,9 @@ fn reasons_name_the_hazard_the_passes_and_both_resources() {
     s.dispatch("make", &[writes(x)]);
     s.dispatch("over", &[writes(y)]);
     let (_, reasons) = explained(&s.plan, Division::Merged);
-    let reason = |point, hazard, before, resource, after, previous_frame, alias| Cause {
-        at: At::Frame(0, point),
-        hazard,
-        before: PassId(before),
-        resource,
-        after: vec![PassId(after)],
-        previous_frame,
-        alias,
+    let reason = |point, hazard, before, resource, after, previous_frame, alias| {
+        let (before, after) = (PassId(before), vec![PassId(after)]);
+        (At::Frame(0, point), Cause { hazard, before, resource, after, previous_frame, alias })
     };
     let write = Hazard::WriteAfterWrite;
     assert_eq!(

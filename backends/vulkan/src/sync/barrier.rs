@@ -1,18 +1,18 @@
 //! The barriers of a plan, as plain data.
 
-use splatgraph_framework::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Stages, Work};
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::ir::{Masks, PassId, Stages, Work};
+use splatgraph_framework::plan::{Cause, Plan, Transition};
 
 /// Lists the barriers of a plan. Those before one pass are recorded as one call.
 ///
-/// A call has at most one barrier on all memory, which comes first, and one for each image that changes its layout. Those of one call
-/// do not form chains with each other.
+/// A call has at most one barrier on all memory, which comes first, and one for each image that changes its layout. Barriers of one
+/// call do not form chains with each other.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Barriers {
     /// The barriers before each pass, indexed by [`PassId`].
     pub before: Vec<Vec<Barrier>>,
-    /// Recorded once, between the prologue and the first frame: shows the frames what the prologue wrote, and brings images into the
-    /// layouts that they are in between frames.
+    /// Recorded once, between the prologue and the first frame: makes the prologue's writes visible to frames, and transitions images
+    /// to their layouts between frames.
     pub handover: Vec<Barrier>,
 }
 
@@ -40,16 +40,16 @@ impl Barriers {
 
     /// Lists the stages whose work, in this frame or the next, waits for the copies of the plan's export.
     ///
-    /// A blit that is recorded behind the frame takes its place among these copies: what waits for them must wait for it as well. Later
-    /// barriers name `COPY`, or chain with those between the export and the frame's end, which came before the blit; so the
-    /// targets of these are listed, too.
+    /// A blit recorded after the frame counts as one of these copies, so work that waits for them must wait for it. Later barriers
+    /// name `COPY`, or chain with barriers between the export and the frame's end. The latter come before the blit, so their targets
+    /// are listed as well.
     pub fn waiting_for_copies(&self, plan: &Plan) -> Stages {
         let after = plan.frame.iter().skip_while(|pass| plan.pass(**pass).work != Work::Export).skip(1);
         let mut waiting = Stages::COPY;
         for pass in after {
             let call = self.at(Some(*pass)).iter();
-            let chained = call.filter(|barrier| barrier.source_stages.intersects(waiting));
-            waiting |= chained.map(|barrier| barrier.target_stages).collect::<Stages>();
+            let chained = call.filter(|barrier| barrier.masks.source_stages.intersects(waiting));
+            waiting |= chained.map(|barrier| barrier.masks.target_stages).collect::<Stages>();
         }
         waiting - Stages::HOST
     }
@@ -68,53 +68,11 @@ pub struct Barrier {
     /// The image whose layout changes. The change is a write that happens between source and target, and is visible to the
     /// target.
     pub image: Option<Transition>,
-    /// Stages to wait for.
-    pub source_stages: Stages,
-    /// Writes to make available.
-    pub source_accesses: Accesses,
-    /// Stages that wait.
-    pub target_stages: Stages,
-    /// Accesses that the writes become visible to.
-    pub target_accesses: Accesses,
-    /// The conflicts that it resolves, one entry per resource: never empty in what [`barriers`](super::barriers) returns.
-    pub causes: Vec<Cause>,
-}
-
-/// Changes an image's layout. `old` is [`Layout::Undefined`] where the contents are not needed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Transition {
-    /// The image.
-    pub image: ResourceId,
-    /// The layout before.
-    pub old: Layout,
-    /// The layout after.
-    pub new: Layout,
-}
-
-/// Gives one reason for a barrier: the accesses of `after` conflict with those of `before`.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Cause {
-    /// The kind of conflict.
-    pub hazard: Hazard,
-    /// The pass that needs it: the one after the call, or a later one that would otherwise need a call of its own. (It may be one at
-    /// the start of the next frame, whose needs the last call of this one meets.)
-    pub before: PassId,
-    /// The resource that it accesses.
-    pub resource: ResourceId,
-    /// The passes that are waited for, the latest of each kind. Empty where an image was never touched.
-    pub after: Vec<PassId>,
-    /// They ran in the frame before that of `before`.
-    pub previous_frame: bool,
-    /// The resource that they touched, where it is another one in the same memory.
-    pub alias: Option<ResourceId>,
-    /// The stages that this reason alone waits for.
-    pub source_stages: Stages,
-    /// Its writes to make available.
-    pub source_accesses: Accesses,
-    /// Its stages that wait.
-    pub target_stages: Stages,
-    /// Its accesses that the writes become visible to.
-    pub target_accesses: Accesses,
+    /// Stages to wait for, writes to make available, stages that wait, and accesses that the writes become visible to.
+    pub masks: Masks,
+    /// The conflicts that it resolves, one entry per resource, each with the masks that it alone requires: never empty in what
+    /// [`barriers`](super::barriers) returns.
+    pub causes: Vec<(Cause, Masks)>,
 }
 
 /// A pass with the barriers before it, while they are being placed.

@@ -4,9 +4,10 @@
 //! `VkMemoryBarrier2`, a barrier on an image a `VkImageMemoryBarrier2` with exactly the layouts that it names. The runtime's own
 //! barriers have the same form. Nothing here calls the API.
 
-use super::barrier::{Barrier, Transition};
+use super::barrier::Barrier;
 use ash::vk;
 use splatgraph_framework::ir::*;
+use splatgraph_framework::plan::Transition;
 
 /// One side of a barrier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,10 +82,9 @@ impl Dependency {
     pub fn lower<'a>(&mut self, barriers: impl Iterator<Item = (&'a Barrier, Option<vk::Image>)>) {
         self.clear();
         for (barrier, image) in barriers {
-            let source =
-                Scope { stages: stages(barrier.source_stages), accesses: accesses(barrier.source_accesses) };
-            let target =
-                Scope { stages: stages(barrier.target_stages), accesses: accesses(barrier.target_accesses) };
+            let Masks { source_stages, source_accesses, target_stages, target_accesses } = barrier.masks;
+            let source = Scope { stages: stages(source_stages), accesses: accesses(source_accesses) };
+            let target = Scope { stages: stages(target_stages), accesses: accesses(target_accesses) };
             let Some(Transition { old, new, .. }) = barrier.image else {
                 self.memory.push(MemoryBarrier { source, target });
                 continue;
@@ -166,14 +166,7 @@ mod tests {
     use vk::{AccessFlags2 as A, PipelineStageFlags2 as S};
 
     fn on_memory(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
-        Barrier {
-            image: None,
-            source_stages: source.0,
-            source_accesses: source.1,
-            target_stages: target.0,
-            target_accesses: target.1,
-            causes: Vec::new(),
-        }
+        Barrier { image: None, masks: Masks::new(source, target), causes: Vec::new() }
     }
 
     fn on_image(change: Transition, source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {

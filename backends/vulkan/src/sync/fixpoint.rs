@@ -6,8 +6,8 @@
 
 use super::barrier::{Barrier, Step};
 use super::needs;
-use super::scopes::Masks;
 use super::state::{Inputs, SyncState};
+use splatgraph_framework::ir::Masks;
 
 /// Number of frames after which the state repeats.
 const FRAMES: usize = 3;
@@ -24,17 +24,16 @@ pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) 
     }
     for step in 0..steps.len() {
         for at in 0..steps[step].barriers.len() {
-            let barrier = steps[step].barriers[at].clone();
-            let masks = Masks::of(&barrier);
+            let Barrier { image, masks, .. } = steps[step].barriers[at];
             // The target of a layout change is the pass's own access: all of its bits are needed.
-            let fixed = if barrier.image.is_some() { masks.target() } else { Masks::default() };
+            let fixed = if image.is_some() { masks.target() } else { Masks::default() };
             let least = needs::least(masks.without(fixed), |masks| {
-                steps[step].barriers[at] = masks.with(fixed).on(&barrier);
+                steps[step].barriers[at].masks = masks.with(fixed);
                 holds(&steps, inputs)
             });
-            steps[step].barriers[at] = least.with(fixed).on(&barrier);
+            steps[step].barriers[at].masks = least.with(fixed);
         }
-        let nothing = |b: &Barrier| b.image.is_none() && Masks::of(b) == Masks::default();
+        let nothing = |b: &Barrier| b.image.is_none() && b.masks == Masks::default();
         steps[step].barriers.retain(|b| !nothing(b));
     }
     Some(steps)
@@ -44,7 +43,7 @@ pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) 
 fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     match call.iter_mut().find(|b| b.image == barrier.image) {
         Some(known) => {
-            *known = Masks::of(known).with(Masks::of(&barrier)).on(known);
+            known.masks.add(barrier.masks);
             for cause in barrier.causes {
                 if !known.causes.contains(&cause) {
                     known.causes.push(cause);

@@ -23,12 +23,11 @@ mod state;
 mod tests;
 
 use barrier::Step;
-pub use barrier::{Barrier, Barriers, Cause, Transition};
+pub use barrier::{Barrier, Barriers};
 use needs::Requirement;
-use scopes::Masks;
 use splatgraph_api::BackendError;
-use splatgraph_framework::ir::{Hazard, PassId};
-use splatgraph_framework::plan::{LayoutChange, Plan};
+use splatgraph_framework::ir::{Hazard, Masks, PassId};
+use splatgraph_framework::plan::{LayoutChange, Plan, Transition};
 use state::{Inputs, SyncState};
 
 /// Maximum number of rounds before the walk counts as cyclic; three suffice for nearly every graph.
@@ -116,26 +115,26 @@ impl Handover {
     fn barriers(&self) -> Vec<Barrier> {
         let of_prologue = |needs: &[Requirement]| {
             let mut causes = needs::causes(needs);
-            causes.iter_mut().for_each(|d| d.previous_frame = false);
+            causes.iter_mut().for_each(|(cause, _)| cause.previous_frame = false);
             causes
         };
         let mut barriers = Vec::new();
         if self.memory != Masks::default() {
-            barriers.push(needs::barrier(self.memory, None, of_prologue(&self.needs)));
+            barriers.push(Barrier { image: None, masks: self.memory, causes: of_prologue(&self.needs) });
         }
         for (transition, masks, needs, first) in &self.images {
             let mut causes = of_prologue(needs);
             if causes.is_empty() {
-                causes.push(needs::cause(Hazard::LayoutChange, *first, transition.image));
+                let cause = needs::cause(Hazard::LayoutChange, *first, transition.image);
+                causes.push((cause, Masks::default()));
             }
-            for cause in &mut causes {
-                cause.target_stages = masks.target_stages;
-                cause.target_accesses = masks.target_accesses;
+            for (cause, own) in &mut causes {
+                *own = own.source().with(masks.target());
                 if cause.hazard == Hazard::WriteAfterWrite && masks.target_accesses.reads() {
                     cause.hazard = Hazard::ReadAfterWrite;
                 }
             }
-            barriers.push(needs::barrier(*masks, Some(*transition), causes));
+            barriers.push(Barrier { image: Some(*transition), masks: *masks, causes });
         }
         barriers
     }
@@ -181,18 +180,13 @@ impl Handover {
         for i in 0..self.images.len() {
             // The source of a layout change is already minimal.
             let masks = self.images[i].1;
-            let source =
-                Masks { target_stages: Default::default(), target_accesses: Default::default(), ..masks };
-            let target = masks.without(source);
-            let reduced = needs::least(target, |target| {
+            let reduced = needs::least(masks.target(), |target| {
                 let mut images = self.images.clone();
-                images[i].1 = source;
-                images[i].1.add(*target);
+                images[i].1 = masks.source().with(*target);
                 let less = Handover { memory: self.memory, needs: self.needs.clone(), images };
                 less.missing(start, frame, inputs).is_empty()
             });
-            self.images[i].1 = source;
-            self.images[i].1.add(reduced);
+            self.images[i].1 = masks.source().with(reduced);
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Requirements of a pass on the barriers before it, and the smallest barrier that meets one.
 
-use super::barrier::{Barrier, Cause, Transition};
-use super::scopes::{Masks, Time, with_later};
-use splatgraph_framework::ir::{Accesses, Hazard, PassId, ResourceId, Stages};
+use super::scopes::{Time, with_later};
+use splatgraph_framework::ir::{Accesses, Hazard, Masks, PassId, ResourceId, Stages};
+use splatgraph_framework::plan::Cause;
 
 /// The cause of a requirement: an earlier access, and its resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -124,63 +124,35 @@ pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool)
 }
 
 /// Returns the needs, one entry per resource and hazard, as a barrier's reasons.
-pub(super) fn causes(needs: &[Requirement]) -> Vec<Cause> {
-    let mut causes: Vec<Cause> = Vec::new();
+pub(super) fn causes(needs: &[Requirement]) -> Vec<(Cause, Masks)> {
+    let mut causes: Vec<(Cause, Masks)> = Vec::new();
     for need in needs {
         let Reason { hazard, resource, alias, after, previous_frame, before, .. } = need.reason;
-        let source = need.least_source();
         // A pass that both reads and writes gives one reason, as a reader.
         let apart = hazard == Hazard::WriteAfterRead;
-        let same = |d: &&mut Cause| {
+        let same = |(d, _): &(Cause, Masks)| {
             (d.before, d.resource, d.alias, d.previous_frame) == (before, resource, alias, previous_frame)
                 && (d.hazard == Hazard::WriteAfterRead) == apart
         };
-        let cause = match causes.iter_mut().find(same) {
-            Some(cause) => cause,
-            None => {
-                causes.push(Cause { alias, previous_frame, ..cause(hazard, before, resource) });
-                causes.last_mut().expect("just pushed")
-            }
-        };
+        let at = causes.iter().position(same).unwrap_or_else(|| {
+            let conflict = Cause { alias, previous_frame, ..cause(hazard, before, resource) };
+            causes.push((conflict, Masks::default()));
+            causes.len() - 1
+        });
+        let (cause, masks) = &mut causes[at];
         if hazard == Hazard::ReadAfterWrite {
             cause.hazard = hazard;
         }
         if !cause.after.contains(&after) {
             cause.after.push(after);
         }
-        cause.source_stages |= source.source_stages;
-        cause.source_accesses |= source.source_accesses;
-        cause.target_stages |= need.to;
-        cause.target_accesses |= need.access;
+        masks.add(need.least_source().with(need.least_target()));
     }
-    causes.iter_mut().for_each(|d| d.after.sort());
+    causes.iter_mut().for_each(|(cause, _)| cause.after.sort());
     causes
 }
 
-/// Creates a reason with empty masks.
+/// Creates a reason that no pass is behind yet.
 pub(super) fn cause(hazard: Hazard, before: PassId, resource: ResourceId) -> Cause {
-    Cause {
-        hazard,
-        before,
-        resource,
-        after: Vec::new(),
-        previous_frame: false,
-        alias: None,
-        source_stages: Stages::empty(),
-        source_accesses: Accesses::empty(),
-        target_stages: Stages::empty(),
-        target_accesses: Accesses::empty(),
-    }
-}
-
-/// Returns a barrier.
-pub(super) fn barrier(masks: Masks, image: Option<Transition>, causes: Vec<Cause>) -> Barrier {
-    Barrier {
-        image,
-        source_stages: masks.source_stages,
-        source_accesses: masks.source_accesses,
-        target_stages: masks.target_stages,
-        target_accesses: masks.target_accesses,
-        causes,
-    }
+    Cause { hazard, before, resource, after: Vec::new(), previous_frame: false, alias: None }
 }

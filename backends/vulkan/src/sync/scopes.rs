@@ -1,11 +1,10 @@
 //! Execution order, availability and visibility established by barriers.
 //!
-//! [`Scopes`] follows Vulkan's model (see [`Barrier`]) for all resources at once: it tracks only stages and
+//! [`Scopes`] follows Vulkan's model (see [`Barrier`](super::Barrier)) for all resources at once: it tracks only stages and
 //! times. This suffices because a barrier applies to everything before it: whether a write is visible depends only on the stage
 //! and the time of the write. So the cost of a barrier does not depend on the size of the graph.
 
-use super::barrier::Barrier;
-use splatgraph_framework::ir::{Accesses, Stages};
+use splatgraph_framework::ir::{Accesses, Masks, Stages};
 
 /// Number of stages that [`Stages`] names.
 pub(super) const STAGES: usize = Stages::all().bits().count_ones() as usize;
@@ -79,75 +78,6 @@ pub(super) fn write_access(stage: Stages) -> Accesses {
         Stages::COLOR_OUTPUT => Accesses::COLOR_WRITE,
         Stages::COPY | Stages::CLEAR => Accesses::TRANSFER_WRITE,
         _ => Accesses::STORAGE_WRITE,
-    }
-}
-
-/// The four masks of a barrier.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Masks {
-    pub source_stages: Stages,
-    pub source_accesses: Accesses,
-    pub target_stages: Stages,
-    pub target_accesses: Accesses,
-}
-
-impl Masks {
-    pub fn of(barrier: &Barrier) -> Masks {
-        Masks {
-            source_stages: barrier.source_stages,
-            source_accesses: barrier.source_accesses,
-            target_stages: barrier.target_stages,
-            target_accesses: barrier.target_accesses,
-        }
-    }
-
-    /// Returns the same barrier with these masks.
-    pub fn on(self, barrier: &Barrier) -> Barrier {
-        Barrier {
-            source_stages: self.source_stages,
-            source_accesses: self.source_accesses,
-            target_stages: self.target_stages,
-            target_accesses: self.target_accesses,
-            ..barrier.clone()
-        }
-    }
-
-    /// Iterates over single bits; accesses first, so that stages needed only by them can be removed afterwards.
-    pub fn bits(self) -> impl Iterator<Item = Masks> {
-        let accesses =
-            self.source_accesses.iter().map(move |a| Masks { source_accesses: a, ..Masks::default() });
-        let stages = self.source_stages.iter().map(move |s| Masks { source_stages: s, ..Masks::default() });
-        let seen = self.target_accesses.iter().map(move |a| Masks { target_accesses: a, ..Masks::default() });
-        let seers = self.target_stages.iter().map(move |s| Masks { target_stages: s, ..Masks::default() });
-        accesses.chain(stages).chain(seen).chain(seers)
-    }
-
-    /// Removes the bits of another.
-    pub fn without(self, bits: Masks) -> Masks {
-        Masks {
-            source_stages: self.source_stages - bits.source_stages,
-            source_accesses: self.source_accesses - bits.source_accesses,
-            target_stages: self.target_stages - bits.target_stages,
-            target_accesses: self.target_accesses - bits.target_accesses,
-        }
-    }
-
-    /// Returns the target's half.
-    pub fn target(self) -> Masks {
-        Masks { source_stages: Stages::empty(), source_accesses: Accesses::empty(), ..self }
-    }
-
-    /// Adds the bits of another.
-    pub fn with(mut self, bits: Masks) -> Masks {
-        self.add(bits);
-        self
-    }
-
-    pub fn add(&mut self, bits: Masks) {
-        self.source_stages |= bits.source_stages;
-        self.source_accesses |= bits.source_accesses;
-        self.target_stages |= bits.target_stages;
-        self.target_accesses |= bits.target_accesses;
     }
 }
 

@@ -1,10 +1,10 @@
 //! The state of the walk: effect of the barriers so far, time of each pass, and pending layout changes.
 
-use super::barrier::{Barrier, Step, Transition};
+use super::barrier::{Barrier, Step};
 use super::needs::{self, Reason, Requirement};
-use super::scopes::{Masks, Origin, Scopes, Time, with_later, write_access};
-use splatgraph_framework::ir::{Accesses, Hazard, Layout, PassId, ResourceId, Stages, Work};
-use splatgraph_framework::plan::{Dependency, LayoutChange, Plan};
+use super::scopes::{Origin, Scopes, Time, with_later, write_access};
+use splatgraph_framework::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Stages, Work};
+use splatgraph_framework::plan::{Dependency, LayoutChange, Plan, Transition};
 
 /// Inputs of the walk that do not change.
 pub(super) struct Inputs<'a> {
@@ -88,7 +88,7 @@ impl Call {
 
     /// Adds needs; returns true if the call changed.
     fn meet(&mut self, needs: Vec<Requirement>) -> bool {
-        let order = |need: &Requirement| self.images.iter().any(|b| need.is_met_by_order(&Masks::of(b)));
+        let order = |need: &Requirement| self.images.iter().any(|b| need.is_met_by_order(&b.masks));
         let needs: Vec<Requirement> = needs.into_iter().filter(|need| !order(need)).collect();
         let open = needs.iter().filter(|need| !need.is_met_by(&self.memory));
         let reasons: Vec<Requirement> = open.copied().collect();
@@ -107,7 +107,7 @@ impl Call {
 
     fn barriers(&self) -> Vec<Barrier> {
         let causes = needs::causes(&self.reasons);
-        let memory = (!causes.is_empty()).then(|| needs::barrier(self.memory, None, causes));
+        let memory = (!causes.is_empty()).then_some(Barrier { image: None, masks: self.memory, causes });
         memory.into_iter().chain(self.images.iter().cloned()).collect()
     }
 }
@@ -193,7 +193,7 @@ impl SyncState {
         if call.meet(needs) {
             self.scopes = call.before.clone();
             let barriers = call.barriers();
-            self.scopes.apply(barriers.iter().map(|b| (Masks::of(b), b.image.is_none())), call.covers());
+            self.scopes.apply(barriers.iter().map(|b| (b.masks, b.image.is_none())), call.covers());
             if call.time < self.frame_start {
                 self.ahead.push((call.step, id));
             } else {
@@ -221,19 +221,16 @@ impl SyncState {
             else {
                 continue;
             };
-            let masks = Masks::of(barrier);
             let mut needs = self.change_needs(change, inputs, false);
-            needs.retain(|need| !need.source_is_met_by(&masks));
+            needs.retain(|need| !need.source_is_met_by(&barrier.masks));
             // The change waits for its source stages, and so for everything before them.
-            if let Some(stage) = barrier.source_stages.iter().next() {
+            if let Some(stage) = barrier.masks.source_stages.iter().next() {
                 needs.iter_mut().for_each(|n| (n.to, n.access) = (stage, Accesses::empty()));
             }
             missing.append(&mut needs);
         }
         let met = |need: &Requirement| {
-            barriers
-                .iter()
-                .any(|b| (b.image.is_none() || need.access.is_empty()) && need.is_met_by(&Masks::of(b)))
+            barriers.iter().any(|b| (b.image.is_none() || need.access.is_empty()) && need.is_met_by(&b.masks))
         };
         missing.extend(self.needs(id, &self.scopes, inputs).into_iter().filter(|need| !met(need)));
         self.apply(barriers, id);
@@ -277,7 +274,7 @@ impl SyncState {
         let dependencies = inputs.plan.dependencies_of(before).iter();
         for dependency in dependencies.filter(|d| d.changes_layout && d.resource == image) {
             let Some(time) = self.time(dependency) else { continue };
-            if !dependency.source.accesses.writes() {
+            if !dependency.masks.source_accesses.writes() {
                 self.order(dependency, time, to.0, &self.scopes, inputs, &mut needs);
                 continue;
             }
@@ -316,12 +313,12 @@ impl SyncState {
                 continue;
             }
             let Some(time) = self.time(dependency) else { continue };
-            for to in dependency.target.stages.iter() {
+            for to in dependency.masks.target_stages.iter() {
                 if dependency.hazard == Hazard::WriteAfterRead {
                     self.order(dependency, time, to, scopes, inputs, &mut needs);
                     continue;
                 }
-                for access in dependency.target.accesses.iter() {
+                for access in dependency.masks.target_accesses.iter() {
                     let hazard =
                         if access.writes() { Hazard::WriteAfterWrite } else { Hazard::ReadAfterWrite };
                     self.memory((dependency, hazard), time, (to, access), scopes, &mut needs);
@@ -353,7 +350,7 @@ impl SyncState {
         needs: &mut Vec<Requirement>,
     ) {
         let reason = self.reason(dependency, hazard, time);
-        for from in dependency.source.stages.iter() {
+        for from in dependency.masks.source_stages.iter() {
             if !to.is_empty() && scopes.is_visible(from, time, to, access) {
                 continue;
             }
@@ -398,7 +395,7 @@ impl SyncState {
     ) {
         let dispatch = matches!(inputs.plan.pass(dependency.first).work, Work::Dispatch { .. });
         let reason = self.reason(dependency, Hazard::WriteAfterRead, time);
-        for from in dependency.source.stages.iter() {
+        for from in dependency.masks.source_stages.iter() {
             let origin = Origin::new(from, dispatch);
             if to.is_empty() || !scopes.is_ordered(origin, time, to) {
                 let (flush, via, access) = (Accesses::empty(), scopes.after(origin, time), Accesses::empty());
@@ -420,14 +417,14 @@ impl SyncState {
     }
 
     fn apply(&mut self, barriers: &[Barrier], pass: PassId) {
-        let call = barriers.iter().map(|b| (Masks::of(b), b.image.is_none()));
+        let call = barriers.iter().map(|b| (b.masks, b.image.is_none()));
         self.scopes.apply(call, self.now - 2);
         for (barrier, transition) in barriers.iter().filter_map(|b| Some((b, b.image?))) {
             self.changed[transition.image.index()] = Some(Changed {
                 time: self.now - 1,
                 pass,
-                stages: barrier.target_stages,
-                accesses: barrier.target_accesses,
+                stages: barrier.masks.target_stages,
+                accesses: barrier.masks.target_accesses,
                 is_read: false,
             });
         }
@@ -456,17 +453,13 @@ fn add(needs: &mut Vec<Requirement>, need: Requirement) {
 
 impl Change {
     fn barrier(&self) -> Barrier {
-        let mut masks = needs::least_source(&self.needs);
-        masks.add(self.target);
+        let masks = needs::least_source(&self.needs).with(self.target);
         let mut causes = needs::causes(&self.needs);
         if causes.is_empty() {
             let first = needs::cause(Hazard::LayoutChange, self.before, self.transition.image);
-            causes.push(first);
+            causes.push((first, Masks::default()));
         }
-        for cause in &mut causes {
-            cause.target_stages = self.target.target_stages;
-            cause.target_accesses = self.target.target_accesses;
-        }
-        needs::barrier(masks, Some(self.transition), causes)
+        causes.iter_mut().for_each(|(_, masks)| *masks = masks.source().with(self.target));
+        Barrier { image: Some(self.transition), masks, causes }
     }
 }

@@ -10,7 +10,7 @@ use splatgraph_framework::shader::{Glslang, ShaderCompiler, ShaderRequest};
 use splatgraph_framework::solve::add_dependencies;
 use splatgraph_framework::source::{Library, SourceMap, render};
 use splatgraph_framework::{ir::*, plan::*};
-use splatgraph_vulkan::sync::{Barrier, Barriers, Transition};
+use splatgraph_vulkan::sync::{Barrier, Barriers};
 use splatgraph_vulkan::{Options, Validation, Vulkan};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -384,14 +384,7 @@ pub fn barriers_everywhere(plan: &Plan) -> Barriers {
 
 /// A barrier on all memory.
 pub fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
-    Barrier {
-        image: None,
-        source_stages: source.0,
-        source_accesses: source.1,
-        target_stages: target.0,
-        target_accesses: target.1,
-        causes: Vec::new(),
-    }
+    Barrier { image: None, masks: Masks::new(source, target), causes: Vec::new() }
 }
 
 /// Finishes a plan by copying `words(n)` into an image of one row, and exports the image.

@@ -1,6 +1,7 @@
 //! Encoders that a backend has added, as text and as JSON.
 
 use super::*;
+use crate::plan::Cause;
 
 /// Returns a hand-made dump with encoders: a few of its passes, with every construct once.
 pub fn encoded(dump: Dump) -> Dump {
@@ -9,7 +10,7 @@ pub fn encoded(dump: Dump) -> Dump {
         let declared = resource.or_else(|| dump.pass(name).map(|pass| pass.declared.clone()));
         Declared { name: name.into(), declared: declared.unwrap_or_else(|| panic!("no {name}")) }
     };
-    let reason = |hazard, before: &str, resource: &str, after: &str| DumpReason {
+    let reason = |hazard, before: &str, resource: &str, after: &str| Cause {
         hazard,
         before: place(before),
         resource: place(resource),
@@ -20,7 +21,7 @@ pub fn encoded(dump: Dump) -> Dump {
     let pass = |name: &str| EncodedPass { pass: name.into(), barrier: None };
     let read = reason(Hazard::ReadAfterWrite, "scan_blocks", "visible", "project");
     let barrier = EncoderBarrier { scope: vec!["buffers".into(), "textures".into()], reasons: vec![read] };
-    let overwritten = DumpReason {
+    let overwritten = Cause {
         previous_frame: true,
         alias: Some(place("color")),
         ..reason(Hazard::WriteAfterRead, "project", "depth", "compose")

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::dump::{Declared, Dump, DumpBarrier, DumpCause, DumpTransition, Masks};
+use crate::dump::{Declared, Dump, DumpBarrier, DumpCause};
 use crate::ir::{Member, MemberKind, PushBlock, Reflection, ShaderStage};
 use crate::source::Diagnostic;
 use crate::{ir::*, plan::*};
@@ -137,12 +137,12 @@ fn call(plan: &Plan, at: Option<PassId>) -> Vec<DumpBarrier> {
     let barrier = |image: Option<&LayoutChange>, of: Vec<&Dependency>| DumpBarrier {
         id: 0,
         before: at.map(|pass| Declared::pass(plan, pass)),
-        image: image.map(|change| DumpTransition {
+        image: image.map(|change| Transition {
             image: plan.resource(change.image).name.clone(),
             old: change.old,
             new: change.new,
         }),
-        masks: Masks::new(of[0].source, of[0].target),
+        masks: of[0].masks,
         dependencies: of.iter().map(|dependency| cause(plan, dependency)).collect(),
     };
     let all: Vec<&Dependency> = plan.dependencies.iter().filter(here).collect();
@@ -161,15 +161,15 @@ fn call(plan: &Plan, at: Option<PassId>) -> Vec<DumpBarrier> {
 }
 
 fn cause(plan: &Plan, dependency: &Dependency) -> DumpCause {
-    DumpCause {
+    let conflict = Cause {
         hazard: dependency.hazard,
-        before: Declared::pass(plan, dependency.second),
-        resource: Declared::resource(plan, dependency.resource),
-        after: vec![Declared::pass(plan, dependency.first)],
+        before: dependency.second,
+        resource: dependency.resource,
+        after: vec![dependency.first],
         previous_frame: dependency.since == Since::PreviousFrame,
-        alias: dependency.alias.map(|id| Declared::resource(plan, id)),
-        masks: Masks::new(dependency.source, dependency.target),
-    }
+        alias: dependency.alias,
+    };
+    DumpCause { conflict: Declared::cause(plan, &conflict), masks: dependency.masks }
 }
 
 impl Maker {

@@ -6,7 +6,7 @@ mod example;
 mod schema;
 
 use super::*;
-use crate::ir::{Hazard, Run, Source, Value};
+use crate::ir::{Accesses, Hazard, Run, Source, Value};
 use crate::plan::Plan;
 use crate::testing;
 use example::dump;
@@ -208,8 +208,7 @@ fn a_need_of_another_pass_is_named_with_it() {
     let mut barrier = dump.pass("compact").unwrap().barriers[0].clone();
     let line = cause_line(&barrier, &barrier.dependencies[0]);
     assert!(!line.contains(", for "), "{line}");
-    barrier.dependencies[0].before =
-        Declared { name: "sort.clear".into(), ..barrier.dependencies[0].before.clone() };
+    barrier.dependencies[0].conflict.before.name = "sort.clear".into();
     let line = cause_line(&barrier, &barrier.dependencies[0]);
     assert!(line.contains(", for sort.clear: "), "{line}");
 }
@@ -218,7 +217,7 @@ fn a_need_of_another_pass_is_named_with_it() {
 fn the_picture_has_an_edge_for_every_pass_that_is_waited_for() {
     let dump = dump(&example::splat(4, 1000));
     let dot = dot(&dump);
-    let waits: usize = dump.barriers().flat_map(|b| &b.dependencies).map(|d| d.after.len()).sum();
+    let waits: usize = dump.barriers().flat_map(|b| &b.dependencies).map(|d| d.conflict.after.len()).sum();
     assert_eq!(dot.matches(" -> \"").count(), waits);
     assert_eq!(dot.matches("fillcolor=").count(), dump.passes.len());
     assert!(dot.contains("  \"sort.scatter[0]\" -> \"sort.histogram[1]\" [label=\"keys#1\""), "{dot}");
@@ -281,12 +280,12 @@ fn a_solved_graph_says_which_pass_waits_for_which_on_what() {
     let plan = testing::plan(&testing::graph("", &passes.join("\n")), &[]).unwrap_or_else(|e| panic!("{e}"));
     let dump = dump(&plan);
     let barrier = &dump.pass("show").expect("it is there").barriers[0];
-    let dependency = &barrier.dependencies[0];
+    let dependency = &barrier.dependencies[0].conflict;
     assert_eq!(dependency.hazard, Hazard::ReadAfterWrite);
     assert_eq!((dependency.resource.name.as_str(), dependency.before.name.as_str()), ("a", "show"));
     assert_eq!(dependency.after[0].name, "make");
     assert_eq!(dependency.after[0].declared, plan.passes[0].origin);
-    assert_eq!(barrier.masks.source_accesses, ["STORAGE_WRITE"]);
+    assert_eq!(barrier.masks.source_accesses, Accesses::STORAGE_WRITE);
     assert_eq!(dump.resources.len(), plan.resources.len());
     let transient = plan.resources.iter().filter(|r| r.source == Source::Transient).count();
     assert_eq!(dump.blocks.iter().map(|b| b.aliases.len()).sum::<usize>(), transient);

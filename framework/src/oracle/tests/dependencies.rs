@@ -78,12 +78,12 @@ fn a_dependency_of_the_wrong_frame_is_missing_and_needless() {
 
 #[test]
 fn a_stage_that_no_access_has_is_needless_and_an_access_that_is_left_out_is_missing() {
-    let text = found(shared(), |plan| plan.dependencies[1].target.stages |= Stages::VERTEX);
+    let text = found(shared(), |plan| plan.dependencies[1].masks.target_stages |= Stages::VERTEX);
     assert_eq!(
         text,
         ["needless: target VERTEX of the dependency of `one` on `write` for `x` (ReadAfterWrite)"]
     );
-    let text = found(shared(), |plan| plan.dependencies[1].target.accesses = Accesses::empty());
+    let text = found(shared(), |plan| plan.dependencies[1].masks.target_accesses = Accesses::empty());
     assert!(text[0].starts_with("no dependency of `one` on `write` orders STORAGE_READ"), "{text:#?}");
 }
 

@@ -1,4 +1,5 @@
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 use proptest::prelude::*;
 use serde::Serialize;
@@ -10,20 +11,20 @@ fn outline(text: &str) -> Outline {
     Outline::parse(FileId(0), text).unwrap_or_else(|e| panic!("{text}: {e}"))
 }
 
-fn root() -> Path {
-    Path::root()
+fn root(text: &str) -> Place {
+    Place::root(&Rc::new(outline(text)))
 }
 
 #[track_caller]
-fn value_is(text: &str, path: Path, expected: &str) {
-    let span = outline(text).value(&path);
-    assert_eq!(&text[span.start..span.end], expected, "{path} in {text}");
+fn value_is(text: &str, way: impl Fn(Place) -> Place, expected: &str) {
+    let span = way(root(text)).span();
+    assert_eq!(&text[span.start..span.end], expected, "{text}");
 }
 
 #[track_caller]
-fn key_is(text: &str, path: Path, expected: &str) {
-    let span = outline(text).key(&path);
-    assert_eq!(&text[span.start..span.end], expected, "{path} in {text}");
+fn key_is(text: &str, way: impl Fn(Place) -> Place, expected: &str) {
+    let span = way(root(text)).key();
+    assert_eq!(&text[span.start..span.end], expected, "{text}");
 }
 
 /// The message, and what it points at.
@@ -51,71 +52,69 @@ Graph(
 
 #[test]
 fn fields_keys_and_indices_lead_to_their_values() {
-    let passes = root().field("passes");
-    let bits = root().field("params").key("digit bits").index(0);
-    value_is(GRAPH, root().field("version"), "1");
-    value_is(GRAPH, bits.clone(), "Int(default: 8, range: (1, 11))");
-    value_is(GRAPH, bits.field("default"), "8");
-    value_is(GRAPH, bits.field("range").index(1), "11");
-    value_is(GRAPH, root().field("params").key("x").index(0).field("default"), "-1.5e-3");
-    value_is(GRAPH, passes.index(0).field("size").index(0), "n");
-    value_is(GRAPH, passes.index(1), "Swap(\"keys\")");
-    value_is(GRAPH, passes.index(2), "raw \"text\"");
-    value_is(GRAPH, root().field("unit"), "()");
-    value_is(GRAPH, root().field("format"), "Rgba16Float");
+    let passes = |root: Place| root.field("passes");
+    let bits = |root: Place| root.field("params").field("digit bits").index(0);
+    value_is(GRAPH, |root| root.field("version"), "1");
+    value_is(GRAPH, bits, "Int(default: 8, range: (1, 11))");
+    value_is(GRAPH, |root| bits(root).field("default"), "8");
+    value_is(GRAPH, |root| bits(root).field("range").index(1), "11");
+    value_is(GRAPH, |root| root.field("params").field("x").index(0).field("default"), "-1.5e-3");
+    value_is(GRAPH, |root| passes(root).index(0).field("size").index(0), "n");
+    value_is(GRAPH, |root| passes(root).index(1), "Swap(\"keys\")");
+    value_is(GRAPH, |root| passes(root).index(2), "raw \"text\"");
+    value_is(GRAPH, |root| root.field("unit"), "()");
+    value_is(GRAPH, |root| root.field("format"), "Rgba16Float");
 }
 
 #[test]
 fn texts_are_pointed_at_inside_their_quotes() {
-    value_is(GRAPH, root().field("passes").index(0).field("name"), "a\\tb");
-    value_is(GRAPH, root().field("passes").index(0).field("bind").key("Keys"), "front(keys)");
+    value_is(GRAPH, |root| root.field("passes").index(0).field("name"), "a\\tb");
+    value_is(GRAPH, |root| root.field("passes").index(0).field("bind").field("Keys"), "front(keys)");
 }
 
 #[test]
 fn the_name_of_a_field_and_the_key_of_a_map_have_their_own_places() {
-    key_is(GRAPH, root().field("version"), "version");
-    key_is(GRAPH, root().field("params").key("digit bits"), "digit bits");
-    key_is(GRAPH, root().field("passes").index(0).field("bind").key("Keys"), "Keys");
-    key_is("{1: 2, 'c': 3, (4, 5): 6}", root().key("'c'"), "'c'");
-    value_is("{1: 2, 'c': 3, (4, 5): 6}", root().key("(4, 5)"), "6");
-    key_is("(r#type: 1)", root().field("type"), "r#type");
-    // An element without a name is its own key.
-    key_is("[7, 8]", root().index(1), "8");
+    key_is(GRAPH, |root| root.field("version"), "version");
+    key_is(GRAPH, |root| root.field("params").field("digit bits"), "digit bits");
+    key_is(GRAPH, |root| root.field("passes").index(0).field("bind").field("Keys"), "Keys");
+    key_is("{1: 2, 'c': 3, (4, 5): 6}", |root| root.field("'c'"), "'c'");
+    value_is("{1: 2, 'c': 3, (4, 5): 6}", |root| root.field("(4, 5)"), "6");
+    key_is("(r#type: 1)", |root| root.field("type"), "r#type");
+    // What has no name of its own is its own place.
+    key_is("[7, 8]", |root| root.index(1), "8");
 }
 
 #[test]
-fn field_and_key_are_the_same_step() {
-    assert_eq!(root().field("a").key("b"), root().key("a").field("b"));
-    assert_eq!(root().field("passes").index(2).key("bind").key("Keys").to_string(), "passes[2].bind.Keys");
-}
-
-#[test]
-fn a_path_to_nothing_leads_to_the_nearest_element_around_it() {
-    value_is(GRAPH, root().field("params").key("x").index(3).field("y"), "Live(Float(default: -1.5e-3))");
-    value_is(GRAPH, root().field("format").index(0), "Rgba16Float");
-    key_is(GRAPH, root().field("format").index(0), "Rgba16Float");
-    value_is("1", root().field("a"), "1");
+fn a_step_to_nothing_stays_at_the_nearest_element_around_it() {
+    value_is(
+        GRAPH,
+        |root| root.field("params").field("x").index(3).field("y"),
+        "Live(Float(default: -1.5e-3))",
+    );
+    value_is(GRAPH, |root| root.field("format").index(0), "Rgba16Float");
+    key_is(GRAPH, |root| root.field("format").index(0), "Rgba16Float");
+    value_is("1", |root| root.field("a"), "1");
 }
 
 #[test]
 fn some_and_an_unwrapped_variant_are_no_steps() {
-    value_is("(a: Some(3))", root().field("a"), "3");
-    key_is("(a: Some(3))", root().field("a"), "a");
-    value_is("[Some(Some((x: 1)))]", root().index(0).field("x"), "1");
-    value_is("Const(default: 8)", root().index(0).field("default"), "8");
+    value_is("(a: Some(3))", |root| root.field("a"), "3");
+    key_is("(a: Some(3))", |root| root.field("a"), "a");
+    value_is("[Some(Some((x: 1)))]", |root| root.index(0).field("x"), "1");
+    value_is("Const(default: 8)", |root| root.index(0).field("default"), "8");
 }
 
 #[test]
 fn the_head_of_a_struct_is_its_name_and_that_of_a_list_its_bracket() {
-    let head = |text: &str, path: Path| {
-        let span = outline(text).head(&path);
+    let head = |text: &str, way: fn(Place) -> Place| {
+        let span = way(root(text)).head();
         text[span.start..span.end].to_string()
     };
-    assert_eq!(head(GRAPH, root()), "Graph");
-    assert_eq!(head(GRAPH, root().field("passes")), "[");
-    assert_eq!(head(GRAPH, root().field("passes").index(0)), "Dispatch");
-    assert_eq!(head(GRAPH, root().field("passes").index(0).field("name")), "a\\tb");
-    assert_eq!(head("(a: 1)", root()), "(");
+    assert_eq!(head(GRAPH, |root| root), "Graph");
+    assert_eq!(head(GRAPH, |root| root.field("passes")), "[");
+    assert_eq!(head(GRAPH, |root| root.field("passes").index(0)), "Dispatch");
+    assert_eq!(head(GRAPH, |root| root.field("passes").index(0).field("name")), "a\\tb");
+    assert_eq!(head("(a: 1)", |root| root), "(");
 }
 
 #[test]
@@ -170,14 +169,14 @@ fn every_form_of_value_is_delimited() {
     ];
     for value in values {
         let text = format!("[{value}, /* */ {value} // \n, last]");
-        assert_eq!(outline(&text).value(&root().index(2)).start, text.len() - 5, "{text}");
+        assert_eq!(root(&text).index(2).span().start, text.len() - 5, "{text}");
     }
 }
 
 #[test]
 fn an_offset_in_a_text_is_found_behind_its_escapes() {
     let text = r#"(a: "x\ty\u{1f642}z\\")"#;
-    let offset = |offset| outline(text).string_offset(&root().field("a"), offset);
+    let offset = |offset| root(text).field("a").string_offset(offset);
     let at = |part: &str| text.find(part).unwrap();
     assert_eq!(offset(0), at("x"));
     assert_eq!(offset(1), at("\\t"));
@@ -192,17 +191,16 @@ fn an_offset_in_a_text_is_found_behind_its_escapes() {
 #[test]
 fn a_line_that_goes_on_after_a_backslash_is_one_text() {
     let text = "\"ab\\\n     cd\"";
-    let outline = outline(text);
-    assert_eq!(outline.string_offset(&root(), 1), 2);
-    assert_eq!(outline.string_offset(&root(), 2), text.find("cd").unwrap());
-    assert_eq!(outline.string_offset(&root(), 3), text.find('d').unwrap());
+    assert_eq!(root(text).string_offset(1), 2);
+    assert_eq!(root(text).string_offset(2), text.find("cd").unwrap());
+    assert_eq!(root(text).string_offset(3), text.find('d').unwrap());
 }
 
 #[test]
 fn a_part_of_a_text_has_a_place_and_other_values_have_theirs() {
     let text = r#"(a: "n \u{2b} m", b: r"n + m", c: 12)"#;
     let part = |name: &str, range| {
-        let span = outline(text).within_string(&root().field(name), range);
+        let span = root(text).field(name).within_string(range);
         text[span.start..span.end].to_string()
     };
     assert_eq!(part("a", 2..3), "\\u{2b}");
@@ -215,13 +213,14 @@ fn a_part_of_a_text_has_a_place_and_other_values_have_theirs() {
 #[test]
 fn names_given_twice_are_errors() {
     let text = r#"(a: 1, b: {"k": 1, "k": 2, "l": 3}, a: 2, c: (a: 1))"#;
-    let errors = outline(text).duplicates();
+    let outline = outline(text);
+    let errors = outline.duplicates();
     let messages: Vec<_> = errors.iter().map(|e| e.message.as_str()).collect();
     assert_eq!(messages, ["the key `k` is given twice", "the field `a` is given twice"]);
     let places = errors.iter().map(|e| (e.secondary[0].span.start, e.primary.span.start));
     assert_eq!(places.collect::<Vec<_>>(), [(12, 20), (1, 36)]);
     // Of two, the last one counts.
-    value_is(text, root().field("a"), "2");
+    value_is(text, |root| root.field("a"), "2");
 }
 
 #[test]
@@ -340,39 +339,39 @@ fn tree() -> impl Strategy<Value = Tree> {
     })
 }
 
-/// Checks that every leaf is at the outline's place.
-fn check(outline: &Outline, text: &str, tree: &Tree, path: Path) {
-    let found = |path: &Path| {
-        let span = outline.value(path);
+/// Every leaf is where the outline says.
+fn check(text: &str, tree: &Tree, place: Place) {
+    let found = |place: &Place| {
+        let span = place.span();
         &text[span.start..span.end]
     };
     match tree {
-        Tree::Unit => assert_eq!(found(&path), "Unit"),
-        Tree::Int(value) => assert_eq!(found(&path.index(0)), value.to_string()),
-        Tree::Float(value) => assert_eq!(found(&path.index(0)).parse(), Ok(*value)),
-        Tree::Char(value) => assert_eq!(ron::from_str(found(&path.index(0))), Ok(*value)),
+        Tree::Unit => assert_eq!(found(&place), "Unit"),
+        Tree::Int(value) => assert_eq!(found(&place.index(0)), value.to_string()),
+        Tree::Float(value) => assert_eq!(found(&place.index(0)).parse(), Ok(*value)),
+        Tree::Char(value) => assert_eq!(ron::from_str(found(&place.index(0))), Ok(*value)),
         Tree::Text(value) => {
-            let path = path.index(0);
-            let written = outline.value(&path);
+            let place = place.index(0);
+            let written = place.span();
             // The text up to every character, unescaped by itself, is the value up to there.
             let raw = text[..written.start].ends_with("#\"");
             for (offset, _) in value.char_indices().chain([(value.len(), ' ')]) {
-                let prefix = &text[written.start..outline.string_offset(&path, offset)];
+                let prefix = &text[written.start..place.string_offset(offset)];
                 let prefix =
                     if raw { Ok(prefix.to_string()) } else { ron::from_str(&format!("\"{prefix}\"")) };
                 assert_eq!(prefix.as_deref(), Ok(&value[..offset]));
             }
         }
         Tree::List(trees) => {
-            trees.iter().enumerate().for_each(|(i, tree)| check(outline, text, tree, path.index(0).index(i)));
+            trees.iter().enumerate().for_each(|(i, tree)| check(text, tree, place.index(0).index(i)));
         }
         Tree::Map(trees) => {
-            trees.iter().for_each(|(key, tree)| check(outline, text, tree, path.index(0).key(key)));
+            trees.iter().for_each(|(key, tree)| check(text, tree, place.index(0).field(key)));
         }
         Tree::Record { first, second } => {
-            check(outline, text, first, path.field("first"));
+            check(text, first, place.field("first"));
             if let Some(second) = second {
-                check(outline, text, second, path.field("second"));
+                check(text, second, place.field("second"));
             }
         }
     }
@@ -384,7 +383,7 @@ proptest! {
         let config = ron::ser::PrettyConfig::new().escape_strings(escape);
         let text = if pretty { ron::ser::to_string_pretty(&tree, config) } else { ron::to_string(&tree) };
         let text = text.unwrap();
-        check(&outline(&text), &text, &tree, root());
+        check(&text, &tree, root(&text));
     }
 
     #[test]

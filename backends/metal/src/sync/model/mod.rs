@@ -1,28 +1,25 @@
-//! A model of Metal's rules, which replays the encoders of a plan and objects where they leave something undefined.
+//! A model of Metal's rules: replays the encoders of a plan, and reports dependencies that they do not enforce.
 //!
-//! The lowering in [`crate::sync`] reasons about what waits are needed. The model does not: it submits the prologue and a few frames,
-//! encoder by encoder, and keeps for each what is known to be over when it begins. An update leaves in a fence what is over then; a wait
-//! takes that out; nothing else is known, since frames and encoders may overlap in any other way. Then every dependency of the plan is
-//! looked at in every frame: of two passes in different encoders, the earlier must be known to be over; of two in one encoder, a barrier
-//! must lie between them. The framework's [`oracle`](splatgraph_framework::oracle) checks that the dependencies are complete. The model
+//! The model submits the prologue and a few frames, encoder by encoder, and records which encoders are complete when each begins. An
+//! update stores this set in a fence, and a wait adds the stored set. Otherwise encoders and frames may overlap. The model then checks
+//! every dependency in every frame: in different encoders, the earlier pass must be complete; in one encoder, a barrier must
+//! be between the two. The framework's [`oracle`](splatgraph_framework::oracle) checks that the dependencies are complete. The model
 //! shares no code with the lowering, so that a mistake must be made twice to go unnoticed.
 //!
-//! The rules are those listed in [`crate::sync`], read to the worse where they leave a choice:
+//! The rules are listed in [`crate::sync`]. Where they leave a choice, the model assumes the worst:
 //!
 //! - copies of one encoder may run at the same time;
 //! - a barrier orders accesses to buffers among each other, or to textures, or both with one another if it is for both;
-//! - a wait is for the last update that was submitted before it. What earlier updates of the fence stood for is not implied, and a
-//!   fence without any holds nothing back;
-//! - the vertices of a draw may begin before anything but what is waited for before vertices, and an update after vertices says nothing
-//!   of fragments;
-//! - draws of one encoder are in order as far as they blend into its targets, and not otherwise.
+//! - a wait is for the last update submitted before it, not for earlier updates of the fence; without an update, it blocks nothing;
+//! - the vertices of a draw wait only for fences before vertices, and an update after vertices does not include fragments;
+//! - draws of one encoder are ordered only where they blend into its targets.
 //!
-//! [`mutate`] takes away one wait, update, barrier or part of one at a time: the model must object each time.
+//! [`mutate`] removes one wait, update, barrier or part of one at a time: the model must object each time.
 //!
 //! # Where the model stops
 //!
-//! It knows of no caches: in Metal what orders two accesses shows the later one what the earlier wrote. It does not know whether a plan
-//! reads what was ever written, which the model of the Vulkan backend knows, nor what an executor does besides the plan (inspection, window).
+//! It has no caches: in Metal, order implies visibility. It does not check that memory was written before it is read; the model of the Vulkan
+//! backend does. It does not cover commands of an executor besides the plan (inspection, window).
 
 use crate::sync::*;
 use splatgraph_framework::{ir::*, plan::*};
@@ -35,7 +32,7 @@ mod tests;
 /// Frames that are replayed: enough for each to follow a frame that followed one.
 const FRAMES: u32 = 3;
 
-/// Names something that a list of encoders leaves undefined, or gets wrong.
+/// Describes a mistake in a list of encoders.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Objection {
     /// Two accesses may run at the same time.
@@ -49,7 +46,7 @@ pub enum Objection {
         /// The resource that the first accesses, if it is another one in the same memory.
         through: Option<ResourceId>,
     },
-    /// The list is not one of encoders of this plan; a sentence.
+    /// The encoders do not fit the plan; a sentence.
     Malformed(String),
 }
 
@@ -103,7 +100,7 @@ impl fmt::Display for Actor {
     }
 }
 
-/// Names the part of a pass that accesses something: only draws have two.
+/// Names a part of a pass. Only draws have two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Part {
     /// Vertices, and the arguments of the draw.
@@ -118,7 +115,7 @@ struct Pair<'a> {
     parts: [Part; 2],
     /// The barrier that it takes between them in an encoder of dispatches.
     scope: MemoryBarrier,
-    /// Both are to a target of draws, which one encoder keeps in order.
+    /// True if both access a target of draws, which one encoder keeps in order.
     blend: bool,
 }
 
@@ -132,23 +129,23 @@ pub struct Model<'a> {
 struct Submitted<'a> {
     encoding: &'a Encoding,
     frame: Option<u32>,
-    /// The parts that are over when its vertices begin, and when the rest does: a bit for each.
+    /// The parts that are complete when its vertices begin, and when the rest begins, as bits.
     over: [Vec<u64>; 2],
 }
 
 impl<'a> Model<'a> {
-    /// Lists what the dependencies of a plan ask for.
+    /// Lists the pairs of parts that the dependencies of a plan order.
     pub fn new(plan: &'a Plan) -> Model<'a> {
         let mut pairs = Vec::new();
         for dependency in &plan.dependencies {
-            let Dependency { first, second, source, target, resource, alias, .. } = dependency;
+            let Dependency { first, second, masks, resource, alias, .. } = dependency;
             if dependency.hazard == Hazard::LayoutChange || plan.pass(*second).work == Work::Host {
                 continue;
             }
             let scope = scope(plan, *resource).union(scope(plan, alias.unwrap_or(*resource)));
-            let targets = [source, target].iter().all(|scope| scope.stages == Stages::COLOR_OUTPUT);
-            for one in parts(plan, *first, source.stages) {
-                for other in parts(plan, *second, target.stages) {
+            let targets = [masks.source_stages, masks.target_stages] == [Stages::COLOR_OUTPUT; 2];
+            for one in parts(plan, *first, masks.source_stages) {
+                for other in parts(plan, *second, masks.target_stages) {
                     let (parts, blend) = ([one, other], targets && alias.is_none());
                     pairs.push(Pair { dependency, parts, scope, blend });
                 }
@@ -157,7 +154,7 @@ impl<'a> Model<'a> {
         Model { plan, pairs }
     }
 
-    /// Lists what is wrong with these encoders.
+    /// Lists the mistakes in these encoders.
     pub fn objections(&self, encoders: &Encoders) -> Vec<Objection> {
         let mut found = self.malformed(encoders);
         self.replay(encoders, |objection| {
@@ -179,7 +176,7 @@ impl<'a> Model<'a> {
         found
     }
 
-    /// Submits everything, and looks at all dependencies, until `found` returns false.
+    /// Submits all encoders and checks all dependencies, until `found` returns false.
     fn replay(&self, encoders: &Encoders, mut found: impl FnMut(Objection) -> bool) {
         let submitted = submit(encoders);
         // Of each pass, the encoders that hold it and its place in them.
@@ -217,7 +214,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Lists what makes it no list of encoders of this plan.
+    /// Lists differences from the plan's passes, and fences that are never updated.
     fn malformed(&self, encoders: &Encoders) -> Vec<Objection> {
         let plan = self.plan;
         let mut found = Vec::new();
@@ -237,7 +234,7 @@ impl<'a> Model<'a> {
                 });
             }
         }
-        // Whatever waits in the second frame has seen the whole of the first.
+        // Waits of the second frame follow every update of the first.
         let of_frame = encoders.frame.iter();
         let updated: Vec<u32> = of_frame.flat_map(|e| &e.updates).map(|fence| fence.fence).collect();
         for wait in encoders.frame.iter().flat_map(|encoding| &encoding.waits) {
@@ -256,7 +253,7 @@ impl<'a> Model<'a> {
     }
 }
 
-/// Returns true if the earlier pass of a pair is over when the later one begins.
+/// Returns true if the earlier pass of a pair is complete when the later one begins.
 fn in_order(pair: &Pair, submitted: &[Submitted], first: (usize, usize), second: (usize, usize)) -> bool {
     let (encoder, later) = (&submitted[first.0], &submitted[second.0]);
     if first.0 != second.0 {
@@ -270,7 +267,7 @@ fn in_order(pair: &Pair, submitted: &[Submitted], first: (usize, usize), second:
     }
 }
 
-/// Submits the prologue and the frames, and finds what is over when each encoder begins.
+/// Submits the prologue and the frames, and finds the parts that are complete when each encoder begins.
 fn submit(encoders: &Encoders) -> Vec<Submitted<'_>> {
     let frames =
         (0..FRAMES).flat_map(|frame| encoders.frame.iter().map(move |encoding| (encoding, Some(frame))));
@@ -289,7 +286,7 @@ fn submit(encoders: &Encoders) -> Vec<Submitted<'_>> {
         let mut over = [everyone_knows.clone(), everyone_knows.clone()];
         for wait in &encoding.waits {
             let Some(Some(known)) = fences.get(wait.fence as usize) else { continue };
-            // What holds back vertices holds back their fragments.
+            // Fragments wait for their vertices.
             if wait.stages != Some(RenderStages::Fragment) {
                 add(&mut over[Part::Vertices as usize], known);
             }
@@ -344,7 +341,7 @@ fn scope(plan: &Plan, resource: ResourceId) -> MemoryBarrier {
     MemoryBarrier { buffers: !textures, textures }
 }
 
-/// Says what is wrong with one encoder by itself.
+/// Reports the mistakes in one encoder by itself.
 fn malformed(plan: &Plan, encoding: &Encoding, fences: u32, mut say: impl FnMut(String)) {
     let Encoding { kind, waits, passes, updates } = encoding;
     if passes.is_empty() {

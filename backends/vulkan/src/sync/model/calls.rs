@@ -7,11 +7,12 @@
 use std::collections::HashMap;
 
 use super::cell::{Cell, Scope};
-use crate::sync::barrier::{Barrier, Transition};
-use splatgraph_framework::ir::{Accesses, Stages};
+use crate::sync::barrier::Barrier;
+use splatgraph_framework::ir::Masks;
+use splatgraph_framework::plan::Transition;
 
 /// The masks of a call's barriers.
-type Key = Vec<(Option<Transition>, Stages, Accesses, Stages, Accesses)>;
+type Key = Vec<(Option<Transition>, Masks)>;
 
 /// Holds the calls of a replay so far.
 #[derive(Default)]
@@ -37,8 +38,7 @@ impl Calls {
     }
 
     pub fn add(&mut self, barriers: &[Barrier]) {
-        let masks =
-            |b: &Barrier| (b.image, b.source_stages, b.source_accesses, b.target_stages, b.target_accesses);
+        let masks = |b: &Barrier| (b.image, b.masks);
         let kinds = &mut self.kinds;
         let kind = *self.numbers.entry(barriers.iter().map(masks).collect()).or_insert_with(|| {
             kinds.push(Kind { scopes: barriers.iter().map(Scope::new).collect(), calls: Vec::new() });

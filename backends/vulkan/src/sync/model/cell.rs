@@ -12,8 +12,9 @@
 use super::rules::Rules;
 use super::stages::{Pairs, with_earlier, with_later};
 use super::violation::{Actor, Missing, ViolationKind, When};
-use crate::sync::barrier::{Barrier, Transition};
-use splatgraph_framework::ir::{Accesses, ResourceId, Stages};
+use crate::sync::barrier::Barrier;
+use splatgraph_framework::ir::{Accesses, Masks, ResourceId, Stages};
+use splatgraph_framework::plan::Transition;
 
 /// Expands the masks of a barrier.
 pub struct Scope {
@@ -28,13 +29,14 @@ pub struct Scope {
 
 impl Scope {
     pub fn new(barrier: &Barrier) -> Scope {
+        let Masks { source_stages, source_accesses, target_stages, target_accesses } = barrier.masks;
         Scope {
             image: barrier.image,
-            source: barrier.source_stages,
-            source_reach: with_earlier(barrier.source_stages),
-            source_accesses: barrier.source_accesses,
-            target_reach: with_later(barrier.target_stages),
-            target: Pairs::of(barrier.target_stages, barrier.target_accesses),
+            source: source_stages,
+            source_reach: with_earlier(source_stages),
+            source_accesses,
+            target_reach: with_later(target_stages),
+            target: Pairs::of(target_stages, target_accesses),
         }
     }
 

@@ -11,10 +11,10 @@ use super::cell::{Cell, Conflict, Contents, Read, Scope, State, Write};
 use super::rules::{Replay, Rules};
 use super::stages::Pairs;
 use super::violation::{Actor, Findings, Missing, Violation, ViolationKind, When};
-use crate::sync::barrier::{Barrier, Barriers, Transition};
+use crate::sync::barrier::{Barrier, Barriers};
 use splatgraph_framework::ir::{Accesses, Layout, PassId, ResourceId, Shape, Stages, Work};
 use splatgraph_framework::oracle::trace::{Access, Clash, Trace};
-use splatgraph_framework::plan::Plan;
+use splatgraph_framework::plan::{Plan, Transition};
 use std::collections::HashSet;
 
 /// Holds the state of all memory and of all image layouts during a replay.

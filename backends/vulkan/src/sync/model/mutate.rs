@@ -3,23 +3,9 @@
 use super::memory_state::{At, MemoryState};
 use super::rules::{Replay, Rules};
 use crate::sync::barrier::{Barrier, Barriers};
-use splatgraph_framework::ir::{Accesses, PassId, Stages};
-use splatgraph_framework::oracle::flag_names;
+use splatgraph_framework::ir::{Masks, PassId};
 use splatgraph_framework::oracle::trace::Trace;
 use splatgraph_framework::plan::Plan;
-
-/// Selects one bit of one of a barrier's masks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Bit {
-    /// A stage that the barrier waits for.
-    SourceStage(Stages),
-    /// An access whose writes the barrier makes available.
-    SourceAccess(Accesses),
-    /// A stage that waits for the barrier.
-    TargetStage(Stages),
-    /// An access that the barrier makes writes visible to.
-    TargetAccess(Accesses),
-}
 
 /// Removes a little synchronization.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,8 +23,8 @@ pub enum Mutation {
         at: Option<PassId>,
         /// Index in the call, from 0.
         barrier: usize,
-        /// Bit to clear.
-        what: Bit,
+        /// The bit to clear.
+        what: Masks,
     },
 }
 
@@ -71,12 +57,18 @@ impl Mutation {
         match self {
             Mutation::Remove { .. } => subject,
             Mutation::Clear { what, .. } => {
-                let bit = match what {
-                    Bit::SourceStage(bit) => format!("source stage {}", flag_names(bit.iter_names())),
-                    Bit::SourceAccess(bit) => format!("source access {}", flag_names(bit.iter_names())),
-                    Bit::TargetStage(bit) => format!("target stage {}", flag_names(bit.iter_names())),
-                    Bit::TargetAccess(bit) => format!("target access {}", flag_names(bit.iter_names())),
-                };
+                let Masks { source_stages, source_accesses, target_stages, target_accesses } = what;
+                let sides = [
+                    ("source stage", source_stages.to_string()),
+                    ("source access", source_accesses.to_string()),
+                    ("target stage", target_stages.to_string()),
+                    ("target access", target_accesses.to_string()),
+                ];
+                let bit = sides
+                    .iter()
+                    .filter(|(_, bit)| !bit.is_empty())
+                    .map(|(side, bit)| format!("{side} {bit}"));
+                let bit: String = bit.collect();
                 format!("{bit} of {subject}")
             }
         }
@@ -87,13 +79,9 @@ impl Mutation {
 pub fn mutations(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
     let mut all = Vec::new();
     for (at, call) in barriers.calls(plan) {
-        for (barrier, masks) in call.iter().enumerate() {
+        for (barrier, Barrier { masks, .. }) in call.iter().enumerate() {
             all.push(Mutation::Remove { at, barrier });
-            let bits = (masks.source_stages.iter().map(Bit::SourceStage))
-                .chain(masks.source_accesses.iter().map(Bit::SourceAccess))
-                .chain(masks.target_stages.iter().map(Bit::TargetStage))
-                .chain(masks.target_accesses.iter().map(Bit::TargetAccess));
-            all.extend(bits.map(|what| Mutation::Clear { at, barrier, what }));
+            all.extend(masks.bits().map(|what| Mutation::Clear { at, barrier, what }));
         }
     }
     all
@@ -118,12 +106,7 @@ fn take_away(barriers: &mut Barriers, mutation: &Mutation) -> Barrier {
         Mutation::Clear { what, .. } => {
             let barrier = &mut call[number];
             let before = barrier.clone();
-            match what {
-                Bit::SourceStage(bit) => barrier.source_stages.remove(bit),
-                Bit::SourceAccess(bit) => barrier.source_accesses.remove(bit),
-                Bit::TargetStage(bit) => barrier.target_stages.remove(bit),
-                Bit::TargetAccess(bit) => barrier.target_accesses.remove(bit),
-            }
+            barrier.masks = barrier.masks.without(what);
             before
         }
     }
@@ -178,6 +161,6 @@ pub fn needless_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> Vec<Mutati
 impl Mutation {
     /// Returns true if it clears a write among the accesses that a barrier makes writes visible to.
     pub fn clears_a_written_target(&self) -> bool {
-        matches!(self, Mutation::Clear { what: Bit::TargetAccess(access), .. } if access.writes())
+        matches!(self, Mutation::Clear { what, .. } if what.target_accesses.writes())
     }
 }

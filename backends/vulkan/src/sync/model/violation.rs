@@ -4,7 +4,6 @@ use std::fmt;
 use std::ops::Range;
 
 use splatgraph_framework::ir::{Accesses, Layout, PassId, ResourceId, Stages};
-use splatgraph_framework::oracle::flag_names;
 use splatgraph_framework::plan::Plan;
 
 /// One access that Vulkan leaves undefined.
@@ -191,7 +190,6 @@ impl Violation {
                 )
             }
             Missing::Visibility(stage, access) => {
-                let (stage, access) = (flag_names(stage.iter_names()), flag_names(access.iter_names()));
                 format!(
                     "{second} {verb} {what}, but what {first} wrote there{through} is not visible to {access} at {stage}"
                 )

@@ -6,7 +6,7 @@ mod placement;
 mod testing;
 
 use super::*;
-use splatgraph_framework::ir::{Accesses, Run, Stages};
+use splatgraph_framework::ir::Run;
 use testing::{apart, dispatch, graph, plan};
 /// Every resource in memory of its own.
 fn solved(passes: &[String]) -> Plan {
@@ -44,16 +44,10 @@ fn handover(plan: &Plan) -> Vec<String> {
 /// `COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after make`.
 /// A later pass that needs it is named at the end.
 fn line(plan: &Plan, barrier: &Barrier, step: Option<PassId>) -> String {
-    fn flags<T>(names: impl Iterator<Item = (&'static str, T)>) -> String {
-        names.map(|(name, _)| name).collect::<Vec<_>>().join("|")
-    }
-    let side = |stages: Stages, accesses: Accesses| {
-        [flags(stages.iter_names()), flags(accesses.iter_names())].join(" ").trim().to_string()
-    };
     let layouts = barrier
         .image
         .map_or(String::new(), |t| format!(" [{} {:?} -> {:?}]", plan.resource(t.image).name, t.old, t.new));
-    let reasons = barrier.causes.iter().map(|d| {
+    let reasons = barrier.causes.iter().map(|(d, _)| {
         let after: Vec<&str> = d.after.iter().map(|id| plan.pass(*id).name.as_str()).collect();
         let alias = d.alias.map_or(String::new(), |id| format!(" ({})", plan.resource(id).name));
         let frame = if d.previous_frame { " of the frame before" } else { "" };
@@ -64,12 +58,9 @@ fn line(plan: &Plan, barrier: &Barrier, step: Option<PassId>) -> String {
         let resource = &plan.resource(d.resource).name;
         format!("{:?} on {resource}{alias} after {}{frame}{before}", d.hazard, after.join("+"))
     });
-    format!(
-        "{} -> {}{layouts}: {}",
-        side(barrier.source_stages, barrier.source_accesses),
-        side(barrier.target_stages, barrier.target_accesses),
-        reasons.collect::<Vec<_>>().join(", ")
-    )
+    // Without spaces around the bars.
+    let masks = barrier.masks.to_string().replace(" | ", "|");
+    format!("{masks}{layouts}: {}", reasons.collect::<Vec<_>>().join(", "))
 }
 
 fn draw(name: &str, load: &str) -> String {

@@ -175,7 +175,7 @@ fn no_barrier_is_there_without_a_hazard() {
         dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
     ]);
     let hazards: Vec<Hazard> =
-        placed(&plan).before.iter().flatten().flat_map(|b| &b.causes).map(|d| d.hazard).collect();
+        placed(&plan).before.iter().flatten().flat_map(|b| &b.causes).map(|(d, _)| d.hazard).collect();
     // make after the last frame's show; show after make, and the image after the last export; export after show.
     assert_eq!(hazards.len(), 4, "{}", shown(&plan));
 }
@@ -207,7 +207,7 @@ fn an_image_whose_layout_only_the_first_frame_changes_still_waits_for_the_frame_
     ]);
     assert_eq!(
         handover(&plan),
-        [" -> COMPUTE STORAGE_WRITE [color Undefined -> General]: LayoutChange on color after "],
+        ["NONE -> COMPUTE STORAGE_WRITE [color Undefined -> General]: LayoutChange on color after "],
         "{}",
         shown(&plan)
     );
@@ -272,4 +272,17 @@ fn the_statistics_are_copied_for_the_host_and_made_visible_to_it() {
         "{}",
         shown(&plan)
     );
+}
+
+#[test]
+fn a_dump_without_barriers_says_why() {
+    let plan = solved(&[
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
+    ]);
+    let error = BackendError::Invalid("none was found".into());
+    let dump = dump::add_barriers(splatgraph_framework::dump::dump(&plan), &plan, Err(&error));
+    let told: Vec<&str> = dump.warnings.iter().map(|warning| warning.message.as_str()).collect();
+    assert_eq!(told, [format!("this dump has no barriers: {error}")]);
+    assert_eq!(dump.barriers().count(), 0);
 }

@@ -91,7 +91,7 @@ fn every_bit_missing_from_a_barrier_for_read_after_write_is_caught() {
 
 #[test]
 fn a_barrier_for_another_kind_of_read_is_caught() {
-    let another = |case: &mut Case| case.before("second")[0].target_accesses = READ;
+    let another = |case: &mut Case| case.before("second")[0].masks.target_accesses = READ;
     uniform().caught(another, RAW);
     let elsewhere = |case: &mut Case| case.before("second")[0] = barrier(COMPUTE_WRITES, COMPUTE_READS);
     indirect().caught(elsewhere, RAW);

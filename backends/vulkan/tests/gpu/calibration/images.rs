@@ -233,7 +233,7 @@ fn vertices_that_read_what_a_dispatch_wrote_are_caught() {
     exact.caught(|case| drop(case.before("second").remove(0)), RAW);
     exact.caught(cleared("second", access(WRITE), NOTHING), RAW);
     exact.caught(cleared("second", NOTHING, access(READ)), RAW);
-    exact.caught(|case| case.before("second")[0].target_stages = Stages::FRAGMENT, RAW);
+    exact.caught(|case| case.before("second")[0].masks.target_stages = Stages::FRAGMENT, RAW);
 }
 
 #[test]
@@ -275,8 +275,9 @@ fn every_bit_missing_from_the_handover_of_an_image_that_starts_with_zeros_is_cau
     let handover = case.barriers.handover.iter_mut().find(|b| b.image.is_some_and(|i| i.image == image));
     let handover = handover.expect("the image changes its layout");
     *handover = Barrier { image: handover.image, ..barrier(FILLS, COMPUTE_READS) };
-    let index = case.barriers.handover.iter().position(|b| b.source_stages == FILLS.0).expect("that barrier");
+    let index =
+        case.barriers.handover.iter().position(|b| b.masks.source_stages == FILLS.0).expect("that barrier");
     case.caught(|case| drop(case.barriers.handover.remove(index)), RAW);
-    case.caught(|case| case.barriers.handover[index].source_accesses = Accesses::empty(), WAW);
-    case.caught(|case| case.barriers.handover[index].target_accesses = Accesses::empty(), RAW);
+    case.caught(|case| case.barriers.handover[index].masks.source_accesses = Accesses::empty(), WAW);
+    case.caught(|case| case.barriers.handover[index].masks.target_accesses = Accesses::empty(), RAW);
 }

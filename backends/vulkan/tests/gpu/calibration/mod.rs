@@ -20,7 +20,7 @@ mod images;
 use crate::build::*;
 use splatgraph_api::{Device, FrameInputs};
 use splatgraph_framework::{ir::*, plan::*};
-use splatgraph_vulkan::sync::{Barrier, Barriers, Transition};
+use splatgraph_vulkan::sync::{Barrier, Barriers};
 
 /// Stages and accesses, one side of a barrier.
 type Side = (Stages, Accesses);
@@ -126,10 +126,10 @@ fn removed(pass: &'static str) -> impl FnOnce(&mut Case) {
 fn cleared(pass: &'static str, source: Side, target: Side) -> impl FnOnce(&mut Case) {
     move |case| {
         for barrier in case.before(pass) {
-            barrier.source_stages -= source.0;
-            barrier.source_accesses -= source.1;
-            barrier.target_stages -= target.0;
-            barrier.target_accesses -= target.1;
+            barrier.masks.source_stages -= source.0;
+            barrier.masks.source_accesses -= source.1;
+            barrier.masks.target_stages -= target.0;
+            barrier.masks.target_accesses -= target.1;
         }
     }
 }

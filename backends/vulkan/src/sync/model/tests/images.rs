@@ -244,7 +244,7 @@ fn a_barrier_that_leaves_the_layout_is_no_write() {
     let buffer = sketch.buffer("a");
     sketch.share(buffer, image);
     sketch.plan.passes[1].uses = vec![touch(buffer, FRAGMENT, WRITE)];
-    sketch.before(1)[0].target_accesses = WRITE;
+    sketch.before(1)[0].masks.target_accesses = WRITE;
     assert_eq!(sketch.found(), ["WriteAfterWrite: first (as image), read: a: STORAGE_WRITE at FRAGMENT"]);
 }
 

@@ -1,10 +1,10 @@
 //! Plans made by hand with barriers made by hand, each with one thing right or wrong.
 
 use super::*;
-use crate::sync::{Barrier, Transition};
+use crate::sync::Barrier;
 use sketch::*;
 use splatgraph_framework::ir::*;
-use splatgraph_framework::oracle::flag_names;
+use splatgraph_framework::plan::Transition;
 use std::ops::{Deref, DerefMut};
 
 mod contents;
@@ -104,9 +104,7 @@ fn tell(plan: &Plan, violations: &[Violation]) -> Vec<String> {
         let first = o.first.map_or("none".into(), name);
         let through = o.through.map_or(String::new(), |id| format!(" (as {})", plan.resource(id).name));
         let missing = match o.missing {
-            Missing::Visibility(stage, access) => {
-                format!("{} at {}", flag_names(access.iter_names()), flag_names(stage.iter_names()))
-            }
+            Missing::Visibility(stage, access) => format!("{access} at {stage}"),
             Missing::Layout { found, needed } => format!("{needed:?}, not {found:?}"),
             other => format!("{other:?}"),
         };
@@ -117,14 +115,7 @@ fn tell(plan: &Plan, violations: &[Violation]) -> Vec<String> {
 }
 
 fn barrier(source: (Stages, Accesses), target: (Stages, Accesses)) -> Barrier {
-    Barrier {
-        image: None,
-        source_stages: source.0,
-        source_accesses: source.1,
-        target_stages: target.0,
-        target_accesses: target.1,
-        causes: vec![],
-    }
+    Barrier { image: None, masks: Masks::new(source, target), causes: vec![] }
 }
 
 fn order(source: Stages, target: Stages) -> Barrier {

@@ -1,7 +1,7 @@
 //! Plans with no more barriers than they need, and with one bit more.
 
 use super::memory_state::At;
-use super::mutate::{Bit, Mutation, apply, mutations, needless};
+use super::mutate::{Mutation, apply, mutations, needless};
 use super::*;
 use splatgraph_framework::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
 
@@ -99,15 +99,21 @@ fn a_bit_too_much_is_found_needless() {
         needless(&sketch.plan, &sketch.barriers)
     };
     let clear = |what| vec![Mutation::Clear { at, barrier: 0, what }];
-    assert_eq!(extra(|b| b.source_stages |= COPY), clear(Bit::SourceStage(COPY)));
     assert_eq!(
-        extra(|b| b.source_accesses |= Accesses::TRANSFER_WRITE),
-        clear(Bit::SourceAccess(Accesses::TRANSFER_WRITE))
+        extra(|b| b.masks.source_stages |= COPY),
+        clear(Masks { source_stages: COPY, ..Masks::default() })
     );
-    assert_eq!(extra(|b| b.target_stages |= FRAGMENT), clear(Bit::TargetStage(FRAGMENT)));
     assert_eq!(
-        extra(|b| b.target_accesses |= Accesses::UNIFORM_READ),
-        clear(Bit::TargetAccess(Accesses::UNIFORM_READ))
+        extra(|b| b.masks.source_accesses |= Accesses::TRANSFER_WRITE),
+        clear(Masks { source_accesses: Accesses::TRANSFER_WRITE, ..Masks::default() })
+    );
+    assert_eq!(
+        extra(|b| b.masks.target_stages |= FRAGMENT),
+        clear(Masks { target_stages: FRAGMENT, ..Masks::default() })
+    );
+    assert_eq!(
+        extra(|b| b.masks.target_accesses |= Accesses::UNIFORM_READ),
+        clear(Masks { target_accesses: Accesses::UNIFORM_READ, ..Masks::default() })
     );
 }
 
@@ -118,8 +124,8 @@ fn a_barrier_too_much_is_found_needless_with_all_its_bits() {
     let at = None;
     let expected = vec![
         Mutation::Remove { at, barrier: 1 },
-        Mutation::Clear { at, barrier: 1, what: Bit::SourceStage(CLEAR) },
-        Mutation::Clear { at, barrier: 1, what: Bit::TargetStage(COPY) },
+        Mutation::Clear { at, barrier: 1, what: Masks { source_stages: CLEAR, ..Masks::default() } },
+        Mutation::Clear { at, barrier: 1, what: Masks { target_stages: COPY, ..Masks::default() } },
     ];
     assert_eq!(needless(&sketch.plan, &sketch.barriers), expected);
     assert!(sketch.before_once(1)[0] == minimal().before_once(1)[0]);
@@ -131,7 +137,11 @@ fn removing_takes_the_layout_change_away_and_clearing_one_bit() {
     let pass = |name: &str| sketch.plan.passes.iter().position(|p| p.name == name).map(|i| PassId(i as u32));
     let removed = apply(&sketch.barriers, &Mutation::Remove { at: pass("key"), barrier: 1 });
     assert_eq!(*removed.at(pass("key")), [order(VERTEX, COMPUTE)]);
-    let clear = Mutation::Clear { at: pass("load"), barrier: 0, what: Bit::TargetAccess(READ) };
+    let clear = Mutation::Clear {
+        at: pass("load"),
+        barrier: 0,
+        what: Masks { target_accesses: READ, ..Masks::default() },
+    };
     let cleared = apply(&sketch.barriers, &clear);
     let expected = barrier((CLEAR, Accesses::TRANSFER_WRITE), (COMPUTE, WRITE));
     assert_eq!(*cleared.at(pass("load")), [expected]);
@@ -142,13 +152,18 @@ fn a_mutation_says_what_and_where() {
     let sketch = minimal();
     let describe = |mutation: Mutation| mutation.describe(&sketch.plan, &sketch.barriers);
     let frame = |place: usize| Some(sketch.plan.frame[place]);
-    let clear = Mutation::Clear { at: frame(1), barrier: 0, what: Bit::TargetStage(VERTEX) };
+    let clear = Mutation::Clear {
+        at: frame(1),
+        barrier: 0,
+        what: Masks { target_stages: VERTEX, ..Masks::default() },
+    };
     assert_eq!(describe(clear), "target stage VERTEX of barrier 0 (all memory) before `draw` in the frame");
     let remove = Mutation::Remove { at: frame(2), barrier: 0 };
     assert_eq!(
         describe(remove),
         "barrier 0 (`image`, General to TransferSource) before `export` in the frame"
     );
-    let clear = Mutation::Clear { at: None, barrier: 0, what: Bit::SourceAccess(WRITE) };
+    let clear =
+        Mutation::Clear { at: None, barrier: 0, what: Masks { source_accesses: WRITE, ..Masks::default() } };
     assert_eq!(describe(clear), "source access STORAGE_WRITE of barrier 0 (all memory) in the handover");
 }

@@ -1,0 +1,101 @@
+//! Places: elements of a RON text, for errors about them.
+
+use std::ops::Range;
+use std::rc::Rc;
+
+use super::outline::{Content, Node};
+use super::{Diagnostic, Outline};
+use crate::ir::Span;
+
+/// An element of a RON text.
+///
+/// Steps lead to a field of a struct, a key of a map, or an index of a list, a tuple or a variant's parentheses. In
+/// `params: {"x": Const(Int(default: 8))}` the 8 is at `root.field("params").field("x").index(0).field("default")`. `Some(x)` counts
+/// as `x`, without a step. A step to nothing stays at the nearest element around it.
+#[derive(Clone, Debug)]
+pub struct Place {
+    outline: Rc<Outline>,
+    node: usize,
+    exists: bool,
+}
+
+impl Place {
+    /// Returns the place of the whole text.
+    pub fn root(outline: &Rc<Outline>) -> Place {
+        Place { outline: outline.clone(), node: outline.root, exists: true }
+    }
+
+    /// Steps to a field or a key; keys that are not strings are named as written.
+    pub fn field(&self, name: &str) -> Place {
+        self.step(match &self.node().content {
+            Content::Record { children, .. } => children.get(name).copied(),
+            _ => None,
+        })
+    }
+
+    /// Steps to an index, counted from 0.
+    pub fn index(&self, index: usize) -> Place {
+        self.step(match &self.node().content {
+            Content::List { children, .. } => children.get(index).copied(),
+            // With `unwrap_variant_newtypes`, `Const(Int(default: 8))` may be written `Const(default: 8)`.
+            Content::Record { .. } if index == 0 => Some(self.node),
+            _ => None,
+        })
+    }
+
+    fn step(&self, child: Option<usize>) -> Place {
+        let found = child.filter(|_| self.exists);
+        Place { outline: self.outline.clone(), node: found.unwrap_or(self.node), exists: found.is_some() }
+    }
+
+    fn node(&self) -> &Node {
+        &self.outline.nodes[self.node]
+    }
+
+    /// Returns a number that no other place of the text has.
+    pub fn id(&self) -> usize {
+        self.node
+    }
+
+    /// Returns the span of the element; of a string, without its quotes.
+    pub fn span(&self) -> Span {
+        self.outline.span(self.node().inside())
+    }
+
+    /// Returns the span of the field's name or the map's key before the element; of a string, without its quotes. Returns the span
+    /// of the element itself if it has neither, or does not exist.
+    pub fn key(&self) -> Span {
+        let node = self.node();
+        self.outline.span(node.key.clone().filter(|_| self.exists).unwrap_or(node.inside()))
+    }
+
+    /// Like [`Place::span`], but for a struct, a variant or a list only the name or the bracket that it starts with, to point at when
+    /// something is missing in it.
+    pub fn head(&self) -> Span {
+        self.outline.span(self.node().shallow())
+    }
+
+    /// Returns the file offset of byte `offset` of a string, after its escapes are resolved, or the nearest offset in it.
+    pub fn string_offset(&self, offset: usize) -> usize {
+        let node = self.node();
+        match &node.content {
+            Content::Text(text) => text.file_offset(offset.min(text.value.len())),
+            _ => node.place.start,
+        }
+    }
+
+    /// Returns the span of a byte range of a string after its escapes are resolved, for errors of expressions in it. Returns the
+    /// whole element if it is not a string.
+    pub fn within_string(&self, range: Range<usize>) -> Span {
+        if !matches!(self.node().content, Content::Text(_)) {
+            return self.span();
+        }
+        let [start, end] = [range.start, range.end].map(|offset| self.string_offset(offset));
+        self.outline.span(start..end.max(start))
+    }
+
+    /// Makes an error at the element.
+    pub fn error(&self, message: impl Into<String>, label: impl Into<String>) -> Diagnostic {
+        Diagnostic::new(message, self.span(), label)
+    }
+}
