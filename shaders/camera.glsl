@@ -5,7 +5,7 @@ layout(set = 0, binding = 30, std140) uniform Camera {
     vec4 position;    // the camera's centre in world space, rounded to f32; w unused
     vec4 focal;       // fx, fy in pixels; tan(fov_x / 2), tan(fov_y / 2)
     vec4 viewport;    // width, height in pixels; 1 / width, 1 / height
-    vec4 depth;       // near plane; least and greatest view z of the scene's bounding box; w unused
+    vec4 depth;       // near plane; least and greatest view z of the scene's bounding box; its greatest distance
     vec4 background;  // r, g, b, display-encoded; w unused
     vec4 position_low; // the rounding error of `position`; w unused
     uint frame;       // number of the frame, from 0

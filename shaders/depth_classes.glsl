@@ -8,7 +8,11 @@ const uint CLASS_BITS = 11u;
 // upper CLASS_BITS bits are the class.
 uint depth_place(float z) {
     float near = camera.depth.y;
+#if KEY_OF == KEY_OF_DISTANCE
+    float far = max(camera.depth.w, near);
+#else
     float far = max(camera.depth.z, near);
+#endif
     uint first = floatBitsToUint(near);
     uint range = floatBitsToUint(far) - first;
     uint x = floatBitsToUint(clamp(z, near, far)) - first;

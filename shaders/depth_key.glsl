@@ -67,7 +67,11 @@ uint depth_key(float z) {
 #else
 uint depth_key(float z) {
     float near = camera.depth.y;
+#if KEY_OF == KEY_OF_DISTANCE
+    float far = max(camera.depth.w, near);
+#else
     float far = max(camera.depth.z, near);
+#endif
 #if KEY_MAP == KEY_MAP_FLOAT_BITS
 #if KEY_BITS == 32 && !defined(KEYS_FILL_THEIR_BITS)
     return floatBitsToUint(z);

@@ -8,7 +8,11 @@
 
 const float NEAR_PLANE = 0.2;
 // Added to both variances on the screen, in square pixels: no splat is narrower than about a pixel.
+#if LOW_PASS == LOW_PASS_MIP
+const float DILATION = 0.1;
+#else
 const float DILATION = 0.3;
+#endif
 // Margin of the bounds, in pixels, so that rounding never drops a pixel that shading would keep.
 const float MARGIN = 1.0 / 64.0;
 
@@ -107,7 +111,7 @@ vec3 direction_of(vec3 v) {
 
 // A splat in the picture, in pixels with pixel centres at integers.
 struct Projection {
-    float depth;        // view z, which determines the order
+    float depth;        // decides about the order: view z, or the distance from the camera
     float alpha;        // opacity at the centre
     vec2 centre;
     vec2 bounds;        // half width and half height of the ellipse at the alpha floor
@@ -201,7 +205,7 @@ bool project_splat(uint i, out Projection splat) {
     larger = min(larger, most * most);
     smaller = min(smaller, most * most);
 
-#if LOW_PASS == LOW_PASS_COMPENSATED
+#if LOW_PASS == LOW_PASS_COMPENSATED || LOW_PASS == LOW_PASS_MIP
     // The dilated ellipse has the volume of the sharp one (Yu et al. 2024, "Mip-Splatting", equation 9).
     alpha *= sqrt(e.determinant / determinant);
     if (!(alpha > alpha_floor)) {
@@ -222,6 +226,11 @@ bool project_splat(uint i, out Projection splat) {
     splat.direction = direction;
     splat.bounds = splat.reach * (sqrt(vec2(splat.xx, splat.yy)) * unit);
     splat.from_camera = from_camera;
+#if KEY_OF == KEY_OF_DISTANCE
+    // By powers of two, so that squares are floats.
+    int size = clamp(exponent_of(largest(from_camera)), -120, 120);
+    splat.depth = length(from_camera * power_of_two(-size)) * power_of_two(size);
+#endif
     return largest(vec3(splat.centre, 0.0)) <= FARTHEST;
 }
 

@@ -10,6 +10,7 @@ use splatgraph::draw::planner::Planner;
 use splatgraph::draw::session::Session;
 use splatgraph::draw::truth::{Truth, rules};
 use splatgraph_assets::{Camera, Scene, synth};
+use splatgraph_reference::Rules;
 use std::sync::Arc;
 
 /// The largest relative difference of a depth, and of an alpha.
@@ -93,8 +94,9 @@ fn compare(name: &str, graph: Graph, found: &[Output], truth: &Truth) {
 
 #[test]
 fn alpha_depths_normals_and_ranks_are_those_of_the_exact_renderer() {
-    let quads = rules(&settings(&[("extent", "unbounded"), ("stop", "none")])).expect("rules");
-    let published = rules(&[]).expect("rules");
+    let quads =
+        rules(Rules::PUBLISHED, &settings(&[("extent", "unbounded"), ("stop", "none")])).expect("rules");
+    let published = Rules::PUBLISHED;
     let by_quads: [(Graph, &[(&str, &str)]); 4] = [
         (("splat", &[("target", "rgba32f")]), &[]),
         (("tiled", &[]), &[("stop", "0.0")]),

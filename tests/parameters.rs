@@ -7,6 +7,7 @@ use splatgraph::draw::truth::{Truth, rules};
 use splatgraph::io::image::Image;
 use splatgraph::{draw::capture, studies::metrics};
 use splatgraph_assets::{Camera, Scene, Splat, synth};
+use splatgraph_reference::Rules;
 use std::sync::Arc;
 
 /// Returns a small demo scene, with splats outside the picture that reach into it, and many narrower than a pixel.
@@ -57,7 +58,7 @@ fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule()
     // Quads have no tiles and do not stop early.
     let exact = |rule: &str, value: &str| {
         let changes = [("extent", "unbounded"), ("stop", "none"), (rule, value)];
-        let rules = rules(&settings(&changes)).expect("rules");
+        let rules = rules(Rules::PUBLISHED, &settings(&changes)).expect("rules");
         Truth::draw(&scene, &camera, [0.0; 3], &rules).image()
     };
     let published = exact("near", "0.2");
@@ -66,6 +67,8 @@ fn a_parameter_that_is_a_rule_draws_what_the_exact_renderer_draws_by_that_rule()
         ("near", "0.2", "budget", "1.0"),
         ("low_pass", "none", "low_pass", "none"),
         ("low_pass", "0.3*compensated", "low_pass", "compensated"),
+        ("low_pass", "0.1*compensated", "low_pass", "mip"),
+        ("key_of", "distance", "key_of", "distance"),
         ("alpha_floor", "0.03", "alpha_floor", "0.03"),
         ("alpha_cap", "0.7", "alpha_cap", "0.7"),
         ("jacobian_clamp", "1.7", "jacobian_limit", "1.7"),

@@ -5,9 +5,10 @@ use crate::common::{self, EXACT_TILES, FAST_TILES, Graph, with};
 use crate::golden::Golden;
 use crate::images::{self, bytes, draw_scene, inspected, psnr};
 use splatgraph::draw::session::FrameOptions;
-use splatgraph::draw::truth::{Truth, rules};
+use splatgraph::draw::truth::Truth;
 use splatgraph::io::image::Image;
 use splatgraph_assets::{Camera, Scene, Splat, synth};
+use splatgraph_reference::Rules;
 use std::sync::Arc;
 
 /// Exact tiles, for GPUs and for CPUs.
@@ -230,7 +231,7 @@ fn a_falloff_by_products_is_that_by_powers_of_2() {
 fn pictures_wider_than_256_bins_have_larger_ones() {
     let scene = Arc::new(synth::generate("demo", 3000, 0).expect("a scene"));
     let camera = synth::demo_cameras().swap_remove(0).resized(8200, 40);
-    let truth = Truth::draw(&scene, &camera, [0.0; 3], &rules(&[]).expect("rules")).image();
+    let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).image();
     for graph in EXACT_TILES {
         let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), graph.0, [0.0; 3], graph.1);
         assert_close(graph.0, &images, std::slice::from_ref(&truth), 95.0);
@@ -250,7 +251,7 @@ fn tiles_are_right_on_subgroups_of_4_8_and_16() {
     let scene = Arc::new(synth::generate("demo", 3000, 0).expect("a scene"));
     let camera = synth::demo_cameras().swap_remove(0).resized(160, 90);
     let background = [0.1, 0.2, 0.3];
-    let truth = Truth::draw(&scene, &camera, background, &rules(&[]).expect("rules")).image();
+    let truth = Truth::draw(&scene, &camera, background, &Rules::PUBLISHED).image();
     for graph in EXACT_TILES {
         let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), graph.0, background, graph.1);
         assert_close(graph.0, &images, std::slice::from_ref(&truth), 95.0);
@@ -309,7 +310,7 @@ fn long_lists_are_blended_to_their_end() {
             ..sample
         }
     }));
-    let truth = Truth::draw(&scene, &camera, [0.0; 3], &rules(&[]).expect("rules")).image();
+    let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED).image();
     for graph in EXACT_TILES.into_iter().chain(FAST_TILES) {
         let images = draw_scene(scene.clone(), std::slice::from_ref(&camera), graph.0, [0.0; 3], graph.1);
         assert_close(&format!("{graph:?}"), &images, std::slice::from_ref(&truth), 60.0);

@@ -5,7 +5,7 @@
 //! z forward. [`Dataset`](crate::Dataset) reads camera files.
 
 use crate::bounds::Bounds;
-use crate::scene::Scene;
+use crate::scene::{FileNotes, Scene};
 use serde::{Deserialize, Serialize};
 
 /// A pinhole camera. Unknown fields of the file are ignored.
@@ -70,8 +70,8 @@ impl Camera {
 
     /// Makes a camera that frames the bulk of a scene.
     ///
-    /// It looks along +z and 12 degrees down (+y), from the position at which [`Scene::robust_bounds`] fits with a
-    /// margin of 8 %. The field of view is 60 degrees across the longer side.
+    /// It looks along +z and 12 degrees down (+y), turned so that [`Scene::up`] is up, from where the box [`Scene::robust_bounds`] fits with a margin of 8 %.
+    /// The field of view is 60 degrees across the longer side.
     pub fn framing(scene: &Scene, width: u32, height: u32) -> Self {
         /// Downward slope of the view, in degrees.
         const PITCH: f64 = 12.0;
@@ -83,7 +83,12 @@ impl Camera {
         let focal = 0.5 * f64::from(width.max(height)) / 30f64.to_radians().tan();
         let horizontal = 2.0 * (0.5 * f64::from(width) / focal).atan().to_degrees();
         let forward = glam::DVec3::new(0.0, PITCH.to_radians().sin(), PITCH.to_radians().cos());
-        let mut camera = Self::looking_at([0.0; 3], forward.into(), horizontal, (width, height));
+        let up = scene.up();
+        let forward = match up == FileNotes::UP {
+            true => forward,
+            false => glam::DQuat::from_rotation_arc(glam::DVec3::NEG_Y, up.into()) * forward,
+        };
+        let mut camera = Self::looking_at_upright([0.0; 3], forward.into(), up, horizontal, (width, height));
         let [tan_x, tan_y] = [width, height].map(|side| FILL * 0.5 * f64::from(side) / focal);
         // The smallest distance at which every corner is inside the view frustum.
         let distance = bounds.corners().into_iter().fold(0.0, |distance: f64, corner| {

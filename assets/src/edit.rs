@@ -1,12 +1,11 @@
 //! Derives scenes from others: selects, orders, transforms and joins splats.
 
 use crate::activation::quantised;
-use crate::harmonics::basis;
+use crate::harmonics::Turn;
 use crate::memory::SceneMemoryError;
-use crate::scene::{Scene, sh_floats};
+use crate::scene::{FileNotes, Scene};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
-use std::f64::consts::TAU;
 
 /// A rotation, a uniform scaling and a translation of the world: `p` goes to `scale * rotation * p + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,34 +36,7 @@ impl Similarity {
     }
 }
 
-/// Computes the matrix that rotates spherical harmonics: row `j` gives coefficient `j` of the rotated function.
-///
-/// Its elements are the integrals of `Y_j(d) Y_k(R^-1 d)` over the sphere. The product is a polynomial of degree 6 at
-/// most, which four Gauss-Legendre nodes along z and eight nodes around it integrate exactly.
-fn turned_basis(rotation: DQuat) -> [[f64; 16]; 16] {
-    /// Nodes and weights of the quadrature on -1 to 1; each stands for itself and its negative.
-    const NODES: [(f64, f64); 2] = [
-        (0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
-        (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
-    ];
-    let mut matrix = [[0.0; 16]; 16];
-    for (z, weight) in NODES.into_iter().flat_map(|(z, weight)| [(z, weight), (-z, weight)]) {
-        for step in 0..8 {
-            let (sin, cos) = (TAU * f64::from(step) / 8.0).sin_cos();
-            let around = (1.0 - z * z).sqrt();
-            let direction = DVec3::new(around * cos, around * sin, z);
-            let (here, before) = (basis(direction.into()), basis((rotation.inverse() * direction).into()));
-            for (row, here) in matrix.iter_mut().zip(here) {
-                for (element, before) in row.iter_mut().zip(before) {
-                    *element += weight * TAU / 8.0 * here * before;
-                }
-            }
-        }
-    }
-    matrix
-}
-
-/// Spreads the lowest 21 bits of a number, with two zeros between bits.
+/// Spreads the lowest 21 bits of a number, two zeros between each.
 fn spread(value: u32) -> u64 {
     (0..21).fold(0u64, |code, bit| code | (u64::from(value) >> bit & 1) << (3 * bit))
 }
@@ -110,7 +82,7 @@ impl Scene {
     /// # Errors
     /// The copy does not fit in memory.
     pub fn transformed(&self, by: &Similarity) -> Result<Self, SceneMemoryError> {
-        let matrix = turned_basis(by.rotation);
+        let turn = Turn::new(by.rotation);
         let degree = self.stored_degree();
         // Near the scene, so that f32 keeps its precision.
         let offset = by.point(DVec3::from(self.offset()));
@@ -121,21 +93,15 @@ impl Scene {
             let turned = (by.rotation * DQuat::from_xyzw(x, y, z, w)).normalize();
             splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|c| c as f32);
             splat.scale = splat.scale.map(|scale| (f64::from(scale) * by.scale) as f32);
-            let sh = splat.sh;
-            for (j, row) in matrix.iter().enumerate().take(sh_floats(degree) / 3) {
-                for channel in 0..3 {
-                    let sum: f64 =
-                        row.iter().enumerate().map(|(k, value)| value * f64::from(sh[3 * k + channel])).sum();
-                    splat.sh[3 * j + channel] = sum as f32;
-                }
-            }
+            turn.apply(&mut splat.sh, degree);
             let position = by.point(DVec3::from(self.world_position(index))) - offset;
             (splat, position.into())
         })?;
-        Ok(moved.with_offset(offset.into()).with_notes(self.notes()))
+        let up = self.notes().up.map(|up| (by.rotation * DVec3::from(up)).into());
+        Ok(moved.with_offset(offset.into()).with_notes(FileNotes { up, ..self.notes() }))
     }
 
-    /// Joins scenes in order. Missing harmonics become 0. The anti-aliasing tag is kept if all scenes have it.
+    /// Joins scenes, one after the other. Harmonics that a scene lacks are 0. Tags that differ are dropped.
     ///
     /// # Errors
     /// The copy does not fit in memory, or there are more than 2^32 splats.
@@ -164,8 +130,7 @@ impl Scene {
             let world = scene.world_position(local);
             (scene.splat(local), std::array::from_fn(|axis| world[axis] - offset[axis]))
         })?;
-        let mut notes = scenes[0].notes();
-        notes.antialiased = scenes.iter().all(|scene| scene.notes().antialiased);
+        let notes = scenes.iter().map(Self::notes).reduce(FileNotes::common).unwrap_or_default();
         Ok(joined.with_offset(offset).with_notes(notes))
     }
 }
@@ -173,7 +138,9 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::harmonics::basis;
     use crate::testing::splat;
+    use std::f64::consts::TAU;
 
     fn color(sh: &[f32; 48], direction: DVec3) -> [f64; 3] {
         let values = basis(direction.into());

@@ -28,8 +28,8 @@ pub enum SceneError {
     #[error("expected a scene, found an empty file")]
     Empty,
 
-    /// The bytes are not of any scene format.
-    #[error("expected a scene (.ply, .spz, .splat, .ksplat, .sog), found {found}")]
+    /// The bytes are those of no scene format.
+    #[error("expected a scene (.ply, .spz, .splat, .ksplat, .sog, .glb), found {found}")]
     NotScene {
         /// The likely kind of the file.
         found: String,
@@ -236,6 +236,14 @@ pub enum SceneError {
         /// What was expected and found.
         message: String,
     },
+}
+
+impl SceneError {
+    /// The splats are disks, which project by other rules.
+    pub(crate) const SURFELS: Self = Self::Unsupported {
+        format: "a scene of 2D Gaussians (2DGS), which are disks",
+        advice: "only 3D Gaussians are drawn",
+    };
 }
 
 fn nearest_text(nearest: &Option<String>) -> String {

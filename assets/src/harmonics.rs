@@ -6,7 +6,8 @@
 //! A *lobe*, a function that is symmetric about an axis, needs only a polynomial in the cosine to that axis: the addition
 //! theorem of spherical harmonics turns its Legendre coefficients into all sixteen coefficients (see [`Zonal`]).
 
-use std::f64::consts::PI;
+use glam::{DQuat, DVec3};
+use std::f64::consts::{PI, TAU};
 
 /// Evaluates the sixteen basis functions of degree 3 at a unit direction.
 ///
@@ -44,7 +45,56 @@ pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
     ]
 }
 
-/// Bounds a colour over all directions: no channel exceeds the bound, nor is further below 0.
+/// Turns spherical harmonics with the world.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Turn {
+    /// Row `j` gives coefficient `j` of the turned function.
+    matrix: [[f64; 16]; 16],
+}
+
+impl Turn {
+    /// Computes the matrix of a rotation.
+    ///
+    /// Its elements are the integrals of `Y_j(d) Y_k(R^-1 d)` over the sphere. The product is a polynomial of degree 6 at most, which
+    /// four nodes of Gauss and Legendre along z and eight around it integrate exactly.
+    pub(crate) fn new(rotation: DQuat) -> Self {
+        /// Nodes and weights of the quadrature on -1 to 1, each also with a negative node.
+        const NODES: [(f64, f64); 2] = [
+            (0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
+            (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
+        ];
+        let mut matrix = [[0.0; 16]; 16];
+        for (z, weight) in NODES.into_iter().flat_map(|(z, weight)| [(z, weight), (-z, weight)]) {
+            for step in 0..8 {
+                let (sin, cos) = (TAU * f64::from(step) / 8.0).sin_cos();
+                let around = (1.0 - z * z).sqrt();
+                let direction = DVec3::new(around * cos, around * sin, z);
+                let (here, before) =
+                    (basis(direction.into()), basis((rotation.inverse() * direction).into()));
+                for (row, here) in matrix.iter_mut().zip(here) {
+                    for (element, before) in row.iter_mut().zip(before) {
+                        *element += weight * TAU / 8.0 * here * before;
+                    }
+                }
+            }
+        }
+        Self { matrix }
+    }
+
+    /// Turns the harmonics of a splat to `degree`.
+    pub(crate) fn apply(&self, sh: &mut [f32; 48], degree: u32) {
+        let (before, coefficients) = (*sh, (degree + 1) * (degree + 1));
+        for (j, row) in self.matrix.iter().enumerate().take(coefficients as usize) {
+            for channel in 0..3 {
+                let sum: f64 =
+                    row.iter().enumerate().map(|(k, value)| value * f64::from(before[3 * k + channel])).sum();
+                sh[3 * j + channel] = sum as f32;
+            }
+        }
+    }
+}
+
+/// Bounds a colour from every direction: none is above it, in any channel, and none is further below 0.
 ///
 /// `sh` holds the coefficients of a splat, with the channels of each coefficient together. By the addition theorem
 /// (Unsöld), the squared functions of band `l` sum to (2l+1)/(4 pi) in every direction, so a band is at most the root

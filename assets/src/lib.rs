@@ -30,6 +30,7 @@ mod edit;
 mod error;
 pub mod file;
 mod formats;
+mod gltf;
 pub mod harmonics;
 mod input;
 mod ksplat;
@@ -57,6 +58,8 @@ pub use input::{Progress, QUIET, SceneHeader};
 pub use memory::SceneMemoryError;
 pub use recognise::SceneFormat;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
-pub use scene::{ALPHA_FLOOR, ColorRange, Dropped, FileNotes, QuaternionNorms, Scene, Splat, sh_floats};
+pub use scene::{
+    ALPHA_FLOOR, ColorRange, Dropped, FileNotes, Filter, QuaternionNorms, Scene, SortKey, Splat, sh_floats,
+};
 pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};
 pub use spz::SpzVersion;

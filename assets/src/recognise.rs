@@ -4,7 +4,7 @@
 //! gzip file" helps more than "bad magic".
 
 use crate::error::SceneError;
-use crate::{ksplat, sog, splat, spz};
+use crate::{gltf, ksplat, sog, splat, spz};
 use std::path::Path;
 
 /// Leading bytes of well-known files, with a description.
@@ -19,7 +19,6 @@ const MAGIC: &[(&[u8], &str)] = &[
     (b"BZh", "a bzip2 file (unpack it first)"),
     (b"\xFD7zXZ", "an xz file (unpack it first)"),
     (b"7z\xBC\xAF", "a 7-Zip archive (unpack it first)"),
-    (b"glTF", "a binary glTF model"),
     (b"\x7FELF", "an ELF executable"),
     (b"%PDF", "a PDF document"),
     (b"\x93NUMPY", "a NumPy array"),
@@ -49,15 +48,17 @@ pub enum SceneFormat {
     Sog,
     /// Mark Kellogg's `.ksplat`; read, not written.
     Ksplat,
+    /// Khronos's glTF with `KHR_gaussian_splatting`: `.glb` and `.gltf` are read, `.glb` is written.
+    Gltf,
 }
 
 impl SceneFormat {
     /// The formats that [`Scene::write`](crate::Scene::write) writes.
-    pub const WRITTEN: [Self; 4] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat];
+    pub const WRITTEN: [Self; 5] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Gltf];
 
     /// All formats.
-    pub const ALL: [Self; 6] =
-        [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Sog, Self::Ksplat];
+    pub const ALL: [Self; 7] =
+        [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Sog, Self::Ksplat, Self::Gltf];
 
     /// Returns the extension of file names, without the first dot.
     pub fn extension(self) -> &'static str {
@@ -68,6 +69,7 @@ impl SceneFormat {
             Self::Splat => "splat",
             Self::Sog => "sog",
             Self::Ksplat => "ksplat",
+            Self::Gltf => "glb",
         }
     }
 
@@ -80,6 +82,7 @@ impl SceneFormat {
             Self::Splat => "antimatter15's .splat, 32 bytes per splat, without harmonics above degree 0",
             Self::Sog => "PlayCanvas's SOG, version 2, is read alone",
             Self::Ksplat => "Mark Kellogg's .ksplat, is read alone",
+            Self::Gltf => "glTF with KHR_gaussian_splatting, exact, sorted by distance",
         }
     }
 
@@ -87,13 +90,24 @@ impl SceneFormat {
     pub fn of_name(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let ends = |format: &Self| name.ends_with(&format!(".{}", format.extension()));
-        Self::ALL.into_iter().filter(ends).max_by_key(|format| format.extension().len())
+        let found = Self::ALL.into_iter().filter(ends).max_by_key(|format| format.extension().len());
+        found.or_else(|| name.ends_with(".gltf").then_some(Self::Gltf))
+    }
+
+    /// Returns true if the format keeps a tag, by the name of [`FileNotes::tags`](crate::FileNotes::tags).
+    pub fn keeps_tag(self, tag: &str) -> bool {
+        match self {
+            Self::Ply | Self::CompressedPly => matches!(tag, "low_pass" | "up"),
+            Self::Spz => tag == "low_pass",
+            Self::Gltf => tag == "key_of",
+            Self::Splat | Self::Sog | Self::Ksplat => false,
+        }
     }
 
     /// Describes what the format loses of a scene with harmonics of `degree`, a phrase per kind of value.
     pub fn losses(self, degree: u32) -> Vec<&'static str> {
         let mut losses = match self {
-            Self::Ply | Self::Sog | Self::Ksplat => vec![],
+            Self::Ply | Self::Sog | Self::Ksplat | Self::Gltf => vec![],
             Self::CompressedPly => vec![
                 "positions and scales: 10 or 11 bits per axis, of the range in a chunk of 256 splats",
                 "rotations: 10 bits per component",
@@ -140,6 +154,9 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     // Its reader decides whether it is a scene.
     if head.starts_with(sog::MAGIC) {
         return Ok(SceneFormat::Sog);
+    }
+    if head.starts_with(gltf::MAGIC) || extension == "gltf" || gltf::begins_as_json(head) {
+        return Ok(SceneFormat::Gltf);
     }
     let magic = MAGIC.iter().find(|(magic, _)| head.starts_with(magic));
     let known = |(_, what): &(&[u8], &str)| Err(SceneError::NotScene { found: (*what).to_owned() });

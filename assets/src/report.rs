@@ -222,8 +222,8 @@ impl fmt::Display for Report {
         let cut = self.file.cut_degree.map(|degree| format!("degree {degree} in the file, cut to 3; "));
         let cut = cut.unwrap_or_default();
         line(f, "harmonics", format!("{cut}degree {stored} stored, {shown} in use{above}"))?;
-        if self.file.antialiased {
-            line(f, "filter", "trained with anti-aliasing (Mip-Splatting), says the file".into())?;
+        for (name, value) in self.file.tags() {
+            line(f, "tag", format!("{name} {value}"))?;
         }
         let c = &self.color;
         let beyond = if c.brightest > LARGEST_HALF { ", beyond half floats" } else { "" };

@@ -17,7 +17,7 @@ pub struct Scene(pub Arc<assets::Scene>);
 
 #[pymethods]
 impl Scene {
-    /// Loads a scene file: .ply, .compressed.ply, .spz, .splat, .sog or .ksplat, which its bytes tell.
+    /// Loads a scene file: .ply, .compressed.ply, .spz, .splat, .sog, .ksplat, .glb or .gltf, which its bytes tell.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
         let loaded = wait::run(py, move || assets::Scene::load(path, &|_, _| ControlFlow::Continue(())))?;

@@ -24,7 +24,7 @@ const uint STEPS = VECTORS / COLUMNS;
 // 1 if the falloff goes from row to row by products (see `blend_column`): where many rows share the cost, and rounding and the
 // splats' least width allow it. Outputs besides the picture are more accurate than that.
 #define ACCURATE (RECORD == RECORD_F32 || WITH_OUTPUTS)
-#define FALLOFF_BY_PRODUCTS (LANES <= 8 && !ACCURATE && LOW_PASS != LOW_PASS_NONE)
+#define FALLOFF_BY_PRODUCTS (LANES <= 8 && !ACCURATE && LOW_PASS != LOW_PASS_NONE && LOW_PASS != LOW_PASS_MIP)
 // Tiles along a bin's side.
 const uint BIN_TILES = BIN / TILE;
 const uint TILES_X = uint(BINS_X) * BIN_TILES;

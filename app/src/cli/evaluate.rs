@@ -37,7 +37,7 @@ pub const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat or .sog
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .glb or .gltf
     scene: PathBuf,
     /// The dataset: a COLMAP folder, a folder with transforms_test.json, or a file of cameras
     #[arg(short, long, value_name = "DATASET")]
@@ -188,7 +188,7 @@ impl Drawer {
         match self {
             Drawer::Reference(scene) => {
                 let camera = camera.relative_to(scene.offset());
-                Ok(Truth::draw(scene, &camera, background, &Rules::PUBLISHED).image())
+                Ok(Truth::draw(scene, &camera, background, &Rules::of(scene)).image())
             }
             Drawer::Device(session) => {
                 let camera = camera.relative_to(session.scene().offset());

@@ -15,7 +15,7 @@ pub struct LookAtArgs {
     /// Point to look at [default: the middle of the scene]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     target: Option<[f64; 3]>,
-    /// World direction that points up in the picture [default: 0,-1,0]
+    /// World direction that points up in the picture [default: the scene's, or 0,-1,0]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     up: Option<[f64; 3]>,
     /// Horizontal field of view, in degrees [default: 60]
@@ -84,7 +84,7 @@ impl LookAtArgs {
         if eye.distance(target) < 1e-9 * eye.length().max(1.0) {
             return Err(Usage(format!("expected two places for --eye and --target, found one: {eye}")));
         }
-        let up = DVec3::from(self.up.unwrap_or([0.0, -1.0, 0.0]));
+        let up = DVec3::from(self.up.unwrap_or(scene.up()));
         if up.try_normalize().is_none() {
             return Err(Usage("expected a direction for --up, found 0,0,0".into()));
         }

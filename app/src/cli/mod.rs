@@ -44,6 +44,7 @@ mod view;
 use crate::draw::planner::{self, GraphErrors};
 use crate::draw::session::SessionError;
 use crate::draw::shader_cache::ShaderCache;
+use crate::io::load;
 use crate::io::output::{self, say, say_styled, terminal};
 use crate::{draw::backend, draw::builtin};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -99,6 +100,11 @@ struct Cli {
     /// Other files must be in the graph's folder, in the folders pipelines/ and shaders/ beside it, or built in.
     #[arg(long, value_name = "DIR", global = true)]
     include_root: Vec<PathBuf>,
+    /// Draw scenes by the published rules, whatever the tags of their files ask for
+    ///
+    /// Tags are the filter of the training, the order of the splats, and the direction up: see `splatgraph info`. --set overrides a single one.
+    #[arg(long, global = true)]
+    ignore_tags: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -187,6 +193,9 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
         Err(error) => return terminal::say_usage(&error, colour()),
     };
     threads::build_pool();
+    if cli.ignore_tags {
+        load::ignore_tags();
+    }
     let store = store.map(|cache| Arc::new(cache) as Arc<_>);
     planner::configure(planner::Settings { worker, store, include_roots: cli.include_root });
     let result = match cli.command.shard() {

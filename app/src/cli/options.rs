@@ -7,9 +7,9 @@ use crate::draw::builtin;
 use crate::draw::facts;
 use crate::draw::fit::Target;
 use crate::draw::interleaved::Frames;
-use crate::io::demo;
 use crate::io::output::{self, OutputGuard, say};
 use crate::io::progress::Progress;
+use crate::io::{demo, load};
 use crate::studies::bench;
 use anyhow::{Context, Result};
 use splatgraph_api::{BackendError, Heap};
@@ -64,7 +64,7 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
 /// Loads a scene, with progress.
 pub fn load_scene(path: &Path) -> Result<Scene> {
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
-    let scene = Scene::load(path, &|done, of| {
+    let scene = load::scene(path, &|done, of| {
         // Called from many threads: while one reports, the others need not.
         if let Ok(mut progress) = progress.try_lock() {
             progress.set(done, of, "");

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// Arguments that name scenes.
 #[derive(Debug, clap::Args)]
 pub struct ScenesArgs {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, or .ron, which places several
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, or .ron, which places several
     #[arg(value_name = "SCENE")]
     pub scene: Option<PathBuf>,
     /// Further scenes in the same picture; one sort orders the splats of all. To turn or scale them, write a scene file (.ron)

@@ -38,7 +38,7 @@ Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, or .ron, which places several
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, or .ron, which places several
     ///
     /// The default is the demo scene, which the first use generates. Without --cameras, the cameras of a file beside the scene are loaded.
     scene: Option<PathBuf>,

@@ -6,6 +6,7 @@
 //! pipeline: equal bits give equal depths, and equal depths give the same order of the splats.
 
 use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
 use splatgraph_assets::{Bounds, Camera, NEAR};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -27,7 +28,7 @@ struct Block {
     focal: [f32; 4],
     /// Width and height in pixels, and their inverses.
     viewport: [f32; 4],
-    /// Near plane, the scene's depth range.
+    /// Near plane, the scene's depth range, its greatest distance.
     depth: [f32; 4],
     background: [f32; 4],
     /// The position's part below its f32.
@@ -63,7 +64,8 @@ pub fn frame_uniforms(
     background: [f32; 3],
     frame: u32,
 ) -> BTreeMap<String, Vec<u8>> {
-    [(CAMERA.to_owned(), uniform(camera, depth_range(camera, bounds), background, frame))].into()
+    let (depth, distance) = (depth_range(camera, bounds), farthest(camera, bounds));
+    [(CAMERA.to_owned(), uniform(camera, depth, distance, background, frame))].into()
 }
 
 /// Computes a range that holds the view depths of the scene's box as f32 computes them, neither end nearer than [`NEAR`].
@@ -79,8 +81,15 @@ pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
 /// Bound on the error of a view depth in f32, as a share of the coordinates that it is computed from: four roundings, doubled.
 pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 
-/// Packs the block; `depth` is the scene's depth range.
-fn uniform(camera: &Camera, depth: [f64; 2], background: [f32; 3], frame: u32) -> Vec<u8> {
+/// Computes a distance that no splat of the scene's box exceeds, as f32 computes it.
+fn farthest(camera: &Camera, bounds: &Bounds) -> f64 {
+    let corner =
+        bounds.corners().into_iter().map(|corner| DVec3::from(corner).distance(camera.position.into()));
+    corner.fold(NEAR, f64::max) * (1.0 + ROUNDING)
+}
+
+/// Packs the block; `depth` is the scene's depth range, and `distance` its greatest distance.
+fn uniform(camera: &Camera, depth: [f64; 2], distance: f64, background: [f32; 3], frame: u32) -> Vec<u8> {
     // A point `p` of the world is at `rows * p + translation` in the camera's frame.
     let rows = camera.axes();
     let translation = rows.map(|row| -(0..3).map(|i| row[i] * camera.position[i]).sum::<f64>());
@@ -103,7 +112,7 @@ fn uniform(camera: &Camera, depth: [f64; 2], background: [f32; 3], frame: u32) -
         position: [x, y, z, 0.0],
         focal: [camera.fx, camera.fy, 0.5 * width / camera.fx, 0.5 * height / camera.fy].map(|v| v as f32),
         viewport: [width, height, 1.0 / width, 1.0 / height].map(|v| v as f32),
-        depth: [NEAR as f32, depth[0] as f32, depth[1] as f32, 0.0],
+        depth: [NEAR as f32, depth[0] as f32, depth[1] as f32, distance as f32],
         background: [r, g, b, 0.0],
         position_low: [low_x, low_y, low_z, 0.0],
         frame,
@@ -191,7 +200,7 @@ mod tests {
 
     #[test]
     fn the_matrix_takes_a_point_of_the_world_into_the_cameras_frame() {
-        let f = floats(&uniform(&sideways(), [0.0; 2], [0.0; 3], 0));
+        let f = floats(&uniform(&sideways(), [0.0; 2], 0.0, [0.0; 3], 0));
         // (5, 3, 1) is 4 ahead, 1 below and 2 to the right.
         let point = [5.0, 3.0, 1.0, 1.0];
         let at = |row: usize| (0..4).map(|column| f[4 * column + row] * point[column]).sum::<f32>();
@@ -200,13 +209,13 @@ mod tests {
 
     #[test]
     fn the_block_lies_as_the_shaders_declare_it() {
-        let bytes = uniform(&sideways(), [1.5, 8.0], [0.25, 0.5, 0.75], 7);
+        let bytes = uniform(&sideways(), [1.5, 8.0], 9.0, [0.25, 0.5, 0.75], 7);
         assert_eq!(bytes.len(), 256);
         let f = floats(&bytes);
         assert_eq!(f[16..20], [1.0, 2.0, 3.0, 0.0], "position at 64");
         assert_eq!(f[20..24], [50.0, 40.0, 2.0, 1.25], "focal at 80");
         assert_eq!(f[24..28], [200.0, 100.0, 0.005, 0.01], "viewport at 96");
-        assert_eq!(f[28..32], [0.2, 1.5, 8.0, 0.0], "depth at 112");
+        assert_eq!(f[28..32], [0.2, 1.5, 8.0, 9.0], "depth at 112");
         assert_eq!(f[32..36], [0.25, 0.5, 0.75, 0.0], "background at 128");
         assert_eq!(f[40].to_bits(), 7, "frame at 160");
         assert_eq!(f[44..48], [1.0, 2.0, 3.0, 0.0], "origin at 176: the camera");

@@ -6,7 +6,7 @@
 
 use crate::draw::camera::{CAMERA, CAMERA_BYTES};
 use crate::draw::keys;
-use splatgraph_assets::{ATTRIBUTES, Scene, Splat};
+use splatgraph_assets::{ATTRIBUTES, Filter, Scene, SortKey, Splat};
 use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Value};
 
 /// Default width and height of a picture, in pixels.
@@ -23,6 +23,10 @@ pub struct SceneFacts {
     pub stored_sh_degree: u32,
     /// Bits at which depth keys put all splats in the right order, in every view: see [`keys::of_scene`].
     pub key_bits: u32,
+    /// The filter of the training, by the file.
+    pub low_pass: Filter,
+    /// The order of the splats, by the file.
+    pub key_of: SortKey,
     /// Positions have digits beyond f32: see [`Scene::is_wide`].
     pub wide: bool,
     /// Largest absolute value of a coefficient of the spherical harmonics, rounded up.
@@ -38,6 +42,8 @@ impl SceneFacts {
         sh_degree: 3,
         stored_sh_degree: 3,
         key_bits: *keys::WIDTHS.end(),
+        low_pass: Filter::Dilated,
+        key_of: SortKey::Depth,
         wide: false,
         largest_sh: 4,
         brightest: 8,
@@ -49,6 +55,8 @@ impl SceneFacts {
             count: scene.count().into(),
             sh_degree: scene.effective_degree(),
             stored_sh_degree: scene.stored_degree(),
+            low_pass: scene.notes().low_pass,
+            key_of: scene.notes().key_of,
             wide: scene.is_wide(),
             key_bits: keys::of_scene(&scene.bounds()),
             largest_sh: scene.color_range().largest_sh.ceil() as u64,
@@ -70,6 +78,8 @@ pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Fact
     ];
     facts.host.extend(scene_facts.map(|(name, value)| (name.to_owned(), Value::Int(value))));
     facts.host.insert("scene.wide".to_owned(), Value::Bool(scene.wide));
+    let texts = [("scene.low_pass", scene.low_pass.name()), ("scene.key_of", scene.key_of.name())];
+    facts.host.extend(texts.map(|(name, text)| (name.to_owned(), Value::Text(text.to_owned()))));
     facts
 }
 

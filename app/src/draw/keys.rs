@@ -195,9 +195,10 @@ pub struct Seen<'a> {
 }
 
 impl Seen<'_> {
-    /// Projects the scene into every view, by the published rules.
+    /// Projects the scene into every view, by its rules.
     pub fn new<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
-        let visible = cameras.iter().map(|camera| visible(scene, camera, &Rules::PUBLISHED)).collect();
+        let rules = Rules::of(scene);
+        let visible = cameras.iter().map(|camera| visible(scene, camera, &rules)).collect();
         Seen { scene, cameras, visible }
     }
 

@@ -3,7 +3,7 @@
 //! [`pick`] lists every splat that is blended at a pixel, near to far, with its share. The splat that a person means is
 //! [`Picked::selected`]: first the one with the largest share, then, by [`Picked::step`], its neighbours in depth.
 //!
-//! The rules are the published rasteriser's ([`Rules::PUBLISHED`]), in f64, for pictures of every graph. A graph with
+//! The rules are [`Rules::of`] the scene, those of the published rasteriser unless its file has tags, in f64, whatever graph draws the picture. A graph with
 //! other rules (another `low_pass`, a `cutoff`, a cull, an order that is not exact) shows another picture, and its shares
 //! differ.
 //!
@@ -124,7 +124,7 @@ pub fn pick(
     pixel: [u32; 2],
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Option<Picked> {
-    let rules = &Rules::PUBLISHED;
+    let rules = &Rules::of(scene);
     let found = fragments(scene, camera, pixel, rules, cancelled)?;
     let of = |fragment: &Fragment| {
         let splat = scene.get(fragment.index as usize);
@@ -159,7 +159,7 @@ pub fn outline(scene: &Scene, camera: &Camera, index: u32) -> Option<Outline> {
     if index >= scene.count() {
         return None;
     }
-    let rules = &Rules::PUBLISHED;
+    let rules = &Rules::of(scene);
     Outline::of(&project(&scene.get(index as usize), camera, rules)?, rules)
 }
 

@@ -124,12 +124,11 @@ pub fn image_of(picture: &Picture) -> Image {
     Image { width: picture.width as usize, height: picture.height as usize, rgb }
 }
 
-/// Changes rules of the published rasteriser by `NAME=VALUE`.
+/// Changes rules by `NAME=VALUE`: of [`Rules::PUBLISHED`], or of a scene's [`Rules::of`].
 ///
 /// # Errors
-/// A name is not in [`RULES`], or a rule does not take the value.
-pub fn rules(changes: &[(String, String)]) -> Result<Rules, RuleError> {
-    let mut rules = Rules::PUBLISHED;
+/// For a name that is none of [`RULES`], and for a value that the rule does not take.
+pub fn rules(mut rules: Rules, changes: &[(String, String)]) -> Result<Rules, RuleError> {
     changes.iter().try_for_each(|(name, value)| rules.set(name, value))?;
     Ok(rules)
 }
@@ -171,8 +170,13 @@ mod tests {
     #[test]
     fn rules_are_changed_by_name_and_mistakes_are_told() {
         let pairs = |text: &str| vec![text.split_once('=').map(|(n, v)| (n.into(), v.into())).unwrap()];
-        assert_eq!(rules(&pairs("stop=none")).unwrap().stop, None);
-        assert!(rules(&pairs("stopp=none")).unwrap_err().to_string().contains("did you mean `stop`"));
+        assert_eq!(rules(Rules::PUBLISHED, &pairs("stop=none")).unwrap().stop, None);
+        assert!(
+            rules(Rules::PUBLISHED, &pairs("stopp=none"))
+                .unwrap_err()
+                .to_string()
+                .contains("did you mean `stop`")
+        );
         assert_eq!(rule_list().len(), RULES.len());
     }
 }

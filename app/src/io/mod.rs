@@ -6,12 +6,14 @@
 //! - [`report`]: plots, and pages in one file;
 //! - [`program`]: the build of the program;
 //! - [`progress`]: progress on standard error;
+//! - [`load`]: scene files;
 //! - [`demo`]: the demo scene.
 
 pub mod demo;
 pub mod film;
 pub(crate) mod folders;
 pub mod image;
+pub mod load;
 pub mod output;
 pub mod program;
 pub mod progress;

@@ -6,6 +6,7 @@
 use super::events::RendererId;
 use super::renderer::Wake;
 use crate::draw::camera;
+use crate::io::load;
 use splatgraph_assets::{Camera, Scene};
 use std::any::Any;
 use std::ops::ControlFlow;
@@ -110,7 +111,7 @@ impl Opening {
                 true => ControlFlow::Break(()),
                 false => ControlFlow::Continue(()),
             };
-            let scene = Scene::load(path, &progress).map(Box::new).map_err(|error| error.to_string());
+            let scene = load::scene(path, &progress).map(Box::new).map_err(|error| error.to_string());
             if let Ok(scene) = &scene {
                 // Computed here, off the frame's thread, and cached.
                 scene.identity();

@@ -8,7 +8,7 @@ use crate::memory;
 use crate::recognise::{self, HEAD, SceneFormat};
 use crate::scene::Scene;
 use crate::spz::SpzVersion;
-use crate::{ksplat, ply, sog, splat, spz};
+use crate::{gltf, ksplat, ply, sog, splat, spz};
 use std::io::Write;
 use std::path::Path;
 
@@ -27,6 +27,7 @@ fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
         SceneFormat::Splat => splat::parse(input),
         SceneFormat::Sog => sog::parse(input),
         SceneFormat::Ksplat => ksplat::parse(input),
+        SceneFormat::Gltf => gltf::parse(input, path),
     }
 }
 
@@ -101,6 +102,7 @@ impl SceneHeader {
             SceneFormat::Splat => splat::header(source),
             SceneFormat::Sog => sog::header(source),
             SceneFormat::Ksplat => ksplat::header(source),
+            SceneFormat::Gltf => gltf::header(source),
         }
     }
 }
@@ -180,7 +182,7 @@ impl Scene {
 
     /// Writes the scene in a format, in the world's coordinates.
     ///
-    /// All formats but [`SceneFormat::Ply`] round the values; [`SceneFormat::losses`] describes how.
+    /// All formats but [`SceneFormat::Ply`] and [`SceneFormat::Gltf`] round the values: [`SceneFormat::losses`] says how.
     ///
     /// # Errors
     /// The writer fails, or the format is not in [`SceneFormat::WRITTEN`].
@@ -190,6 +192,7 @@ impl Scene {
             SceneFormat::CompressedPly => ply::pack::write(self, out),
             SceneFormat::Spz => spz::write(self, SpzVersion::default(), out),
             SceneFormat::Splat => splat::write(self, out),
+            SceneFormat::Gltf => gltf::write(self, out),
             SceneFormat::Sog | SceneFormat::Ksplat => {
                 let found = format.extension();
                 let text =

@@ -45,6 +45,9 @@ fn steps(format: SceneFormat) -> Steps {
         SceneFormat::Ply => {
             Steps { position: 0.0, scale: 1e-5, rotation: 1e-6, opacity: 1e-6, dc: 0.0, rest: Some(0.0) }
         }
+        SceneFormat::Gltf => {
+            Steps { position: 0.0, scale: 0.0, rotation: 1e-6, opacity: 0.0, dc: 0.0, rest: Some(0.0) }
+        }
         // Positions and scales of half a step of 10 bits, of 20 units and of a range of 4.
         SceneFormat::CompressedPly => Steps {
             position: 0.5 * 20.0 / 1023.0,

@@ -1,6 +1,8 @@
 //! Parses the text header of a PLY file.
 
+use super::tags;
 use crate::error::SceneError;
+use crate::scene::FileNotes;
 use crate::size_breakdown::{ElementSize, FieldSize};
 
 /// Maximum number of bytes in a header. The reference layout needs about 1,600; comments may be long.
@@ -163,6 +165,8 @@ pub(crate) struct Header {
     pub bytes: usize,
     /// Number of lines before the first row.
     pub lines: u32,
+    /// Tags of the comments.
+    pub notes: FileNotes,
 }
 
 impl Header {
@@ -177,6 +181,7 @@ impl Header {
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, SceneError> {
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
+        let mut notes = FileNotes::default();
         let mut at = 0;
         let mut number = 0;
         loop {
@@ -194,8 +199,9 @@ impl Header {
             let words: Vec<&str> = text.split_ascii_whitespace().collect();
             let fail = |message: String| SceneError::Header { line: number, message };
             match words.as_slice() {
-                // Blank lines are allowed.
-                [] | ["comment" | "obj_info", ..] => {}
+                // A blank line does no harm.
+                [] | ["obj_info", ..] => {}
+                ["comment", comment @ ..] => tags::read(comment, &mut notes)?,
                 ["ply"] if number == 1 => {}
                 ["format", name, version] => {
                     if encoding.is_some() {
@@ -241,7 +247,7 @@ impl Header {
                 }
                 ["end_header"] => {
                     let encoding = encoding.ok_or_else(|| fail("no `format` line before the end".into()))?;
-                    return Ok(Self { encoding, elements, bytes: at, lines: number });
+                    return Ok(Self { encoding, elements, bytes: at, lines: number, notes });
                 }
                 _ => {
                     let shown: String = text.trim_end().chars().take(60).collect();

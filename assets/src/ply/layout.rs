@@ -72,6 +72,9 @@ impl Layout {
                     .then_some("it may be a point cloud or a mesh, which has no splats"),
             }
         };
+        if find("scale_1").is_some() && find("rot_0").is_some() && find("scale_2").is_none() {
+            return Err(SceneError::SURFELS);
+        }
         let mut slots = Vec::with_capacity(MAX_SLOTS);
         for name in NAMES {
             slots.push(find(name).ok_or_else(|| missing(name))?);

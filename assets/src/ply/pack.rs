@@ -3,8 +3,9 @@
 //! Splats are written in Morton order, so that the 256 splats of a chunk are neighbours and their bounds are tight.
 
 use super::packed::{CHUNK, CHUNK_SPLATS, VERTEX};
+use super::tags;
 use crate::activation::{SH_C0, largest_positive, logarithm, quantised};
-use crate::scene::{Scene, sh_floats};
+use crate::scene::{FileNotes, Scene, sh_floats};
 use std::f64::consts::SQRT_2;
 use std::io::{Result, Write};
 
@@ -15,7 +16,7 @@ const SCALE_LIMIT: f64 = 20.0;
 type Ranged = [f64; 9];
 
 /// Formats the header.
-fn header(count: usize, degree: u32) -> String {
+fn header(count: usize, degree: u32, notes: FileNotes) -> String {
     let lines = |kind: &str, names: &mut dyn Iterator<Item = String>| -> String {
         names.map(|name| format!("property {kind} {name}\n")).collect()
     };
@@ -23,9 +24,10 @@ fn header(count: usize, degree: u32) -> String {
     let chunk = lines("float", &mut CHUNK.iter().map(|name| (*name).to_owned()));
     let vertex = lines("uint", &mut VERTEX.iter().map(|name| (*name).to_owned()));
     let rest = lines("uchar", &mut (0..sh_floats(degree) - 3).map(|index| format!("f_rest_{index}")));
+    let tags = tags::comments(notes);
     let sh = if degree > 0 { format!("element sh {count}\n{rest}") } else { String::new() };
     format!(
-        "ply\nformat binary_little_endian 1.0\nelement chunk {chunks}\n{chunk}element vertex {count}\n{vertex}{sh}end_header\n"
+        "ply\nformat binary_little_endian 1.0\n{tags}element chunk {chunks}\n{chunk}element vertex {count}\n{vertex}{sh}end_header\n"
     )
 }
 
@@ -61,7 +63,7 @@ fn harmonic(value: f32) -> u8 {
 /// The writer fails.
 pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     let degree = scene.stored_degree();
-    out.write_all(header(scene.count() as usize, degree).as_bytes())?;
+    out.write_all(header(scene.count() as usize, degree, scene.notes()).as_bytes())?;
     let order = scene.morton_order();
     // The bounds of all chunks come before the first splat.
     let mut vertices = Vec::new();

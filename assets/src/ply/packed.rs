@@ -16,7 +16,7 @@ use crate::activation::{self, SH_C0};
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, Table};
 use crate::memory;
-use crate::scene::{FileNotes, Scene, Splat};
+use crate::scene::{Scene, Splat};
 use crate::size_breakdown::SizeBreakdown;
 use std::f64::consts::SQRT_2;
 
@@ -163,7 +163,7 @@ impl Packed {
             elements,
             trailing_bytes: length - at,
         };
-        input::finish((columns, gathered), count, size_breakdown, FileNotes::default())
+        input::finish((columns, gathered), count, size_breakdown, header.notes)
     }
 
     /// Reads the bounds of the chunks that splats need.

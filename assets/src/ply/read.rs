@@ -14,7 +14,7 @@ use super::packed::Packed;
 use super::{ascii, binary};
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, SceneHeader, Source, Table};
-use crate::scene::{CHUNK, Columns, FileNotes, Gathered, Rows, Scene};
+use crate::scene::{CHUNK, Columns, Gathered, Rows, Scene};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
 use std::sync::Mutex;
 
@@ -87,7 +87,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         elements,
         trailing_bytes: length - end,
     };
-    let scene = input::finish((columns, gathered), count, size_breakdown, FileNotes::default())?;
+    let scene = input::finish((columns, gathered), count, size_breakdown, header.notes)?;
     Ok(scene.with_offset(origin))
 }
 

@@ -1,8 +1,9 @@
 //! Writes scenes in the reference layout: binary, little endian, all properties `float`. In a scene with an offset,
 //! positions are `double`, because `float` lacks the precision.
 
+use super::tags;
 use crate::activation::{logarithm, logit};
-use crate::scene::{CHUNK, Scene, Splat, sh_floats};
+use crate::scene::{CHUNK, FileNotes, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use rayon::prelude::*;
 use std::io::{BufWriter, Write};
@@ -32,22 +33,23 @@ fn kind(column: usize, wide: bool) -> (&'static str, u64) {
 }
 
 /// Formats the header.
-fn header(count: u64, degree: u32, wide: bool) -> String {
+fn header(count: u64, degree: u32, wide: bool, notes: FileNotes) -> String {
     let names = property_names(degree).into_iter().enumerate();
     let properties: String =
         names.map(|(column, name)| format!("property {} {name}\n", kind(column, wide).0)).collect();
-    format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n")
+    let tags = tags::comments(notes);
+    format!("ply\nformat binary_little_endian 1.0\n{tags}element vertex {count}\n{properties}end_header\n")
 }
 
 /// Computes the size breakdown of a file with `count` splats of this degree.
-fn size_breakdown(count: u64, degree: u32, wide: bool) -> SizeBreakdown {
+fn size_breakdown(count: u64, degree: u32, wide: bool, notes: FileNotes) -> SizeBreakdown {
     let field = |(column, name): (usize, String)| {
         let (kind, size) = kind(column, wide);
         let used = !name.starts_with('n');
         FieldSize { used, name, kind: kind.into(), bytes_per_row: Some(size), bytes: size * count }
     };
     let fields: Vec<FieldSize> = property_names(degree).into_iter().enumerate().map(field).collect();
-    let header_bytes = header(count, degree, wide).len() as u64;
+    let header_bytes = header(count, degree, wide, notes).len() as u64;
     let bytes = fields.iter().map(|field| field.bytes).sum();
     let vertex = ElementSize { name: "vertex".into(), rows: count, bytes, fields, separator_bytes: 0 };
     SizeBreakdown {
@@ -63,7 +65,8 @@ impl Scene {
     /// Returns the sizes of the parts of the file; for a generated scene, of the file that [`Scene::write_ply`] writes.
     pub fn size_breakdown(&self) -> &SizeBreakdown {
         let wide = self.is_offset();
-        self.size_breakdown.get_or_init(|| size_breakdown(self.count().into(), self.stored_degree(), wide))
+        let (count, degree) = (self.count().into(), self.stored_degree());
+        self.size_breakdown.get_or_init(|| size_breakdown(count, degree, wide, self.notes()))
     }
 
     /// Returns true if positions need more precision than `float`.
@@ -90,7 +93,8 @@ impl Scene {
     /// The writer fails.
     pub fn write_ply_to(&self, out: &mut impl Write) -> std::io::Result<()> {
         let count = self.count() as usize;
-        out.write_all(header(count as u64, self.stored_degree(), self.is_offset()).as_bytes())?;
+        let (degree, wide) = (self.stored_degree(), self.is_offset());
+        out.write_all(header(count as u64, degree, wide, self.notes()).as_bytes())?;
         for batch in (0..count).step_by(CHUNK * BATCH) {
             let end = count.min(batch + CHUNK * BATCH);
             let chunks: Vec<Vec<u8>> = (batch..end)
@@ -141,7 +145,7 @@ mod tests {
 
     #[test]
     fn a_reference_file_of_degree_3_has_248_bytes_per_splat() {
-        let size = size_breakdown(1000, 3, false);
+        let size = size_breakdown(1000, 3, false, FileNotes::default());
         assert_eq!(size.elements[0].bytes, 248_000);
         assert_eq!(size.sum(), size.file_bytes);
         let text = size.to_string();

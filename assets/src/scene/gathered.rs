@@ -50,7 +50,7 @@ impl Dropped {
         ]
     }
 
-    pub(super) fn join(&mut self, other: &Self) {
+    pub(crate) fn join(&mut self, other: &Self) {
         self.position += other.position;
         self.scale += other.scale;
         self.rotation += other.rotation;

@@ -7,11 +7,13 @@
 
 mod columns;
 mod gathered;
+mod notes;
 mod splat;
 
 pub(crate) use columns::{Columns, Rows};
 pub(crate) use gathered::Gathered;
 pub use gathered::{Dropped, QuaternionNorms};
+pub use notes::{FileNotes, Filter, SortKey};
 pub(crate) use splat::CHUNK;
 pub use splat::{Splat, sh_floats};
 
@@ -37,15 +39,6 @@ pub struct ColorRange {
     pub largest_sh: f32,
     /// Upper bound of all splats' display-encoded channels, from any direction ([`harmonics::brightest`]).
     pub brightest: f64,
-}
-
-/// The tags of a file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct FileNotes {
-    /// True if the splats were trained with an anti-aliasing filter (Mip-Splatting), which not every graph applies.
-    pub antialiased: bool,
-    /// Degree of the file's spherical harmonics if it is above 3: the higher bands were cut off.
-    pub cut_degree: Option<u32>,
 }
 
 /// A loaded or generated scene.
@@ -185,8 +178,18 @@ impl Scene {
     }
 
     /// Sets the tags of the scene's file.
-    pub(crate) fn with_notes(self, notes: FileNotes) -> Self {
+    pub fn with_notes(self, notes: FileNotes) -> Self {
         Self { notes, ..self }
+    }
+
+    /// Sets the counts of the splats that were dropped when the file was read.
+    pub(crate) fn with_dropped(self, dropped: Dropped) -> Self {
+        Self { dropped, ..self }
+    }
+
+    /// Sets the sizes of the file's parts.
+    pub(crate) fn with_breakdown(self, breakdown: SizeBreakdown) -> Self {
+        Self { size_breakdown: OnceLock::from(breakdown), ..self }
     }
 
     /// Returns the tags of the scene's file.
@@ -194,7 +197,18 @@ impl Scene {
         self.notes
     }
 
-    /// Returns the world coordinates of the scene's origin.
+    /// Returns the world's direction up: that of the file, or -y.
+    pub fn up(&self) -> [f64; 3] {
+        self.notes.up.unwrap_or(FileNotes::UP)
+    }
+
+    /// Removes the tags that change how a scene is drawn: it is drawn by the published rules.
+    pub fn without_tags(self) -> Self {
+        let notes = FileNotes { cut_degree: self.notes.cut_degree, ..FileNotes::default() };
+        self.with_notes(notes)
+    }
+
+    /// Returns the world's coordinates of the scene's origin.
     ///
     /// Positions, boxes and cameras are relative to it everywhere except in files. It is 0 unless the file's
     /// coordinates exceed the precision of f32; [`Camera::relative_to`](crate::Camera::relative_to) translates cameras

@@ -1,6 +1,7 @@
 //! Parses `meta.json`.
 
 use crate::error::SceneError;
+use crate::scene::Filter;
 use serde::Deserialize;
 
 /// Entries of a codebook.
@@ -75,6 +76,11 @@ impl Meta {
             Some(found) => return Err(wrong("version", "2", found)),
         }
         let meta: Self = serde_json::from_slice(text).map_err(malformed)?;
+        match meta.model.as_deref() {
+            None | Some("default" | "antialiased") => {}
+            Some("2dgs") => return Err(SceneError::SURFELS),
+            Some(found) => return Err(wrong("model", "default, antialiased or 2dgs", found)),
+        }
         if meta.count == 0 {
             return Err(wrong("count", "at least one splat", 0));
         }
@@ -105,9 +111,12 @@ impl Meta {
         self.sh_n.as_ref().map_or(0, |palette| palette.bands)
     }
 
-    /// Returns true if the splats were trained with an anti-aliasing filter, by the new field or the old one.
-    pub(super) fn is_antialiased(&self) -> bool {
-        self.antialias || self.model.as_deref() == Some("antialiased")
+    /// Returns the filter of the training, which newer files call the model.
+    pub(super) fn filter(&self) -> Filter {
+        match self.antialias || self.model.as_deref() == Some("antialiased") {
+            true => Filter::Compensated,
+            false => Filter::Dilated,
+        }
     }
 }
 

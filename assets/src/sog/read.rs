@@ -128,7 +128,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         }],
         trailing_bytes: 0,
     };
-    let notes = FileNotes { antialiased: meta.is_antialiased(), cut_degree: None };
+    let notes = FileNotes { low_pass: meta.filter(), ..FileNotes::default() };
     input::finish((columns, gathered), count, size_breakdown, notes)
 }
 

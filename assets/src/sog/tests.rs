@@ -74,7 +74,7 @@ fn texels_have_the_values_that_the_format_defines() {
     let (meta, files) = two();
     let bytes = archive(&meta, &files);
     let scene = parse(&bytes).unwrap();
-    assert_eq!((scene.count(), scene.stored_degree(), scene.notes().antialiased), (2, 1, true));
+    assert_eq!((scene.count(), scene.stored_degree(), scene.notes().is_antialiased()), (2, 1, true));
     assert_eq!(scene.size_breakdown().sum(), bytes.len() as u64);
     let [first, second] = [0, 1].map(|index| scene.splat(index));
     near(&first.position, &[1f32.exp() - 1.0, 1.0 - 2f32.exp(), 3f32.exp() - 1.0]);

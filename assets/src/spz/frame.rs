@@ -1,32 +1,45 @@
-//! Converts between coordinate systems whose axes differ in sign.
+//! Converts between coordinate systems whose axes differ in sign and in order.
 
+use crate::harmonics::Turn;
 use crate::scene::Splat;
+use glam::DQuat;
+use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
 
-/// The signs that map a file's axes to a scene's.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A change of axes: signs, then perhaps a quarter of a turn about x.
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Frame {
     axes: [f32; 3],
     /// Sign of each spherical-harmonics coefficient.
     sh: [f32; 16],
+    /// From right, front, up to right, down, front: (x, y, z) goes to (x, -z, y).
+    turn: Option<Turn>,
 }
 
 impl Frame {
     /// Right, up, back: the axes of SPZ.
     pub(super) const RUB: u32 = 4;
 
-    /// Returns the signs for a coordinate system by its number: 1 plus 1 for right, 2 for up and 4 for front instead of
-    /// left, down and back. `None` for numbers of permuted axes.
+    /// Makes the change from a coordinate system to the scene's axes.
+    ///
+    /// A number is 1 and, added, 1 for right, 2 for up and 4 for front instead of left, down and back. From 9 on, the second axis is
+    /// the one along the view, and the third the vertical one. `None` for other numbers.
     pub(super) fn new(system: u32) -> Option<Self> {
-        let bits = system.checked_sub(1).filter(|bits| *bits < 8)?;
+        let bits = system.checked_sub(1).filter(|bits| *bits < 16)?;
         let sign = |same: bool| if same { 1.0 } else { -1.0 };
-        let axes @ [x, y, z] = [sign(bits & 1 != 0), sign(bits & 2 == 0), sign(bits & 4 != 0)];
+        let (right, up, front) = (bits & 1 != 0, bits & 2 != 0, bits & 4 != 0);
+        let upright = bits < 8;
+        let axes @ [x, y, z] = match upright {
+            true => [sign(right), sign(!up), sign(front)],
+            false => [sign(right), sign(front), sign(up)],
+        };
         // A harmonic is a polynomial in x, y and z; these are the axes of odd power, in the order of the basis.
         let sh = [1.0, y, z, x, x * y, y * z, 1.0, x * z, 1.0, y, x * y * z, y, z, x, z, x];
-        Some(Self { axes, sh })
+        let turn = (!upright).then(|| Turn::new(DQuat::from_rotation_x(FRAC_PI_2)));
+        Some(Self { axes, sh, turn })
     }
 
-    /// Converts a splat in either direction.
-    pub(super) fn apply(&self, splat: &mut Splat) {
+    /// Converts a splat with harmonics of `degree`. Without a turn, the way back is the same.
+    pub(super) fn apply(&self, splat: &mut Splat, degree: u32) {
         let [x, y, z] = self.axes;
         splat.position.iter_mut().zip(self.axes).for_each(|(value, sign)| *value *= sign);
         // A mirror negates the components of the rotation axis that lie in the mirror.
@@ -35,7 +48,20 @@ impl Frame {
         for (coefficient, sign) in splat.sh.chunks_exact_mut(3).zip(self.sh) {
             coefficient.iter_mut().for_each(|value| *value *= sign);
         }
+        if let Some(turn) = &self.turn {
+            let [x, y, z] = splat.position;
+            splat.position = [x, -z, y];
+            // The product with the quarter of a turn, (1, 1, 0, 0) / sqrt(2).
+            let [w, x, y, z] = splat.rotation.map(f64::from);
+            splat.rotation = [w - x, w + x, y - z, y + z].map(|value| (value * FRAC_1_SQRT_2) as f32);
+            turn.apply(&mut splat.sh, degree);
+        }
     }
+}
+
+/// Exchanges up and down, and front and back: from the axes of SPZ and glTF to those of a scene, or back.
+pub(crate) fn flip(splat: &mut Splat, degree: u32) {
+    Frame::new(Frame::RUB).expect("it is a number of a coordinate system").apply(splat, degree);
 }
 
 #[cfg(test)]
@@ -47,22 +73,24 @@ mod tests {
 
     #[test]
     fn a_mirrored_splat_is_the_mirror_of_the_splat_in_every_direction() {
-        for system in 1..=8 {
+        for system in 1..=16 {
             let frame = Frame::new(system).unwrap();
             let mut turned = Splat { rotation: [0.1, 0.7, -0.5, 0.5], ..splat(5) };
             let plain = turned;
-            frame.apply(&mut turned);
-            let mirror = Mat3::from_diagonal(Vec3::from(frame.axes));
+            frame.apply(&mut turned, 3);
+            let signs = Mat3::from_diagonal(Vec3::from(frame.axes));
+            let turn = Mat3::from_cols(Vec3::X, Vec3::Z, Vec3::NEG_Y);
+            let mirror = if system > 8 { turn * signs } else { signs };
             assert_eq!(Vec3::from(turned.position), mirror * Vec3::from(plain.position));
             let covariance = |s: &Splat| {
                 let [w, x, y, z] = s.rotation;
                 let axes = Mat3::from_quat(Quat::from_xyzw(x, y, z, w).normalize());
                 axes * Mat3::from_diagonal(Vec3::from(s.scale) * Vec3::from(s.scale)) * axes.transpose()
             };
-            let (a, b) = (covariance(&turned), mirror * covariance(&plain) * mirror);
+            let (a, b) = (covariance(&turned), mirror * covariance(&plain) * mirror.transpose());
             assert!(a.abs_diff_eq(b, 1e-6), "system {system}: {a} and {b}");
             for direction in [[0.36, 0.48, 0.8], [-0.6, 0.64, -0.48]] {
-                let there: [f64; 3] = std::array::from_fn(|i| direction[i] * f64::from(frame.axes[i]));
+                let there = (mirror * Vec3::from(direction.map(|v| v as f32))).to_array().map(f64::from);
                 let color = |sh: &[f32; 48], d| -> f64 {
                     basis(d).iter().enumerate().map(|(k, y)| y * f64::from(sh[3 * k])).sum()
                 };
@@ -70,7 +98,20 @@ mod tests {
                 assert!((a - b).abs() < 1e-5, "system {system}: {a} and {b}");
             }
         }
-        assert!(Frame::new(0).is_none() && Frame::new(9).is_none());
+        assert!(Frame::new(0).is_none() && Frame::new(17).is_none());
+    }
+
+    #[test]
+    fn axes_are_named_by_their_numbers() {
+        let place = |system: u32| {
+            let mut turned = Splat { position: [1.0, 2.0, 3.0], ..splat(0) };
+            Frame::new(system).unwrap().apply(&mut turned, 0);
+            turned.position
+        };
+        // Right, front, up; left, front, up; right, back, up: to right, down, front.
+        assert_eq!([16, 15, 12].map(place), [[1.0, -3.0, 2.0], [-1.0, -3.0, 2.0], [1.0, -3.0, -2.0]]);
+        // Left, up, front; right, down, front.
+        assert_eq!([7, 6].map(place), [[-1.0, -2.0, 3.0], [1.0, 2.0, 3.0]]);
     }
 
     #[test]

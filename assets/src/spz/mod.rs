@@ -35,6 +35,7 @@ mod streams;
 mod tests;
 mod write;
 
+pub(crate) use frame::flip;
 pub(crate) use gzip::begins_as_spz;
 pub(crate) use layout::MAGIC;
 pub use layout::SpzVersion;

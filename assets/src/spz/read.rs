@@ -7,7 +7,7 @@ use super::{gzip, streams};
 use crate::activation;
 use crate::error::SceneError;
 use crate::input::{self, Done, Input, SceneHeader, Source};
-use crate::scene::{FileNotes, Scene, Splat};
+use crate::scene::{FileNotes, Filter, Scene, Splat};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
 use half::f16;
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -42,7 +42,7 @@ impl Header {
         for (value, byte) in splat.sh[3..].iter_mut().zip(sh) {
             *value = (f32::from(*byte) - 128.0) / 128.0;
         }
-        frame.apply(&mut splat);
+        frame.apply(&mut splat, self.degree.min(3));
         (splat, norm)
     }
 }
@@ -92,7 +92,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let (count, degree) = (u64::from(header.count), header.degree.min(3));
     let frame = if header.flags & EXTENSIONS == 0 { Frame::RUB } else { coordinate_system(&records, at)? };
     let frame = Frame::new(frame).ok_or_else(|| {
-        let text = format!("expected the coordinate system 1 to 8 (z along the view), found {frame}");
+        let text = format!("expected a coordinate system of 0 to 16, found {frame}");
         field(at, "extensions", text)
     })?;
     let stride = header.stride() as usize;
@@ -113,8 +113,9 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         trailing_bytes: file_bytes - header_bytes - bytes,
     };
     let notes = FileNotes {
-        antialiased: header.flags & ANTIALIASED != 0,
+        low_pass: if header.flags & ANTIALIASED == 0 { Filter::Dilated } else { Filter::Compensated },
         cut_degree: (header.degree > 3).then_some(header.degree),
+        ..FileNotes::default()
     };
     input::finish((columns, gathered), count, size_breakdown, notes)
 }
@@ -138,7 +139,11 @@ fn coordinate_system(mut records: &[u8], start: u64) -> Result<u32, SceneError> 
                 let text = format!("expected 4 bytes of coordinate system, found {}", payload.len());
                 field(at, "extensions", text)
             })?;
-            system = u32::from_le_bytes(value);
+            // 0 is unspecified.
+            system = match u32::from_le_bytes(value) {
+                0 => Frame::RUB,
+                found => found,
+            };
         }
         records = rest;
     }

@@ -3,7 +3,7 @@
 use super::layout::*;
 use super::*;
 use crate::error::SceneError;
-use crate::scene::{FileNotes, Scene};
+use crate::scene::{FileNotes, Filter, Scene};
 use crate::testing::{captures, parse};
 use flate2::{Compression, write::GzEncoder};
 use std::io::Write as _;
@@ -84,11 +84,14 @@ fn versions_1_to_3_have_the_values_that_the_format_defines() {
 fn a_fifth_band_is_cut_off_and_the_flag_of_the_filter_is_kept() {
     let scene = parse(&file(3, 4, ANTIALIASED, &[])).unwrap();
     assert_eq!(scene.stored_degree(), 3);
-    assert_eq!(scene.notes(), FileNotes { antialiased: true, cut_degree: Some(4) });
+    assert_eq!(
+        scene.notes(),
+        FileNotes { low_pass: Filter::Compensated, cut_degree: Some(4), ..FileNotes::default() }
+    );
     near(&scene.splat(0).sh[45..48], &[46, 47, 48].map(|k| (k - 3) as f32 / 128.0));
     let report = crate::report::Report::new(&scene, &[]).to_string();
     assert!(report.contains("degree 4 in the file, cut to 3"), "{report}");
-    assert!(report.contains("anti-aliasing"), "{report}");
+    assert!(report.contains("low_pass compensated"), "{report}");
 }
 
 #[test]
@@ -101,8 +104,11 @@ fn an_extension_names_the_axes_and_others_are_skipped() {
     let position = |records: &[u8]| parse(&file(3, 0, EXTENSIONS, records)).map(|s| s.splat(0).position);
     assert_eq!(position(&camera).unwrap(), [1.0, 2.0, -3.0]);
     assert_eq!(position(&[camera, system(6)].concat()).unwrap(), [1.0, -2.0, 3.0]);
-    let said = position(&system(16)).unwrap_err().to_string();
-    assert!(said.contains("byte 36, `extensions`: expected the coordinate system 1 to 8"), "{said}");
+    // 0 names none; 16 is right, front, up.
+    assert_eq!(position(&system(0)).unwrap(), [1.0, 2.0, -3.0]);
+    assert_eq!(position(&system(16)).unwrap(), [1.0, -3.0, -2.0]);
+    let said = position(&system(17)).unwrap_err().to_string();
+    assert!(said.contains("byte 36, `extensions`: expected a coordinate system of 0 to 16"), "{said}");
     let said = position(&system(6)[..9]).unwrap_err().to_string();
     assert!(said.contains("expected a whole record, found 9 bytes"), "{said}");
 }

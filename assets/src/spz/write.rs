@@ -23,7 +23,7 @@ const LEVEL: i32 = 12;
 /// The writer fails, or a coordinate exceeds 8,388,607, the format's maximum.
 pub(crate) fn write(scene: &Scene, version: SpzVersion, out: &mut impl Write) -> Result<()> {
     let bits = fractional_bits(scene)?;
-    let flags = if scene.notes().antialiased { ANTIALIASED } else { 0 };
+    let flags = if scene.notes().is_antialiased() { ANTIALIASED } else { 0 };
     let mut header = [0; HEADER];
     header[..4].copy_from_slice(MAGIC);
     header[4..8].copy_from_slice(&(version as u32).to_le_bytes());
@@ -74,7 +74,7 @@ fn arrays(
     let frame = Frame::new(Frame::RUB).expect("it is a number of a coordinate system");
     let turned = |index: usize| {
         let mut splat = scene.splat(index);
-        frame.apply(&mut splat);
+        frame.apply(&mut splat, degree);
         splat
     };
     let steps = f64::from(1u32 << bits);

@@ -269,9 +269,12 @@ fn parse(bytes: &[u8]) -> Result<(), String> {
 #[test]
 fn damaged_scenes_of_every_format_are_read_or_refused() {
     let memory = 4 << 20;
-    for (format, head) in
-        [(SceneFormat::CompressedPly, 900), (SceneFormat::Splat, 64), (SceneFormat::Spz, 128)]
-    {
+    for (format, head) in [
+        (SceneFormat::CompressedPly, 900),
+        (SceneFormat::Splat, 64),
+        (SceneFormat::Spz, 128),
+        (SceneFormat::Gltf, 1500),
+    ] {
         run(&format!("{format:?}"), &packed_scenes(format, head), memory, parse);
     }
     run("SPZ version 3", &spz3_scenes().map(|bytes| (bytes, 20)), memory, parse);

@@ -1,7 +1,7 @@
 //! Sorts splats by depth, and counts how far a given order deviates.
 
 use crate::gaussian::Splats;
-use crate::rules::{Depth, Rules, Ties};
+use crate::rules::{Depth, KeyOf, Rules, Ties};
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
 
@@ -50,6 +50,16 @@ impl View {
             }
         }
     }
+
+    /// Computes the distance that decides about the order, of a splat at view depth `depth`.
+    pub(crate) fn key(&self, p: [f64; 3], depth: f64, rules: &Rules) -> f64 {
+        let distance = || (0..3).map(|i| (p[i] - self.eye[i]).powi(2)).sum::<f64>().sqrt();
+        match (rules.key_of, rules.depth) {
+            (KeyOf::Depth, _) => depth,
+            (KeyOf::Distance, Depth::F32) => f64::from(distance() as f32),
+            (KeyOf::Distance, Depth::F64) => distance(),
+        }
+    }
 }
 
 /// Sorts by depth, near to far; equal depths by the rule for ties.
@@ -69,8 +79,11 @@ pub fn depth_order(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rul
     let view = View::new(camera, splats.is_wide());
     let mut keys: Vec<(f64, u32)> = (0..splats.count())
         .into_par_iter()
-        .map(|index| (view.depth(splats.get(index).position, rules.depth), index as u32))
-        .filter(|(depth, _)| *depth > rules.near)
+        .filter_map(|index| {
+            let position = splats.get(index).position;
+            let depth = view.depth(position, rules.depth);
+            (depth > rules.near).then(|| (view.key(position, depth, rules), index as u32))
+        })
         .collect();
     sort(&mut keys, rules, |key| *key);
     keys.into_iter().map(|(_, index)| index).collect()

@@ -19,7 +19,7 @@ const CHUNK: usize = 4096;
 pub struct Fragment {
     /// Index among the splats.
     pub index: u32,
-    /// View depth for sorting.
+    /// View depth for sorting, or the distance: see [`Rules::key_of`].
     pub depth: f64,
     /// Alpha at the pixel, capped.
     pub alpha: f64,
@@ -110,7 +110,7 @@ pub fn fragments(
 /// A splat's Gaussian on the image. Lengths are pixels; pixel (0, 0) is sampled at (0, 0).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projected {
-    /// View depth for sorting.
+    /// View depth for sorting, or the distance: see [`Rules::key_of`].
     pub depth: f64,
     /// Centre: right and down.
     pub center: [f64; 2],

@@ -23,7 +23,7 @@ pub(crate) const TILE: u32 = 16;
 pub(crate) struct Ellipse {
     /// Index among the splats.
     pub index: u32,
-    /// View depth for sorting.
+    /// View depth, or by another rule the distance, for sorting.
     pub depth: f64,
     /// Tiles that it touches: first column, first row, and the exclusive end column and row.
     pub tiles: [u32; 4],
@@ -139,6 +139,7 @@ impl<'a> Projector<'a> {
             Extent::Sigma(sigma) => floor.max(-0.5 * sigma * sigma),
         };
         let tiles = self.tiles(center, a, c, det).filter(|tiles| wanted(*tiles))?;
+        let depth = self.view.key(splat.position, depth, self.rules);
         let footprint = Footprint {
             center,
             u: 1.0 / a.sqrt(),

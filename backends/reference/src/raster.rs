@@ -48,7 +48,7 @@ impl Picture {
 pub struct Visible {
     /// Index among the splats.
     pub index: u32,
-    /// View depth for sorting.
+    /// View depth for sorting, or the distance: see [`Rules::key_of`].
     pub depth: f64,
     /// Tiles of 16 x 16 pixels that it touches: first column, first row, and the exclusive end column and row.
     pub tiles: [u32; 4],

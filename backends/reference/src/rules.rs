@@ -4,6 +4,7 @@
 //! 59f5f77). The table [`RULES`] lists names, published values and sources; [`Rules::set`] changes a rule by its name.
 
 use serde::Serialize;
+use splatgraph_assets::{Filter, Scene, SortKey};
 use std::str::FromStr;
 
 /// All rules that can differ between renderers of a scene. Lengths on the image are in pixels.
@@ -27,6 +28,8 @@ pub struct Rules {
     pub color_floor: Option<f64>,
     /// Maximum of each channel of a splat's colour.
     pub color_ceiling: Option<f64>,
+    /// The distance that decides about the order.
+    pub key_of: KeyOf,
     /// The precision of the depth for culling and sorting.
     pub depth: Depth,
     /// The order of equal depths.
@@ -52,12 +55,29 @@ impl Rules {
         sh_direction: ShDirection::FromCamera,
         color_floor: Some(0.0),
         color_ceiling: None,
+        key_of: KeyOf::Depth,
         depth: Depth::F32,
         ties: Ties::Ascending,
         alpha_floor: (1.0f32 / 255.0) as f64,
         alpha_cap: 0.99f32 as f64,
         stop: Some(1e-4f32 as f64),
     };
+
+    /// Returns the published rules, with those that the tags of a scene's file change.
+    pub fn of(scene: &Scene) -> Rules {
+        let mut rules = Rules::PUBLISHED;
+        let notes = scene.notes();
+        rules.low_pass = match notes.low_pass {
+            Filter::Dilated => rules.low_pass,
+            Filter::Compensated => LowPass::Compensated(rules.low_pass.variance()),
+            Filter::Mip => LowPass::Compensated(0.1f32.into()),
+        };
+        rules.key_of = match notes.key_of {
+            SortKey::Depth => KeyOf::Depth,
+            SortKey::Distance => KeyOf::Distance,
+        };
+        rules
+    }
 
     /// Changes the rule of this name (see [`RULES`]). Numbers are rounded to f32, the rasteriser's type.
     ///
@@ -89,6 +109,9 @@ impl Rules {
             }
             "color_floor" => self.color_floor = optional(value)?,
             "color_ceiling" => self.color_ceiling = optional(value)?,
+            "key_of" => {
+                self.key_of = choice(value, &[("depth", KeyOf::Depth), ("distance", KeyOf::Distance)])?;
+            }
             "depth" => self.depth = choice(value, &[("f32", Depth::F32), ("f64", Depth::F64)])?,
             "ties" => {
                 self.ties =
@@ -172,6 +195,15 @@ pub enum ShDirection {
     ToCamera,
 }
 
+/// The distance that splats are sorted by, and that the outputs of depth have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum KeyOf {
+    /// The view depth.
+    Depth,
+    /// The distance from the camera.
+    Distance,
+}
+
 /// The precision of view depths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Depth {
@@ -204,7 +236,7 @@ pub struct RuleInfo {
 }
 
 /// Every rule that can be changed.
-pub const RULES: [RuleInfo; 14] = [
+pub const RULES: [RuleInfo; 15] = [
     rule("near", "a number", "0.2", "auxiliary.h, in_frustum"),
     rule("pixel_offset", "a number", "0", "auxiliary.h, ndc2Pix"),
     rule("jacobian_clamp", "a number or `none`", "1.3", "forward.cu, computeCov2D"),
@@ -224,6 +256,7 @@ pub const RULES: [RuleInfo; 14] = [
     rule("sh_direction", "`from_camera` or `to_camera`", "from_camera", "forward.cu, computeColorFromSH"),
     rule("color_floor", "a number or `none`", "0", "forward.cu, computeColorFromSH"),
     rule("color_ceiling", "a number or `none`", "none", "forward.cu, computeColorFromSH"),
+    rule("key_of", "`depth` or `distance`", "depth", "auxiliary.h, in_frustum"),
     rule("depth", "`f32` or `f64`", "f32", "auxiliary.h, transformPoint4x3"),
     rule("ties", "`ascending` or `descending`", "ascending", "rasterizer_impl.cu, duplicateWithKeys"),
     rule("alpha_floor", "a number", "0.00392156862745098", "forward.cu, renderCUDA"),

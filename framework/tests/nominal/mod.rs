@@ -31,7 +31,10 @@ pub fn facts(count: u32, (width, height): (u32, u32)) -> Facts {
         ("viewport.height", height),
     ];
     let ints = ints.map(|(name, value)| (name.to_string(), Value::Int(value.into())));
-    let host = ints.into_iter().chain([("scene.wide".to_string(), Value::Bool(false))]).collect();
+    let texts = [("scene.low_pass", "dilated"), ("scene.key_of", "depth")];
+    let texts = texts.map(|(name, text)| (name.to_string(), Value::Text(text.to_string())));
+    let wide = ("scene.wide".to_string(), Value::Bool(false));
+    let host = ints.into_iter().chain(texts).chain([wide]).collect();
     Facts { device, host }
 }
 

@@ -8,7 +8,7 @@ use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use edit::EditArgs;
-use splatgraph_assets::{Dropped, FileNotes, Scene, SceneFormat, SpzVersion, grouped, sh_floats};
+use splatgraph_assets::{Dropped, FileNotes, Scene, SceneFormat, SortKey, SpzVersion, grouped, sh_floats};
 use std::io::{self, Write};
 use std::path::PathBuf;
 
@@ -139,8 +139,13 @@ fn losses(loaded: &Before, written: &Scene, format: SceneFormat) -> Vec<String> 
     if to < from {
         losses.push(format!("harmonics: cut from degree {from} to {to}"));
     }
-    if loaded.notes.antialiased && format != SceneFormat::Spz {
-        losses.push("the mark that the splats were trained with anti-aliasing".into());
+    for (tag, value) in written.notes().tags() {
+        if !format.keeps_tag(tag) {
+            losses.push(format!("the tag {tag} {value}"));
+        }
+    }
+    if format == SceneFormat::Gltf && written.notes().key_of == SortKey::Depth {
+        losses.push("the order by depth: the format has the distance from the camera alone".into());
     }
     let largest = match format {
         SceneFormat::Spz => 1.0,

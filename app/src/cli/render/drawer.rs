@@ -61,8 +61,12 @@ impl Drawer {
         let load = || loaded.map_or_else(|| Loaded::load(args, work), Ok);
         let stems = work.stems.clone();
         let Renderer::Device(api) = args.backend else {
-            let rules = truth::rules(&args.rule).map_err(|error| Usage(error.to_string()))?;
-            return Ok(Drawer { loaded: load()?, stems, with: With::Exact { rules, done: Vec::new() } });
+            let changed = |rules| truth::rules(rules, &args.rule).map_err(|error| Usage(error.to_string()));
+            // Mistakes are reported before a large scene is loaded.
+            changed(Rules::PUBLISHED)?;
+            let loaded = load()?;
+            let rules = changed(Rules::of(&loaded.scene))?;
+            return Ok(Drawer { loaded, stems, with: With::Exact { rules, done: Vec::new() } });
         };
         let device = Backend::open(api, &args.device.options())?;
         args.scenes.check_header(device.info(), &args.drawing)?;

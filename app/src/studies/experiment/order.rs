@@ -67,8 +67,9 @@ pub fn measure<D: Device>(
 ) -> Result<Order, StudyError> {
     let mut steps = Steps::new(listener, "experiment order", 2 + WAYS.len() + KEY_BITS.len());
     steps.next("the exact picture")?;
-    let truth = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::PUBLISHED).image();
-    let order = depth_order(session.scene(), camera, &Rules::PUBLISHED);
+    let rules = Rules::of(session.scene());
+    let truth = Truth::draw(session.scene(), camera, [0.0; 3], &rules).image();
+    let order = depth_order(session.scene(), camera, &rules);
     let exact = exact::values(session, (camera.width, camera.height))?;
 
     let mut drawn = |name: &str, set: &[(&str, &str)], reversed: bool| -> Result<Drawn, StudyError> {

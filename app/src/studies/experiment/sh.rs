@@ -97,7 +97,7 @@ pub fn measure<D: Device>(
     let mut directions = Vec::new();
     for (name, camera) in &views {
         steps.next(&format!("the exact picture, {name}"))?;
-        let exact = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::PUBLISHED).image();
+        let exact = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::of(session.scene())).image();
         directions.push(Direction { name: name.clone(), exact, degrees: Vec::new() });
     }
     // By degree first: a plan is built for each.

@@ -27,9 +27,9 @@ pub struct View {
 }
 
 impl View {
-    /// Draws the exact picture by the published rules as the truth, with progress. The order is not compared.
+    /// Draws the exact picture by the scene's rules as the truth, with progress. The order is not compared.
     pub fn exact(scene: &Scene, camera: &Camera) -> View {
-        let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::PUBLISHED);
+        let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::of(scene));
         View {
             camera: camera.clone(),
             picture: truth.image(),
@@ -40,7 +40,7 @@ impl View {
 
     /// Adds the order of the splats.
     pub fn with_order(self, scene: &Scene) -> View {
-        View { order: depth_order(scene, &self.camera, &Rules::PUBLISHED), ..self }
+        View { order: depth_order(scene, &self.camera, &Rules::of(scene)), ..self }
     }
 }
 

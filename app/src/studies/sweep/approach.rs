@@ -79,7 +79,7 @@ pub fn measure<D: Device>(
     effort: Effort,
     progress: &mut Steps,
 ) -> Result<Vec<Closer>, StudyError> {
-    let rules = Rules { stop: Rules::PUBLISHED.stop.filter(|_| stops), ..Rules::PUBLISHED };
+    let rules = Rules { stop: Rules::PUBLISHED.stop.filter(|_| stops), ..Rules::of(session.scene()) };
     let mut found = Vec::new();
     for (camera, (distance, _)) in cameras.iter().zip(STEPS) {
         progress.next("a camera comes closer")?;

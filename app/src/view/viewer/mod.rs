@@ -284,7 +284,7 @@ impl<D: Device> Viewer<D> {
             _ => self.events.push(Event::FileFailed {
                 path: path.to_owned(),
                 error:
-                    "expected a scene (.ply, .spz, .splat, .ksplat, .sog), a graph (.ron) or cameras (.json)"
+                    "expected a scene (.ply, .spz, .splat, .ksplat, .sog, .glb), a graph (.ron) or cameras (.json)"
                         .into(),
             }),
         }
@@ -306,7 +306,7 @@ impl<D: Device> Viewer<D> {
     /// Replaces the cameras by ones in the scene's coordinates, and selects the first. Their mean direction up becomes the viewer's.
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
         if let Some(camera) = cameras.first() {
-            let up = navigation::mean_up(&cameras).unwrap_or(navigation::DEFAULT_UP);
+            let up = navigation::mean_up(&cameras).unwrap_or_else(|| self.scene().up().into());
             self.navigation = Navigation::new(&self.scene().robust_bounds(), camera, up);
         }
         self.camera = if cameras.is_empty() { None } else { Some(0) };

@@ -1,7 +1,7 @@
 //! Defines the parts of a viewer besides its viewports: scenes with their files, the comparison, and the copy limit.
 
 use crate::draw::facts;
-use crate::view::navigation::{self, Navigation};
+use crate::view::navigation::Navigation;
 use crate::view::viewport::Viewport;
 use indexmap::IndexMap;
 use splatgraph_api::Device;
@@ -29,7 +29,7 @@ impl Subject {
 pub(super) fn at_start(scene: &Scene) -> Navigation {
     let (width, height) = facts::DEFAULT_SIZE;
     let camera = Camera::framing(scene, width, height);
-    Navigation::new(&scene.robust_bounds(), &camera, navigation::DEFAULT_UP)
+    Navigation::new(&scene.robust_bounds(), &camera, scene.up().into())
 }
 
 /// The differences between the pictures of A and B.

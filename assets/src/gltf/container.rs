@@ -1,0 +1,175 @@
+//! Finds the JSON and the buffers of a file.
+
+use super::document::{Buffer, BufferView, Document, item, wrong};
+use crate::error::SceneError;
+use crate::input::{OpenFile, Source};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use std::path::{Component, Path};
+
+/// First bytes of a `.glb`.
+pub(crate) const MAGIC: &[u8; 4] = b"glTF";
+
+/// Most bytes of JSON: each is several of memory.
+const MOST_JSON: u64 = 16 << 20;
+
+/// Returns true if a text seems to be the JSON of glTF.
+pub(crate) fn begins_as_json(head: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(head);
+    text.trim_start().starts_with('{')
+        && ["\"asset\"", "\"buffers\""].iter().any(|key| text.contains(key))
+        && !text.contains("\"means\"")
+}
+
+/// The bytes of a buffer.
+enum Bytes<'a> {
+    /// In the file of the document, from an offset on.
+    Within(&'a Source<'a>, u64),
+    /// In the text of the document.
+    Memory(Vec<u8>),
+    /// In a file beside the document.
+    File(OpenFile),
+}
+
+/// A document with its buffers.
+pub(super) struct Container<'a> {
+    pub document: Document,
+    /// Bytes that are not those of buffers.
+    pub header_bytes: u64,
+    buffers: Vec<(Bytes<'a>, u64)>,
+}
+
+fn word(bytes: &[u8], at: usize) -> u64 {
+    u32::from_le_bytes(bytes[at..at + 4].try_into().expect("the slice has 4 bytes")).into()
+}
+
+fn field(at: u64, name: &str, message: String) -> SceneError {
+    SceneError::Field { at, field: name.into(), message }
+}
+
+/// Returns the place and the length of the JSON, and those of the binary chunk if there is one.
+fn chunks(source: &Source) -> Result<((u64, u64), Option<(u64, u64)>), SceneError> {
+    let length = source.length();
+    let head = source.head(20)?;
+    if !head.starts_with(MAGIC) {
+        return Ok(((0, length), None));
+    }
+    if head.len() < 20 {
+        return Err(field(0, "header", format!("expected 20 bytes, found {}", head.len())));
+    }
+    if word(&head, 4) != 2 {
+        return Err(field(4, "version", format!("expected 2, found {}", word(&head, 4))));
+    }
+    let total = word(&head, 8);
+    if total > length {
+        return Err(field(8, "length", format!("expected at most the file's {length} bytes, found {total}")));
+    }
+    let (json, kind) = (word(&head, 12), word(&head, 16));
+    if kind != 0x4E4F_534A {
+        return Err(field(16, "chunkType", format!("expected JSON, found {kind:#x}")));
+    }
+    if 20 + json > length {
+        return Err(field(12, "chunkLength", format!("expected at most {}, found {json}", length - 20)));
+    }
+    let at = 20 + json;
+    if at + 8 > length {
+        return Ok(((20, json), None));
+    }
+    let mut next = [0; 8];
+    source.read(at, &mut next)?;
+    let (bytes, kind) = (word(&next, 0), word(&next, 4));
+    if kind != 0x004E_4942 {
+        return Ok(((20, json), None));
+    }
+    if at + 8 + bytes > length {
+        let left = length - at - 8;
+        return Err(field(at, "chunkLength", format!("expected at most {left}, found {bytes}")));
+    }
+    Ok(((20, json), Some((at + 8, bytes))))
+}
+
+/// Parses the document of a file.
+pub(super) fn document(source: &Source) -> Result<Document, SceneError> {
+    let ((at, length), _) = chunks(source)?;
+    if length > MOST_JSON {
+        return Err(field(at, "JSON", format!("expected at most {MOST_JSON} bytes, found {length}")));
+    }
+    let mut text = vec![0; length as usize];
+    source.read(at, &mut text)?;
+    Document::parse(&text)
+}
+
+impl<'a> Container<'a> {
+    /// Opens the buffers of a file at `path`.
+    pub(super) fn open(source: &'a Source<'a>, path: Option<&Path>) -> Result<Self, SceneError> {
+        let document = document(source)?;
+        let (_, binary) = chunks(source)?;
+        let mut buffers = Vec::new();
+        for (index, buffer) in document.buffers.iter().enumerate() {
+            let name = format!("buffers[{index}]");
+            let (bytes, length) = match (&buffer.uri, binary) {
+                (None, Some((at, length))) if index == 0 => (Bytes::Within(source, at), length),
+                (None, _) => {
+                    return Err(wrong(name, "expected a uri, or the first buffer of a .glb, found neither"));
+                }
+                (Some(uri), _) => outside(uri, path).map_err(|message| wrong(name.as_str(), message))?,
+            };
+            let Buffer { byte_length, .. } = buffer;
+            if *byte_length > length {
+                return Err(wrong(
+                    name,
+                    format!("expected at most {length} bytes, found byteLength {byte_length}"),
+                ));
+            }
+            buffers.push((bytes, *byte_length));
+        }
+        let within = binary.map_or(0, |(_, bytes)| bytes);
+        Ok(Self { document, header_bytes: source.length() - within, buffers })
+    }
+
+    /// Finds the bytes of a buffer view: their source, the offset in it and the length.
+    pub(super) fn view(&self, index: usize) -> Result<(Source<'_>, u64, &BufferView), SceneError> {
+        let view = item(&self.document.buffer_views, index, "bufferView")?;
+        let (bytes, length) = item(&self.buffers, view.buffer, "bufferViews.buffer")?;
+        let end = view.byte_offset.checked_add(view.byte_length);
+        if end.is_none_or(|end| end > *length) {
+            let text = format!(
+                "expected bytes within the buffer's {length}, found {} at {}",
+                view.byte_length, view.byte_offset
+            );
+            return Err(wrong(format!("bufferViews[{index}]"), text));
+        }
+        let (source, start) = match bytes {
+            Bytes::Within(Source::Bytes(bytes), at) => (Source::Bytes(bytes), *at),
+            Bytes::Within(Source::File(file), at) => (Source::File(file), *at),
+            Bytes::Memory(bytes) => (Source::Bytes(bytes), 0),
+            Bytes::File(file) => (Source::File(file), 0),
+        };
+        Ok((source, start + view.byte_offset, view))
+    }
+}
+
+/// Opens the buffer of a `uri`: base64 text, or a file beside the document.
+fn outside<'a>(uri: &str, path: Option<&Path>) -> Result<(Bytes<'a>, u64), String> {
+    if let Some((_, text)) = uri.strip_prefix("data:").and_then(|data| data.split_once(";base64,")) {
+        let bytes = STANDARD.decode(text).map_err(|error| format!("expected base64, found: {error}"))?;
+        let length = bytes.len() as u64;
+        return Ok((Bytes::Memory(bytes), length));
+    }
+    let shown: String = uri.chars().take(60).collect();
+    if uri.contains(':') {
+        return Err(format!(
+            "expected a file beside the document, found the address {shown}: only files are read"
+        ));
+    }
+    let inside = Path::new(uri).components().all(|part| matches!(part, Component::Normal(_)));
+    let Some(folder) = path.and_then(Path::parent).filter(|_| inside) else {
+        return Err(format!("expected a file in the folder of the document, found {shown}"));
+    };
+    let open = || {
+        let file = OpenFile::open(&folder.join(uri))?;
+        let length = Source::File(&file).length();
+        Ok((Bytes::File(file), length))
+    };
+    open().map_err(|error: std::io::Error| format!("expected a readable file, found {shown}: {error}"))
+}

@@ -1,0 +1,281 @@
+//! Parses the JSON of glTF, as far as splats need it, and finds their primitives with the transform of each.
+
+use crate::error::SceneError;
+use glam::{DMat3, DMat4, DQuat, DVec3};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// Prefix of the extension's name and of its attributes.
+pub(super) const SPLATTING: &str = "KHR_gaussian_splatting";
+
+/// Makes the error for a value that the format or this reader does not allow.
+pub(super) fn wrong(part: impl Into<String>, message: impl Into<String>) -> SceneError {
+    SceneError::Part { part: part.into(), message: message.into() }
+}
+
+/// Finds an item by its index.
+pub(super) fn item<'a, T>(items: &'a [T], index: usize, of: &str) -> Result<&'a T, SceneError> {
+    let count = items.len();
+    items.get(index).ok_or_else(|| wrong(of, format!("expected an index below {count}, found {index}")))
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub(super) struct Document {
+    extensions_required: Vec<String>,
+    scene: Option<usize>,
+    scenes: Vec<Roots>,
+    nodes: Vec<Node>,
+    meshes: Vec<Mesh>,
+    pub accessors: Vec<Accessor>,
+    pub buffer_views: Vec<BufferView>,
+    pub buffers: Vec<Buffer>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Roots {
+    nodes: Vec<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Node {
+    children: Vec<usize>,
+    mesh: Option<usize>,
+    matrix: Option<[f64; 16]>,
+    translation: Option<[f64; 3]>,
+    rotation: Option<[f64; 4]>,
+    scale: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Mesh {
+    primitives: Vec<Primitive>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Primitive {
+    pub attributes: BTreeMap<String, usize>,
+    mode: Option<u32>,
+    #[serde(default)]
+    extensions: Extensions,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Extensions {
+    #[serde(rename = "KHR_gaussian_splatting")]
+    splatting: Option<Splatting>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+struct Splatting {
+    kernel: Option<String>,
+    color_space: Option<String>,
+    projection: Option<String>,
+    sorting_method: Option<String>,
+    extensions: BTreeMap<String, serde_json::Value>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Accessor {
+    pub buffer_view: Option<usize>,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub component_type: u32,
+    #[serde(default)]
+    pub normalized: bool,
+    pub count: u64,
+    #[serde(rename = "type")]
+    pub kind: String,
+    pub sparse: Option<serde_json::Value>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct BufferView {
+    pub buffer: usize,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub byte_length: u64,
+    pub byte_stride: Option<u64>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Buffer {
+    pub byte_length: u64,
+    pub uri: Option<String>,
+}
+
+/// A primitive of splats, with the transform of its node.
+#[derive(Debug)]
+pub(super) struct Splats<'a> {
+    pub primitive: &'a Primitive,
+    /// Index of the buffer view that has an SPZ file in place of the attributes' values.
+    pub spz: Option<usize>,
+    /// From the primitive to the world of the document.
+    pub place: Place,
+}
+
+/// A transform that keeps shapes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Place {
+    pub rotation: DQuat,
+    pub scale: f64,
+    pub translation: DVec3,
+}
+
+impl Place {
+    pub(super) const IDENTITY: Self =
+        Self { rotation: DQuat::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
+}
+
+/// Largest difference of a matrix from a rotation and a uniform scale, as a share of the scale.
+const TOLERANCE: f64 = 1e-4;
+
+/// Largest coordinate of a node, as of several scenes.
+const FARTHEST: f64 = 1e18;
+
+impl Document {
+    /// Parses the text.
+    pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
+        let document: Self = serde_json::from_slice(text).map_err(|error| SceneError::Row {
+            line: error.line() as u64,
+            message: format!("the JSON of glTF: {error}"),
+        })?;
+        let known = |name: &&String| !name.starts_with(SPLATTING) && *name != "KHR_mesh_quantization";
+        match document.extensions_required.iter().find(known) {
+            Some(name) => {
+                Err(wrong("extensionsRequired", format!("expected extensions of splats, found {name}")))
+            }
+            None => Ok(document),
+        }
+    }
+
+    /// Finds the splats of the scene, node by node.
+    pub(super) fn splats(&self) -> Result<Vec<Splats<'_>>, SceneError> {
+        let roots = match self.scene.or((!self.scenes.is_empty()).then_some(0)) {
+            Some(scene) => item(&self.scenes, scene, "scene")?.nodes.clone(),
+            None => {
+                let mut is_child = vec![false; self.nodes.len()];
+                for child in self.nodes.iter().flat_map(|node| &node.children) {
+                    item(&self.nodes, *child, "nodes.children")?;
+                    is_child[*child] = true;
+                }
+                (0..self.nodes.len()).filter(|node| !is_child[*node]).collect()
+            }
+        };
+        let mut open: Vec<(usize, DMat4)> = roots.into_iter().map(|node| (node, DMat4::IDENTITY)).collect();
+        let mut seen = vec![false; self.nodes.len()];
+        let mut found = Vec::new();
+        while let Some((index, parent)) = open.pop() {
+            let node = item(&self.nodes, index, "nodes.children")?;
+            if std::mem::replace(&mut seen[index], true) {
+                return Err(wrong(
+                    format!("nodes[{index}]"),
+                    "expected a tree, found a node with two parents",
+                ));
+            }
+            let place = parent * node.matrix();
+            open.extend(node.children.iter().map(|child| (*child, place)));
+            let Some(mesh) = node.mesh else { continue };
+            for primitive in &item(&self.meshes, mesh, "nodes.mesh")?.primitives {
+                if let Some(splatting) = &primitive.extensions.splatting {
+                    let spz = splatting.check(primitive)?;
+                    let place = similarity(place).ok_or_else(|| {
+                        let text = "expected a rotation, a uniform scale and a translation, found a matrix that skews or mirrors";
+                        wrong(format!("nodes[{index}]"), text)
+                    })?;
+                    found.push(Splats { primitive, spz, place });
+                }
+            }
+        }
+        match found.is_empty() {
+            true => Err(SceneError::NotScene { found: "a glTF model without Gaussian splats".into() }),
+            false => Ok(found),
+        }
+    }
+}
+
+impl Node {
+    fn matrix(&self) -> DMat4 {
+        self.matrix.map_or_else(
+            || {
+                let [x, y, z, w] = self.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+                DMat4::from_scale_rotation_translation(
+                    self.scale.unwrap_or([1.0; 3]).into(),
+                    DQuat::from_xyzw(x, y, z, w).normalize(),
+                    self.translation.unwrap_or_default().into(),
+                )
+            },
+            |matrix| DMat4::from_cols_array(&matrix),
+        )
+    }
+}
+
+/// Decomposes a matrix; `None` if it is no rotation with a uniform scale.
+fn similarity(matrix: DMat4) -> Option<Place> {
+    if matrix == DMat4::IDENTITY {
+        return Some(Place::IDENTITY);
+    }
+    let linear = DMat3::from_mat4(matrix);
+    let (scale, translation) = (linear.determinant().cbrt(), matrix.w_axis.truncate());
+    if !(1e-9..=1e9).contains(&scale) || !translation.to_array().iter().all(|v| v.abs() <= FARTHEST) {
+        return None;
+    }
+    let turn = linear * (1.0 / scale);
+    let is_rotation = (turn * turn.transpose()).abs_diff_eq(DMat3::IDENTITY, TOLERANCE);
+    let affine = matrix.row(3).abs_diff_eq(glam::DVec4::W, 1e-12);
+    (is_rotation && affine).then(|| Place {
+        rotation: DQuat::from_mat3(&turn).normalize(),
+        scale,
+        translation,
+    })
+}
+
+impl Splatting {
+    /// Refuses what splats of this kind would need, and returns the buffer view of SPZ.
+    fn check(&self, primitive: &Primitive) -> Result<Option<usize>, SceneError> {
+        let field = |name: &str| format!("{SPLATTING}.{name}");
+        let expect = |name: &str, value: &Option<String>, expected: &str| match value.as_deref() {
+            None => Ok(()),
+            Some(found) if found == expected => Ok(()),
+            Some(found) => Err(wrong(field(name), format!("expected {expected}, found {found}"))),
+        };
+        if primitive.mode.is_some_and(|mode| mode != 0) {
+            return Err(wrong("primitives.mode", "expected 0 (points), found another"));
+        }
+        expect("kernel", &self.kernel, "ellipse")?;
+        expect("projection", &self.projection, "perspective")?;
+        expect("sortingMethod", &self.sorting_method, "cameraDistance")?;
+        if self.color_space.as_deref() == Some("lin_rec709_display") {
+            return Err(SceneError::Unsupported {
+                format: "a glTF scene in the colour space lin_rec709_display, whose splats are blended as linear light",
+                advice: "only srgb_rec709_display is drawn",
+            });
+        }
+        expect("colorSpace", &self.color_space, "srgb_rec709_display")?;
+        for (name, value) in &self.extensions {
+            let view = value.get("bufferView").and_then(serde_json::Value::as_u64);
+            match (name.as_str(), view) {
+                (
+                    "KHR_gaussian_splatting_compression_spz_2" | "KHR_gaussian_splatting_compression_spz",
+                    Some(view),
+                ) => {
+                    return Ok(Some(usize::try_from(view).unwrap_or(usize::MAX)));
+                }
+                _ => {
+                    return Err(wrong(
+                        field("extensions"),
+                        format!("expected SPZ compression, found {name}"),
+                    ));
+                }
+            }
+        }
+        Ok(None)
+    }
+}

@@ -1,0 +1,312 @@
+//! Reads the splats of glTF, primitive by primitive.
+
+use super::columns::Column;
+use super::container::{self, Container};
+use super::document::{Place, Primitive, SPLATTING, Splats, wrong};
+use crate::activation;
+use crate::edit::Similarity;
+use crate::error::SceneError;
+use crate::harmonics::Turn;
+use crate::input::{self, Buffers, Done, Input, SceneHeader, Source};
+use crate::memory::SceneMemoryError;
+use crate::scene::{Dropped, FileNotes, Scene, SortKey, Splat, sh_floats};
+use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
+use crate::spz;
+use glam::{DQuat, DVec3};
+use std::path::Path;
+
+/// Rows that a thread reads at a time.
+const ROWS: usize = 4096;
+
+/// Distance of a node's origin from which positions stay relative to it.
+const FAR: f64 = 4096.0;
+
+/// Names the attribute of a coefficient.
+pub(super) fn coefficient(band: u32, index: u32) -> String {
+    format!("{SPLATTING}:SH_DEGREE_{band}_COEF_{index}")
+}
+
+/// Lists the attributes of splats with harmonics of `degree`, with the numbers of an element.
+pub(super) fn attributes(degree: u32) -> Vec<(String, usize)> {
+    let named = |name: &str| format!("{SPLATTING}:{name}");
+    let bands = (0..=degree).flat_map(|band| (0..2 * band + 1).map(move |index| coefficient(band, index)));
+    [("POSITION".to_owned(), 3), (named("ROTATION"), 4), (named("SCALE"), 3), (named("OPACITY"), 1)]
+        .into_iter()
+        .chain(bands.map(|name| (name, 3)))
+        .collect()
+}
+
+/// Finds the degree of a primitive's harmonics; bands above 3 do not exist.
+fn degree(primitive: &Primitive) -> u32 {
+    let has = |band: &u32| primitive.attributes.contains_key(&coefficient(*band, 0));
+    (1..=3).take_while(has).last().unwrap_or(0)
+}
+
+/// Reads the number of splats, and the degree of their harmonics.
+pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
+    let document = container::document(source)?;
+    let mut found = SceneHeader { count: 0, stored_degree: 0 };
+    for splats in document.splats()? {
+        let index = splats.primitive.attributes.get("POSITION");
+        let accessor = index.and_then(|index| document.accessors.get(*index));
+        found.count = found.count.saturating_add(accessor.map_or(0, |accessor| accessor.count));
+        found.stored_degree = found.stored_degree.max(degree(splats.primitive));
+    }
+    Ok(found)
+}
+
+/// A change from the space of a primitive to that of a scene.
+struct Change {
+    place: Place,
+    turn: Option<Turn>,
+    /// The origin that positions are relative to, in the world of the document.
+    origin: DVec3,
+    degree: u32,
+}
+
+impl Change {
+    fn new(place: Place, degree: u32) -> Self {
+        let far = place.translation.abs().max_element() > FAR;
+        let origin = if far { place.translation } else { DVec3::ZERO };
+        let turn = (place.rotation != DQuat::IDENTITY).then(|| Turn::new(place.rotation));
+        Self { place, turn, origin, degree }
+    }
+
+    /// Returns the origin in the world of the scene.
+    fn offset(&self) -> [f64; 3] {
+        let [x, y, z] = self.origin.to_array();
+        // Without the sign of a zero.
+        [x, 0.0 - y, 0.0 - z]
+    }
+
+    fn apply(&self, splat: &mut Splat) {
+        let Place { rotation, scale, translation } = self.place;
+        if self.place != Place::IDENTITY {
+            let position =
+                rotation * DVec3::from(splat.position.map(f64::from)) * scale + (translation - self.origin);
+            splat.position = position.to_array().map(|value| value as f32);
+            splat.scale = splat.scale.map(|value| (f64::from(value) * scale) as f32);
+            let [w, x, y, z] = splat.rotation.map(f64::from);
+            let turned = rotation * DQuat::from_xyzw(x, y, z, w);
+            splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|value| value as f32);
+            if let Some(turn) = &self.turn {
+                turn.apply(&mut splat.sh, self.degree);
+            }
+        }
+        spz::flip(splat, self.degree);
+    }
+}
+
+/// Reads a primitive, and lists the bytes of its values.
+fn primitive(
+    input: &Input,
+    container: &Container,
+    splats: &Splats,
+) -> Result<(Scene, Vec<FieldSize>), SceneError> {
+    if let Some(view) = splats.spz {
+        return packed(input, container, view, splats.place);
+    }
+    let degree = degree(splats.primitive);
+    let mut columns = Vec::new();
+    for (name, width) in attributes(degree) {
+        let index = splats.primitive.attributes.get(&name).copied();
+        let index = index.ok_or_else(|| wrong("attributes", format!("expected {name}, found none")))?;
+        columns.push((Column::open(container, &name, index, width)?, name));
+    }
+    let count = columns[0].0.count;
+    if let Some((column, name)) = columns.iter().find(|(column, _)| column.count != count) {
+        let text = format!("expected {count} elements, as of POSITION, found {}", column.count);
+        return Err(wrong(name.as_str(), text));
+    }
+    if u32::try_from(count).is_err() {
+        return Err(SceneError::TooMany { count });
+    }
+    let row: usize = columns.iter().map(|(column, _)| column.width).sum();
+    let stride = columns.iter().map(|(column, _)| column.stride()).max().unwrap_or(0);
+    let logarithmic = is_logarithmic(&columns[2].0)?;
+    let change = Change::new(splats.place, degree);
+    let bytes: u64 = columns.iter().map(|(column, _)| column.bytes()).sum();
+    let done = Done::new(bytes, input.progress)?;
+    let mut arrays =
+        input.allocate(count, degree, false, (ROWS.min(count as usize) * (4 * row + stride), 0))?;
+    let buffers = Buffers::default();
+    let gathered = arrays.fill(|out| {
+        let most = ROWS.min(out.len());
+        buffers.with(most * stride, |buffer| {
+            let mut values = vec![0f32; most * row];
+            for first in (0..out.len()).step_by(most.max(1)) {
+                done.check()?;
+                let rows = most.min(out.len() - first);
+                let (start, mut left) = (out.first() + first, &mut values[..rows * row]);
+                let mut pieces: Vec<(&[f32], usize)> = Vec::with_capacity(columns.len());
+                for (column, _) in &columns {
+                    let (piece, others) = left.split_at_mut(rows * column.width);
+                    column.read(start, buffer, piece)?;
+                    pieces.push((piece, column.width));
+                    left = others;
+                }
+                for at in 0..rows {
+                    let (mut splat, norm) = splat(&pieces, at, logarithmic);
+                    change.apply(&mut splat);
+                    out.push(&splat, norm);
+                }
+                done.add(bytes / count * rows as u64)?;
+            }
+            Ok(())
+        })
+    })?;
+    let fields = columns.iter().map(|(column, name)| FieldSize {
+        name: name.trim_start_matches(SPLATTING).trim_start_matches(':').to_owned(),
+        kind: column.kind().into(),
+        bytes_per_row: Some(column.bytes() / count),
+        bytes: column.bytes(),
+        used: true,
+    });
+    let breakdown = SizeBreakdown {
+        format: "gltf".into(),
+        file_bytes: 0,
+        header_bytes: 0,
+        elements: vec![],
+        trailing_bytes: 0,
+    };
+    let scene = input::finish((arrays, gathered), count, breakdown, FileNotes::default())?;
+    Ok((scene.with_offset(change.offset()), fields.collect()))
+}
+
+/// Converts row `at` of the attributes, and returns the length of its quaternion with it.
+fn splat(pieces: &[(&[f32], usize)], at: usize, logarithmic: bool) -> (Splat, f64) {
+    let of = |piece: usize, number: usize| {
+        let (values, width) = pieces[piece];
+        values[at * width + number]
+    };
+    let [x, y, z, w] = [0, 1, 2, 3].map(|number| f64::from(of(1, number)));
+    let (rotation, norm) = activation::unit([w, x, y, z]);
+    let mut splat = Splat {
+        position: [0, 1, 2].map(|axis| of(0, axis)),
+        scale: [0, 1, 2].map(|axis| match logarithmic {
+            true => activation::exponential(of(2, axis)),
+            false => of(2, axis),
+        }),
+        rotation,
+        opacity: of(3, 0).clamp(0.0, 1.0),
+        sh: [0.0; 48],
+    };
+    for (number, value) in splat.sh.iter_mut().enumerate().take(3 * (pieces.len() - 4)) {
+        *value = of(4 + number / 3, number % 3);
+    }
+    (splat, norm)
+}
+
+/// Returns true if a scale is negative, as only a logarithm can be.
+fn is_logarithmic(scales: &Column) -> Result<bool, SceneError> {
+    let (count, most) = (scales.count as usize, ROWS.min(scales.count as usize));
+    let (mut buffer, mut values) = (vec![0; most * scales.stride()], vec![0f32; most * scales.width]);
+    for first in (0..count).step_by(most) {
+        let values = &mut values[..most.min(count - first) * scales.width];
+        scales.read(first, &mut buffer, values)?;
+        if values.iter().any(|value| *value < 0.0) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Reads the SPZ file of a buffer view.
+fn packed(
+    input: &Input,
+    container: &Container,
+    view: usize,
+    place: Place,
+) -> Result<(Scene, Vec<FieldSize>), SceneError> {
+    let (source, start, view) = container.view(view)?;
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(view.byte_length as usize).map_err(std::io::Error::from)?;
+    bytes.resize(view.byte_length as usize, 0);
+    source.read(start, &mut bytes)?;
+    let scene = spz::parse(&Input { source: &Source::Bytes(&bytes), ..*input })?;
+    let fields = vec![FieldSize {
+        name: "spz".into(),
+        kind: "file".into(),
+        bytes_per_row: None,
+        bytes: view.byte_length,
+        used: true,
+    }];
+    // SPZ unpacks to left, up, front, which is half a turn about z from a scene's axes; and half a turn about x leads back.
+    let half = |axis: DVec3| Similarity {
+        rotation: DQuat::from_axis_angle(axis, std::f64::consts::PI),
+        ..Similarity::IDENTITY
+    };
+    let Place { rotation, scale, translation } = place;
+    let by = half(DVec3::Z).then(Similarity { rotation, scale, translation }).then(half(DVec3::X));
+    let dropped = *scene.dropped();
+    let moved = scene.transformed(&by)?.with_dropped(dropped);
+    Ok((moved, fields))
+}
+
+/// Parses a scene of the file at `path`.
+pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
+    let container = Container::open(input.source, path)?;
+    let all = container.document.splats()?;
+    let mut total = 0u64;
+    for splats in all.iter().filter(|splats| splats.spz.is_none()) {
+        let index = splats.primitive.attributes.get("POSITION").copied();
+        let accessor = index.and_then(|index| container.document.accessors.get(index));
+        total = total.saturating_add(accessor.map_or(0, |accessor| accessor.count));
+    }
+    // One primitive may stand in many nodes. Each is in memory twice while they are joined.
+    let factor = if all.len() > 1 { 2 } else { 1 };
+    let needed = Scene::host_bytes(total, 3).saturating_mul(factor);
+    if all.len() > 1 {
+        SceneMemoryError::check_against(total, 3, needed, input.memory)?;
+    }
+    let (mut scenes, mut fields, mut dropped) = (Vec::new(), Vec::new(), Dropped::default());
+    for splats in &all {
+        let (scene, sizes) = primitive(input, &container, splats)?;
+        dropped.join(scene.dropped());
+        // Nodes with the same mesh share its bytes.
+        if scenes.is_empty()
+            || !all[..scenes.len()].iter().any(|other| std::ptr::eq(other.primitive, splats.primitive))
+        {
+            fields.extend(sizes);
+        }
+        scenes.push(scene);
+    }
+    let scene = match scenes.len() {
+        1 => scenes.swap_remove(0),
+        _ => Scene::joined(&scenes)?.with_dropped(dropped),
+    };
+    let file_bytes = input.source.length();
+    let within = file_bytes - container.header_bytes;
+    let mut bytes = fields.iter().map(|field| field.bytes).sum::<u64>();
+    // Values outside of the file, or bytes that several accessors share, are not told apart.
+    if bytes > within {
+        bytes = within;
+        fields = vec![FieldSize {
+            name: "values".into(),
+            kind: "buffer".into(),
+            bytes_per_row: None,
+            bytes,
+            used: true,
+        }];
+    }
+    let breakdown = SizeBreakdown {
+        format: "gltf, KHR_gaussian_splatting".into(),
+        file_bytes,
+        header_bytes: container.header_bytes,
+        elements: vec![ElementSize {
+            name: "splats".into(),
+            rows: u64::from(scene.count()) + scene.dropped().total(),
+            bytes,
+            fields,
+            separator_bytes: 0,
+        }],
+        trailing_bytes: within - bytes,
+    };
+    let notes = FileNotes { key_of: SortKey::Distance, ..scene.notes() };
+    Ok(scene.with_notes(notes).with_breakdown(breakdown))
+}
+
+/// Counts the floats of a splat with harmonics of `degree`, as they are written.
+pub(super) fn floats(degree: u32) -> usize {
+    11 + sh_floats(degree)
+}

@@ -1,0 +1,164 @@
+//! Checks values, transforms, and the refusal of what is not drawn.
+
+use super::container::MAGIC;
+use crate::scene::{Scene, SortKey};
+use crate::testing::splat;
+use crate::{QUIET, SceneFormat};
+use glam::{DQuat, DVec3};
+use serde_json::{Value, json};
+
+fn bytes(scene: &Scene) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    scene.write(SceneFormat::Gltf, &mut bytes).unwrap();
+    bytes
+}
+
+/// Splits a `.glb` into its document and its binary chunk.
+fn parts(glb: &[u8]) -> (Value, Vec<u8>) {
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    (serde_json::from_slice(&glb[20..20 + length]).unwrap(), glb[28 + length..].to_vec())
+}
+
+fn joined(document: &Value, binary: &[u8]) -> Vec<u8> {
+    let text = document.to_string();
+    let length = |bytes: usize| (bytes as u32).to_le_bytes();
+    let total = 28 + text.len() + binary.len();
+    [
+        MAGIC,
+        &2u32.to_le_bytes()[..],
+        &length(total),
+        &length(text.len()),
+        b"JSON",
+        text.as_bytes(),
+        &length(binary.len()),
+        b"BIN\0",
+        binary,
+    ]
+    .concat()
+}
+
+fn changed(change: impl FnOnce(&mut Value)) -> Result<Scene, String> {
+    let (mut document, binary) = parts(&bytes(&Scene::generate(5, 3, splat)));
+    change(&mut document);
+    Scene::parse(&joined(&document, &binary), QUIET).map_err(|error| error.to_string())
+}
+
+#[test]
+fn values_come_back_to_the_bit_and_splats_are_sorted_by_distance() {
+    for degree in 0..=3 {
+        let scene = Scene::generate(5000, degree, splat);
+        let found = Scene::parse(&bytes(&scene), QUIET).unwrap();
+        assert_eq!((found.count(), found.stored_degree()), (5000, degree));
+        assert_eq!(found.positions(), scene.positions());
+        assert_eq!((found.scales(), found.opacities()), (scene.scales(), scene.opacities()));
+        assert_eq!(found.sh(), scene.sh(), "degree {degree}");
+        let rotations = found.rotations().as_flattened().iter().zip(scene.rotations().as_flattened());
+        assert!(rotations.into_iter().all(|(a, b)| (a - b).abs() < 1e-6));
+        assert_eq!(found.notes().key_of, SortKey::Distance);
+        let sizes = found.size_breakdown();
+        assert_eq!(sizes.sum(), sizes.file_bytes);
+    }
+    let far = Scene::generate(9, 1, splat).with_offset([5e6, 0.0, -2e5]);
+    let found = Scene::parse(&bytes(&far), QUIET).unwrap();
+    assert_eq!((found.offset(), found.positions()), (far.offset(), far.positions()));
+}
+
+#[test]
+fn a_node_moves_the_splats_and_turns_their_harmonics() {
+    let plain = changed(|_| {}).unwrap();
+    let turn = DQuat::from_axis_angle(DVec3::new(0.6, -0.48, 0.64), 1.1);
+    let moved = changed(|document| {
+        document["nodes"] = json!([
+            { "children": [1], "scale": [2.0, 2.0, 2.0], "translation": [1.0, 2.0, 3.0] },
+            { "mesh": 0, "rotation": turn.to_array() },
+        ]);
+    });
+    // The same in the axes of a scene.
+    let [x, y, z, w] = turn.to_array();
+    let rotation = DQuat::from_xyzw(x, -y, -z, w);
+    let by = crate::edit::Similarity { rotation, scale: 2.0, translation: DVec3::new(1.0, -2.0, -3.0) };
+    let expected = plain.transformed(&by).unwrap();
+    let found = moved.unwrap();
+    for index in 0..5 {
+        let (a, b) = (found.splat(index), expected.splat(index));
+        let near = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5);
+        assert!(near(&a.position, &b.position) && near(&a.scale, &b.scale) && near(&a.sh, &b.sh));
+        let dot: f32 = a.rotation.iter().zip(b.rotation).map(|(a, b)| a * b).sum();
+        assert!(dot.abs() > 0.999_999);
+    }
+    let twice = changed(|document| {
+        document["nodes"] = json!([{ "mesh": 0 }, { "mesh": 0, "translation": [9.0, 0.0, 0.0] }]);
+        document["scenes"] = json!([{ "nodes": [0, 1] }]);
+    });
+    assert_eq!(twice.unwrap().count(), 10);
+}
+
+#[test]
+fn integers_are_numbers_or_shares_and_negative_scales_are_logarithms() {
+    let found = changed(|document| {
+        // Opacities are read from the bytes of the colours' alpha.
+        let last = document["accessors"].as_array().unwrap().len() - 1;
+        document["bufferViews"][last]["byteStride"] = json!(4);
+        document["accessors"][3] = json!({ "bufferView": last, "byteOffset": 3, "componentType": 5121, "normalized": true, "count": 5, "type": "SCALAR" });
+    });
+    let (found, plain) = (found.unwrap(), changed(|_| {}).unwrap());
+    assert!((0..5).all(|at| (found.opacities()[at] - plain.opacities()[at]).abs() < 0.5 / 255.0 + 1e-6));
+    let scene = Scene::generate(5, 0, splat);
+    let (document, mut binary) = parts(&bytes(&scene));
+    let start = 5 * 28;
+    for (value, scale) in binary[start..start + 60].chunks_exact_mut(4).zip(scene.scales().as_flattened()) {
+        value.copy_from_slice(&scale.ln().min(-0.1).to_le_bytes());
+    }
+    let found = Scene::parse(&joined(&document, &binary), QUIET).unwrap();
+    let expected = scene.scales()[0][0].min((-0.1f32).exp());
+    assert!((found.scales()[0][0] - expected).abs() < 1e-6);
+}
+
+#[test]
+fn spz_inside_gives_the_splats_of_the_file() {
+    let scene = Scene::generate(50, 2, splat);
+    let mut spz = Vec::new();
+    scene.write_spz(crate::SpzVersion::V3, &mut spz).unwrap();
+    let document = json!({
+        "asset": { "version": "2.0" },
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [{ "attributes": {}, "mode": 0, "extensions": { "KHR_gaussian_splatting": {
+            "extensions": { "KHR_gaussian_splatting_compression_spz_2": { "bufferView": 0 } } } } }] }],
+        "bufferViews": [{ "buffer": 0, "byteLength": spz.len() }],
+        "buffers": [{ "byteLength": spz.len() }],
+    });
+    let found = Scene::parse(&joined(&document, &spz), QUIET).unwrap();
+    let alone = Scene::parse(&spz, QUIET).unwrap();
+    for index in 0..50 {
+        // Left, up, front instead of right, up, back: half a turn about the vertical axis.
+        let ([x, y, z], [a, b, c]) = (alone.positions()[index], found.positions()[index]);
+        assert!([a + x, b - y, c + z].iter().all(|difference| difference.abs() < 1e-5));
+    }
+}
+
+#[test]
+fn what_is_not_drawn_is_refused_by_name() {
+    let splatting = |name: &'static str, value: &'static str| {
+        changed(move |document| {
+            document["meshes"][0]["primitives"][0]["extensions"]["KHR_gaussian_splatting"][name] =
+                json!(value);
+        })
+        .unwrap_err()
+    };
+    assert!(splatting("colorSpace", "lin_rec709_display").contains("colour space lin_rec709_display"));
+    assert!(splatting("kernel", "disk").contains("expected ellipse, found disk"));
+    assert!(splatting("sortingMethod", "zDepth").contains("expected cameraDistance, found zDepth"));
+    let said = |change: fn(&mut Value)| changed(change).unwrap_err();
+    let found = said(|document| document["nodes"][0]["scale"] = json!([1.0, 2.0, 1.0]));
+    assert!(found.contains("nodes[0]`: expected a rotation, a uniform scale"), "{found}");
+    let found = said(|document| document["buffers"][0]["uri"] = json!("https://example.org/a.bin"));
+    assert!(found.contains("only files are read"), "{found}");
+    let found = said(|document| document["buffers"][0]["uri"] = json!("../a.bin"));
+    assert!(found.contains("in the folder of the document"), "{found}");
+    let found = said(|document| document["accessors"][0]["count"] = json!(2_147_483_648u32));
+    assert!(found.contains("POSITION`: expected 1 to as many elements"), "{found}");
+    let found = said(|document| document["nodes"][0]["children"] = json!([0]));
+    assert!(found.contains("a node with two parents"), "{found}");
+    let found = said(|document| document["meshes"][0]["primitives"][0]["extensions"] = json!({}));
+    assert!(found.contains("a glTF model without Gaussian splats"), "{found}");
+}

@@ -1,0 +1,108 @@
+//! Reads and writes the tags in the comments of a PLY header.
+//!
+//! | comment | meaning | written by |
+//! |---|---|---|
+//! | `SplatRenderMode: default`, `mip` or `2dgs` | the filter of the training | Brush, splat-transform |
+//! | `antialiased 0` or `1` | the filter of gsplat | Postshot |
+//! | `vertical axis: x`, `y` or `z` | the axis that is vertical; up is +x, -y or -z, as Brush reads it | |
+//!
+//! Words are compared without regard to case. The last comment of a kind counts.
+
+use crate::error::SceneError;
+use crate::scene::{FileNotes, Filter};
+
+/// The axes' names and the directions up that they mean.
+const AXES: [(&str, [f64; 3]); 3] =
+    [("x", [1.0, 0.0, 0.0]), ("y", [0.0, -1.0, 0.0]), ("z", [0.0, 0.0, -1.0])];
+
+/// Reads the words of a comment. Comments that are no tags are ignored.
+///
+/// # Errors
+/// The splats are those of 2DGS.
+pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<(), SceneError> {
+    let words: Vec<String> = comment.iter().map(|word| word.to_ascii_lowercase()).collect();
+    match words.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
+        ["splatrendermode:", "default"] | ["antialiased", "0"] => notes.low_pass = Filter::Dilated,
+        ["splatrendermode:", "mip"] => notes.low_pass = Filter::Mip,
+        ["splatrendermode:", "2dgs"] => return Err(SceneError::SURFELS),
+        ["antialiased", "1"] => notes.low_pass = Filter::Compensated,
+        ["vertical", "axis:", axis] => {
+            notes.up = AXES.iter().find(|(name, _)| name == axis).map(|(_, up)| *up).or(notes.up);
+        }
+        _ => {}
+    }
+    Ok(())
+}
+
+/// Formats the comments of the tags that PLY has: none for a scene without tags.
+pub(super) fn comments(notes: FileNotes) -> String {
+    let filter = match notes.low_pass {
+        Filter::Dilated => "",
+        Filter::Compensated => "comment antialiased 1\n",
+        Filter::Mip => "comment SplatRenderMode: mip\n",
+    };
+    let axis = AXES.iter().find(|(_, up)| Some(*up) == notes.up);
+    let axis = axis.map(|(name, _)| format!("comment vertical axis: {name}\n")).unwrap_or_default();
+    format!("{filter}{axis}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Scene, SortKey};
+    use crate::testing::splat;
+    use crate::{QUIET, SceneFormat};
+
+    fn notes(comments: &[&str]) -> Result<FileNotes, SceneError> {
+        let mut notes = FileNotes::default();
+        comments
+            .iter()
+            .try_for_each(|text| read(&text.split_ascii_whitespace().collect::<Vec<_>>(), &mut notes))?;
+        Ok(notes)
+    }
+
+    #[test]
+    fn the_last_comment_of_a_kind_counts_and_other_comments_say_nothing() {
+        let filter = |comments: &[&str]| notes(comments).unwrap().low_pass;
+        assert_eq!(filter(&["splatrendermode: MIP", "made by hand"]), Filter::Mip);
+        assert_eq!(filter(&["SplatRenderMode: mip", "antialiased 1"]), Filter::Compensated);
+        assert_eq!(filter(&["antialiased 1", "SplatRenderMode: default"]), Filter::Dilated);
+        assert_eq!(notes(&["vertical axis: z", "vertical axis: q"]).unwrap().up, Some([0.0, 0.0, -1.0]));
+        let said = notes(&["SplatRenderMode: 2dgs"]).unwrap_err().to_string();
+        assert!(said.contains("2D Gaussians (2DGS)"), "{said}");
+    }
+
+    #[test]
+    fn tags_survive_both_layouts() {
+        for low_pass in [Filter::Compensated, Filter::Mip] {
+            let notes = FileNotes { low_pass, up: Some([1.0, 0.0, 0.0]), ..FileNotes::default() };
+            let scene = Scene::generate(3, 0, splat).with_notes(notes);
+            for format in [SceneFormat::Ply, SceneFormat::CompressedPly] {
+                let mut bytes = Vec::new();
+                scene.write(format, &mut bytes).unwrap();
+                assert_eq!(Scene::parse(&bytes, QUIET).unwrap().notes(), notes);
+            }
+        }
+    }
+
+    #[test]
+    fn a_file_without_the_third_scale_is_named_as_2d() {
+        let mut bytes = Vec::new();
+        Scene::generate(3, 0, splat).write_ply_to(&mut bytes).unwrap();
+        let text = String::from_utf8_lossy(&bytes).replace("scale_2", "other_2");
+        let said = Scene::parse(text.as_bytes(), QUIET).unwrap_err().to_string();
+        assert!(said.contains("2D Gaussians (2DGS)"), "{said}");
+    }
+
+    #[test]
+    fn joined_scenes_keep_the_tags_that_all_have() {
+        let tagged = |low_pass, key_of| {
+            let notes = FileNotes { low_pass, key_of, ..FileNotes::default() };
+            Scene::generate(1, 0, splat).with_notes(notes)
+        };
+        let scenes = [tagged(Filter::Mip, SortKey::Distance), tagged(Filter::Mip, SortKey::Depth)];
+        let notes = Scene::joined(&scenes).unwrap().notes();
+        assert_eq!((notes.low_pass, notes.key_of), (Filter::Mip, SortKey::Depth));
+        assert!(scenes.into_iter().all(|scene| scene.without_tags().notes().tags().is_empty()));
+    }
+}

@@ -1,0 +1,113 @@
+//! Defines the tags of scene files: rules by which the splats were trained, beside their numbers.
+
+use serde::{Serialize, Serializer};
+
+/// The low-pass filter that splats were trained with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Filter {
+    /// 0.3 square pixels are added to covariances, as in the published rasteriser.
+    #[default]
+    Dilated,
+    /// The same, and opacities are lowered in proportion: gsplat's `antialiased`, and the mark of SPZ and SOG.
+    Compensated,
+    /// The 2D filter of Mip-Splatting: 0.1 square pixels, and lower opacities. Brush calls it `mip`.
+    Mip,
+}
+
+impl Filter {
+    /// Returns the value of the graphs' parameter `low_pass`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Dilated => "dilated",
+            Self::Compensated => "compensated",
+            Self::Mip => "mip",
+        }
+    }
+}
+
+/// The distance by which splats are sorted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SortKey {
+    /// The view depth, as in the published rasteriser.
+    #[default]
+    Depth,
+    /// The distance from the camera.
+    Distance,
+}
+
+impl SortKey {
+    /// Returns the value of the graphs' parameter `key_of`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Depth => "depth",
+            Self::Distance => "distance",
+        }
+    }
+}
+
+fn name<S: Serializer>(name: &str, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(name)
+}
+
+impl Serialize for Filter {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        name(self.name(), serializer)
+    }
+}
+
+impl Serialize for SortKey {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        name(self.name(), serializer)
+    }
+}
+
+/// Holds the tags of a file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct FileNotes {
+    /// The filter of the training.
+    pub low_pass: Filter,
+    /// The order of the splats.
+    pub key_of: SortKey,
+    /// The world's direction up, of unit length; `None` if the file names none.
+    pub up: Option<[f64; 3]>,
+    /// Degree of the file's spherical harmonics, if it is above 3: the bands above 3 were cut off.
+    pub cut_degree: Option<u32>,
+}
+
+impl FileNotes {
+    /// Direction up of files that name none: y points down.
+    pub const UP: [f64; 3] = [0.0, -1.0, 0.0];
+
+    /// Returns true if the splats were trained with an anti-aliasing filter.
+    pub fn is_antialiased(&self) -> bool {
+        self.low_pass != Filter::Dilated
+    }
+
+    /// Lists the tags that the file has, each as the name and the value of what it sets.
+    pub fn tags(&self) -> Vec<(&'static str, String)> {
+        let mut tags = Vec::new();
+        if self.low_pass != Filter::default() {
+            tags.push(("low_pass", self.low_pass.name().to_owned()));
+        }
+        if self.key_of != SortKey::default() {
+            tags.push(("key_of", self.key_of.name().to_owned()));
+        }
+        if let Some([x, y, z]) = self.up {
+            tags.push(("up", format!("{x},{y},{z}")));
+        }
+        tags
+    }
+
+    /// Keeps the tags that both files have; others become those of a file without tags.
+    pub(crate) fn common(self, other: Self) -> Self {
+        fn both<T: PartialEq + Default>(a: T, b: T) -> T {
+            if a == b { a } else { T::default() }
+        }
+        Self {
+            low_pass: both(self.low_pass, other.low_pass),
+            key_of: both(self.key_of, other.key_of),
+            up: both(self.up, other.up),
+            cut_degree: self.cut_degree.max(other.cut_degree),
+        }
+    }
+}
