@@ -47,8 +47,11 @@ fn field(at: u64, name: &str, message: String) -> SceneError {
     SceneError::Field { at, field: name.into(), message }
 }
 
+/// The place and the length of a chunk.
+type Chunk = (u64, u64);
+
 /// Returns the place and the length of the JSON, and those of the binary chunk if there is one.
-fn chunks(source: &Source) -> Result<((u64, u64), Option<(u64, u64)>), SceneError> {
+fn chunks(source: &Source) -> Result<(Chunk, Option<Chunk>), SceneError> {
     let length = source.length();
     let head = source.head(20)?;
     if !head.starts_with(MAGIC) {

@@ -259,23 +259,14 @@ impl Splatting {
             });
         }
         expect("colorSpace", &self.color_space, "srgb_rec709_display")?;
-        for (name, value) in &self.extensions {
-            let view = value.get("bufferView").and_then(serde_json::Value::as_u64);
-            match (name.as_str(), view) {
-                (
-                    "KHR_gaussian_splatting_compression_spz_2" | "KHR_gaussian_splatting_compression_spz",
-                    Some(view),
-                ) => {
-                    return Ok(Some(usize::try_from(view).unwrap_or(usize::MAX)));
-                }
-                _ => {
-                    return Err(wrong(
-                        field("extensions"),
-                        format!("expected SPZ compression, found {name}"),
-                    ));
-                }
-            }
+        let Some((name, value)) = self.extensions.first_key_value() else { return Ok(None) };
+        let view = value.get("bufferView").and_then(serde_json::Value::as_u64);
+        match (name.as_str(), view) {
+            (
+                "KHR_gaussian_splatting_compression_spz_2" | "KHR_gaussian_splatting_compression_spz",
+                Some(view),
+            ) => Ok(Some(usize::try_from(view).unwrap_or(usize::MAX))),
+            _ => Err(wrong(field("extensions"), format!("expected SPZ compression, found {name}"))),
         }
-        Ok(None)
     }
 }

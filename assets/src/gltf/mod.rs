@@ -11,8 +11,8 @@
 //! | `KHR_gaussian_splatting:OPACITY` | 0 to 1 |
 //! | `KHR_gaussian_splatting:SH_DEGREE_l_COEF_n` | coefficient `n` of band `l`, red, green and blue |
 //!
-//! With `KHR_gaussian_splatting_compression_spz_2`, the values are an SPZ file in a buffer. Axes point left or right, up, and back: y and
-//! z change their signs, as in SPZ and in meshes. Format: <https://github.com/KhronosGroup/glTF>, extensions/2.0/Khronos.
+//! With `KHR_gaussian_splatting_compression_spz_2`, the values are an SPZ file in a buffer. Axes point left, up and
+//! front, as SPZ calls those of glTF: x and y change their signs. Format: <https://github.com/KhronosGroup/glTF>, extensions/2.0/Khronos.
 //!
 //! [`document`] has the JSON, [`container`] the bytes, [`columns`] the values of accessors. The crate `gltf` is not used: it drops the names
 //! of attributes that it does not know.

@@ -13,6 +13,7 @@ use crate::scene::{Dropped, FileNotes, Scene, SortKey, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use crate::spz;
 use glam::{DQuat, DVec3};
+use std::f64::consts::PI;
 use std::path::Path;
 
 /// Rows that a thread reads at a time.
@@ -76,7 +77,7 @@ impl Change {
     fn offset(&self) -> [f64; 3] {
         let [x, y, z] = self.origin.to_array();
         // Without the sign of a zero.
-        [x, 0.0 - y, 0.0 - z]
+        [0.0 - x, 0.0 - y, z]
     }
 
     fn apply(&self, splat: &mut Splat) {
@@ -231,13 +232,13 @@ fn packed(
         bytes: view.byte_length,
         used: true,
     }];
-    // SPZ unpacks to left, up, front, which is half a turn about z from a scene's axes; and half a turn about x leads back.
-    let half = |axis: DVec3| Similarity {
-        rotation: DQuat::from_axis_angle(axis, std::f64::consts::PI),
-        ..Similarity::IDENTITY
-    };
+    if place == Place::IDENTITY {
+        return Ok((scene, fields));
+    }
+    // SPZ unpacks to the axes of glTF, half a turn about z from those of a scene.
+    let half = Similarity { rotation: DQuat::from_rotation_z(PI), ..Similarity::IDENTITY };
     let Place { rotation, scale, translation } = place;
-    let by = half(DVec3::Z).then(Similarity { rotation, scale, translation }).then(half(DVec3::X));
+    let by = half.then(Similarity { rotation, scale, translation }).then(half);
     let dropped = *scene.dropped();
     let moved = scene.transformed(&by)?.with_dropped(dropped);
     Ok((moved, fields))

@@ -43,8 +43,8 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
         if index == 0 {
             let bounds = scene.bounds();
             let ([x, y, z], [far_x, far_y, far_z]) = (bounds.min, bounds.max);
-            accessor["min"] = json!([x, -far_y, -far_z]);
-            accessor["max"] = json!([far_x, -y, -z]);
+            accessor["min"] = json!([-far_x, -far_y, z]);
+            accessor["max"] = json!([-x, -y, far_z]);
         }
         accessors.push(accessor);
         names.insert(name.clone(), json!(index));
@@ -53,7 +53,7 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     let [x, y, z] = scene.offset();
     let node = match scene.offset() == [0.0; 3] {
         true => json!({ "mesh": 0 }),
-        false => json!({ "mesh": 0, "translation": [x, -y, -z] }),
+        false => json!({ "mesh": 0, "translation": [-x, -y, z] }),
     };
     let splatting = json!({
         "kernel": "ellipse", "colorSpace": "srgb_rec709_display", "projection": "perspective", "sortingMethod": "cameraDistance",

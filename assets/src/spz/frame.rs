@@ -59,9 +59,9 @@ impl Frame {
     }
 }
 
-/// Exchanges up and down, and front and back: from the axes of SPZ and glTF to those of a scene, or back.
+/// Exchanges left and right, and up and down: from the axes of glTF, left, up and front, to those of a scene, or back.
 pub(crate) fn flip(splat: &mut Splat, degree: u32) {
-    Frame::new(Frame::RUB).expect("it is a number of a coordinate system").apply(splat, degree);
+    Frame::new(7).expect("it is a number of a coordinate system").apply(splat, degree);
 }
 
 #[cfg(test)]
