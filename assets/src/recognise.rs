@@ -44,7 +44,7 @@ pub enum SceneFormat {
     Spz,
     /// antimatter15's `.splat`.
     Splat,
-    /// PlayCanvas's SOG in one file, version 2; read, not written.
+    /// PlayCanvas's SOG in one file, version 2.
     Sog,
     /// Mark Kellogg's `.ksplat`; read, not written.
     Ksplat,
@@ -54,7 +54,8 @@ pub enum SceneFormat {
 
 impl SceneFormat {
     /// The formats that [`Scene::write`](crate::Scene::write) writes.
-    pub const WRITTEN: [Self; 5] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Gltf];
+    pub const WRITTEN: [Self; 6] =
+        [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Sog, Self::Gltf];
 
     /// All formats.
     pub const ALL: [Self; 7] =
@@ -80,7 +81,9 @@ impl SceneFormat {
             Self::CompressedPly => "PlayCanvas's compressed PLY, 16 bytes per splat",
             Self::Spz => "Niantic's SPZ, versions 1 to 4, written as 4 or 3",
             Self::Splat => "antimatter15's .splat, 32 bytes per splat, without harmonics above degree 0",
-            Self::Sog => "PlayCanvas's SOG, version 2, is read alone",
+            Self::Sog => {
+                "PlayCanvas's SOG, version 2: 20 bytes per splat before packing, and a palette of harmonics"
+            }
             Self::Ksplat => "Mark Kellogg's .ksplat, is read alone",
             Self::Gltf => "glTF with KHR_gaussian_splatting, exact, sorted by distance",
         }
@@ -98,16 +101,21 @@ impl SceneFormat {
     pub fn keeps_tag(self, tag: &str) -> bool {
         match self {
             Self::Ply | Self::CompressedPly => matches!(tag, "low_pass" | "up"),
-            Self::Spz => tag == "low_pass",
+            Self::Spz | Self::Sog => tag == "low_pass",
             Self::Gltf => tag == "key_of",
-            Self::Splat | Self::Sog | Self::Ksplat => false,
+            Self::Splat | Self::Ksplat => false,
         }
     }
 
     /// Describes what the format loses of a scene with harmonics of `degree`, a phrase per kind of value.
     pub fn losses(self, degree: u32) -> Vec<&'static str> {
         let mut losses = match self {
-            Self::Ply | Self::Sog | Self::Ksplat | Self::Gltf => vec![],
+            Self::Ply | Self::Ksplat | Self::Gltf => vec![],
+            Self::Sog => vec![
+                "positions: 16 bits per axis, of the range of sign(v) ln(1 + |v|)",
+                "rotations: 8 bits per component",
+                "scales and colours: 256 values, opacities: 8 bits",
+            ],
             Self::CompressedPly => vec![
                 "positions and scales: 10 or 11 bits per axis, of the range in a chunk of 256 splats",
                 "rotations: 10 bits per component",
@@ -123,6 +131,9 @@ impl SceneFormat {
         };
         match self {
             Self::CompressedPly if degree > 0 => losses.push("harmonics: 8 bits of -4 to 4"),
+            Self::Sog if degree > 0 => {
+                losses.push("harmonics: a palette of at most 65,536 entries, of 256 values")
+            }
             Self::Spz if degree > 0 => losses.push("harmonics of -1 to 1: 5 bits in band 1, 4 bits above"),
             Self::Splat if degree > 0 => losses.push("harmonics: cut to degree 0"),
             _ => {}

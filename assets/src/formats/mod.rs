@@ -193,7 +193,8 @@ impl Scene {
             SceneFormat::Spz => spz::write(self, SpzVersion::default(), out),
             SceneFormat::Splat => splat::write(self, out),
             SceneFormat::Gltf => gltf::write(self, out),
-            SceneFormat::Sog | SceneFormat::Ksplat => {
+            SceneFormat::Sog => sog::write(self, out),
+            SceneFormat::Ksplat => {
                 let found = format.extension();
                 let text =
                     format!("expected a format that can be written, found {found}, which is read alone");

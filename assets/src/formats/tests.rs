@@ -73,7 +73,11 @@ fn steps(format: SceneFormat) -> Steps {
             dc: byte / 0.282 + 1e-5,
             rest: None,
         },
-        SceneFormat::Sog | SceneFormat::Ksplat => unreachable!("it is read alone"),
+        // Of codes, the widest gaps are at the ends of the range.
+        SceneFormat::Sog => {
+            Steps { position: 4e-4, scale: 0.03, rotation: 0.015, opacity: byte, dc: 0.02, rest: Some(0.01) }
+        }
+        SceneFormat::Ksplat => unreachable!("it is read alone"),
     }
 }
 
@@ -185,8 +189,9 @@ fn a_scene_larger_than_the_memory_is_refused() {
 
 #[test]
 fn a_load_that_its_progress_cancels_ends_before_all_is_read() {
-    let scene = varied(100_000, 3);
     for format in SceneFormat::WRITTEN {
+        // A palette for so many splats takes long to find without optimisation.
+        let scene = varied(100_000, if format == SceneFormat::Sog { 0 } else { 3 });
         let bytes = written(&scene, format);
         let most = Mutex::new((0, 0));
         let cancel = |done: u64, of: u64| {

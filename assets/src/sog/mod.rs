@@ -1,4 +1,4 @@
-//! Reads PlayCanvas's SOG files, version 2: a ZIP archive of lossless WebP textures with a texel per splat, and `meta.json`.
+//! Reads and writes PlayCanvas's SOG files, version 2: a ZIP archive of lossless WebP textures with a texel per splat, and `meta.json`.
 //!
 //! | texture | value of the splat's texel |
 //! |---|---|
@@ -12,12 +12,15 @@
 //! <https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/sog/>.
 
 mod archive;
+mod clusters;
 mod meta;
 mod read;
 #[cfg(test)]
 mod tests;
+mod write;
 
 pub(crate) use read::{header, parse};
+pub(crate) use write::write;
 
 /// First bytes of a ZIP archive.
 pub(crate) const MAGIC: &[u8; 4] = b"PK\x03\x04";
