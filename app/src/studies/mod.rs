@@ -4,6 +4,7 @@
 //! - [`measurement`]: settings, and the time and the error of their pictures, as all studies measure them;
 //! - [`metrics`]: differences between pictures;
 //! - [`evaluation`]: scores against photographs;
+//! - [`price`]: the cost of each scene format, in bytes, in accuracy and in time to load;
 //! - [`trade`]: the cost of each setting, in time and in accuracy;
 //! - [`mod@bench`]: time, memory and bytes of graphs, drawn interleaved;
 //! - [`sweep`]: the cost of a budget of splats;
@@ -18,6 +19,7 @@ pub mod experiment;
 pub mod measurement;
 pub mod metrics;
 pub mod popping;
+pub mod price;
 pub mod study;
 pub mod sweep;
 pub mod trade;

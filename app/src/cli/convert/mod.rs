@@ -1,6 +1,7 @@
 //! Runs `splatgraph convert`: writes a scene in another format, and lists what is lost.
 
 mod edit;
+mod price;
 
 use super::options;
 use super::outcome::{Outcome, Usage};
@@ -8,9 +9,10 @@ use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use edit::EditArgs;
+use price::PriceArgs;
 use splatgraph_assets::{Dropped, FileNotes, Scene, SceneFormat, SortKey, SpzVersion, grouped, sh_floats};
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph convert scene.ply scene.spz
@@ -18,6 +20,7 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph convert scene.ply scene.compressed.ply --degree 1
   splatgraph convert scene.ply - --format splat > scene.splat
   splatgraph convert scene.ply part.spz --crop sphere:0,0,0,2 --where 'opacity > 0.05'
+  splatgraph convert scene.ply --price -c cameras.json
   splatgraph convert a.ply both.ply --merge b.ply --transform rotate:1,0,0,180";
 
 /// Write a scene in another format, and list what is lost
@@ -31,8 +34,8 @@ pub struct Args {
     #[arg(value_name = "IN")]
     input: PathBuf,
     /// The file to write; `-` is standard output
-    #[arg(value_name = "OUT")]
-    output: PathBuf,
+    #[arg(value_name = "OUT", required_unless_present = "price")]
+    output: Option<PathBuf>,
     /// Format of OUT [default: by its extension]
     #[arg(long, value_parser = formats())]
     format: Option<SceneFormat>,
@@ -44,6 +47,8 @@ pub struct Args {
     spz_version: Option<u8>,
     #[command(flatten)]
     edit: EditArgs,
+    #[command(flatten)]
+    price: PriceArgs,
 }
 
 /// Parses the name of a format, which is its extension.
@@ -60,25 +65,27 @@ pub fn format_list() -> String {
     format!("Formats:\n{}", super::help::two_columns(SceneFormat::WRITTEN.map(row).to_vec()))
 }
 
-/// Checks the files of the command line, and finds the format of the output.
-pub(super) fn check_files(args: &Args) -> Result<SceneFormat, Usage> {
+/// Checks the files of the command line, and finds the output and its format; `None` without an output.
+pub(super) fn check_files(args: &Args) -> Result<Option<(&Path, SceneFormat)>, Usage> {
     let mut guard = OutputGuard::default();
     guard.input("the scene", &args.input)?;
     for path in &args.edit.merge {
         guard.input("a scene of --merge", path)?;
     }
-    guard.output("the output", &args.output)?;
-    if is_standard_output(&args.output) {
+    args.price.claim(&mut guard, &args.input)?;
+    let Some(output) = args.output.as_deref() else { return Ok(None) };
+    guard.output("the output", output)?;
+    if is_standard_output(output) {
         options::refuse_terminal("the scene")?;
     }
-    let named = SceneFormat::of_name(&args.output).filter(|format| SceneFormat::WRITTEN.contains(format));
+    let named = SceneFormat::of_name(output).filter(|format| SceneFormat::WRITTEN.contains(format));
     let format = args.format.or(named);
     if args.spz_version.is_some() && format.is_some_and(|format| format != SceneFormat::Spz) {
         return Err(Usage("--spz-version is for .spz".into()));
     }
-    format.ok_or_else(|| {
+    format.map(|format| Some((output, format))).ok_or_else(|| {
         let endings = SceneFormat::WRITTEN.map(|format| format!(".{}", format.extension())).join(", ");
-        let found = args.output.display();
+        let found = output.display();
         Usage(format!("expected a file name that ends in {endings}, or --format, found {found}"))
     })
 }
@@ -162,15 +169,16 @@ fn losses(loaded: &Before, written: &Scene, format: SceneFormat) -> Vec<String> 
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let format = check_files(args)?;
+    let output = check_files(args)?;
     let loaded = options::load_scene(&args.input)?;
     let before = Before::of(&loaded);
     let edited = args.edit.apply(loaded)?;
     let cut = args.degree.filter(|degree| *degree < edited.stored_degree());
     let cut = cut.map(|degree| edited.cut_to_degree(degree)).transpose()?;
     let scene = cut.as_ref().unwrap_or(&edited);
+    let Some((output, format)) = output else { return args.price.run(scene, &args.input) };
     let mut bytes = 0;
-    output::write(&args.output, |out| {
+    output::write(output, |out| {
         let mut counted = Counted { out, bytes: 0 };
         match args.spz_version {
             Some(3) => scene.write_spz(SpzVersion::V3, &mut counted)?,
@@ -180,7 +188,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Ok(())
     })?;
 
-    let tell = |line: String| if is_standard_output(&args.output) { say(line) } else { note(line) };
+    let tell = |line: String| if is_standard_output(output) { say(line) } else { note(line) };
     let (path, from, size) = (args.input.display(), &before.format, grouped(before.file_bytes));
     tell(format!(
         "{path}: {from}, {} splats of degree {}, {size} bytes",
@@ -188,7 +196,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         before.degree
     ));
     let percent = 100.0 * bytes as f64 / before.file_bytes.max(1) as f64;
-    let (path, to) = (args.output.display(), format.extension());
+    let (path, to) = (output.display(), format.extension());
     let count = u64::from(scene.count());
     let splats = if count == before.count { String::new() } else { format!("{} splats, ", grouped(count)) };
     tell(format!("{path}: {to}, {splats}{} bytes, {percent:.1} % of them", grouped(bytes)));

@@ -1,0 +1,83 @@
+//! Prints what each format costs (`convert --price`).
+
+use crate::cli::outcome::{Outcome, Usage};
+use crate::cli::{cameras, options};
+use crate::io::output::OutputGuard;
+use crate::io::report::text;
+use crate::studies::price::{self, Price};
+use anyhow::Result;
+use serde_json::json;
+use splatgraph_assets::{Scene, grouped};
+use std::path::{Path, PathBuf};
+
+/// Options of the price.
+#[derive(Debug, clap::Args)]
+pub struct PriceArgs {
+    /// Print the price of each format instead of writing OUT: bytes, the time to load, and PSNR, SSIM and FLIP of the exact renderer's pictures
+    #[arg(long, conflicts_with_all = ["output", "format", "spz_version"])]
+    price: bool,
+    /// Cameras of the pictures [default: the first beside the scene]
+    #[arg(short, long, value_name = "PATH[#INDEX]|JSON", requires = "price")]
+    cameras: Option<String>,
+    /// Size of the pictures [default: the cameras']
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size, requires = "price")]
+    size: Option<(u32, u32)>,
+    /// Print JSON, or write it to a file
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-", requires = "price")]
+    json: Option<PathBuf>,
+}
+
+impl PriceArgs {
+    /// Adds the files to those of the command.
+    pub(super) fn claim(&self, guard: &mut OutputGuard, scene: &Path) -> Result<(), Usage> {
+        if self.price {
+            cameras::claim(guard, self.cameras.as_deref(), Some(scene))?;
+        }
+        self.json.as_ref().map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
+    }
+
+    /// Measures the prices of a scene that was loaded from `path`, and prints them.
+    pub(super) fn run(&self, scene: &Scene, path: &Path) -> Result<Outcome> {
+        let given = cameras::load(self.cameras.as_deref(), Some(path))?;
+        // Cameras of the world, as each format may keep the scene's origin or not.
+        let cameras =
+            given.unwrap_or_else(|| vec![options::framing(scene).relative_to(scene.offset().map(|v| -v))]);
+        let sized = |camera: splatgraph_assets::Camera| match self.size {
+            Some((width, height)) => camera.resized(width, height),
+            None => camera,
+        };
+        let cameras: Vec<_> = cameras.into_iter().map(sized).collect();
+        let prices = price::measure(scene, &cameras)?;
+        match &self.json {
+            Some(file) => {
+                let all = json!({ "scene": path, "splats": scene.count(), "backend": "reference", "prices": prices });
+                options::write_json(file, &all)?;
+            }
+            None => options::print(table(&prices).trim_end())?,
+        }
+        Ok(Outcome::Done)
+    }
+}
+
+/// Formats the prices, a row for each format.
+fn table(prices: &[Price]) -> String {
+    let number =
+        |value: Option<f64>, digits: usize| value.map_or("-".into(), |value| format!("{value:.digits$}"));
+    let head = ["format", "bytes", "per splat", "load ms", "least PSNR dB", "PSNR dB", "SSIM", "FLIP"];
+    let mut rows = vec![head.map(String::from).to_vec()];
+    rows.extend(prices.iter().map(|price| {
+        let mean = &price.scores.mean;
+        vec![
+            price.format.clone(),
+            grouped(price.bytes),
+            format!("{:.1}", price.bytes_per_splat),
+            format!("{:.1}", price.load_ms),
+            // Equal pictures have no finite ratio.
+            number(price.least_psnr_db.or(Some(f64::INFINITY)), 2),
+            number(mean.psnr_db.or(price.least_psnr_db.is_none().then_some(f64::INFINITY)), 2),
+            number(mean.ssim, 4),
+            number(mean.flip, 4),
+        ]
+    }));
+    text::table(&rows)
+}

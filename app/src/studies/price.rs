@@ -1,0 +1,113 @@
+//! Measures what each scene format costs: bytes, the error of its pictures, and the time to load.
+
+use crate::draw::truth::Truth;
+use crate::io::image::Image;
+use crate::studies::evaluation::{Evaluation, Score, score};
+use anyhow::{Context, Result};
+use serde::Serialize;
+use splatgraph_assets::{Camera, QUIET, Scene, SceneFormat, SpzVersion};
+use splatgraph_reference::Rules;
+use std::time::Instant;
+
+/// Loads of which the fastest counts.
+const LOADS: usize = 3;
+
+/// The price of a format.
+#[derive(Clone, Debug, Serialize)]
+pub struct Price {
+    /// The extension of the format, perhaps with a version.
+    pub format: String,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// The same per splat.
+    pub bytes_per_splat: f64,
+    /// Milliseconds to read the file from memory: the least of three times.
+    pub load_ms: f64,
+    /// The least PSNR of a view, in decibels; `None` if all pictures are equal.
+    pub least_psnr_db: Option<f64>,
+    /// The scores of the views against the pictures of the scene, and their means.
+    pub scores: Evaluation,
+}
+
+/// Writes the scene in every format, reads it back, and scores its exact pictures against those of the scene.
+///
+/// Cameras are in the world's coordinates. Each file is drawn by its own tags: those that a format loses count.
+///
+/// # Errors
+/// A format cannot hold the scene, or pictures of it have values that are not finite.
+pub fn measure(scene: &Scene, cameras: &[Camera]) -> Result<Vec<Price>> {
+    let views = pictures(scene, cameras);
+    let versions = SceneFormat::WRITTEN.into_iter().flat_map(|format| match format {
+        SceneFormat::Spz => vec![(format, Some(SpzVersion::V3)), (format, Some(SpzVersion::V4))],
+        _ => vec![(format, None)],
+    });
+    versions.map(|(format, version)| price(scene, cameras, &views, format, version)).collect()
+}
+
+fn pictures(scene: &Scene, cameras: &[Camera]) -> Vec<Image> {
+    let rules = Rules::of(scene);
+    let draw =
+        |camera: &Camera| Truth::draw(scene, &camera.relative_to(scene.offset()), [0.0; 3], &rules).image();
+    cameras.iter().map(draw).collect()
+}
+
+fn price(
+    scene: &Scene,
+    cameras: &[Camera],
+    views: &[Image],
+    format: SceneFormat,
+    version: Option<SpzVersion>,
+) -> Result<Price> {
+    let mut bytes = Vec::new();
+    let (name, written) = match version {
+        Some(version) => (
+            format!("{}, version {}", format.extension(), version as u32),
+            scene.write_spz(version, &mut bytes),
+        ),
+        None => (format.extension().to_owned(), scene.write(format, &mut bytes)),
+    };
+    written.with_context(|| format!("the scene cannot be written as {name}"))?;
+    let (mut load_ms, mut loaded) = (f64::INFINITY, None);
+    for _ in 0..LOADS {
+        let begun = Instant::now();
+        loaded = Some(Scene::parse(&bytes, QUIET)?);
+        load_ms = load_ms.min(begun.elapsed().as_secs_f64() * 1e3);
+    }
+    let loaded = loaded.context("a scene was loaded")?;
+    let found = pictures(&loaded, cameras);
+    let scores: Result<Vec<Score>, _> = found
+        .iter()
+        .zip(views)
+        .zip(cameras)
+        .map(|((found, view), camera)| score(&camera.img_name, found, view))
+        .collect();
+    let scores = scores?;
+    let least = scores.iter().filter_map(|score| score.psnr_db).reduce(f64::min);
+    Ok(Price {
+        format: name,
+        bytes: bytes.len() as u64,
+        bytes_per_splat: bytes.len() as f64 / f64::from(scene.count().max(1)),
+        load_ms,
+        least_psnr_db: least,
+        scores: Evaluation::new(scores),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+
+    #[test]
+    fn every_format_has_a_price_and_exact_ones_have_no_error() {
+        let scene = synth::generate("demo", 300, 0).expect("it is generated");
+        let camera = Camera::framing(&scene, 64, 48);
+        let prices = measure(&scene, &[camera]).expect("prices");
+        assert_eq!(prices.len(), SceneFormat::WRITTEN.len() + 1);
+        let of = |name: &str| prices.iter().find(|price| price.format == name).expect("it has a price");
+        let db = |name: &str| of(name).least_psnr_db.unwrap_or(f64::INFINITY);
+        assert!(db("ply") > 90.0, "{}", db("ply"));
+        assert!(db("splat") < db("ply") && of("splat").bytes == 32 * 300);
+        assert_eq!(of("spz, version 3").least_psnr_db, of("spz, version 4").least_psnr_db);
+    }
+}
