@@ -26,7 +26,7 @@ pub struct Row {
 /// Factor of the most rounds for the exact settings against themselves: all rows depend on the noise that these show.
 const ROUNDS_OF_EXACT: u32 = 4;
 
-/// Measures a setting, its frames interleaved with those of `exact`. Returns the row and its picture.
+/// Measures a setting, which is the graph of `session`, its frames interleaved with those of `exact`. Returns the row and its picture.
 ///
 /// # Errors
 /// The device fails. A setting that cannot be drawn gives a row with the reason, and no picture.
@@ -57,7 +57,6 @@ fn measured<D: Device>(
     view: &View,
     effort: Effort,
 ) -> Result<Result<(Measured, Drawn), String>, SessionError> {
-    session.set_graph(&setting.pipeline, &setting.set);
     session.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
     let more = if setting.name == EXACT && effort.rounds > 1 { ROUNDS_OF_EXACT } else { 1 };
     let effort = Effort { rounds: more * effort.rounds, ..effort };

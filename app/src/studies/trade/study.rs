@@ -36,6 +36,9 @@ pub struct Wanted {
     pub file: Option<PathBuf>,
 }
 
+/// Views whose true pictures are kept at the same time.
+const VIEWS_AT_ONCE: usize = 8;
+
 /// Measures settings, and returns the ledger with the rows of all that were wanted.
 ///
 /// # Errors
@@ -117,30 +120,46 @@ impl<D: Device> Study<D> {
     ) -> Result<(), StudyError> {
         let Study { exact, session, settings, .. } = self;
         let mut steps = Steps::new(listener, "measuring", settings.len() * views.len());
+        let last = views.end;
+        let mut together = Vec::new();
         for index in views {
             let camera = &subject.cameras[index];
-            let name = &camera.img_name;
-            if settings.iter().all(|(setting, _)| book.has(&setting.name, name)) {
-                steps.skip(settings.len());
+            let lacks = |(setting, _): &&(Setting, Option<u64>)| !book.has(&setting.name, &camera.img_name);
+            let lacking = settings.iter().filter(lacks).count();
+            steps.skip(settings.len() - lacking);
+            if lacking > 0 {
+                exact.prepare((camera.width, camera.height), &mut |_| {})?;
+                let effort = wanted.frames.choose(exact, camera, 4)?;
+                let picture = wanted.truths.as_ref().and_then(|(_, pictures)| pictures.get(index));
+                together.push((view(&subject.scene, camera, picture), effort));
+            }
+            if together.len() < VIEWS_AT_ONCE && index + 1 < last {
                 continue;
             }
-            exact.prepare((camera.width, camera.height), &mut |_| {})?;
-            let effort = wanted.frames.choose(exact, camera, 4)?;
-            let picture = wanted.truths.as_ref().and_then(|(_, pictures)| pictures.get(index));
-            let view = view(&subject.scene, camera, picture);
+            // The views of a setting follow each other: its plan is built and its shaders are compiled once for all of them.
             for (setting, plan) in settings.iter() {
-                if book.has(&setting.name, name) {
-                    steps.skip(1);
-                    continue;
+                let mut loaded = None;
+                for (view, effort) in &together {
+                    let name = &view.camera.img_name;
+                    if book.has(&setting.name, name) {
+                        continue;
+                    }
+                    steps.next(&format!("{name}, {}", setting.name))?;
+                    exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
+                    // A list that grew for one view would count in the memory of the next.
+                    if loaded != Some(session.growths()) {
+                        session.set_graph(&setting.pipeline, &setting.set);
+                    }
+                    loaded = Some(session.growths());
+                    let baseline = Baseline { session: exact, ms: book.exact_ms(name) };
+                    let (row, picture) = measure(session, baseline, (setting, *plan), view, *effort)?;
+                    if let Some(picture) = picture {
+                        album.keep(&book.ledger, &row, &picture, &view.picture)?;
+                    }
+                    book.add(row)?;
                 }
-                steps.next(&format!("{name}, {}", setting.name))?;
-                let baseline = Baseline { session: exact, ms: book.exact_ms(name) };
-                let (row, picture) = measure(session, baseline, (setting, *plan), &view, effort)?;
-                if let Some(picture) = picture {
-                    album.keep(&book.ledger, &row, &picture, &view.picture)?;
-                }
-                book.add(row)?;
             }
+            together.clear();
         }
         Ok(())
     }
