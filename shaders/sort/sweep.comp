@@ -37,6 +37,7 @@ const uint ALL_BEFORE = 2u;
 const uint COUNTERS = SUBGROUPS * BINS;
 const uint BINS_PER_THREAD = (BINS + THREADS - 1u) / THREADS;
 const uint WINDOW = uint(LOOK_BACK);
+const uint PAIRS = (STEPS + 1u) / 2u;
 
 // First the counters of each subgroup and bin, then the block's keys in the order of the digit, then its values.
 shared uint words[max(COUNTERS, STEPS * THREADS)];
@@ -45,6 +46,15 @@ shared uint bin_place[BINS];
 shared uint subgroup_sums[SUBGROUPS];
 shared uint ticket;
 shared uint stalled;
+
+// Writes the lower half of a word for even `i`, which comes first, and the upper half for odd.
+void set_half(inout uint word, uint i, uint half_word) {
+    word = i % 2u == 0u ? half_word : word | (half_word << 16);
+}
+
+uint half_of(uint word, uint i) {
+    return (word >> (16u * (i % 2u))) & 0xffffu;
+}
 
 void publish(uint block, uint bin, uint what, uint keys) {
     atomicStore(table[block * BINS + bin], (keys << 2) | what, gl_ScopeDevice, 0, 0);
@@ -149,7 +159,8 @@ void main() {
     }
 
     // Each subgroup walks its range and counts; the counter before a key is its rank among those of its bin in the range.
-    uint ranks[STEPS];
+    // Two to a word: a workgroup with fewer registers leaves room for another beside it.
+    uint ranks[PAIRS];
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint bin = digit_of(keys[i]);
         LaneMask peers = peers_of(bin);
@@ -160,7 +171,7 @@ void main() {
             words[own + bin] = rank + lanes_in(peers);
         }
         subgroupBarrier();  // the write is complete before the next read
-        ranks[i] = rank;
+        set_half(ranks[i / 2u], i, rank);
     }
     barrier();
 
@@ -199,11 +210,11 @@ void main() {
     }
     barrier();
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
-        ranks[i] += words[own + digit_of(keys[i])];
+        ranks[i / 2u] += words[own + digit_of(keys[i])] << (16u * (i % 2u));
     }
     barrier();  // the keys replace the counters from here on
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
-        words[ranks[i]] = keys[i];
+        words[half_of(ranks[i / 2u], i)] = keys[i];
     }
     uint values[STEPS];
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
@@ -271,24 +282,25 @@ void main() {
     }
     barrier();
 
-    uint places[STEPS];
+    uint digits[PAIRS];
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint at = i * THREADS + thread;
         if (at < held) {
             uint key = words[at];
-            places[i] = bin_place[digit_of(key)] + at;
-            keys_out[places[i]] = key;
+            uint digit = digit_of(key);
+            set_half(digits[i / 2u], i, digit);
+            keys_out[bin_place[digit] + at] = key;
         }
     }
     barrier();
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
-        words[ranks[i]] = values[i];
+        words[half_of(ranks[i / 2u], i)] = values[i];
     }
     barrier();
     [[unroll]] for (uint i = 0u; i < STEPS; i++) {
         uint at = i * THREADS + thread;
         if (at < held) {
-            values_out[places[i]] = words[at];
+            values_out[bin_place[half_of(digits[i / 2u], i)] + at] = words[at];
         }
     }
 }
