@@ -3,6 +3,7 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_vote : require
 #extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_EXT_control_flow_attributes : require
 
 // Blends a segment of a bin's list, near to far. The workgroup takes the entries in chunks: each invocation loads a splat to
@@ -85,6 +86,22 @@ uint bin_of(uint number, uint lane) {
         span = stride;
     }
     return bin;
+}
+
+// Returns the splat that this invocation takes of the chunk that starts with entry `first`; any other where it takes none.
+uint splat_of_chunk(uint first, uint end, uint thread) {
+    uint entry = first + thread - 1u;
+    return lists[thread > 0u && entry < end ? entry : end - 1u];
+}
+
+// Sums `value` over this and the lower invocations of a cell. Must be called by whole subgroups.
+uint sum_in_cell(uint value, uint lane) {
+    uint within = lane % CELL_LANES;
+    [[unroll]] for (uint distance = 1u; distance < CELL_LANES; distance *= 2u) {
+        uint below = subgroupShuffle(value, max(lane, distance) - distance);
+        value += within >= distance ? below : 0u;
+    }
+    return value;
 }
 
 // Notes the cells that splat `at` of the chunk touches. Must be called by whole subgroups.
@@ -178,12 +195,15 @@ void main() {
         }
     }
 
+    // Loaded a chunk ahead: a record can be loaded only when its index is there.
+    uint next_index = begin < end ? splat_of_chunk(begin, end, thread) : 0u;
     uint round = 0u;
     for (uint first = begin; first < end; first += CHUNK, round++) {
         uint entry = first + thread - 1u;
         bool is_entry = thread > 0u && entry < end;
-        uint index = lists[is_entry ? entry : first];
+        uint index = next_index;
         StoredRecord stored = records[index];
+        next_index = splat_of_chunk(first + CHUNK, end, thread);
         barrier();
         if (first != begin && is_open[round & 1u] == 0u) {
             break;
@@ -223,25 +243,17 @@ void main() {
             uint cell = o * CELLS_AT_ONCE + thread / CELL_LANES;
             vec2 place = vec2(pixel_at(pixel_place(thread, o, 0u)));
             bool is_cell_open = (subgroupBallot(!is_done[o])[lane / 32u] >> (lane & 31u & ~(CELL_LANES - 1u)) & ((1u << CELL_LANES) - 1u)) != 0u;
-            // The number of splats that touch the cell, and the number in words before this invocation's.
+            // The splats that touch the cell, in this invocation's words, up to and with them, and in all.
             uint part = thread % CELL_LANES * PARTS;
-            uint total = 0u;
-            uint next = 0u;
             uint rest_of[PARTS];
-            if (is_cell_open) {
-                [[unroll]] for (uint w = 0u; w < WORDS; w++) {
-                    uint count = uint(bitCount(touching[w * ROW + cell]));
-                    next += w < part ? count : 0u;
-                    total += count;
-                }
-                [[unroll]] for (uint i = 0u; i < PARTS; i++) {
-                    rest_of[i] = touching[(part + i) * ROW + cell];
-                }
-            } else {
-                [[unroll]] for (uint i = 0u; i < PARTS; i++) {
-                    rest_of[i] = 0u;
-                }
+            uint own_count = 0u;
+            [[unroll]] for (uint i = 0u; i < PARTS; i++) {
+                rest_of[i] = is_cell_open ? touching[(part + i) * ROW + cell] : 0u;
+                own_count += uint(bitCount(rest_of[i]));
             }
+            uint sum = sum_in_cell(own_count, lane);
+            uint total = subgroupShuffle(sum, lane | (CELL_LANES - 1u));
+            uint next = sum - own_count;
             uint list = thread / CELL_LANES * CELL_LANES;
             for (uint from = 0u; subgroupAny(from < total); from += LISTED) {
                 listed[thread] = 0u;
