@@ -1,6 +1,6 @@
 //! `--shard` and `merge`: a command's views in several processes leave what one process leaves.
 
-use crate::files::Place;
+use crate::place::Place;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
