@@ -19,18 +19,18 @@ use serde_json::json;
 use splatgraph_api::Device;
 use std::path::{Path, PathBuf};
 
-/// Advise how to draw a scene: its flaws, its keys, its harmonics, and the fastest setting within a budget
+/// Recommend settings for a scene: depth keys, harmonics, and the fastest setting within a budget
 ///
 /// Without a budget, this needs no graphics device. It reports dropped and unusual splats; the width of depth keys, for each
 /// mapping, that keeps all splats that overlap on the screen in order; and how much each band of spherical harmonics changes the
-/// colours. Splats below the alpha floor of 1/255 are never visible, and do not count for keys and harmonics.
+/// colours. Splats below the alpha floor of 1/255 are never visible, and are ignored for keys and harmonics.
 ///
-/// With --psnr or --ms, it changes one parameter at a time, predicts combinations, draws the most promising ones, and advises the
-/// best setting that it measured to be within the budget, as a command. PSNR is that of each view against the exact renderer
-/// (`render --backend reference`), as `compare` measures it. The exit code is 1 if no setting is within the budget.
+/// With --psnr or --ms, it changes one parameter at a time, predicts combinations, draws the most promising ones, and prints a
+/// command with the best setting that it measured to be within the budget. PSNR is measured for each view against the exact
+/// renderer (`render --backend reference`), as in `compare`. The exit code is 1 if no setting is within the budget.
 ///
-/// Of settings whose times do not differ beyond the noise, the most accurate is advised, and the others are named as too noisy to
-/// tell. If the defaults are within the budget, they are advised unless another setting is better beyond the noise.
+/// If the times of several settings differ only within the noise, it advises the most accurate of them, and lists the others as
+/// too noisy to tell. If the defaults are within the budget, they are advised unless another setting is better beyond the noise.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph advise scene.ply -c cameras.json                # what the scene is like
@@ -40,7 +40,7 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .glb or .gltf [default: the demo scene]
     scene: Option<PathBuf>,
-    /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are tried unchanged
+    /// The graph whose parameters are changed: the name of a built-in one, or a path; presets are measured unchanged
     #[arg(short, long, value_name = "NAME", default_value = DEFAULT_PIPELINE)]
     pipeline: String,
     /// Fix a parameter of the graph in every setting; may be repeated
@@ -52,7 +52,7 @@ pub struct Args {
     /// Size of the pictures [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
-    /// Lowest allowed PSNR of any view against the truth, in decibels
+    /// Lowest allowed PSNR of any view against the exact renderer, in decibels
     #[arg(long, value_name = "DB", value_parser = positive)]
     psnr: Option<f64>,
     /// Largest allowed GPU time of a frame, mean over the views, in milliseconds

@@ -19,15 +19,15 @@ use splatgraph_api::{Device, DeviceInfo};
 use splatgraph_assets::{Camera, SceneHeader};
 use std::path::{Path, PathBuf};
 
-/// Measure graphs against each other, pass by pass
+/// Measure the time and memory of graphs, pass by pass
 ///
 /// Draws the scene with all graphs interleaved, frame by frame, so that a change of the device's clock affects all of them. Each
-/// time is the median of the rounds' medians, and its spread their maximum minus their minimum; the mean over the cameras is
+/// time is the median of the rounds' medians, and its spread is their maximum minus their minimum. The mean over the cameras is
 /// the mean of their medians. Warm-up frames do not count.
 ///
-/// First, a copy from buffer to buffer measures how many bytes per second the device can move. Each pass is compared with it: its
-/// bytes are all buffers and images that it reads or writes, each once, at their declared size. A pass that reads data several
-/// times moves more, and a pass over the visible splats alone moves less.
+/// First, a copy from buffer to buffer measures how many bytes per second the device can move. Each pass is compared with this
+/// copy. The bytes of a pass are all buffers and images that it reads or writes, each once, at their declared size. A pass that
+/// reads data several times moves more. A pass over only the visible splats moves less.
 ///
 /// The default scene is the demo scene, which the first use generates. The default camera frames the scene.
 ///
@@ -61,8 +61,8 @@ pub struct Args {
     /// Numbers of splats: the scene is enlarged by copies inside its splats (see `synth --enlarge`), or cut [default: unchanged]
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..))]
     splats: Vec<u32>,
-    /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one. For several scenes, one
-    /// for all, or one for each, in the same order
+    /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one. With several scenes, give one
+    /// for all, or one for each in the same order
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Vec<String>,
     /// Write all numbers as JSON, after each size and number of splats; `-` is standard output

@@ -30,14 +30,13 @@ pub const EXAMPLES: &str = "Examples:
 /// Check graphs and their shaders, without a GPU
 ///
 /// Builds every graph with its shaders for a nominal scene and the smallest supported device, with subgroups of 4 to 64 lanes.
-/// Errors are shown at their line and column. If this device does not meet a graph's requirements, the output says so; that is no
-/// error. An oracle then replays the barriers of each plan, and tests that they suffice and that no bit of them is needless.
-/// A parameter of --set without an effect gives a warning. With --device, graphs are built for that device instead, and unmet
-/// requirements are errors.
+/// Errors are shown at their line and column. A graph's requirement that this device does not meet is reported, but is not an
+/// error. An oracle then replays the barriers of each plan, and reports missing barriers and needless bits. A parameter of --set
+/// without an effect gives a warning. With --device, graphs are built for that device instead, and unmet requirements are errors.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// The graphs: names of built-in ones (see `splatgraph source`), or paths; without any, every built-in one
+    /// The graphs: names of built-in ones (see `splatgraph source`), or paths [default: every built-in one]
     #[arg(value_name = "NAME")]
     graphs: Vec<String>,
     /// Set a parameter of the graphs; may be repeated
@@ -50,10 +49,10 @@ pub struct Args {
     /// device of this machine; may be repeated
     #[arg(long, value_name = "NAME|INDEX|FILE")]
     device: Vec<String>,
-    /// Print JSON, or write it to a file: for each graph (and each --device) its name, whether it is valid, the verdict, and its diagnostics with file, line and column
+    /// Print JSON, or write it to a file: for each graph and each --device, its name, validity, verdict and diagnostics
     ///
-    /// A diagnostic has `file`, `line`, `column`, `end_line`, `end_column`, `severity` (`error` or `warning`), `message`, `label`, the
-    /// words at the place, and `help`, a list. Lines and columns count from 1, columns in characters.
+    /// A diagnostic has `file`, `line`, `column`, `end_line`, `end_column`, `severity` (`error` or `warning`), `message`, `label`
+    /// (the words at the place) and `help` (a list). Lines and columns count from 1, columns in characters.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
 }

@@ -13,15 +13,15 @@ use std::path::{Path, PathBuf};
 
 /// Compare pictures: PSNR, SSIM, FLIP and the worst pixel
 ///
-/// A and B are pictures (.png, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of them; a .npz archive counts as a folder
-/// of arrays. Pictures of two folders are matched by name without extension; a picture without a partner is an error.
+/// A and B are pictures (.png, .exr, .npy, or ARCHIVE.npz#ARRAY), or folders of pictures. A .npz archive counts as a folder of
+/// arrays. Pictures of two folders are matched by name without extension. A picture without a partner is an error.
 ///
-/// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM (Wang et al. 2004, Gaussian window
-/// of 11 x 11, sigma 1.5) is the mean over the channels. FLIP (Andersson et al. 2020) is the mean over the pixels, 0 for
-/// equal pictures; of the values themselves, and of the values in 8 bits, as in `trade`. The worst pixel is the one with the
-/// largest difference of a channel, unclamped; if one picture has only 8 or 16 bits, values are clamped to 0..1.
+/// PSNR is 10 log10(1 / MSE) over all pixels and channels, of values clamped to 0..1. SSIM (Wang et al. 2004, Gaussian window of
+/// 11 x 11, sigma 1.5) is the mean over the channels. FLIP (Andersson et al. 2020) is the mean over the pixels, 0 for equal
+/// pictures. It is computed of the values themselves and of the values in 8 bits, as in `trade`. The worst pixel has the largest
+/// difference of a channel, unclamped. If one picture has only 8 or 16 bits, values are clamped to 0..1.
 ///
-/// Everything is computed in f64, also for float64 arrays.
+/// All measures are computed in f64, also for float64 arrays.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph compare out.npy golden.npz#camera0
@@ -32,12 +32,12 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// A picture, a folder or a .npz archive
     a: PathBuf,
-    /// The picture, folder or archive to compare it with
+    /// The picture, folder or archive to compare A with
     b: PathBuf,
     /// Print JSON instead of a table, or write it to a file
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
-    /// Write a picture of the absolute differences (for folders: a folder of them)
+    /// Write a picture of the absolute differences (for folders, a folder of pictures)
     #[arg(long, value_name = "OUT.png")]
     diff: Option<PathBuf>,
     /// Factor by which the differences are amplified in --diff
@@ -46,7 +46,7 @@ pub struct Args {
     /// Exit with code 1 if a picture's PSNR is below this
     #[arg(long, value_name = "DB")]
     min_psnr: Option<f64>,
-    /// In folders, match by the number at the end of the names; other pictures are skipped and listed
+    /// In folders, match pictures by the number at the end of their names; pictures without one are skipped and listed
     #[arg(long)]
     by_number: bool,
 }

@@ -31,9 +31,9 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Score a scene against photographs: PSNR, SSIM and FLIP per test view, and their means
 ///
-/// Draws the test views of a dataset at the photographs' size and compares. Test views are the dataset's own (Blender,
+/// Draws the test views of a dataset at the photographs' size, and compares both. Test views are the dataset's own (Blender,
 /// nerfstudio), or else every eighth photograph by name, as in the 3DGS reference implementation. PSNR and SSIM are computed as
-/// in `compare`; the means over the views are those that papers give.
+/// in `compare`. Their means over the views are comparable with published tables.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -47,7 +47,7 @@ pub struct Args {
     photographs: Option<PathBuf>,
     /// Compare at 1/N of the photographs' width and height
     ///
-    /// Uses the photographs in a folder images_N beside images/ if there is one, and averages pixels otherwise.
+    /// Uses the photographs in a folder images_N beside images/ if that folder exists, and averages pixels otherwise.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     downscale: u32,
     /// Score all views, not only the test views

@@ -21,7 +21,7 @@ pub struct LookAtArgs {
     /// Horizontal field of view, in degrees [default: 60]
     #[arg(long, value_name = "DEGREES", value_parser = angle, conflicts_with = "cameras")]
     fov: Option<f64>,
-    /// Draw N pictures from a circle about --up through --eye, starting at --eye
+    /// Draw N pictures along a circle through --eye with the axis --up, starting at --eye
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with = "cameras")]
     orbit: Option<u32>,
 }

@@ -16,7 +16,7 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Write a graph to start from, with its shaders beside it
 ///
-/// The graph can be checked and drawn at once. Its shaders are named after it. docs/tutorial.md explains each template.
+/// The new graph can be checked and drawn immediately. Its shaders are named after it. docs/tutorial.md explains each template.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

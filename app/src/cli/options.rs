@@ -214,7 +214,7 @@ pub struct DeviceArgs {
     /// Device: a part of its name, or its index in `splatgraph devices`
     #[arg(long, value_name = "NAME|INDEX")]
     pub device: Option<String>,
-    /// Enable the API's validation (for Vulkan with synchronization validation); exit with code 1 if it reports anything
+    /// Enable the API's validation (for Vulkan, with synchronization validation), and exit with code 1 if it reports anything
     #[arg(long)]
     pub validate: bool,
     /// Do not check accesses beyond the ends of buffers and images, to measure the cost of the checks
@@ -238,7 +238,8 @@ impl DeviceArgs {
 /// Options of the device, and its API.
 #[derive(Debug, clap::Args)]
 pub struct BackendArgs {
-    /// Graphics API: `vulkan`, `metal` (on Apple's systems), or `null`, which executes nothing (pictures are black, and times mean nothing)
+    /// Graphics API: `vulkan`, `metal` (on Apple's systems), or `null`, which executes nothing (pictures are black, and times are
+    /// meaningless)
     #[arg(long, value_name = "NAME", default_value_t = Api::default(), value_parser = Api::parse)]
     pub backend: Api,
     #[command(flatten)]
@@ -304,12 +305,13 @@ pub struct Drawing {
     pub set: Vec<(String, String)>,
     /// Cameras: a COLMAP folder, a transforms.json, or the reference implementation's cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
     ///
-    /// The contents tell the format. Lenses with distortion are refused. The text of a cameras.json works in place of a path: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
+    /// The format is recognised by the contents. Lenses with distortion are refused. The text of a cameras.json works in place of
+    /// a path: `[{"position": [0, 0, -4], "rotation": ..., ...}]`.
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     pub cameras: Option<String>,
     /// Size of the pictures [default: the cameras']
     ///
-    /// The vertical field of view of the cameras stays the same: a wider picture shows more at the sides.
+    /// The cameras keep their vertical field of view: a wider picture shows more at the sides.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     pub size: Option<(u32, u32)>,
 }
@@ -324,7 +326,8 @@ impl Drawing {
 /// Options for the number of frames of a measurement.
 #[derive(Debug, clap::Args)]
 pub struct EffortArgs {
-    /// Maximum number of rounds; fewer if the time is known precisely enough, or after 8 seconds. With fewer than 8, all differences in time count as noise
+    /// Maximum number of rounds. Measuring ends earlier once the time is precise enough, or after 8 seconds. With fewer than 8
+    /// rounds, all differences in time count as noise
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
     /// Frames per round; the baseline draws as many, interleaved [default: 1 to 30, from the frame time]

@@ -23,16 +23,17 @@ Set one with --set NAME=VALUE of `render` and the other commands, or by its slid
 
 /// List the parameters of a graph
 ///
-/// For each parameter: its name, its allowed values, its default in brackets, with the exact value (which costs no accuracy) if it
-/// differs, and its meaning. Changing a `const` builds a new plan, changing a `live` parameter does not. Defaults depend on the device
-/// and on the scene; without --scene, a million splats with spherical harmonics of degree 3 are assumed.
+/// Each parameter is listed with its name, its allowed values, its default in brackets, and its meaning. If the exact value,
+/// which costs no accuracy, differs from the default, it is also shown. Changing a `const` builds a new plan. Changing a `live`
+/// parameter does not. Defaults depend on the device and on the scene. Without --scene, a million splats with spherical harmonics
+/// of degree 3 are assumed.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// The graph: the name of a built-in one (see `splatgraph source`), or a path
     #[arg(value_name = "NAME", default_value = options::DEFAULT_PIPELINE)]
     graph: String,
-    /// Set a parameter, which may change the defaults of others; may be repeated
+    /// Set a parameter, on which defaults of others may depend; may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
     /// The scene that defaults depend on

@@ -19,17 +19,17 @@ use std::path::{Path, PathBuf};
 
 /// Measure popping along a path of cameras: how the error changes from frame to frame
 ///
-/// The exact renderer (`render --backend reference`) and each graph draw every frame of the path. From one frame to the
-/// next, both pictures change. The `pop` of a step is the mean absolute difference of the two changes over all pixels,
-/// which is the change of the error: 0 for a constant error, however large. The `excess` is the mean of
-/// the change beyond the true change, at most the pop. Both are of values clamped to 0..1.
+/// The exact renderer (`render --backend reference`) and each graph draw every frame of the path. From one frame to the next,
+/// both pictures change. The `pop` of a step is the mean absolute difference of the two changes over all pixels, which is the
+/// change of the error. It is 0 for a constant error, however large. The `excess` is the mean of the change beyond the true
+/// change, at most the pop. Both are computed from values clamped to 0..1.
 ///
-/// The table: the step in degrees of camera rotation, means over the steps, the pop per degree, the worst step, the worst
+/// The table lists the step in degrees of camera rotation, means over the steps, the pop per degree, the worst step, the worst
 /// pixel of any step, and the number of pairs of splats that change places per step, in the drawn order and in the true order.
-/// Compare pops of equal steps only: with a smaller step, an error that drifts with the surfaces falls in proportion, and one that
-/// jumps falls less, so the ranking of graphs may change. The published order, in which the exact renderer draws, has a pop of 0 by
-/// definition, although it pops where the depths of two splats cross. Frames are drawn once and in sequence, so `stale_order` uses
-/// the order of the previous frame of the path.
+/// Compare pops of equal steps only. With a smaller step, an error that drifts with the surfaces falls in proportion. An error
+/// that jumps falls less, so the ranking of graphs may change. The exact renderer draws in the published order, whose pop is
+/// therefore 0 by definition, although it pops where the depths of two splats cross. Frames are drawn once and in sequence, so
+/// `stale_order` uses the order of the previous frame of the path.
 ///
 /// The default scene is the demo scene, which the first use generates. With one camera, or none, the path is a short orbit
 /// around the middle of the scene.
@@ -51,7 +51,7 @@ pub struct Args {
     /// The path, as cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: the first beside the scene]
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]
     cameras: Option<String>,
-    /// Number of frames of the orbit, or of the path from its start [default: 12, or the whole path]
+    /// Number of frames of the orbit, or of the start of the path [default: 12, or the whole path]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     frames: Option<u32>,
     /// Degrees of the orbit between successive frames
@@ -60,7 +60,7 @@ pub struct Args {
     /// Size of the pictures [default: the cameras', at most 480 pixels wide]
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
-    /// File for all numbers as JSON; `-` is standard output, in place of the table
+    /// File for all numbers as JSON; `-` is standard output, instead of the table
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
     /// Folder for popping.csv, popping.svg and popping.png

@@ -13,13 +13,13 @@ use std::path::PathBuf;
 /// Arguments that name scenes.
 #[derive(Debug, clap::Args)]
 pub struct ScenesArgs {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, or .ron, which places several
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, or .ron, a list of scenes
     #[arg(value_name = "SCENE")]
     pub scene: Option<PathBuf>,
-    /// Further scenes in the same picture; one sort orders the splats of all. To turn or scale them, write a scene file (.ron)
+    /// Further scenes in the same picture, sorted together. To rotate or scale them, write a scene file (.ron)
     #[arg(value_name = "SCENE")]
     more: Vec<PathBuf>,
-    /// Move a further scene; the first --at is for the first of them, the second for the second
+    /// Position of a further scene; the first --at places the first further scene, the second --at the second
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     at: Vec<[f64; 3]>,
 }

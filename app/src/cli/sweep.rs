@@ -25,12 +25,12 @@ use std::sync::Arc;
 
 /// Measure quality and time as splats are removed
 ///
-/// Draws the scene with all splats, a half, a quarter and so on, chosen in four ways: the first of the file (a naive truncation),
-/// the largest by opacity times size in the world or on the screen (the usual heuristics for levels of detail, applied before keys
-/// are made), and the nearest visible ones (cut after the sort; tiles use `sorted=splats` for it). Each picture is compared with
-/// the exact renderer's picture of all splats.
+/// Draws the scene with all splats, a half, a quarter and so on, chosen in four ways: the first of the file, the largest by
+/// opacity times size in the world, the largest by opacity times size on the screen, and the nearest visible ones. The largest
+/// are chosen before keys are made, as usual for levels of detail. The nearest are cut after the sort, for which tiles use
+/// `sorted=splats`. Each picture is compared with the exact renderer's picture of all splats.
 ///
-/// Then a camera comes closer, and the time of the draw is compared with the number of fragments.
+/// Then a camera approaches, and the time of the draw is compared with the number of fragments.
 ///
 /// The output folder gets a page (sweep.html), all numbers (sweep.csv and .json), plots as .svg and .png, and the pictures.
 #[derive(Debug, clap::Args)]
@@ -46,7 +46,7 @@ pub struct Args {
     /// Folder of the results
     #[arg(short, long, value_name = "DIR", default_value = "sweep")]
     output: PathBuf,
-    /// Number of steps, each with half of the splats of the previous step; the first has all
+    /// Number of steps, each with half of the splats of the previous step; the first has all splats
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(2..=32))]
     steps: u32,
     #[command(flatten)]

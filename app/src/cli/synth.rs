@@ -41,7 +41,7 @@ pub struct Args {
     /// Enlarge this scene to --count splats by copies scattered inside its splats
     #[arg(long, value_name = "SCENE.ply", requires = "count")]
     enlarge: Option<PathBuf>,
-    /// Make a COLMAP dataset (--dataset) of exact pictures of this scene, from a circle of cameras around it
+    /// Make a COLMAP dataset (--dataset) of exact pictures of this scene, from cameras on a circle around it
     #[arg(long, value_name = "SCENE", requires = "dataset", conflicts_with_all = ["enlarge", "output", "cameras", "count"])]
     photograph: Option<PathBuf>,
     /// Folder of the COLMAP dataset: images/ and sparse/0/, as text

@@ -24,21 +24,21 @@ use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Measure what each setting saves, and what it costs in accuracy
+/// Measure what each setting saves and what it costs in accuracy
 ///
-/// Draws the scene with every parameter at its exact value, then with one parameter changed at a time, with the graph's
-/// defaults, and with every preset. Each picture is compared with the truth: the exact renderer's picture (`render --backend
-/// reference`), or a picture of --truth. Frames are interleaved with frames of the exact settings, so that a change of
-/// the device's clock affects both. A parameter without an effect on the plan of the exact settings is not measured, nor is a
-/// setting whose plan equals an earlier one.
+/// Draws the scene with every parameter at its exact value, then with one parameter changed at a time, with the graph's defaults,
+/// and with every preset. Each picture is compared with the truth: the exact renderer's picture (`render --backend reference`),
+/// or a picture of --truth. Frames are interleaved with frames of the exact settings, so that a change of the device's clock
+/// affects both. A parameter without an effect on the plan of the exact settings is not measured. A setting whose plan equals an
+/// earlier one is not measured either.
 ///
-/// The columns: the share of the exact settings' time, ± half of its 99 % confidence interval; the share in milliseconds on the
-/// GPU, from one time of the exact settings, with the spread over the rounds; PSNR over
-/// all pixels and over those that a splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal pictures); the largest
-/// difference of a channel; the share of pixels that are off by more than 1/255; pairs of visible splats in the wrong
-/// order; memory on the device. A `*` marks the Pareto front: every setting that is at least as accurate takes at least 2 % longer,
-/// beyond the noise, which is at least that of the exact settings against themselves. A `?` marks settings that may be on the front:
-/// too noisy to tell. A graph that draws from the previous frame is not judged, because still views hide its error.
+/// The columns are the share of the exact settings' time, ± half of its 99 % confidence interval; the share in milliseconds on
+/// the GPU, from one time of the exact settings, with the spread over the rounds; PSNR over all pixels and over the pixels that a
+/// splat covers; the lowest SSIM; the mean of NVIDIA's FLIP (0 for equal pictures); the largest difference of a channel; the
+/// share of pixels that are off by more than 1/255; pairs of visible splats in the wrong order; and memory on the device. A `*`
+/// marks the Pareto front: every setting that is at least as accurate takes at least 2 % longer, beyond the noise. The noise is
+/// at least the difference of the exact settings from themselves. A `?` marks settings that may be on the front, but are too
+/// noisy to tell. A graph that draws from the previous frame is not judged, because still views hide its error.
 ///
 /// An interrupted run resumes. A row is measured again if anything that its numbers depend on has changed: the program, the
 /// scene, the cameras, the pictures of --truth, the plans, the device.
@@ -66,7 +66,8 @@ pub struct Args {
     /// Size of the pictures [default: the cameras']
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = options::size)]
     size: Option<(u32, u32)>,
-    /// Folder of true pictures, one for each camera, named after its img_name [default: the exact renderer's pictures]
+    /// Folder of pictures that count as exact, one for each camera, named after its img_name [default: the exact renderer's
+    /// pictures]
     #[arg(long, value_name = "DIR")]
     truth: Option<PathBuf>,
     /// Folder for ledger.json, .csv, .html, .svg, .png and pictures/; an interrupted run resumes from ledger.json

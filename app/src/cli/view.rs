@@ -34,13 +34,14 @@ Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A
 ///
 /// The graph, its includes and its shaders are reloaded when a file changes. A graph in the working directory or its pipelines/
 /// folder takes precedence over a built-in one of the same name. The graph's parameters become controls. An error is shown over
-/// the last good picture until it is corrected.
+/// the last good picture until you correct it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, or .ron, which places several
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, or .ron, a list of scenes
     ///
-    /// The default is the demo scene, which the first use generates. Without --cameras, the cameras of a file beside the scene are loaded.
+    /// The default is the demo scene, which the first use generates. Without --cameras, cameras are loaded from the file beside
+    /// the scene.
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
@@ -50,10 +51,10 @@ pub struct Args {
     /// Compare with another graph
     #[arg(long, value_name = "NAME")]
     compare: Option<String>,
-    /// Compare with another scene, from the same place in the world
+    /// Compare with another scene, from the same camera
     #[arg(long, value_name = "FILE.ply")]
     compare_scene: Option<PathBuf>,
-    /// Set a parameter of the graph of --compare (without it, of a copy of the same graph); may be repeated
+    /// Set a parameter of the graph of --compare or, without --compare, of a copy of the same graph; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting)]
     compare_set: Vec<(String, String)>,
     /// Display of the comparison [default: split]
@@ -65,10 +66,10 @@ pub struct Args {
     /// Amplification of the difference
     #[arg(long, value_name = "FACTOR", default_value_t = 8.0)]
     gain: f32,
-    /// Resolution of the picture: its pixels per pixel of the window, in each direction
+    /// Resolution of the picture: pixels per pixel of the window, in each direction
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     scale: f32,
-    /// Tools to open, comma-separated [default: those of the last window; at first parameters,times,timeline,hud]
+    /// Tools to open, comma-separated [default: as in the last window, or parameters,times,timeline,hud]
     #[arg(long, value_name = "PANELS", value_enum, value_delimiter = ',')]
     show: Vec<ShowPanel>,
     /// Inspect a resource after a pass (names as in `dump`), in the inspector
@@ -80,10 +81,10 @@ pub struct Args {
     /// Select an item (names as in `dump`): the inspector describes it
     #[arg(long, value_name = "pass:NAME|barrier:N|resource:NAME")]
     select: Option<Selection>,
-    /// Pick the splat at a place of the first picture, as shares of its width and height
+    /// Pick the splat at a position in the first picture, given as shares of its width and height
     #[arg(long, value_name = "X,Y", value_parser = place, conflicts_with = "select")]
     pick: Option<[f32; 2]>,
-    /// Theme of the window [default: that of the last window; at first dark]
+    /// Theme of the window [default: as in the last window, or dark]
     #[arg(long, value_enum)]
     theme: Option<Theme>,
     /// Draw as fast as the device can, without waiting for the display
@@ -188,7 +189,7 @@ enum ShowPanel {
     Timeline,
     /// Frame time and messages, on the picture
     Hud,
-    /// The picture alone
+    /// Only the picture
     None,
 }
 

@@ -28,11 +28,11 @@ pub struct EditArgs {
     crop: Option<Crop>,
     /// Keep the splats for which this expression is true, for instance 'opacity > 0.05 && scale_max < 0.5'
     ///
-    /// Names: x, y, z (centre, in the world), opacity (0 to 1), scale_min, scale_max (standard deviations), red, green, blue (band 0,
-    /// 0 to 1 and beyond), index. Operators and functions are those of expressions in graphs.
+    /// The names are x, y, z (centre, in the world), opacity (0 to 1), scale_min, scale_max (standard deviations), red, green,
+    /// blue (band 0, 0 to 1 and beyond), index. Operators and functions are those of expressions in graphs.
     #[arg(long = "where", value_name = "EXPRESSION", value_parser = condition)]
     condition: Option<Condition>,
-    /// Order of the splats: `file`, or `morton`, which puts neighbours in space near each other
+    /// Order of the splats: `file`, or `morton`, which stores neighbours in space near each other
     #[arg(long, value_name = "ORDER", default_value = "file", value_parser = ["file", "morton"])]
     order: String,
 }

@@ -34,9 +34,9 @@ On Apple's GPUs:
 
 /// Show the plan of a graph: passes in order, barriers, resources
 ///
-/// No GPU is needed. Without --device, the plan is for the smallest supported device, with subgroups of 32 lanes; without --scene,
-/// for a million splats with spherical harmonics of degree 3. With --diff, the differences between two plans are shown. The
-/// JSON's fields are documented in docs/dump.md.
+/// No GPU is needed. Without --device, the plan is for the smallest supported device, with subgroups of 32 lanes. Without
+/// --scene, it is for a million splats with spherical harmonics of degree 3. With --diff, the differences between two plans are
+/// shown. The JSON's fields are documented in docs/dump.md.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -46,7 +46,7 @@ pub struct Args {
     /// Set a parameter of the graph (of both graphs, with --diff); may be repeated
     #[arg(short, long, value_name = "NAME=VALUE", value_parser = options::setting)]
     set: Vec<(String, String)>,
-    /// Compare with the plan of this graph (b): what is added, removed and changed
+    /// Compare with the plan of this graph (b), and show what is added, removed and changed
     #[arg(long, value_name = "NAME", conflicts_with = "times")]
     diff: Option<String>,
     /// Set a parameter of the graph of --diff, after --set; may be repeated
@@ -78,20 +78,20 @@ pub struct Args {
 /// The form of a dump.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Form {
-    /// Text for people
+    /// Text to read
     Text,
-    /// JSON for programs, with everything that the others show
+    /// JSON for programs, with all data of the other formats
     Json,
     /// A picture of passes and dependencies, for Graphviz
     Dot,
-    /// A page with a timeline, in one file, for any browser
+    /// A page with a timeline, in one file for any browser
     Html,
 }
 
 /// The API whose synchronization is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Api {
-    /// The barriers of the plan, which are Vulkan's
+    /// Vulkan's barriers
     Vulkan,
     /// Metal's encoders, fences and barriers, beside Vulkan's barriers
     Metal,

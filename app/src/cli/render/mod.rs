@@ -51,7 +51,7 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Draw a scene
 ///
-/// A graph draws the scene on a device; with `--backend reference`, the exact renderer draws it on the CPU, in f64. The default
+/// A graph draws the scene on a device. With `--backend reference`, the exact renderer draws it on the CPU, in f64. The default
 /// scene is the demo scene, which the first use generates. The default camera frames the scene.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -64,9 +64,10 @@ pub struct Args {
     look: LookAtArgs,
     /// Renderer: `vulkan`, `metal` (on Apple's systems), or `reference`, the exact renderer on the CPU
     ///
-    /// `vulkan` and `metal` execute the graph on a device. `null` executes nothing, to measure everything else: its pictures are
-    /// black, and its times mean nothing. The exact renderer follows the rules of the published CUDA rasteriser in f64. It shares no
-    /// arithmetic with the shaders and executes no graph; errors are measured against its pictures.
+    /// `vulkan` and `metal` execute the graph on a device. `null` executes nothing, to measure the rest of the program: its
+    /// pictures are black, and its GPU times are meaningless. The exact renderer follows the rules of the published CUDA
+    /// rasteriser in f64. It shares no arithmetic with the shaders and executes no graph. Errors are measured against its
+    /// pictures.
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
     backend: Renderer,
     /// Change a rule of the exact renderer; may be repeated
@@ -87,19 +88,20 @@ pub struct Args {
     /// Write statistics as JSON, one entry per camera; `-` is standard output
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
-    /// Number of frames per camera; times are their medians. If above 1, the device is warmed up for a fifth of a second first
+    /// Number of frames per camera; times are their medians. If N is above 1, the device is first warmed up for a fifth of a
+    /// second
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
     repeat: u32,
-    /// Number of pictures that may be drawn and not yet written [default: two per processor]
+    /// Maximum number of pictures that are drawn but not yet written [default: two per processor]
     ///
-    /// The device draws while processors encode. If memory is short, fewer pictures wait. The number does not change the files or the
-    /// order of messages.
+    /// The device draws while other threads encode. If memory is short, fewer pictures wait. The number affects neither the files
+    /// nor the order of messages.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// Read a resource back after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
+    /// Read back a resource after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
     ///
-    /// For a ping-pong buffer `keys`, the half that the pass writes is read; `scatter` is the last of `sort.scatter[0]`,
-    /// `sort.scatter[1]`, ... For sort keys, the output says whether they ascend.
+    /// For a ping-pong buffer `keys`, the half that the pass writes is read. `scatter` is the last of `sort.scatter[0]`,
+    /// `sort.scatter[1]`, ... For sort keys, the output reports whether they ascend.
     #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = inspect_request)]
     inspect: Vec<InspectRequest>,
     #[command(flatten)]

@@ -33,10 +33,10 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph video scene.ply -c keys.json --closed --samples 16 -o frames/     # a loop, with motion blur
   splatgraph video scene.ply -c keys.json -o - | ffmpeg -i - -crf 18 -pix_fmt yuv420p film.mp4";
 
-/// Draw a film: a camera that moves through a scene
+/// Draw a film of a camera that moves through a scene
 ///
-/// With --cameras, the camera moves smoothly through them, at constant speed, in which turns count as ways; otherwise it goes once
-/// around the scene. The viewer plays the same path: K records a key, and the tool Cameras writes the keys to a file.
+/// With --cameras, the camera moves smoothly through them at constant speed, where rotation counts as distance. Without, it goes
+/// once around the scene. The viewer plays the same path: K records a key, and the tool Cameras writes the keys to a file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -44,7 +44,7 @@ pub struct Args {
     scenes: ScenesArgs,
     #[command(flatten)]
     drawing: Drawing,
-    /// Lead the path from its last camera back to its first, so that the film repeats without a jump
+    /// Return from the last camera to the first, so that the film repeats without a jump
     #[arg(long, requires = "cameras")]
     closed: bool,
     #[command(flatten, next_help_heading = "A circle without a file of cameras")]
@@ -55,7 +55,7 @@ pub struct Args {
     /// Frames per second: a whole number, or a fraction such as 30000/1001
     #[arg(long, value_name = "RATE", default_value = "30")]
     fps: Rate,
-    /// Blur what moves: each frame is the mean of N pictures while the shutter is open, in linear light
+    /// Motion blur: each frame is the mean of N pictures, taken while the shutter is open, in linear light
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     samples: u32,
     /// Time that the shutter is open, as a share of the time between two frames [default: 0.5]
@@ -66,15 +66,15 @@ pub struct Args {
     background: [f32; 3],
     /// Output: .gif, .apng or .png (animated), .y4m, or a folder; .mp4 (AV1) if the program was built with the feature av1
     ///
-    /// A name without extension is a folder: it gets 00000.png, 00001.png, ..., and film.json, which says what they show. The same
-    /// command again draws the frames that are not there. A .y4m is uncompressed, for encoders: 4:2:0, BT.709. `-` writes one to
-    /// standard output. A file, and each picture of a folder, is whole, or not there.
+    /// A name without extension is a folder with 00000.png, 00001.png, ..., and film.json, which describes the film. Repeating
+    /// the command draws the missing frames. A .y4m is uncompressed video for encoders: 4:2:0, BT.709. `-` writes .y4m to
+    /// standard output. Files and pictures are never partial.
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Format of the pictures in a folder [default: png]
     #[arg(long, value_name = "png|exr|npy")]
     format: Option<image::Format>,
-    /// Number of pictures that may be drawn and not yet encoded [default: two per processor]
+    /// Maximum number of pictures that are drawn but not yet encoded [default: two per processor]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
     #[command(flatten)]
