@@ -64,7 +64,7 @@ fn packed_quaternion(word: u32) -> [f64; 4] {
     [w, x, y, z]
 }
 
-/// Unpacks a file, in which plain bytes are [`MAGIC`] from version 4 on.
+/// Unpacks a file. From version 4 on, it begins with an uncompressed [`MAGIC`].
 fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     match is_plain(input.source)? {
         true => streams::unpack(input),
