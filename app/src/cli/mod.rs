@@ -211,7 +211,7 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
     let left_open = crate::view::window::is_left_open();
     #[cfg(not(feature = "window"))]
     let left_open = false;
-    if left_open || backend::compilers_given_up() > 0 {
+    if left_open || backend::abandoned_compilers() > 0 {
         // A library's exit handler may wait for its compiler or its device, which nobody else does any more.
         output::signals::end_now(code);
     }

@@ -20,7 +20,7 @@ use std::time::Duration;
 
 pub use splatgraph_api::{Options, Validation};
 pub use splatgraph_metal::dump::add_encoders as add_metal_encoders;
-pub use splatgraph_runtime::{Window, compilers_given_up};
+pub use splatgraph_runtime::{Window, abandoned_compilers};
 pub use splatgraph_vulkan::sync;
 
 /// Returns the dump of a plan with Vulkan's barriers, the finer of the APIs' commands.

@@ -138,8 +138,8 @@ mod tests {
     #[test]
     fn workgroups_run_in_simd_groups_of_the_known_size_for_certain() {
         let subgroup = limits(&Told::LEAST).subgroup;
-        assert!(subgroup.is_certain([256, 1, 1]) && subgroup.is_certain([16, 16, 1]));
-        assert!(!subgroup.can_ask([256, 1, 1]));
+        assert!(subgroup.has_certain_size([256, 1, 1]) && subgroup.has_certain_size([16, 16, 1]));
+        assert!(!subgroup.can_request_size([256, 1, 1]));
     }
 
     #[test]

@@ -53,19 +53,19 @@ impl<B> Default for AttributeCache<B> {
 }
 
 /// The exclusive right to upload.
-pub(crate) type Turn<'a> = MutexGuard<'a, ()>;
+pub(crate) type UploadGuard<'a> = MutexGuard<'a, ()>;
 
 impl<B> AttributeCache<B> {
     /// Finds the planes of `keys`. If some are missing, waits for the right to upload and looks again: another plan may
     /// have uploaded them meanwhile.
-    pub fn find(&self, keys: &[(ResourceId, PlaneKey)]) -> (Planes<B>, Option<Turn<'_>>) {
-        let held = self.held(keys);
+    pub fn find(&self, keys: &[(ResourceId, PlaneKey)]) -> (Planes<B>, Option<UploadGuard<'_>>) {
+        let held = self.lookup(keys);
         if keys.iter().all(|(_, key)| held.contains_key(key)) {
             return (held, None);
         }
         // A plan that failed or panicked has added nothing to the cache, so a poisoned lock is harmless.
         let turn = self.uploading.lock().unwrap_or_else(PoisonError::into_inner);
-        (self.held(keys), Some(turn))
+        (self.lookup(keys), Some(turn))
     }
 
     /// Adds planes whose upload is complete.
@@ -78,7 +78,7 @@ impl<B> AttributeCache<B> {
         complete.extend(planes.into_iter().map(|(key, plane)| (key.clone(), Arc::downgrade(plane))));
     }
 
-    fn held(&self, keys: &[(ResourceId, PlaneKey)]) -> Planes<B> {
+    fn lookup(&self, keys: &[(ResourceId, PlaneKey)]) -> Planes<B> {
         let complete = self.complete.lock().unwrap_or_else(PoisonError::into_inner);
         keys.iter().filter_map(|(_, key)| Some((key.clone(), complete.get(key)?.upgrade()?))).collect()
     }

@@ -24,12 +24,12 @@ impl<G: Gpu> Bindings<G> {
         plan: &Plan,
         pipelines: &G::Pipelines,
         resources: &Resources<G>,
-        left_out: &[PassId],
+        skipped: &[PassId],
     ) -> Result<Self, BackendError> {
         let mut raw = gpu.create_bindings(plan, pipelines)?;
         let runs = |pass: &Pass| matches!(pass.work, Work::Dispatch { .. } | Work::Draw { .. });
         let bound = plan.order().filter(|&id| {
-            runs(plan.pass(id)) && !plan.pass(id).bindings.is_empty() && !left_out.contains(&id)
+            runs(plan.pass(id)) && !plan.pass(id).bindings.is_empty() && !skipped.contains(&id)
         });
         let passes: Vec<_> = bound.map(|id| (id, binding_copies(plan, plan.pass(id)))).collect();
         let fixed = |id: ResourceId| !matches!(plan.resource(id).source, Source::HostBuffer { .. });

@@ -43,7 +43,7 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     /// The prologue's results that other plans can reuse.
     recipes: Recipes,
     /// Prologue passes whose results were reused from another plan.
-    left_out: Vec<PassId>,
+    skipped: Vec<PassId>,
     /// Buffers that only the prologue uses; empty once they are freed.
     used_once: BTreeSet<ResourceId>,
     /// Readback memory for the output, each piece used by one frame at a time.
@@ -75,15 +75,15 @@ impl<G: Gpu> CompiledPlan<G> {
         let pipelines = shared.compilers.create(gpu, &plan, cancel, progress)?;
         let recipes = results::recipes(&plan, identity);
         let mut taken = if share_results { shared.results.find(&plan, &recipes) } else { Default::default() };
-        let left_out = results::left_out(&plan, &mut taken);
-        let mut once = UsedOnce::new(&plan, &left_out);
+        let skipped = results::skipped(&plan, &mut taken);
+        let mut once = UsedOnce::new(&plan, &skipped);
         let keys = attributes::keys(&plan, identity, &once.unused);
         // This may wait for another upload, so it comes after the pipelines.
         let (mut planes, turn) = shared.attributes.find(&keys);
         let absent: Vec<_> = keys.iter().filter(|(_, key)| !planes.contains_key(key)).collect();
         once.find_room(&plan, gpu.available(), &absent, taken.values().map(|buffer| buffer.bytes).sum())?;
         let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes, (&taken, &once))?;
-        let bindings = Bindings::new(gpu, &plan, &pipelines, &resources, &left_out)?;
+        let bindings = Bindings::new(gpu, &plan, &pipelines, &resources, &skipped)?;
         let slots = [PlanSlot::new(gpu, &plan)?, PlanSlot::new(gpu, &plan)?];
         // The upload is last because it is slowest: a plan that cannot run is refused before it.
         upload(shared, scene, &missing, &planes, progress)?;
@@ -105,7 +105,7 @@ impl<G: Gpu> CompiledPlan<G> {
             layouts: vec![Layout::Undefined; plan.resources.len()],
             carried: Vec::new(),
             recipes,
-            left_out,
+            skipped,
             used_once: once.freed,
             readbacks: Vec::new(),
             prologue_due: true,
@@ -166,15 +166,15 @@ impl<G: Gpu> CompiledPlan<G> {
     /// Returns true if a pass is skipped.
     ///
     /// A pass is skipped if it would zero a history that continues, or recompute a reused result.
-    pub fn is_left_out(&self, pass: PassId) -> bool {
-        let goes_on = |resource: &ResourceId| self.carried.contains(resource);
-        matches!(&self.plan.pass(pass).work, Work::ClearHistory { resource } if goes_on(resource))
-            || self.left_out.contains(&pass)
+    pub fn is_skipped(&self, pass: PassId) -> bool {
+        let continues_previous = |resource: &ResourceId| self.carried.contains(resource);
+        matches!(&self.plan.pass(pass).work, Work::ClearHistory { resource } if continues_previous(resource))
+            || self.skipped.contains(&pass)
     }
 
     /// Returns true if the first frame reads data that frames of other plans wrote.
-    pub fn goes_on(&self) -> bool {
-        !self.carried.is_empty() || self.prologue_due && !self.left_out.is_empty()
+    pub fn continues_previous(&self) -> bool {
+        !self.carried.is_empty() || self.prologue_due && !self.skipped.is_empty()
     }
 
     /// Lists the prologue's results that other plans can reuse. The prologue's frame has been submitted.
@@ -187,7 +187,7 @@ impl<G: Gpu> CompiledPlan<G> {
 
     /// Iterates over the passes that the next frame runs.
     pub fn passes(&self) -> impl Iterator<Item = PassId> {
-        let prologue = self.prologue().iter().filter(|pass| !self.is_left_out(**pass));
+        let prologue = self.prologue().iter().filter(|pass| !self.is_skipped(**pass));
         prologue.chain(&self.plan.frame).copied()
     }
 

@@ -166,13 +166,13 @@ impl<G: Gpu> Slot<G> {
 
 fn pixels<G: Gpu>(plan: &Plan, buffer: Arc<Buffer<G>>) -> Option<Pixels> {
     let Shape::Image { format, width, height } = plan.resource(plan.output).shape else { return None };
-    Some(Pixels { format, width, height, bytes: PixelBytes::new(Lent(buffer)) })
+    Some(Pixels { format, width, height, bytes: PixelBytes::new(ReadbackLoan(buffer)) })
 }
 
 /// A readback buffer on loan to the caller. [`CompiledPlan::free_readback`] gives it to no frame until it is returned.
-struct Lent<G: Gpu>(Arc<Buffer<G>>);
+struct ReadbackLoan<G: Gpu>(Arc<Buffer<G>>);
 
-impl<G: Gpu> AsRef<[u8]> for Lent<G> {
+impl<G: Gpu> AsRef<[u8]> for ReadbackLoan<G> {
     fn as_ref(&self) -> &[u8] {
         self.0.mapped()
     }

@@ -119,7 +119,7 @@ impl<G: Gpu> HostBuffer<G> {
     }
 
     /// Returns the buffer that the frame reads, and the byte range; `None` before the first contents.
-    pub fn held(&self) -> Option<(&Buffer<G>, Range<u64>)> {
+    pub fn binding(&self) -> Option<(&Buffer<G>, Range<u64>)> {
         match &self.holds {
             Contents::Nothing => None,
             Contents::Bytes(bytes) => Some((self.own.as_ref()?, 0..*bytes)),

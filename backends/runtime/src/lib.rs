@@ -62,4 +62,4 @@ pub use gpu::{
 pub use limits::{Limits, SubgroupLimits};
 pub use loader::{Loader, Ready};
 pub use messages::Messages;
-pub use pipelines::compilers_given_up;
+pub use pipelines::abandoned_compilers;

@@ -73,7 +73,7 @@ pub struct SubgroupLimits {
 impl SubgroupLimits {
     /// Returns true if a compute pipeline with this workgroup size can request subgroups of [`SubgroupLimits::size`]
     /// lanes.
-    pub fn can_ask(&self, local_size: [u32; 3]) -> bool {
+    pub fn can_request_size(&self, local_size: [u32; 3]) -> bool {
         let invocations: u64 = local_size.iter().map(|&n| u64::from(n)).product();
         self.selectable
             && self.size > 0
@@ -82,9 +82,9 @@ impl SubgroupLimits {
     }
 
     /// Returns true if workgroups of this size always run in subgroups of [`SubgroupLimits::size`] lanes.
-    pub fn is_certain(&self, local_size: [u32; 3]) -> bool {
+    pub fn has_certain_size(&self, local_size: [u32; 3]) -> bool {
         let only_one = self.min_size == self.max_size && self.size == self.max_size;
-        only_one || self.can_ask(local_size)
+        only_one || self.can_request_size(local_size)
     }
 }
 

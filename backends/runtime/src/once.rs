@@ -24,9 +24,9 @@ pub(crate) struct UsedOnce {
 }
 
 impl UsedOnce {
-    /// Finds them in a plan that skips the passes `left_out`.
-    pub fn new(plan: &Plan, left_out: &[PassId]) -> UsedOnce {
-        let runs = plan.prologue.iter().copied().filter(|pass| !left_out.contains(pass));
+    /// Finds them in a plan that skips the passes `skipped`.
+    pub fn new(plan: &Plan, skipped: &[PassId]) -> UsedOnce {
+        let runs = plan.prologue.iter().copied().filter(|pass| !skipped.contains(pass));
         let used: BTreeSet<ResourceId> = runs.flat_map(|pass| plan.pass(pass).resources()).collect();
         let (freed, unused) = plan.used_once().into_iter().partition(|id| used.contains(id));
         UsedOnce { freed, unused, location: Location::Device }

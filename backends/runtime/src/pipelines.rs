@@ -25,13 +25,13 @@ const MOST_ABANDONED: usize = 8;
 const ASK_EVERY: Duration = Duration::from_millis(20);
 
 /// Number of abandoned compiler threads in this process that still run.
-static GIVEN_UP: AtomicUsize = AtomicUsize::new(0);
+static ABANDONED: AtomicUsize = AtomicUsize::new(0);
 
 /// Counts the abandoned compiler threads of this process that still run.
 ///
 /// A program that exits meanwhile should skip the exit handlers of its libraries, which may wait for the compiler.
-pub fn compilers_given_up() -> usize {
-    GIVEN_UP.load(Ordering::Relaxed)
+pub fn abandoned_compilers() -> usize {
+    ABANDONED.load(Ordering::Relaxed)
 }
 
 /// The abandoned compilations of a device.
@@ -52,18 +52,18 @@ struct Abandoned {
 }
 
 /// Counts an abandoned thread as long as it lives.
-struct GivenUp;
+struct AbandonedThread;
 
-impl GivenUp {
-    fn new() -> GivenUp {
-        GIVEN_UP.fetch_add(1, Ordering::Relaxed);
-        GivenUp
+impl AbandonedThread {
+    fn new() -> AbandonedThread {
+        ABANDONED.fetch_add(1, Ordering::Relaxed);
+        AbandonedThread
     }
 }
 
-impl Drop for GivenUp {
+impl Drop for AbandonedThread {
     fn drop(&mut self) {
-        GIVEN_UP.fetch_sub(1, Ordering::Relaxed);
+        ABANDONED.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
@@ -71,7 +71,7 @@ impl Drop for GivenUp {
 #[derive(Default)]
 struct End {
     over: bool,
-    counted: Option<GivenUp>,
+    counted: Option<AbandonedThread>,
 }
 
 enum Message<P> {
@@ -127,7 +127,7 @@ impl Compilers {
                     let Err(panic) = thread.join() else { unreachable!("a thread tells what it made") };
                     resume_unwind(panic)
                 }
-                Err(RecvTimeoutError::Timeout) if cancel.is_asked() => break None,
+                Err(RecvTimeoutError::Timeout) if cancel.is_requested() => break None,
                 Err(RecvTimeoutError::Timeout) if begun.elapsed() > gpu.compile_patience() => {
                     break Some(stuck(plan, current, gpu.compile_patience()));
                 }
@@ -137,7 +137,7 @@ impl Compilers {
         drop(messages);
         let mut end = end_of(&end);
         if !end.over {
-            end.counted = Some(GivenUp::new());
+            end.counted = Some(AbandonedThread::new());
         }
         let error = told.clone().unwrap_or(BackendError::Cancelled);
         self.abandoned().push(Abandoned { plan: Arc::downgrade(plan), current, begun, told });
@@ -147,7 +147,7 @@ impl Compilers {
     /// Waits until few enough abandoned threads run. Threads of cancelled builds end by themselves.
     fn wait_for_room(&self, plan: &Plan, cancel: &Cancel, patience: Duration) -> Result<(), BackendError> {
         while !self.has_room(plan, patience)? {
-            if cancel.is_asked() {
+            if cancel.is_requested() {
                 return Err(BackendError::Cancelled);
             }
             thread::sleep(ASK_EVERY);

@@ -71,7 +71,7 @@ impl<G: Gpu> Recorder<'_, G> {
     /// Moves the images to the layout in which [`Work::ClearHistory`] leaves them.
     fn take_over(&mut self, layouts: &mut [Layout]) {
         let carried = &self.compiled.carried;
-        if !self.compiled.goes_on() {
+        if !self.compiled.continues_previous() {
             return;
         }
         let resources = &self.compiled.resources;
@@ -91,7 +91,7 @@ impl<G: Gpu> Recorder<'_, G> {
         self.encoder.pass(&self.compiled.pipelines, id, is_timed);
         self.encoder.push_label(format_args!("{}", pass.name));
         self.synchronize(Some(id), &mut recorded.layouts);
-        if pass.work != Work::Host && !self.compiled.is_left_out(id) {
+        if pass.work != Work::Host && !self.compiled.is_skipped(id) {
             let query = queries(recorded.passes.len());
             if is_timed {
                 self.timestamp(query);

@@ -105,7 +105,7 @@ impl<G: Gpu> Resources<G> {
         let buffer = match &self.held[id.index()] {
             Held::Transient(Transient::Buffer(buffer)) | Held::Plane(buffer) => buffer,
             Held::PerFrame(copies) => &copies[slot],
-            Held::HostBuffer(copies) => match copies[slot].held() {
+            Held::HostBuffer(copies) => match copies[slot].binding() {
                 Some(held) => return held,
                 None => unreachable!("a frame is not recorded before it has all its host buffers"),
             },

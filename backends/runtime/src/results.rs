@@ -60,7 +60,7 @@ pub(crate) fn recipes(plan: &Plan, identity: u64) -> Recipes {
 /// Returns the prologue's passes that need not run: all that they write is `taken`, or used only by such passes.
 ///
 /// Removes from `taken` the results that a remaining pass computes anyway.
-pub(crate) fn left_out<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Vec<PassId> {
+pub(crate) fn skipped<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Vec<PassId> {
     let prologue = Prologue::new(plan);
     let once = plan.used_once();
     let all = &plan.prologue;

@@ -102,8 +102,8 @@ impl<G: Gpu> Swapchain<G> {
         let Some(show) = self.show(image, slot) else { return Ok(()) };
         match gpu.present(show) {
             Ok(Presented::Shown) => {}
-            Ok(Presented::Suboptimal) => self.fits_badly(),
-            Ok(Presented::OutOfDate) => self.fits_no_more(),
+            Ok(Presented::Suboptimal) => self.set_suboptimal(),
+            Ok(Presented::OutOfDate) => self.set_out_of_date(),
             // The frame is drawn but not shown. The next one gets a new surface.
             Err(BackendError::SurfaceLost { .. }) => self.lose_surface(),
             Err(error) => return Err(error),
@@ -112,18 +112,18 @@ impl<G: Gpu> Swapchain<G> {
     }
 
     /// Records `SUBOPTIMAL`, which some window systems report for every swapchain.
-    fn fits_badly(&mut self) {
+    fn set_suboptimal(&mut self) {
         self.stale |= !self.is_best;
         self.is_best = true;
     }
 
     /// Records that the swapchain is out of date.
-    fn fits_no_more(&mut self) {
+    fn set_out_of_date(&mut self) {
         (self.stale, self.is_best) = (true, false);
     }
 
     fn lose_surface(&mut self) {
-        self.fits_no_more();
+        self.set_out_of_date();
         self.surface_lost = true;
     }
 
@@ -147,11 +147,11 @@ impl<G: Gpu> Swapchain<G> {
                 Ok(Acquired::Image { index, suboptimal }) => {
                     self.acquired = true;
                     if suboptimal {
-                        self.fits_badly();
+                        self.set_suboptimal();
                     }
                     return Ok(Some(index));
                 }
-                Ok(Acquired::OutOfDate) => self.fits_no_more(),
+                Ok(Acquired::OutOfDate) => self.set_out_of_date(),
                 Ok(Acquired::NotReady) => return Ok(None),
                 Err(BackendError::SurfaceLost { .. }) => self.lose_surface(),
                 Err(error) => return Err(error),

@@ -33,7 +33,7 @@ impl DescriptorSets {
             return Ok(DescriptorSets { sets, _pool: None });
         };
         for id in bound {
-            let Some((_, layout)) = pipelines.of(id) else { continue };
+            let Some((_, layout)) = pipelines.find(id) else { continue };
             let copies = binding_copies(plan, plan.pass(id));
             let layouts = vec![*layout.set; copies];
             let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(*pool).set_layouts(&layouts);
@@ -58,7 +58,7 @@ impl DescriptorSets {
         target: BindingTarget<VulkanGpu>,
     ) {
         let write = vk::WriteDescriptorSet::default()
-            .dst_set(self.of(pass, copy))
+            .dst_set(self.set(pass, copy))
             .dst_binding(binding.binding)
             .dst_array_element(binding.element)
             .descriptor_type(descriptor(binding.kind));
@@ -84,7 +84,7 @@ impl DescriptorSets {
     }
 
     /// Returns the set of a pass for the frame in this slot.
-    pub(crate) fn of(&self, pass: PassId, slot: usize) -> vk::DescriptorSet {
+    pub(crate) fn set(&self, pass: PassId, slot: usize) -> vk::DescriptorSet {
         self.sets[pass.index()][slot]
     }
 }

@@ -157,13 +157,13 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
         pass: &Pass,
         slot: usize,
     ) {
-        let Some((pipeline, layout)) = pipelines.of(id) else { return };
+        let Some((pipeline, layout)) = pipelines.find(id) else { return };
         let device = &self.gpu.device;
         // SAFETY: pipeline, layout and set were created for one another and are alive.
         unsafe {
             device.cmd_bind_pipeline(self.commands, pipeline.bind_point, *pipeline.raw);
             if !pass.bindings.is_empty() {
-                let sets = [bindings.of(id, slot)];
+                let sets = [bindings.set(id, slot)];
                 device.cmd_bind_descriptor_sets(
                     self.commands,
                     pipeline.bind_point,

@@ -137,7 +137,7 @@ pub(crate) fn subgroups(shader: &Reflection, limits: &SubgroupLimits) -> Subgrou
     }
     // A requested size must divide x and give few enough subgroups. Without a request, a SPIR-V 1.6 shader may get any
     // size, so full subgroups need a multiple of the largest.
-    let selected = limits.can_ask(shader.local_size);
+    let selected = limits.can_request_size(shader.local_size);
     let full = selected || (limits.max_size > 0 && shader.local_size[0].is_multiple_of(limits.max_size));
     Subgroups { size: selected.then_some(limits.size), full }
 }

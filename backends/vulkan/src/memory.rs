@@ -75,7 +75,7 @@ impl Memory {
     }
 
     /// Returns the memory handle and the offset to bind at.
-    fn place(&self) -> (vk::DeviceMemory, u64) {
+    fn handle_and_offset(&self) -> (vk::DeviceMemory, u64) {
         // SAFETY: the handle is used only to bind objects, and their owner keeps this allocation alive.
         self.allocation.as_ref().map_or_else(Default::default, |a| (unsafe { a.memory() }, a.offset()))
     }
@@ -134,7 +134,7 @@ pub(crate) fn bind_buffer(
     buffer: Owned<vk::Buffer>,
     memory: &Memory,
 ) -> Result<Owned<vk::Buffer>, BackendError> {
-    let (handle, offset) = memory.place();
+    let (handle, offset) = memory.handle_and_offset();
     // SAFETY: the memory meets the buffer's requirements, and its owner keeps it as long as the buffer.
     unsafe { gpu.device.bind_buffer_memory(*buffer, handle, offset) }.map_err(api("vkBindBufferMemory"))?;
     Ok(buffer)
@@ -191,7 +191,7 @@ pub(crate) fn bind_image(
     image: UnboundImage,
     memory: &Memory,
 ) -> Result<Image, BackendError> {
-    let (handle, offset) = memory.place();
+    let (handle, offset) = memory.handle_and_offset();
     // SAFETY: the memory meets the image's requirements, and its owner keeps it as long as the image.
     unsafe { gpu.device.bind_image_memory(*image.raw, handle, offset) }.map_err(api("vkBindImageMemory"))?;
     let info = vk::ImageViewCreateInfo::default()

@@ -94,7 +94,7 @@ impl Pipelines {
     }
 
     /// Returns a pass's pipeline and layout; `None` if it has no pipeline.
-    pub(crate) fn of(&self, pass: PassId) -> Option<(&Pipeline, &PipelineLayout)> {
+    pub(crate) fn find(&self, pass: PassId) -> Option<(&Pipeline, &PipelineLayout)> {
         let pipeline = &self.pipelines[self.lowered.of_pass[pass.index()]?];
         Some((pipeline, &self.layouts[pipeline.layout]))
     }

@@ -287,7 +287,7 @@ mod tests {
             move |job: u32| {
                 begun.send(()).expect("the test listens");
                 let since = Instant::now();
-                while !cancel.is_asked() && since.elapsed() < Duration::from_secs(60) {
+                while !cancel.is_requested() && since.elapsed() < Duration::from_secs(60) {
                     thread::sleep(Duration::from_millis(1));
                 }
                 (job, since.elapsed())

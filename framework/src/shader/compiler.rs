@@ -22,7 +22,7 @@ pub struct ShaderRequest<'a> {
     pub generated: &'a [(String, String)],
 }
 
-/// Holds a compiled shader.
+/// A compiled shader.
 #[derive(Clone, Debug)]
 pub struct Compiled {
     /// SPIR-V words.
@@ -92,7 +92,7 @@ impl Cancel {
     }
 
     /// Returns true if the build should end.
-    pub fn is_asked(&self) -> bool {
+    pub fn is_requested(&self) -> bool {
         self.0.as_ref().is_some_and(|asked| asked())
     }
 }

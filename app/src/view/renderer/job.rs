@@ -86,7 +86,7 @@ fn build<L: Loader>(planner: &mut Planner, cancel: &Cancel, job: Job<L>) -> Buil
         Ok((plan, controls, ready.map_err(Failure::Backend)?))
     });
     // Whatever it failed for: nobody wants to know.
-    let outcome = outcome.map_err(|failure| if cancel.is_asked() { Failure::Cancelled } else { failure });
+    let outcome = outcome.map_err(|failure| if cancel.is_requested() { Failure::Cancelled } else { failure });
     let prepare_ms = milliseconds(begun);
     Built { outcome, wanted, dropped, capacities, inputs, causes, asked, plan_ms, prepare_ms }
 }

@@ -116,7 +116,7 @@ fn run(faults: &[Fault]) -> Outcome {
 /// Waits for compilers that were given up and go on: they are still to see that nobody waits.
 fn until_compilers_end() {
     let begun = Instant::now();
-    while splatgraph_runtime::compilers_given_up() > 0 {
+    while splatgraph_runtime::abandoned_compilers() > 0 {
         assert!(begun.elapsed() < Duration::from_secs(60), "a compiler does not end");
         std::thread::sleep(Duration::from_millis(1));
     }

@@ -109,7 +109,7 @@ impl<'a> Checker<'a> {
     }
 
     /// Returns the resource `id` if it allows `usage`; `user` names its user in the error.
-    fn used(&self, id: ResourceId, usage: Usage, user: &str) -> Result<&'a Resource, BackendError> {
+    fn resource_for(&self, id: ResourceId, usage: Usage, user: &str) -> Result<&'a Resource, BackendError> {
         let resource = self.resources(id, user)?;
         if !resource.usage.contains(usage) {
             return invalid(format!(
@@ -227,7 +227,7 @@ impl<'a> Checker<'a> {
         for touch in &pass.uses {
             self.resources(touch.resource, name)?;
         }
-        self.given(pass)?;
+        self.host_buffers(pass)?;
         match &pass.work {
             Work::Dispatch { shader, groups } => self.dispatch(pass, *shader, *groups),
             Work::Draw { vertex, fragment, call, targets, .. } => {
@@ -248,7 +248,7 @@ impl<'a> Checker<'a> {
             }
             Work::Fill { buffer, .. } => self.filled(*buffer, name),
             Work::ClearHistory { resource } => {
-                let image = is_image(self.used(*resource, Usage::COPY_TARGET, name)?);
+                let image = is_image(self.resource_for(*resource, Usage::COPY_TARGET, name)?);
                 if image { Ok(()) } else { self.filled(*resource, name) }
             }
             Work::Export | Work::Host => Ok(()),
@@ -257,7 +257,7 @@ impl<'a> Checker<'a> {
 
     /// Checks a buffer that `user` fills with a word.
     fn filled(&self, buffer: ResourceId, user: &str) -> Result<(), BackendError> {
-        let bytes = self.used(buffer, Usage::COPY_TARGET, user)?.bytes();
+        let bytes = self.resource_for(buffer, Usage::COPY_TARGET, user)?.bytes();
         let resource = self.words(buffer, 0, bytes, user)?;
         if !bytes.is_multiple_of(4) {
             return invalid(format!("pass `{user}` fills `{}`, which is not whole words", resource.name));
@@ -358,7 +358,7 @@ impl<'a> Checker<'a> {
     /// Refuses a shader with subgroup operations if its subgroup size can differ from the size that the graph assumes.
     fn subgroups(&self, shader: &Shader) -> Result<(), BackendError> {
         let (limits, local) = (&self.limits.subgroup, shader.reflection.local_size);
-        if !shader.reflection.subgroups || limits.is_certain(local) {
+        if !shader.reflection.subgroups || limits.has_certain_size(local) {
             return Ok(());
         }
         let lanes = limits.size;
@@ -380,7 +380,7 @@ impl<'a> Checker<'a> {
 
     fn indirect(&self, buffer: ResourceId, offset: u64, bytes: u64, user: &str) -> Result<(), BackendError> {
         self.words(buffer, offset, bytes, user)?;
-        self.used(buffer, Usage::INDIRECT, user).map(|_| ())
+        self.resource_for(buffer, Usage::INDIRECT, user).map(|_| ())
     }
 
     fn targets(&self, targets: &[Target], user: &str) -> Result<(), BackendError> {
@@ -391,7 +391,7 @@ impl<'a> Checker<'a> {
         within_count(what, targets.len() as u64, self.limits.max_targets)?;
         let mut sizes = Vec::new();
         for target in targets {
-            let resource = self.used(target.image, Usage::COLOR_TARGET, user)?;
+            let resource = self.resource_for(target.image, Usage::COLOR_TARGET, user)?;
             let Shape::Image { width, height, .. } = resource.shape else {
                 return invalid(format!("pass `{user}` draws into `{}`, which is no image", resource.name));
             };

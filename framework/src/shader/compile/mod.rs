@@ -151,7 +151,7 @@ impl ShaderCompiler for Glslang {
     }
 
     fn is_cancelled(&self) -> bool {
-        self.cancel.is_asked()
+        self.cancel.is_requested()
     }
 }
 

@@ -263,7 +263,7 @@ impl Process {
             match self.replies.recv_timeout(ASK_EVERY) {
                 Ok(Ok(message)) => return Ok(message),
                 Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => return Err(self.ended()),
-                Err(RecvTimeoutError::Timeout) if cancel.is_asked() => return Err(Lost::Cancelled),
+                Err(RecvTimeoutError::Timeout) if cancel.is_requested() => return Err(Lost::Cancelled),
                 Err(RecvTimeoutError::Timeout) if begun.elapsed() > PATIENCE => return Err(Lost::Silent),
                 Err(RecvTimeoutError::Timeout) => {}
             }
