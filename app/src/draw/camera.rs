@@ -227,13 +227,13 @@ mod tests {
         let mut camera = sideways();
         camera.position = [-1e6 + 0.1, 2.0, 3.0];
         (camera.fx, camera.fy) = (1e8, 1e8);
-        let f = floats(&uniform(&camera, [999_999.0, 1_000_001.0], [0.0; 3], 0));
+        let f = floats(&uniform(&camera, [999_999.0, 1_000_001.0], 1_000_001.0, [0.0; 3], 0));
         let point = |at: usize| [0, 1, 2].map(|axis| f64::from(f[at + axis]));
         let origin: Vec<f64> = point(44).iter().zip(point(48)).map(|(high, low)| high + low).collect();
         assert!((origin[0] - 0.1).abs() < 1e-7, "{origin:?}");
         assert_eq!((point(52), point(56)), ([1e6, 0.0, 0.0], [0.0, 0.0, 1e6]));
         // One that surrounds the camera has none of its own.
-        let f = floats(&uniform(&camera, [0.2, 1_000_001.0], [0.0; 3], 0));
+        let f = floats(&uniform(&camera, [0.2, 1_000_001.0], 1_000_001.0, [0.0; 3], 0));
         assert_eq!(f[44..47], f[16..19]);
     }
 
@@ -241,7 +241,7 @@ mod tests {
     fn elements_are_rounded_once_from_double_precision() {
         let mut camera = sideways();
         camera.position = [1e8 + 0.25, 0.0, 0.0];
-        let f = floats(&uniform(&camera, [0.0; 2], [0.0; 3], 0));
+        let f = floats(&uniform(&camera, [0.0; 2], 0.0, [0.0; 3], 0));
         assert_eq!(f[14], -(1e8 + 0.25) as f32);
         assert_eq!((f[16], f[36]), (1e8, 0.25), "the position has twice the digits");
     }
