@@ -1,9 +1,9 @@
 //! Draws views of a scene, on a device or exactly, and writes their pictures.
 
+use super::args::{Args, Renderer, Work};
 use super::batch::{Batch, Shown};
-use super::destination::per_camera;
+use super::destination::{Destination, per_camera};
 use super::frames::{self, Drawn, Wanted};
-use super::{Args, Renderer, Work};
 use crate::cli::options;
 use crate::cli::outcome::{Usage, claim_graph_files};
 use crate::draw::backend::Backend;
@@ -206,7 +206,7 @@ fn draw_exactly(
             truth.output(name).with_context(|| format!("the exact renderer has no output `{name}`"))?;
         output.save(&per_camera(file, stem, cameras))?;
     }
-    let name = match super::Destination::of(args.picture()?, args.format)? {
+    let name = match Destination::of(args.picture()?, args.format)? {
         Some(destination) => {
             let path = destination.path(stem);
             truth.image().save_as(destination.format(), &path)?;

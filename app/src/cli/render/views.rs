@@ -1,7 +1,8 @@
 //! Draws the views of a request in several processes.
 
+use super::args::{Args, Work, prepare};
+use super::destination::Destination;
 use super::drawer::{Drawer, Loaded};
-use super::{Args, Destination, Work, prepare};
 use crate::cli::job::{self, Origin};
 use crate::cli::outcome::Usage;
 use anyhow::{Context, Result};

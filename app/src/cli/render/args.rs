@@ -1,0 +1,326 @@
+//! Defines the arguments of `splatgraph render`, and checks them before anything is loaded.
+
+use super::destination::{self, Destination, Output, per_camera, stem};
+use super::exact;
+use super::frames::{InspectRequest, inspect_request};
+use super::stdout::Stdout;
+use crate::cli::cameras;
+use crate::cli::job::ShardArgs;
+use crate::cli::look_at::LookAtArgs;
+use crate::cli::options::{self, DeviceArgs, Drawing, MAX_SIDE};
+use crate::cli::outcome::Usage;
+use crate::cli::scenes::ScenesArgs;
+use crate::draw::backend::Api;
+use crate::draw::outputs::NAMES;
+use crate::io::image::Format;
+use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
+use crate::io::output::{OutputGuard, is_standard_output, one_line};
+use anyhow::{Result, bail};
+use clap::builder::{OsStringValueParser, TypedValueParser};
+use splatgraph_assets::Camera;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+pub const EXAMPLES: &str = "Examples:
+  splatgraph render -o demo.png                                          # the demo scene
+  splatgraph render scene.ply --cameras cameras.json -o pictures/ --format npy
+  splatgraph render scene.ply --cameras cameras.json#2 --size 1920x1080 -o out.exr
+  splatgraph render scene.ply --cameras garden/ -o pictures/             # the views of a COLMAP dataset
+  splatgraph render scene.ply --eye 0,-1,-4 --orbit 60 -o turn/
+  splatgraph render garden.ply statue.spz --at 1,0,-2 -o both.png        # two scenes, one sort
+  splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.png
+  splatgraph render scene.ply --repeat 100 --json -                      # times, as medians
+  splatgraph render scene.ply --inspect keys@scatter=keys.npy -o out.png
+  splatgraph render scene.ply --pipeline my/graph.ron --validate -o out.png
+  splatgraph render scene.ply --backend reference -o exact.npy           # exactly, on the CPU
+  splatgraph render scene.ply -o out.png --output expected_depth=depth.npy --output alpha=alpha.png
+  splatgraph render scene.ply --backend reference --rule stop=none --output contributors=count.npy";
+
+/// Draw a scene
+///
+/// A graph draws the scene on a device. With `--backend reference`, the exact renderer draws it on the CPU, in f64. The default
+/// scene is the demo scene, which the first use generates. The default camera frames the scene.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    #[command(flatten)]
+    pub(super) scenes: ScenesArgs,
+    #[command(flatten)]
+    pub(super) drawing: Drawing,
+    #[command(flatten, next_help_heading = "A camera without a file")]
+    pub(super) look: LookAtArgs,
+    /// Renderer: `vulkan`, `metal` (on Apple's systems), or `reference`, the exact renderer on the CPU
+    ///
+    /// `vulkan` and `metal` execute the graph on a device. `null` executes nothing, to measure the rest of the program: its
+    /// pictures are black, and its GPU times are meaningless. The exact renderer follows the rules of the published CUDA
+    /// rasteriser in f64. It shares no arithmetic with the shaders and executes no graph. Errors are measured against its
+    /// pictures.
+    #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
+    pub(super) backend: Renderer,
+    /// Change a rule of the exact renderer; may be repeated
+    #[arg(long, value_name = "NAME=VALUE", value_parser = options::setting, long_help = exact::rule_help())]
+    pub(super) rule: Vec<(String, String)>,
+    /// Background colour, display-encoded, 0 to 1
+    #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
+    pub(super) background: [f32; 3],
+    /// Output: .png (8 bits), .exr or .npy (float32, as blended, not clamped), or a folder; NAME=FILE for depth, alpha and others
+    #[arg(
+        short, long, value_name = "OUT|NAME=FILE", required_unless_present_any = ["json", "inspect"],
+        value_parser = OsStringValueParser::new().try_map(destination::output), long_help = destination::output_help()
+    )]
+    pub(super) output: Vec<Output>,
+    /// Format of the pictures in a folder [default: png]
+    #[arg(long, value_name = "png|exr|npy")]
+    pub(super) format: Option<Format>,
+    /// Write statistics as JSON, one entry per camera; `-` is standard output
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    pub(super) json: Option<PathBuf>,
+    /// Number of frames per camera; times are their medians. If N is above 1, the device is first warmed up for a fifth of a
+    /// second
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
+    pub(super) repeat: u32,
+    /// Maximum number of pictures that are drawn but not yet written [default: two per processor]
+    ///
+    /// The device draws while other threads encode. If memory is short, fewer pictures wait. The number affects neither the files
+    /// nor the order of messages.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(super) jobs: Option<u16>,
+    /// Read back a resource after a pass (names as in `dump`), print its first and last words, and write it to FILE.npy
+    ///
+    /// For a ping-pong buffer `keys`, the half that the pass writes is read. `scatter` is the last of `sort.scatter[0]`,
+    /// `sort.scatter[1]`, ... For sort keys, the output reports whether they ascend.
+    #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = inspect_request)]
+    pub(super) inspect: Vec<InspectRequest>,
+    #[command(flatten)]
+    pub shard: ShardArgs,
+    #[command(flatten)]
+    pub device: DeviceArgs,
+}
+
+/// The renderer of `--backend`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Renderer {
+    Device(Api),
+    Reference,
+}
+
+/// The name of the exact renderer.
+const REFERENCE: &str = "reference";
+
+impl fmt::Display for Renderer {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Renderer::Device(api) => api.fmt(f),
+            Renderer::Reference => f.write_str(REFERENCE),
+        }
+    }
+}
+
+/// Parses the value of `--backend`.
+pub fn renderer(text: &str) -> Result<Renderer, String> {
+    match text {
+        REFERENCE => Ok(Renderer::Reference),
+        _ => Api::find(text).map(Renderer::Device).ok_or_else(|| Api::refusal(text, &[REFERENCE])),
+    }
+}
+
+/// Parses the number of frames. The times of all of them are kept for the medians.
+fn repeat(text: &str) -> Result<u32, String> {
+    const MOST: u32 = 100_000;
+    match text.parse() {
+        Ok(frames @ 1..=MOST) => Ok(frames),
+        _ => {
+            Err(format!("expected 1 to {MOST} frames, as the times of all of them are kept for the medians"))
+        }
+    }
+}
+
+/// The cameras and files of a run, known before the device is opened.
+#[derive(Debug)]
+pub struct Work {
+    /// The cameras of the command line; `None` for the scene's.
+    pub(super) given: Option<Vec<Camera>>,
+    pub(super) destination: Option<Destination>,
+    /// A unique file name for each camera, without extension.
+    pub(super) stems: Vec<String>,
+    pub(super) guard: OutputGuard,
+}
+
+/// Reads the cameras and chooses the names of all files; an error if one of them would overwrite another, or an input.
+pub fn prepare(args: &Args) -> Result<Work> {
+    refuse_options_of_others(args)?;
+    let destination = Destination::of(args.picture()?, args.format)?;
+    let given = args.drawing.cameras(args.scenes.scene.as_deref())?;
+    for camera in given.iter().flatten().filter(|_| args.drawing.size.is_none()) {
+        if camera.width.max(camera.height) > MAX_SIDE {
+            bail!(
+                "the camera {} has pictures of {} x {} pixels; no device has images larger than {MAX_SIDE} x {MAX_SIDE}",
+                one_line(&camera.img_name),
+                camera.width,
+                camera.height
+            );
+        }
+    }
+    let own = || options::camera_names(args.scenes.scene.as_deref(), given.as_deref());
+    let names = args.look.names().unwrap_or_else(own);
+    if let (Some(Destination::Picture(path, _)), [_, _, ..]) = (&destination, names.as_slice()) {
+        let message = format!(
+            "expected one camera for the picture {}, found {}: name a folder, or one camera with --cameras FILE#INDEX",
+            path.display(),
+            names.len()
+        );
+        return Err(Usage(message).into());
+    }
+    if args.picture()?.is_some_and(is_standard_output) {
+        options::refuse_terminal("the picture")?;
+    }
+    let files: Vec<(&str, &Path)> = args.files().collect();
+    // The longest text around a camera's name: that of a picture, or `keys-NAME.npy`.
+    let around = files
+        .iter()
+        .map(|(_, file)| stem(file).len() + "-.npy".len())
+        .chain([".png".len()])
+        .max()
+        .unwrap_or(0);
+    if names.len() > 1 && around + MIN_ROOM_BYTES > MAX_NAME_BYTES {
+        let message = format!(
+            "a file of --inspect or --output has a name of {around} bytes, which leaves no room for the cameras' names"
+        );
+        return Err(Usage(message).into());
+    }
+    let stems = names::unique(&names, MAX_NAME_BYTES.saturating_sub(around));
+
+    let mut guard = OutputGuard::default();
+    let mut claim = || -> Result<(), Usage> {
+        args.scenes.claim(&mut guard)?;
+        cameras::claim(&mut guard, args.drawing.cameras.as_deref(), args.scenes.scene.as_deref())?;
+        guard.input("the graph", Path::new(&args.drawing.pipeline))?;
+        if let Some(path) = &args.json {
+            guard.output("--json", path)?;
+        }
+        for stem in &stems {
+            if let Some(destination) = &destination {
+                guard.output("--output", &destination.path(stem))?;
+            }
+            for (option, file) in &files {
+                guard.output(option, &per_camera(file, stem, stems.len()))?;
+            }
+        }
+        Ok(())
+    };
+    claim()?;
+    Ok(Work { given, destination, stems, guard })
+}
+
+/// Refuses options that have no meaning for the chosen renderer.
+fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
+    if let Renderer::Reference = args.backend {
+        let more = [
+            ("--repeat", args.repeat != 1),
+            ("--jobs", args.jobs.is_some()),
+            ("--inspect", !args.inspect.is_empty()),
+        ];
+        refuse_for_reference(&more)?;
+        if let Some((name, _)) = args.named().find(|(name, _)| NAMES.iter().all(|(other, _)| other != name)) {
+            let names = NAMES.map(|(name, _)| name).join(", ");
+            return Err(Usage(format!("expected an output of the exact renderer, {names}, found `{name}`")));
+        }
+        return refuse_graph_options(&args.drawing.pipeline, &args.drawing.set, &args.device);
+    }
+    match args.rule.is_empty() {
+        true => Ok(()),
+        false => Err(Usage("--rule is for the exact renderer: add --backend reference".into())),
+    }
+}
+
+/// Refuses the options of graphs and devices, for the exact renderer.
+pub fn refuse_graph_options(
+    pipeline: &str,
+    set: &[(String, String)],
+    device: &DeviceArgs,
+) -> Result<(), Usage> {
+    refuse_for_reference(&[
+        ("--pipeline", pipeline != options::DEFAULT_PIPELINE),
+        ("--set", !set.is_empty()),
+        ("--device", device.device.is_some()),
+        ("--validate", device.validate),
+        ("--no-robustness", device.no_robustness),
+    ])
+}
+
+fn refuse_for_reference(given: &[(&str, bool)]) -> Result<(), Usage> {
+    match given.iter().find(|(_, given)| *given) {
+        Some((option, _)) => Err(Usage(format!(
+            "{option} is for graphs, and the exact renderer executes none; its rules are changed with --rule of `render`"
+        ))),
+        None => Ok(()),
+    }
+}
+
+impl Args {
+    pub(super) fn stdout(&self) -> Stdout {
+        let others = self.files().map(|(_, file)| file);
+        let picture = self.picture().ok().flatten();
+        Stdout::of(picture.into_iter().chain(self.json.as_deref()).chain(others))
+    }
+
+    pub(super) fn jobs(&self) -> usize {
+        self.jobs.map_or_else(|| 2 * rayon::current_num_threads(), usize::from)
+    }
+
+    /// Returns the files beside the pictures, with their options; several cameras have one each.
+    pub(super) fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
+        let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
+        let outputs = self.named().map(|(_, file)| ("--output", file));
+        inspected.map(|file| ("--inspect", file)).chain(outputs)
+    }
+
+    /// The outputs besides the picture, with their files.
+    pub(super) fn named(&self) -> impl Iterator<Item = (&str, &Path)> {
+        self.output.iter().filter_map(|output| match output {
+            Output::Named(name, file) => Some((name.as_str(), file.as_path())),
+            Output::Picture(_) => None,
+        })
+    }
+
+    /// Destination of the picture.
+    pub(super) fn picture(&self) -> Result<Option<&Path>, Usage> {
+        let pictures: Vec<&Path> = self
+            .output
+            .iter()
+            .filter_map(|output| match output {
+                Output::Picture(path) => Some(path.as_path()),
+                Output::Named(..) => None,
+            })
+            .collect();
+        match pictures[..] {
+            [] => Ok(None),
+            [path] => Ok(Some(path)),
+            _ => Err(Usage(format!("expected one --output without a name, found {}", pictures.len()))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    #[test]
+    fn more_frames_than_their_times_can_be_kept_of_are_refused() {
+        let parse = |frames: &str| Line::try_parse_from(["render", "--json", "-", "--repeat", frames]);
+        assert_eq!(parse("100000").unwrap().args.repeat, 100_000);
+        for frames in ["0", "100001", "4294967295", "4294967296", "many"] {
+            assert!(
+                parse(frames).unwrap_err().to_string().contains("expected 1 to 100000 frames"),
+                "{frames}"
+            );
+        }
+    }
+}
