@@ -165,6 +165,7 @@ fn measured<D: Device>(
     let mut rows = Vec::new();
     for (view, exact_ms) in views.iter().zip(exact_ms) {
         exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
+        session.set_graph(&setting.pipeline, &setting.set);
         let baseline = Baseline { session: &mut *exact, ms: *exact_ms };
         let (row, _) = measure(session, baseline, (setting, None), view, effort)?;
         if session.plan().is_some_and(plans::uses_last_frame) {
