@@ -200,7 +200,7 @@ bool project_splat(uint i, out Projection splat) {
     vec2 direction = lean >= 0.0 ? vec2(radius + lean, e.xy) : vec2(e.xy, radius - lean);
     direction = radius > 1e-7 * larger ? normalize(direction) : vec2(1.0, 0.0);
 
-    // Again, as above, the larger one belongs to `radius`.
+    // Clamped only here: above, `larger` must agree with `radius`.
     float most = LARGEST * units_per_pixel;
     larger = min(larger, most * most);
     smaller = min(smaller, most * most);

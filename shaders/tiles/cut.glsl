@@ -28,7 +28,7 @@ Cut cut_of(Record r, vec2 corner, float side, float least) {
     c.lean = -r.root.y * c.inverse_x;
     float reach = sqrt(c.limit);
     float half_height = reach / r.root.z;
-    // Returns the length of a vector whose squares may overflow.
+    // The length of a vector whose squares may overflow or underflow.
     float longer = max(r.root.z, abs(r.root.y));
     float slant = longer * length(r.root.zy / longer);
     c.peak = -(r.root.y / slant) * half_height;

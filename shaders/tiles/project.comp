@@ -36,7 +36,7 @@ float published_radius(Projection p) {
     return ceil(3.0 * sqrt(0.5 * (p.xx + p.yy) + spread) * p.unit);
 }
 
-// Returns log2 of an opacity above the alpha floor, rounded so that its power of 2 is above the floor as well.
+// Returns log2 of an opacity that is not below the alpha floor, rounded so that its power of 2 is not below the floor either.
 float log_of_alpha(float alpha) {
     float log_alpha = log2(alpha);
     // Two float steps between -8 and -4, more than the rounding of both functions.

@@ -41,7 +41,7 @@ uint bin_of_tile(uvec2 tile) {
     return (tile.y / BIN_TILES) * uint(BINS_X) + tile.x / BIN_TILES;
 }
 
-// Returns 2^x for x from -126 to 127, undefined otherwise. The relative error is 2.9e-6, 2.5e-7 if ACCURATE; 2^0 is exact.
+// Returns 2^x for x from -126 to 127, undefined otherwise. The relative error is at most 2.9e-6, or 2.5e-7 if ACCURATE; 2^0 is exact.
 float power_of_2(float x) {
     const float TO_INTEGER = 12582912.0;  // 1.5 2^23: adding it removes the fraction
     precise float rounded = x + TO_INTEGER;

@@ -137,7 +137,6 @@ pub(crate) fn wide(line: &Line, column: usize) -> Option<f64> {
 ///
 /// # Errors
 /// A value is not a number, or the line has more values than columns.
-/// A value is not a number, or the line has more values than columns.
 pub(crate) fn row(
     line: &Line,
     layout: &Layout,

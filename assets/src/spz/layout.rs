@@ -31,5 +31,5 @@ pub(super) const EXTENSIONS: u8 = 2;
 /// Type of the extension record that names the axes (Adobe).
 pub(super) const COORDINATE_SYSTEM: u32 = 0xADBE_0003;
 
-/// Steps of `colors` per unit of band 0, in 1 / 255: the bytes extend beyond the colours 0 and 1.
+/// Scale of band 0 in `colors`: byte / 255 = 0.15 c + 0.5, so that the bytes extend beyond the colours 0 and 1.
 pub(super) const COLOR_SCALE: f64 = 0.15;

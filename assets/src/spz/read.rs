@@ -38,7 +38,7 @@ impl Header {
         for (value, byte) in splat.sh.iter_mut().zip(color) {
             *value = ((f64::from(*byte) / 255.0 - 0.5) / COLOR_SCALE) as f32;
         }
-        // A scene has no fourth band: the zip ends before it.
+        // A scene has no band 4: the zip ends before it.
         for (value, byte) in splat.sh[3..].iter_mut().zip(sh) {
             *value = (f32::from(*byte) - 128.0) / 128.0;
         }

@@ -362,8 +362,8 @@ pub(super) fn surveyed(count: u32, seed: u64) -> Made {
     Ok(scene.with_offset([9_999_360.0, -9_999_360.0, 9_999_360.0]))
 }
 
-/// Generates two clouds ten million units apart: the larger half of the splats far away, the smaller in front of
-/// [`camera`].
+/// Generates two clouds ten million units apart on two axes: two thirds of the splats in one, and a third in front of
+/// [`two_clouds_camera`].
 pub(super) fn two_clouds(count: u32, seed: u64) -> Made {
     let scene = Scene::try_generate_wide(count, 0, |i| {
         let splat = small_cloud(&mut Random::new(seed, i as u64), count / 3);

@@ -53,7 +53,7 @@ impl Times {
     }
 }
 
-/// Converts a difference of ticks to milliseconds, modulo the number of valid bits: the counter may have wrapped.
+/// Converts the ticks between two timestamps to milliseconds, modulo 2^`bits`: the counter may have wrapped once.
 fn milliseconds(from: u64, to: u64, bits: u32, period: f64) -> f64 {
     let mask = if bits >= 64 { u64::MAX } else { (1 << bits) - 1 };
     (to.wrapping_sub(from) & mask) as f64 * period * 1e-6

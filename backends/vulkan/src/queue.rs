@@ -108,8 +108,8 @@ pub(crate) fn submit_and_blit(
             .signal_semaphore_infos(&signals),
     ];
     let queue = gpu.queue();
-    // SAFETY: the command buffers were recorded and are not in use, nor is the fence. One semaphore is unsignalled, the
-    // other's last wait has completed. The queue is locked.
+    // SAFETY: the command buffers were recorded and are not in use, nor is the fence. The acquire signals the semaphore
+    // `acquired`; the last wait for `finished` has completed. The queue is locked.
     unsafe { gpu.device.queue_submit2(*queue, &submits, fence) }.map_err(api("vkQueueSubmit2"))
 }
 

@@ -65,7 +65,7 @@ pub(super) fn demo(count: u32, seed: u64) -> Result<Scene, SceneMemoryError> {
     }
     let left = count - splats.len();
     splats.extend(pond::reflection(&mut Random::new(seed, 99), &mirrored, left));
-    // Too few splats for every part to have one: the remainder has nothing to mirror.
+    // Without a splat in any mirrored part there is no reflection: the knot gets the remaining splats.
     let missing = count - splats.len();
     splats.extend(knot::knot(&mut Random::new(seed, 0), missing));
     Scene::try_generate(count as u32, 3, |index| splats[index])

@@ -257,7 +257,6 @@ impl<'t> Walk<'t> {
     /// Replaces the shader's own macros by their bodies. Defines of the compilation keep their names, so that the
     /// evaluation records which of them it reads. `None` for macros with several definitions or parameters, and after
     /// `left` words.
-    /// records which of them it reads. `None` for macros with several definitions or parameters, and after `left` words.
     fn expand(
         &self,
         words: &[Word<'t>],
