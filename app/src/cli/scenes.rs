@@ -19,7 +19,7 @@ pub struct ScenesArgs {
     /// Further scenes in the same picture, sorted together. To rotate or scale them, write a scene file (.ron)
     #[arg(value_name = "SCENE")]
     more: Vec<PathBuf>,
-    /// Moves a further scene by this vector; the first --at is for the first further scene, the second for the second
+    /// Move a further scene by this vector; the first --at is for the first further scene, the second for the second
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     at: Vec<[f64; 3]>,
 }
