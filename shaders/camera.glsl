@@ -7,12 +7,12 @@ layout(set = 0, binding = 30, std140) uniform Camera {
     vec4 viewport;    // width, height in pixels; 1 / width, 1 / height
     vec4 depth;       // near plane; least and greatest view z of the scene's bounding box; its greatest distance
     vec4 background;  // r, g, b, display-encoded; w unused
-    vec4 position_low; // the rounding error of `position`; w unused
+    vec4 position_low; // the rest of `position`, which f32 cannot hold; w unused
     uint frame;       // number of the frame, from 0
     // Positions in camera space are computed relative to this world point: the camera, or for a telephoto view of a distant
     // scene a point on the camera's axis in the middle of the scene. Four vectors of three; w unused.
     vec4 origin;      // rounded to f32
-    vec4 origin_low;  // its rounding error
+    vec4 origin_low;  // the rest, which f32 cannot hold
     vec4 to_origin;   // from the camera to it, in world space
     vec4 view_origin; // from the camera to it, in camera space
     vec4 reserved;

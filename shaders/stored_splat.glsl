@@ -5,7 +5,7 @@
 #elif POSITION_STORAGE == POSITION_STORAGE_FIXED16
 #define FIXED_POSITIONS
 #elif SCENE_WIDE
-// The rounded position, and the rounding error: some files exceed the precision of floats.
+// The rounded position, and the rest to add: some files exceed the precision of floats.
 struct Position3 { float x, y, z, low_x, low_y, low_z; };
 #define HAS_LOW
 #else

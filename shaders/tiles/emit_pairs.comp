@@ -33,7 +33,7 @@ layout(set = 0, binding = 6, std430) readonly buffer Depth { float depth[]; };
 
 const uint PER_THREAD = uint(PAIR_BLOCK) / THREADS;
 
-// The cumulative number of the block's pairs, per splat.
+// For each splat, the number of the block's pairs up to and including the splat's.
 shared uint splat_pairs[PAIR_BLOCK];
 
 void main() {
@@ -67,7 +67,7 @@ void main() {
     uint start = block_start[block * PER_THREAD];
 #endif
     for (uint pair = thread; pair < total; pair += THREADS) {
-        // The splat of the pair: the first whose cumulative number exceeds it.
+        // The splat of the pair: the first whose number exceeds the pair's.
         uint at = 0u;
         [[unroll]] for (uint half_width = uint(PAIR_BLOCK) / 2u; half_width > 0u; half_width /= 2u) {
             at += splat_pairs[at + half_width - 1u] <= pair ? half_width : 0u;
