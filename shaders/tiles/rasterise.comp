@@ -37,7 +37,7 @@ layout(set = 0, binding = 13, std430) writeonly buffer SegmentPixels { Pixel seg
 // Cells per invocation.
 const uint OWN = BIN_CELLS / CELLS_AT_ONCE;
 
-// Each invocation loads a splat; the first one adds a splat that touches nothing, which pads lists.
+// Each invocation takes a splat; the first one takes a splat that touches nothing, which pads lists.
 const uint CHUNK = THREADS - 1u;
 // Splats that touch more cells than this are noted by ballots.
 const uint FEW_CELLS = 16u;
@@ -243,7 +243,7 @@ void main() {
             uint cell = o * CELLS_AT_ONCE + thread / CELL_LANES;
             vec2 place = vec2(pixel_at(pixel_place(thread, o, 0u)));
             bool is_cell_open = (subgroupBallot(!is_done[o])[lane / 32u] >> (lane & 31u & ~(CELL_LANES - 1u)) & ((1u << CELL_LANES) - 1u)) != 0u;
-            // The splats that touch the cell, in this invocation's words, up to and with them, and in all.
+            // Counts of the splats that touch the cell: in this invocation's words, up to and including these words, and in total.
             uint part = thread % CELL_LANES * PARTS;
             uint rest_of[PARTS];
             uint own_count = 0u;

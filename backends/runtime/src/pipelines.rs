@@ -67,7 +67,7 @@ impl Drop for AbandonedThread {
     }
 }
 
-/// Marks the end of a thread, and decrements the count if it was abandoned.
+/// True once a thread is over; and its entry in the count, if it was abandoned before that.
 #[derive(Default)]
 struct End {
     over: bool,
