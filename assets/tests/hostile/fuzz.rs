@@ -14,7 +14,7 @@ use std::io::{Cursor, Read as _, Write as _};
 use std::path::Path;
 use std::time::{Duration, Instant};
 use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, ZipWriter};
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 /// Damaged files per reader: in the long form, and by default.
 const CASES: (u64, u64) = (100_000, 1_500);
@@ -278,6 +278,28 @@ fn damaged_scenes_of_every_format_are_read_or_refused() {
         run(&format!("{format:?}"), &packed_scenes(format, head), memory, parse);
     }
     run("SPZ version 3", &spz3_scenes().map(|bytes| (bytes, 20)), memory, parse);
+    run("SOG as written", &packed_scenes(SceneFormat::Sog, 200), SOG_MEMORY, parse);
+}
+
+#[test]
+fn damaged_spz_inside_gltf_is_read_or_refused() {
+    let seeds = spz3_scenes().map(|spz| {
+        let document = json!({
+            "asset": { "version": "2.0" },
+            "nodes": [{ "mesh": 0 }],
+            "meshes": [{ "primitives": [{ "attributes": {}, "mode": 0, "extensions": { "KHR_gaussian_splatting": {
+                "extensions": { "KHR_gaussian_splatting_compression_spz_2": { "bufferView": 0 } } } } }] }],
+            "bufferViews": [{ "buffer": 0, "byteLength": spz.len() }],
+            "buffers": [{ "byteLength": spz.len() }],
+        });
+        let text = document.to_string().into_bytes();
+        let word = |value: usize| (value as u32).to_le_bytes();
+        let total = word(28 + text.len() + spz.len());
+        let head = [&b"glTF"[..], &word(2), &total, &word(text.len()), b"JSON"].concat();
+        let binary = [&word(spz.len()), b"BIN\0", &spz[..]].concat();
+        ([&head, &text, &binary[..]].concat(), 20 + text.len())
+    });
+    run("SPZ inside glTF", &seeds, 4 << 20, parse);
 }
 
 #[test]
@@ -325,6 +347,48 @@ fn damaged_spz_files_of_version_4_are_read_or_refused() {
     run("SPZ version 4", &seeds, 4 << 20, parse);
 }
 
+/// Memory of SOG's reader beyond the file: a palette of 3 bands and 65,536 entries is 4 MB, however few bytes it packs to.
+const SOG_MEMORY: usize = 16 << 20;
+
+/// Returns the files of an archive with their names.
+fn unzipped(bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
+    let mut zip = ZipArchive::new(Cursor::new(bytes)).expect("it is whole");
+    let count = zip.len();
+    let file = |index| {
+        let mut file = zip.by_index(index).expect("it is whole");
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).expect("it is whole");
+        (file.name().expect("it is UTF-8").into_owned(), bytes)
+    };
+    (0..count).map(file).collect()
+}
+
+fn zipped<'a>(files: impl IntoIterator<Item = (&'a str, &'a [u8])>, method: CompressionMethod) -> Vec<u8> {
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    let options = SimpleFileOptions::default().compression_method(method);
+    for (name, bytes) in files {
+        zip.start_file(name, options).expect("memory takes it");
+        zip.write_all(bytes).expect("memory takes it");
+    }
+    zip.finish().expect("memory takes it").into_inner()
+}
+
+#[test]
+fn damage_inside_a_sog_file_as_written_is_read_or_refused() {
+    // The checksums of the archive are right, so that damage reaches the reader of each file.
+    let (scene, _) = packed_scenes(SceneFormat::Sog, 0).pop().expect("there are three");
+    let files = unzipped(&scene);
+    for (damaged, (name, whole)) in files.iter().enumerate() {
+        let head = if name == "meta.json" { whole.len() } else { 32 };
+        run(&format!("{name} of SOG"), &[(whole.clone(), head)], SOG_MEMORY, |bytes| {
+            let parts = files.iter().enumerate().map(|(index, (name, whole))| {
+                (name.as_str(), if index == damaged { bytes } else { whole.as_slice() })
+            });
+            parse(&zipped(parts, CompressionMethod::Stored))
+        });
+    }
+}
+
 /// Builds a SOG file of two splats with harmonics.
 fn sog(method: CompressionMethod) -> Vec<u8> {
     let webp = |width: u32, height: u32| {
@@ -344,18 +408,9 @@ fn sog(method: CompressionMethod) -> Vec<u8> {
         "sh0": { "codebook": codebook, "files": ["c"] },
         "shN": { "count": 600, "bands": 1, "codebook": codebook, "files": ["n", "i"] },
     });
-    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    let options = SimpleFileOptions::default().compression_method(method);
-    let mut add = |name: &str, bytes: &[u8]| {
-        zip.start_file(name, options).expect("memory takes it");
-        zip.write_all(bytes).expect("memory takes it");
-    };
-    for name in ["l", "u", "s", "q", "c", "i"] {
-        add(name, &webp(4, 4));
-    }
-    add("n", &webp(192, 10));
-    add("meta.json", meta.to_string().as_bytes());
-    zip.finish().expect("memory takes it").into_inner()
+    let (texture, palette, meta) = (webp(4, 4), webp(192, 10), meta.to_string());
+    let textures = ["l", "u", "s", "q", "c", "i"].map(|name| (name, texture.as_slice()));
+    zipped(textures.into_iter().chain([("n", palette.as_slice()), ("meta.json", meta.as_bytes())]), method)
 }
 
 /// Builds a `.ksplat` of two splats of degree 1 in a partial bucket.
@@ -389,8 +444,7 @@ fn damaged_ksplat_files_are_read_or_refused() {
 #[test]
 fn damaged_sog_files_are_read_or_refused() {
     let seeds = [CompressionMethod::Stored, CompressionMethod::Deflated].map(|method| (sog(method), 200));
-    // A palette of 3 bands and 65,536 entries is 4 MB, however few bytes it packs to.
-    run("SOG", &seeds, 16 << 20, parse);
+    run("SOG", &seeds, SOG_MEMORY, parse);
 }
 
 #[test]
