@@ -4,13 +4,16 @@ use crate::common;
 use serde_json::Value;
 use splatgraph::draw::builtin;
 use splatgraph::io::image::Image;
-use splatgraph_assets::{Camera, Scene, synth};
+#[cfg(target_os = "linux")]
+use splatgraph_assets::Camera;
+use splatgraph_assets::{Scene, synth};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 /// Size of the pictures of [`Place::cameras`], in pixels.
+#[cfg(target_os = "linux")]
 pub const SIZE: (u32, u32) = (64, 48);
 
 /// Draws all cameras quickly, into what follows.
