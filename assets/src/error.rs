@@ -51,7 +51,7 @@ pub enum SceneError {
         at: u64,
         /// The field's name in the format's description.
         field: String,
-        /// What was expected and found.
+        /// Expected and found values, as a sentence.
         message: String,
     },
 
@@ -60,7 +60,7 @@ pub enum SceneError {
     Part {
         /// The file's name in the archive, perhaps with the value's name.
         part: String,
-        /// What was expected and found.
+        /// Expected and found values, as a sentence.
         message: String,
     },
 
@@ -69,7 +69,7 @@ pub enum SceneError {
     Header {
         /// The line's number.
         line: u32,
-        /// What was expected and found.
+        /// Expected and found values, as a sentence.
         message: String,
     },
 
@@ -213,7 +213,7 @@ pub enum SceneError {
         line: usize,
         /// The column, counted from 1.
         column: usize,
-        /// What was expected and found.
+        /// Expected and found values, as a sentence.
         message: String,
     },
 
@@ -233,7 +233,7 @@ pub enum SceneError {
     Row {
         /// The line's number.
         line: u64,
-        /// What was expected and found.
+        /// Expected and found values, as a sentence.
         message: String,
     },
 }

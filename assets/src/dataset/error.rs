@@ -30,7 +30,7 @@ pub enum CameraError {
         column: usize,
         /// Index of the camera with the error, from 0; `None` outside the list's entries.
         camera: Option<usize>,
-        /// What was expected and found.
+        /// Expected and found values, as a sentence.
         message: String,
     },
     /// A line of a text file, or one of its fields, is malformed.
@@ -42,7 +42,7 @@ pub enum CameraError {
         line: u64,
         /// The field's name in the format's description.
         field: &'static str,
-        /// What was expected and found.
+        /// Expected and found values, as a sentence.
         message: String,
     },
     /// A field of a binary file is damaged or has an invalid value.
@@ -54,7 +54,7 @@ pub enum CameraError {
         at: u64,
         /// The field's name in the format's description.
         field: &'static str,
-        /// What was expected and found.
+        /// Expected and found values, as a sentence.
         message: String,
     },
     /// The folder contains no camera file.

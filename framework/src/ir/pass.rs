@@ -13,7 +13,7 @@ pub const EXPORT: &str = "export";
 /// The pass after the frame in which the host reads the statistics.
 pub const HOST: &str = "host";
 
-/// How often a pass runs.
+/// The frequency of a pass: once, or in every frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Run {
     /// In the prologue.

@@ -62,7 +62,7 @@ pub enum WatchError {
     Thread(#[from] std::io::Error),
 }
 
-/// How a watcher notices changes.
+/// The mechanism by which a watcher notices changes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum WatchKind {
     /// The system sends events.

@@ -58,7 +58,7 @@ pub(super) fn reached<'t>(texts: &'t [Text<'t>], defines: &'t [(String, String)]
     Some(Reached { names: walk.names.into_iter().map(str::to_owned).collect(), undefined: walk.undefined })
 }
 
-/// How certain it is that lines are compiled, or that a condition holds.
+/// The certainty that lines are compiled, or that a condition holds.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Truth {
     No,
