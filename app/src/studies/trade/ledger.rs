@@ -154,12 +154,19 @@ impl Book {
         self.ledger.rows.iter().find(|row| row.setting == setting && row.camera == camera)
     }
 
-    /// Adds a row, and writes the file.
+    /// Adds a row behind those of its camera and of earlier cameras, and writes the file.
+    ///
+    /// The order of the rows is thus that of the cameras, however many processes measured them, in whichever order.
     ///
     /// # Errors
     /// The file cannot be written.
     pub fn add(&mut self, row: Row) -> Result<(), output::OutputError> {
-        self.ledger.rows.push(row);
+        let Ledger { origin, rows, .. } = &mut self.ledger;
+        let cameras = origin.cameras.as_array().map_or(&[][..], Vec::as_slice);
+        let index = |row: &Row| cameras.iter().position(|camera| camera["img_name"] == row.camera.as_str());
+        let own = index(&row);
+        let at = rows.partition_point(|other| index(other) <= own);
+        rows.insert(at, row);
         self.path.as_ref().map_or(Ok(()), |path| self.ledger.save(path))
     }
 }
