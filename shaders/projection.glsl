@@ -226,10 +226,12 @@ bool project_splat(uint i, out Projection splat) {
     splat.direction = direction;
     splat.bounds = splat.reach * (sqrt(vec2(splat.xx, splat.yy)) * unit);
     splat.from_camera = from_camera;
+#ifdef KEY_OF  // a graph without the parameter sorts by depth
 #if KEY_OF == KEY_OF_DISTANCE
     // By powers of two, so that squares are floats.
     int size = clamp(exponent_of(largest(from_camera)), -120, 120);
     splat.depth = length(from_camera * power_of_two(-size)) * power_of_two(size);
+#endif
 #endif
     return largest(vec3(splat.centre, 0.0)) <= FARTHEST;
 }
