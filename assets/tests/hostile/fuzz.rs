@@ -1,6 +1,6 @@
 //! Fuzzes the readers with randomly damaged scene and camera files. A case is its number, so every run is equal.
 //!
-//! Whatever a file contains, its reader must return, within bounded time and memory.
+//! Readers return within bounded time and memory, whatever a file contains.
 
 use crate::allocation::{alone, counted};
 use crate::long;
