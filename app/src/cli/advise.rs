@@ -76,7 +76,7 @@ fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "expected a number above 0".into())
 }
 
-/// Views around a scene without cameras.
+/// Number of views around a scene without cameras.
 const AROUND: u32 = 4;
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -131,7 +131,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// Returns an error if the JSON would destroy an input.
+/// Returns an error if the JSON would overwrite an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.pipeline))?;
@@ -182,14 +182,14 @@ pub(super) fn bands_text(bands: &[Band]) -> String {
 /// Maximum number of settings within the noise to name; the JSON has all.
 const NAMED: usize = 5;
 
-/// Joins the first names of a list, and counts the others.
+/// Joins the first [`NAMED`] names of a list, and adds the number of the others.
 fn some(names: &[String]) -> String {
     let more = names.len().saturating_sub(NAMED);
     let named = names[..names.len() - more].join("; ");
     if more == 0 { named } else { format!("{named}; and {more} more") }
 }
 
-/// Names the settings within the noise, the potentially fastest first; empty without any.
+/// Lists the settings within the noise, the potentially fastest first; empty if there are none.
 fn noise(found: Option<&Tried>, hidden: &[&Tried], unsure: &[String]) -> String {
     let mut text = String::new();
     if !hidden.is_empty() {
@@ -227,7 +227,7 @@ fn time(tried: &Tried) -> String {
     }
 }
 
-/// Formats the advice: a complete command, which draws one picture or several, and its measurements.
+/// Formats the advice: a complete command, for one picture or several, and its measurements.
 fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String {
     let mut command = "splatgraph render".to_owned();
     let mut add = |word: &str| command += &format!(" {}", shell_word(word));
@@ -250,7 +250,7 @@ fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String 
     )
 }
 
-/// Formats the message if no setting is within the budget, with the nearest on both sides.
+/// Formats the message that no setting is within the budget, with the closest on both sides.
 fn nothing(tried: &[Tried], budget: &Budget) -> String {
     let accurate = tried.iter().reduce(|a, b| if b.least_psnr() > a.least_psnr() { b } else { a });
     let quick = |tried: &Tried| tried.gpu_ms.unwrap_or(f64::INFINITY);

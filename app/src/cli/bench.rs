@@ -85,9 +85,9 @@ enum Suite {
     Sort,
 }
 
-/// Files in the folder of `--output`.
+/// File with all numbers in the folder of `--output`.
 const CSV: &str = "bench.csv";
-/// The plot of the sort, without extension.
+/// File name of the sort's plot, without extension.
 const SORT_PLOT: &str = "sort";
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -129,7 +129,7 @@ fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &Work) ->
     Ok(report.drawn().next().is_some())
 }
 
-/// Writes a plot as SVG and as a picture.
+/// Writes a plot as SVG and as PNG.
 fn write_plot(folder: &Path, name: &str, plot: &Plot) -> Result<()> {
     output::write_bytes(&folder.join(format!("{name}.svg")), plot.svg()?.as_bytes())?;
     Ok(plot.image()?.save(&folder.join(format!("{name}.png")))?)
@@ -152,7 +152,8 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     Ok(!report.is_empty())
 }
 
-/// Refuses graphs and parameters that are wrong on every device, before a scene is loaded. A lack of this device is a result.
+/// Refuses graphs and parameters that are invalid on every device, before a scene is loaded. Lacking a feature of this
+/// device is a result, not an error.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     let scene = match args.scenes.first().map(SceneHeader::load).transpose()? {
         Some(SceneHeader { count, stored_degree }) => SceneFacts {
@@ -184,7 +185,7 @@ fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     Ok(())
 }
 
-/// Writes the JSON; to standard output only the last one.
+/// Writes the JSON; to standard output, only the last version.
 fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
     match &args.json {
         Some(path) if last || !is_standard_output(path) => {
@@ -194,7 +195,7 @@ fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
     }
 }
 
-/// Prints the tables; to standard error where standard output is the JSON.
+/// Prints the tables; to standard error if the JSON goes to standard output.
 fn show(args: &Args, text: &str) -> Result<()> {
     if args.json.as_deref().is_some_and(is_standard_output) {
         say(text.trim_end());
@@ -223,7 +224,7 @@ fn measure_scene(
 }
 
 impl Args {
-    /// Lists the sizes; `None` stands for the cameras' own.
+    /// Lists the picture sizes; `None` for the cameras' own.
     fn sizes(&self) -> Vec<Option<(u32, u32)>> {
         if self.sizes.is_empty() { vec![None] } else { self.sizes.iter().copied().map(Some).collect() }
     }
@@ -270,7 +271,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     Ok(Work { cameras: (0..scenes).map(cameras).collect::<Result<_, _>>()?, stems })
 }
 
-/// Returns an error if a list holds something twice.
+/// Returns an error if a list has duplicates.
 fn once<T: PartialEq>(option: &str, list: &[T], text: impl Fn(&T) -> String) -> Result<(), Usage> {
     let again = list.iter().enumerate().find(|(at, item)| list[..*at].contains(item));
     match again {
@@ -279,7 +280,7 @@ fn once<T: PartialEq>(option: &str, list: &[T], text: impl Fn(&T) -> String) -> 
     }
 }
 
-/// Refuses options that have no meaning for the chosen suite.
+/// Refuses options that do not apply to the chosen suite.
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     let of_frames = [
         ("SCENE", !args.scenes.is_empty()),
@@ -307,7 +308,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     }
 }
 
-/// Returns an error if a file of the results would destroy an input.
+/// Returns an error if a file of the results would overwrite an input.
 fn claim_files(args: &Args, stems: &[String]) -> Result<(), Usage> {
     let mut guard = match args.scenes.as_slice() {
         [] => options::claim_inputs(None, None)?,

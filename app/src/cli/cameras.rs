@@ -14,7 +14,7 @@ fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
 
 /// Loads all cameras of `--cameras`, or else the first camera of the file beside the scene, which is then reported.
 ///
-/// A file beside the scene that holds no cameras is named, and not used.
+/// A file beside the scene that holds no cameras is reported and ignored.
 ///
 /// # Errors
 /// The file of `--cameras` cannot be read, or holds no cameras.
@@ -41,7 +41,7 @@ pub fn load(spec: Option<&str>, scene: Option<&Path>) -> Result<Option<Vec<Camer
     }
 }
 
-/// Adds the file of the cameras to the inputs.
+/// Adds the cameras' file to the inputs.
 pub fn claim(guard: &mut OutputGuard, spec: Option<&str>, scene: Option<&Path>) -> Result<(), Usage> {
     if let Some(spec) = spec {
         return claim_file(guard, spec);
@@ -74,7 +74,7 @@ pub fn parse(spec: &str) -> Result<Vec<Camera>, CameraError> {
     if cameras.is_empty() { Err(CameraError::Empty { path: spec.into() }) } else { Ok(cameras) }
 }
 
-/// Warns if principal points are not in the middle of the pictures.
+/// Warns if principal points are off the centre of the pictures.
 pub fn tell_off_center(dataset: &Dataset) {
     if dataset.off_center > 0.5 {
         say(format!(
@@ -84,7 +84,7 @@ pub fn tell_off_center(dataset: &Dataset) {
     }
 }
 
-/// Adds the file of `FILE` or `FILE#INDEX` to the inputs; a `#` may also be part of the file's own name, and JSON has no file.
+/// Adds the file of `FILE` or `FILE#INDEX` to the inputs. The file's own name may contain a `#`; JSON text has no file.
 pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {
         return Ok(());

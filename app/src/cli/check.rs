@@ -51,8 +51,9 @@ pub struct Args {
     device: Vec<String>,
     /// Print JSON, or write it to a file: for each graph and each --device, its name, validity, verdict and diagnostics
     ///
-    /// A diagnostic has `file`, `line`, `column`, `end_line`, `end_column`, `severity` (`error` or `warning`), `message`, `label`
-    /// (the words at the place) and `help` (a list). Lines and columns count from 1, columns in characters.
+    /// A diagnostic has `file`, `line`, `column`, `end_line`, `end_column`, `severity` (`error` or `warning`),
+    /// `message`, `label` (the words at the place) and `help` (a list). Lines and columns count from 1, columns in
+    /// characters.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
 }
@@ -117,7 +118,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// A device that graphs are checked for.
 struct On {
-    /// The device's name; of the smallest supported one, the lanes of its subgroups.
+    /// Name of the device; for the smallest supported one, the number of lanes of its subgroups.
     name: String,
     facts: DeviceFacts,
     storage_buffers: Option<usize>,
@@ -154,7 +155,7 @@ impl On {
         }
     }
 
-    /// Says which shaders bind more storage buffers than the device allows; `None` if none does.
+    /// Names the shaders that bind more storage buffers than the device allows; `None` if there are none.
     fn too_many_buffers(&self, plan: &Plan) -> Option<String> {
         let most = self.storage_buffers?;
         let buffers = |shader: &Shader| -> usize {
@@ -197,7 +198,7 @@ fn as_json(
 /// Verdict on a graph without errors.
 #[derive(Debug)]
 enum Verdict {
-    /// The graph is correct; the text sums it up.
+    /// The graph is correct; the text summarises it.
     Right(String),
     /// A device of the command line does not meet these requirements.
     Lacking(String),
@@ -208,13 +209,13 @@ enum Verdict {
 /// The verdict on a graph, or its errors.
 type CheckResult = Result<Verdict, GraphErrors>;
 
-/// Holds a warning, rendered with the source text and as plain data. One of a setting has no place in a file.
+/// A warning, rendered with the source text and as plain data. A warning about a parameter has no place in a file.
 struct Warning {
     text: String,
     plain: Vec<PlainDiagnostic>,
 }
 
-/// A plan that was verified, with the widths of subgroups that it is for.
+/// A verified plan, with the subgroup widths that it was built for.
 struct Verified {
     lanes: Vec<String>,
     plan: Plan,
@@ -223,9 +224,10 @@ struct Verified {
 
 /// Builds a graph for each device, because graphs may depend on its facts, and verifies each plan.
 ///
-/// Returns a verdict and a line for the devices with equal counts, or the violations of the first device that has any; and the errors of
-/// the first device that has any. Where the device lacks what the graph requires, the line says so: nothing is built. Warnings are
-/// printed once each; those of settings without an effect say for which devices.
+/// Returns a verdict with a line for each group of devices with equal counts; or the violations of the first device
+/// that has any; or the errors of the first device that has any. If a device does not meet the graph's requirements,
+/// its line says so, and nothing is built. Each warning is printed once; a warning about a parameter without an effect
+/// names the devices.
 fn check(
     planner: &mut Planner,
     graph: &str,
@@ -315,7 +317,7 @@ fn check(
 
 /// Describes the unmet requirements of a graph, and its fallbacks.
 ///
-/// None if it lacks nothing.
+/// `None` if all requirements are met.
 fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
     let mut parts: Vec<String> = Fallback::lacking(&fallbacks).map(ToString::to_string).collect();
     if !unmet.is_empty() {
@@ -337,7 +339,7 @@ fn is_same(a: &Plan, b: &Plan) -> bool {
         && a.passes.iter().zip(&b.passes).all(|(a, b)| a.work == b.work)
 }
 
-/// Returns the imports and the facts of a nominal scene of this many splats.
+/// Returns the imports and the facts of a nominal scene of `splats` splats.
 fn nominal(splats: u64) -> (Catalog, SceneFacts) {
     let mut catalog = options::nominal_catalog();
     for attribute in catalog.attributes.values_mut() {
@@ -346,7 +348,7 @@ fn nominal(splats: u64) -> (Catalog, SceneFacts) {
     (catalog, SceneFacts { count: splats, ..SceneFacts::NOMINAL })
 }
 
-/// Reports the sizes that fit, if a graph that cannot be built is correct but too large for the device.
+/// Finds the sizes that fit, if a graph is correct but too large for the device.
 fn too_large(
     planner: &mut Planner,
     graph: &str,
@@ -360,7 +362,7 @@ fn too_large(
     (!fit.fits).then_some(fit)
 }
 
-/// Checks the dependencies, replays the plan with its barriers, and tries every mutation of these.
+/// Checks the dependencies, replays the plan with its barriers, and tries every mutation of the barriers.
 ///
 /// Returns the counts, or the missing and needless barriers.
 fn verify(plan: &Plan, barriers: &Barriers) -> Result<String, String> {

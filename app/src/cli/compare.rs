@@ -58,12 +58,12 @@ fn positive(text: &str) -> Result<f32, String> {
     }
 }
 
-/// The differences of a pair.
+/// The differences between two pictures.
 struct Found {
     all: Comparison,
-    /// FLIP of the values as they are.
+    /// FLIP of the original values.
     flip: f64,
-    /// FLIP of the values in 8 bits.
+    /// FLIP of the values rounded to 8 bits.
     flip_8_bits: f64,
 }
 
@@ -95,9 +95,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// The pictures to compare, and the files of their differences.
 pub(super) struct Work {
     pairs: Vec<Pair>,
-    /// True for folders.
+    /// True if folders are compared.
     folders: bool,
-    /// A file for each pair, or empty.
+    /// One file of differences per pair; empty without `--diff`.
     diffs: Vec<PathBuf>,
 }
 
@@ -177,7 +177,7 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
     Ok((text, if below { Outcome::Failed } else { Outcome::Done }))
 }
 
-/// The pictures that an argument refers to.
+/// Pictures that an argument refers to.
 enum Pictures {
     One(PathBuf),
     /// Pictures of a folder, by name without extension.
@@ -241,7 +241,7 @@ fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>
     bail!("these pictures have no partner:{}{hint}", list.concat());
 }
 
-/// Indexes pictures by their matching key.
+/// Pictures by their matching key, each with its name and file.
 type Keyed = BTreeMap<(u64, String), (String, PathBuf)>;
 
 fn plain(pictures: BTreeMap<String, PathBuf>) -> Keyed {
@@ -309,7 +309,7 @@ fn sentence(found: &Found) -> String {
     )
 }
 
-/// Formats a difference: six digits behind the point, or as many as show that it is not 0.
+/// Formats a difference with six decimals, or as many as show that it is not 0.
 fn digits(difference: f64) -> String {
     if difference > 0.0 && difference < 1e-6 {
         format!("{difference:.1e}")
@@ -342,7 +342,7 @@ fn table(pairs: &[Pair], found: &[Found], worst: usize) -> String {
     text + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
 }
 
-/// Serialises an infinite PSNR as `null`.
+/// Makes the JSON report; an infinite PSNR becomes `null`.
 fn report(pairs: &[Pair], found: &[Found], worst: usize, folders: bool) -> Value {
     let entry = |pair: &Pair, found: &Found| {
         let mut entry = json!({ "name": pair.name, "a": pair.a, "b": pair.b });

@@ -82,7 +82,7 @@ pub struct Args {
 struct View {
     name: String,
     photograph: PathBuf,
-    /// The camera in the picture's size.
+    /// The camera, at the size of the picture.
     camera: Camera,
 }
 
@@ -93,7 +93,7 @@ pub(super) struct Work {
     stems: Vec<String>,
 }
 
-/// The pictures of a view in the folder of `--output`, with their folders.
+/// Subfolders of `--output`, one for each kind of picture.
 const FOLDERS: [&str; 3] = ["renders", "photographs", "differences"];
 
 /// Reads the cameras, finds the photographs and their sizes, and checks the files of the command line.
@@ -183,7 +183,7 @@ impl Drawer {
         Ok(Drawer::Device(Box::new(Session::new(device, load()?, &args.pipeline, &args.set))))
     }
 
-    /// Draws a view, whose camera is in the world's coordinates.
+    /// Draws a view; its camera is in world coordinates.
     fn draw(&mut self, camera: &Camera, background: [f32; 3]) -> Result<Image> {
         match self {
             Drawer::Reference(scene) => {
@@ -222,7 +222,7 @@ impl Drawer {
     }
 }
 
-/// Returns the part of a command line that tells its scores from others.
+/// Returns the part of a command line that determines the scores.
 fn request(args: &Args) -> Json {
     let graph = match args.backend {
         Renderer::Device(_) => json!(args.pipeline),
@@ -234,7 +234,7 @@ fn request(args: &Args) -> Json {
     })
 }
 
-/// Joins a request and its scores.
+/// Adds the scores to a request.
 fn as_json(mut request: Json, found: &Evaluation) -> String {
     request["views"] = json!(found.views);
     request["mean"] = json!(found.mean);
@@ -272,7 +272,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     })
 }
 
-/// The views of a dataset, for several processes.
+/// The views of a dataset, which several processes can share.
 pub struct Views {
     args: Args,
     folder: PathBuf,

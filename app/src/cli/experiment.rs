@@ -64,7 +64,7 @@ struct Common {
     device: DrawingBackendArgs,
 }
 
-/// Width of the pictures without `--size`, in pixels: a page holds some twenty of them.
+/// Width of the pictures without `--size`, in pixels: a page holds about twenty of them.
 const WIDTH: u32 = 640;
 
 impl Args {
@@ -121,7 +121,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(common.device.validate, &device.close()))
 }
 
-/// Describes the contents of the page.
+/// Describes the scene and the view, for the page.
 fn view(subject: &Subject<Backend>) -> String {
     let names: Vec<_> = subject.cameras.iter().map(|camera| one_line(&camera.img_name)).collect();
     let size = subject.cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));

@@ -1,4 +1,4 @@
-//! Random command lines, parsed and checked as far as no device is needed: none panics, hangs, or changes a file.
+//! Parses and checks random command lines, as far as no device is needed: none may panic, hang, or change a file.
 
 #[path = "../../../tests/files/words.rs"]
 mod words;
@@ -17,10 +17,10 @@ use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-/// Lines in the long run, and in the one that everybody does.
+/// Number of lines in the long run, and in the default run.
 const LINES: (u64, u64) = (100_000, 3_000);
 
-/// Makes every check of a command that comes before its work.
+/// Runs the checks of a command that precede its work.
 fn check(command: &Command) -> Result<()> {
     match command {
         Command::Render(args) => render::prepare(args).map(drop),
@@ -121,7 +121,7 @@ fn no_command_line_panics_before_its_work_or_changes_a_file() {
     assert!(options::size("1x1").is_ok());
 }
 
-/// Names the files of a word in this folder; other words stay.
+/// Replaces the file names of a word by paths in this folder; other words stay.
 fn in_folder(folder: &Path, word: &str) -> String {
     let (option, value) = match word.split_once('=') {
         Some((option, value)) if option.starts_with('-') => (format!("{option}="), value),

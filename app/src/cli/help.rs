@@ -1,4 +1,4 @@
-//! Formats texts for help.
+//! Formats lists and ranges for the help text.
 
 use splatgraph_framework::ir::Domain;
 
@@ -14,7 +14,7 @@ pub fn domain(domain: &Domain) -> String {
 
 /// Formats a list of names and descriptions in two columns, for help.
 pub fn two_columns(rows: Vec<(String, String)>) -> String {
-    /// Width below which clap does not wrap the text on common terminals.
+    /// Width in columns below which clap does not wrap the text on common terminals.
     const COLUMNS: usize = 98;
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     let mut lines: Vec<String> = Vec::new();

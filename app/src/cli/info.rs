@@ -123,7 +123,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Formats the sizes of the plan's buffers and images by source, each source with its sum.
+/// Formats the sizes of the plan's buffers and images, grouped by source with a sum each.
 fn memory(dump: &Dump, (width, height): (u32, u32)) -> String {
     let mut text = format!("on the GPU with {}, {width} x {height}\n", dump.graph);
     let (mut all, mut freed) = (0, 0);

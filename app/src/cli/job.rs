@@ -1,9 +1,10 @@
 //! Shares the views of a command among processes, through a folder.
 //!
-//! The views of `render`, `trade`, `sweep` and `evaluate` do not depend on each other, and each leaves a file, which is whole or not there.
-//! So any number of processes may do them, in any order: `--shard 2/8` does every eighth view, and the Python package gives views to the
-//! workers of a cluster ([`Job`]). A view whose file is there is not done again. `job.json` in the folder names the views and everything
-//! that their results depend on; the folder takes no other results. `merge` reads it, joins the results, and names those that are missing.
+//! The views of `render`, `trade`, `sweep` and `evaluate` are independent. Each leaves a result file, which is either
+//! complete or absent. So any number of processes may do them, in any order: `--shard 2/8` does every eighth view, and
+//! the Python package distributes views to the workers of a cluster ([`Job`]). A view whose result exists is not done
+//! again. `job.json` in the folder names the views and everything that their results depend on; a job with another
+//! description is refused. `merge` reads it, joins the results, and names the missing ones.
 
 use super::outcome::{Outcome, Usage};
 use crate::draw::session::Session;
@@ -18,7 +19,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Every `count`-th view, from the one with this index.
+/// A share of the views: every `count`-th one, starting at `index`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     index: usize,
@@ -26,7 +27,7 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Lists the views of the shard, of so many.
+    /// Lists the indices of the shard's views, out of `of`.
     fn views(self, of: usize) -> Vec<usize> {
         (self.index..of).step_by(self.count).collect()
     }
@@ -47,15 +48,16 @@ impl FromStr for Shard {
 /// The option of a command whose views can be shared.
 #[derive(Debug, clap::Args)]
 pub struct ShardArgs {
-    /// Do every N-th view alone, from view I (0 to N - 1), and none that is in the folder of --output already
+    /// Do only every N-th view, from view I (0 to N - 1), and skip views whose results are in the folder of --output
     ///
-    /// For arrays of jobs, with the same command and folder in each: `--shard $SLURM_ARRAY_TASK_ID/$SLURM_ARRAY_TASK_COUNT`. `merge`
-    /// joins the results and names missing views. `--shard 0/1` is a run that can be interrupted.
+    /// For arrays of jobs, with the same command and folder in each: `--shard
+    /// $SLURM_ARRAY_TASK_ID/$SLURM_ARRAY_TASK_COUNT`. `merge` joins the results and names missing views. `--shard 0/1`
+    /// is a run that can be interrupted.
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,
 }
 
-/// All that the results of views depend on, by names for messages.
+/// Everything that the results of views depend on, by names for messages.
 pub type Origin = Map<String, Json>;
 
 /// A command whose views can be shared.
@@ -66,37 +68,37 @@ pub trait Work: Send {
     /// The folder of the results.
     fn folder(&self) -> &Path;
 
-    /// The views, each with a file name of its own, without extension.
+    /// The file names of the views, unique and without extension.
     fn views(&self) -> &[String];
 
     /// Returns the path of a view's result in the folder. The file is written after all other files of the view.
     fn file(&self, view: &str) -> PathBuf;
 
-    /// Loads the scene and opens the device; returns what the results depend on.
+    /// Loads the scene and opens the device; returns everything that the results depend on.
     ///
     /// # Errors
-    /// No view can be done.
+    /// The scene cannot be loaded, or there is no device.
     fn open(&mut self) -> Result<Origin>;
 
-    /// Does views, and writes their files.
+    /// Does the views with these indices, and writes their files.
     ///
     /// # Errors
-    /// One of them failed. The work must be closed and opened again.
+    /// A view failed. The work must be closed and opened again.
     fn draw(&mut self, views: &[usize]) -> Result<()>;
 
-    /// Closes the device; returns the messages of the validation.
+    /// Closes the device; returns the validation messages.
     fn close(&mut self) -> Vec<String>;
 }
 
 /// Name of the file that describes a folder of results.
 const MANIFEST: &str = "job.json";
 
-/// Describes a folder of results.
+/// The description of a folder of results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// The command.
+    /// Name of the command.
     pub command: String,
-    /// All that the results depend on.
+    /// Everything that the results depend on.
     pub origin: Origin,
     /// The file names of the views, without extension.
     pub views: Vec<String>,
@@ -108,7 +110,7 @@ impl Manifest {
     /// Reads the description of a folder.
     ///
     /// # Errors
-    /// There is none, or it is of another version of the program.
+    /// The folder has none, or it comes from another version of the program.
     pub fn read(folder: &Path) -> Result<Manifest> {
         let path = folder.join(MANIFEST);
         let text = fs::read(&path)
@@ -149,7 +151,7 @@ impl Manifest {
         Ok(output::write_bytes(&path, text.as_bytes())?)
     }
 
-    /// Refuses a folder of shared views, whose pictures would no longer be those of its description.
+    /// Refuses a folder of shared views, whose pictures would no longer match its description.
     ///
     /// # Errors
     /// The folder has a description.
@@ -163,7 +165,7 @@ impl Manifest {
         }
     }
 
-    /// Lists what differs from another description.
+    /// Lists the differences from another description.
     pub fn changes(&self, other: &Manifest) -> Vec<String> {
         if self.command != other.command {
             return vec!["command".into()];
@@ -179,18 +181,18 @@ impl Manifest {
     }
 }
 
-/// The outcome of some views.
+/// Outcome of a run over some views.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ran {
     /// Views that were done, by index.
     pub done: Vec<usize>,
-    /// Views whose results were there already.
+    /// Views whose results existed already, by index.
     pub kept: Vec<usize>,
     /// Views that failed, with the reason.
     pub failed: Vec<(usize, String)>,
 }
 
-/// A command's views, which one process does in any order.
+/// A command's views, done by one process in any order.
 pub struct Job {
     work: Box<dyn Work>,
     opened: bool,
@@ -203,12 +205,12 @@ impl Job {
         Job { work, opened: false, messages: Vec::new() }
     }
 
-    /// The views, each by its file name without extension.
+    /// Returns the file names of the views, without extension.
     pub fn views(&self) -> &[String] {
         self.work.views()
     }
 
-    /// Does views, unless their results are there. A view that fails costs no other.
+    /// Does views, unless their results exist. A view that fails does not stop the others.
     ///
     /// # Errors
     /// The scene cannot be loaded, there is no device, or the folder has results of another request.
@@ -243,7 +245,7 @@ impl Job {
         Ok(ran)
     }
 
-    /// Closes the device; returns the messages of the validation.
+    /// Closes the device; returns the validation messages.
     pub fn close(&mut self) -> Vec<String> {
         self.shut();
         std::mem::take(&mut self.messages)
@@ -279,7 +281,7 @@ impl Job {
 /// Does the views of a shard.
 ///
 /// # Errors
-/// Those of [`Job::run`].
+/// As in [`Job::run`].
 pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome> {
     let mut job = Job::new(work);
     let views = shard.views(job.views().len());
@@ -312,12 +314,12 @@ fn reason(error: &anyhow::Error) -> String {
     text
 }
 
-/// Returns the path of the result of a view that is no picture.
+/// Returns the path of a view's result that is not a picture.
 pub fn part(view: &str) -> PathBuf {
     Path::new("parts").join(format!("{view}.json"))
 }
 
-/// Writes the result of a view that is no picture.
+/// Writes a view's result that is not a picture.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -326,7 +328,7 @@ pub fn write_part(folder: &Path, view: &str, result: &impl Serialize) -> Result<
     Ok(output::write_bytes(&folder.join(part(view)), text.as_bytes())?)
 }
 
-/// Returns what all pictures of a scene depend on; `session` is prepared.
+/// Returns everything that pictures of a scene depend on; `session` is prepared.
 ///
 /// # Errors
 /// The program's file cannot be read.
@@ -346,7 +348,7 @@ pub fn origin_of<D: Device>(
     Ok(origin)
 }
 
-/// Returns what all pictures of a scene depend on, without a graph.
+/// Returns everything that pictures of a scene depend on, except the graph.
 ///
 /// # Errors
 /// The program's file cannot be read.
@@ -356,10 +358,10 @@ pub fn origin(scene: u64, cameras: &Json) -> Result<Origin> {
     Ok(origin.as_object().cloned().unwrap_or_default())
 }
 
-/// Refuses an option that has no meaning for a part of the views.
+/// Refuses options that do not apply to a part of the views.
 ///
 /// # Errors
-/// An option is given.
+/// One of the options is given.
 pub fn refuse(given: &[(&str, bool)]) -> Result<(), Usage> {
     match given.iter().find(|(_, given)| *given) {
         Some((option, _)) => {

@@ -11,17 +11,17 @@ use std::path::Path;
 pub struct KnownDevice {
     /// Name in the catalogue, or of the file.
     pub name: String,
-    /// The facts that graphs can use.
+    /// Facts of the device, as graphs see them.
     pub facts: DeviceFacts,
-    /// Largest number of storage buffers in one shader; `None` where graphs stay below it.
+    /// Maximum number of storage buffers in one shader; `None` if graphs cannot exceed it.
     pub storage_buffers: Option<usize>,
-    /// Publication of the limits.
+    /// Publication that the limits come from.
     pub source: &'static str,
 }
 
 /// Lists the devices of the catalogue.
 ///
-/// A family has the smallest limits of its members. The smallest supported device gives the limits that are not published.
+/// A family has the smallest limits of its members. Unpublished limits are those of the smallest supported device.
 pub fn catalogue() -> Vec<KnownDevice> {
     let portable = facts::portable_device;
     let integers =
@@ -98,7 +98,7 @@ pub fn catalogue() -> Vec<KnownDevice> {
 /// Finds a device by its name in the catalogue, or by a file of facts; `None` if there is neither.
 ///
 /// # Errors
-/// The file has no facts, or facts that are not of a device.
+/// The file holds no facts of a device.
 pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
     if let Some(found) = catalogue().into_iter().find(|device| device.name == wanted) {
         return Ok(Some(found));
@@ -111,7 +111,8 @@ pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
     from_json(wanted, &text).with_context(|| format!("{wanted} does not describe a device")).map(Some)
 }
 
-/// Reads facts as `splatgraph devices --json` writes them: a list whose first device counts, one device, or its facts alone.
+/// Reads facts as `splatgraph devices --json` writes them: a list, of which the first device is taken; one device; or
+/// its facts alone.
 fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
     let value: Value = serde_json::from_str(text)?;
     let device = match &value {
@@ -125,7 +126,7 @@ fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
     Ok(KnownDevice { name, facts: read(facts)?, storage_buffers: None, source: "a file" })
 }
 
-/// Reads facts by their names in graphs. Those that are missing are as on the smallest supported device.
+/// Reads facts by their names in graphs. Missing facts are those of the smallest supported device.
 fn read(named: &Map<String, Value>) -> Result<DeviceFacts> {
     let mut facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
     for (name, value) in named {

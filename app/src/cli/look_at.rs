@@ -41,7 +41,7 @@ fn angle(text: &str) -> Result<f64, String> {
 }
 
 impl LookAtArgs {
-    /// Returns the cameras' names before the scene is loaded; `None` without these options.
+    /// Returns the cameras' names, before the scene is loaded; `None` without these options.
     pub fn names(&self) -> Option<Vec<String>> {
         match self.orbit {
             Some(count) => Some((0..count).map(|index| format!("orbit-{index:04}")).collect()),
@@ -69,9 +69,9 @@ impl LookAtArgs {
         Ok(Some(cameras.map(|(camera, img_name)| Camera { img_name, ..camera }).collect()))
     }
 
-    /// Makes the circle about `--up` through the eye, in the scene's coordinates.
+    /// Makes the circle about the axis `--up` through the eye, in the scene's coordinates.
     ///
-    /// Without `--eye`, the first camera is at the position of [`framing`](super::options::framing).
+    /// Without `--eye`, the first camera has the position of [`framing`](super::options::framing).
     ///
     /// # Errors
     /// Eye and target coincide, or are too far away to draw.
@@ -97,7 +97,7 @@ impl LookAtArgs {
     }
 }
 
-/// Makes so many cameras at equal steps of a circle, the first at its start.
+/// Makes `count` cameras at equal steps of a circle, the first at its start.
 pub fn on_circle(circle: &Orbit, count: usize) -> Vec<Camera> {
     (0..count).map(|index| Camera { id: index as i64, ..circle.at(index as f64 / count as f64) }).collect()
 }

@@ -30,7 +30,7 @@ pub struct Args {
     output: Option<PathBuf>,
 }
 
-/// Reads what the folders are of, and checks that it is the same request. Joined files have the command's own names.
+/// Reads the folders' descriptions, and checks that they agree. Joined files have the command's own names.
 pub(super) fn prepare(args: &Args) -> Result<Manifest> {
     let mut manifests =
         args.folders.iter().map(|folder| Manifest::read(folder)).collect::<Result<Vec<_>>>()?;
@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(if missing.is_empty() { Outcome::Done } else { Outcome::Failed })
 }
 
-/// Writes the files of the command from the views that are there.
+/// Writes the command's files from the results that exist.
 fn join(command: &str, origin: &Origin, found: &[PathBuf], args: &Args) -> Result<()> {
     let output = args.output.as_ref().unwrap_or(&args.folders[0]);
     match command {

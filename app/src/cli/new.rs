@@ -42,7 +42,7 @@ enum Start {
     Post,
 }
 
-/// Embeds a file of the tutorial, which explains it and draws it in a test.
+/// Embeds a file of the tutorial, which explains and tests it.
 macro_rules! tutorial {
     ($name:literal) => {
         ($name, include_str!(concat!("../../../examples/tutorial/", $name)))
@@ -65,7 +65,7 @@ impl Start {
     }
 }
 
-/// Lists the files to write with their texts; an error if a name does not suit or a file is there.
+/// Lists the files to write with their texts; an error if a name is invalid or a file exists.
 pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
     let name = args.file.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     let stem = name.strip_suffix(".ron").filter(|stem| !stem.is_empty()).ok_or_else(|| {
@@ -92,7 +92,7 @@ pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
     Ok(files)
 }
 
-/// Returns the files of a template: the extension of each, and its text with the shaders' new names.
+/// Returns the files of a template: their extensions, and their texts with the shaders renamed.
 fn files(start: Start, stem: &str) -> impl Iterator<Item = (&'static str, String)> {
     let all = start.files();
     all.iter().map(move |(name, text)| {

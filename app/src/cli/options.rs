@@ -33,7 +33,7 @@ pub fn setting(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Largest width and height of a picture, in pixels: no Vulkan device has larger images.
+/// Maximum width and height of a picture, in pixels: no Vulkan device supports larger images.
 pub const MAX_SIDE: u32 = 32_768;
 
 /// Parses `WIDTHxHEIGHT`.
@@ -77,7 +77,7 @@ pub fn load_scene(path: &Path) -> Result<Scene> {
     Ok(scene)
 }
 
-/// Loads the scene at `path`, or the demo scene with its camera; returns the scene's path with it.
+/// Loads the scene at `path`, or the demo scene with its camera; also returns the scene's path.
 pub fn scene_or_demo(path: Option<&Path>) -> Result<(Scene, PathBuf, Option<Camera>)> {
     let Some(path) = path else {
         let path = demo::path().context(
@@ -101,7 +101,7 @@ pub fn inspect_target(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Lists the imports of built-in graphs: from the nominal scene, and from the viewer's window.
+/// Lists the imports of built-in graphs, for a nominal scene and the viewer's window.
 pub fn nominal_catalog() -> Catalog {
     #[cfg_attr(not(feature = "window"), expect(unused_mut))]
     let mut catalog = facts::nominal_catalog();
@@ -131,7 +131,8 @@ pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<Strin
     given.map_or_else(|| vec![own()], |all| all.iter().map(|camera| camera.img_name.clone()).collect())
 }
 
-/// Loads the scene and its cameras, in the requested size. Empty and duplicate names become the camera's stem.
+/// Loads the scene and its cameras, in the requested size. A camera with an empty or duplicate name gets its stem as
+/// the name.
 pub fn scene_and_cameras(
     path: Option<&Path>,
     given: Option<Vec<Camera>>,
@@ -143,7 +144,8 @@ pub fn scene_and_cameras(
     Ok((scene, cameras))
 }
 
-/// Moves cameras into a scene, in the requested size; without any, makes the one that frames it. For names, see [`scene_and_cameras`].
+/// Converts cameras to the scene's coordinates and the requested size; without any, makes the one that frames the
+/// scene. For names, see [`scene_and_cameras`].
 pub fn cameras_of(
     scene: &Scene,
     given: Option<Vec<Camera>>,
@@ -195,9 +197,9 @@ pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
     }
 }
 
-/// Describes a device of the catalogue or of a file, or else opens a device of this machine.
+/// Finds a device in the catalogue or in a file, or else opens a device of this machine.
 ///
-/// Without a name, it opens the default device.
+/// Without a name, opens the default device.
 pub fn target(wanted: Option<&str>) -> Result<Target> {
     if let Some(known) = wanted.map(known_devices::find).transpose()?.flatten() {
         return Ok(Target { name: known.name, facts: known.facts, heap: Heap::default() });
@@ -277,7 +279,7 @@ impl DrawingBackendArgs {
         Backend::open(self.backend, &self.device.options())
     }
 
-    /// Returns the words of a command line that choose the same device.
+    /// Returns the options that choose the same device, as words of a command line.
     pub fn words(&self) -> Vec<String> {
         let backend = (self.backend != Api::default())
             .then(|| ["--backend".to_owned(), self.backend.name().to_owned()]);
@@ -336,13 +338,14 @@ pub struct EffortArgs {
 }
 
 impl EffortArgs {
-    /// Returns the numbers.
+    /// Returns the numbers of frames and rounds.
     pub fn frames(&self) -> Frames {
         Frames { rounds: self.rounds, frames: self.frames }
     }
 }
 
-/// Protects the inputs of a command that draws: the scene, or the demo scene, and the cameras.
+/// Adds the inputs of a command that draws, so that outputs cannot overwrite them: the scene, or the demo scene, and
+/// the cameras.
 pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
     match scene {
@@ -353,7 +356,7 @@ pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<Outpu
     Ok(guard)
 }
 
-/// Returns an error if the file of `--json` would destroy an input.
+/// Returns an error if the file of `--json` would overwrite an input.
 pub fn claim_json<'a>(
     json: Option<&Path>,
     inputs: impl Iterator<Item = (&'a str, &'a Path)>,
@@ -383,7 +386,7 @@ pub fn write_text(path: Option<&Path>, text: &str) -> Result<()> {
     }
 }
 
-/// Returns an error if binary data for standard output would go to a terminal.
+/// Returns an error if standard output is a terminal, which cannot take binary data.
 pub fn refuse_terminal(what: &str) -> Result<(), Usage> {
     if std::io::stdout().is_terminal() {
         return Err(Usage(format!(

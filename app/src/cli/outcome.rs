@@ -4,7 +4,7 @@ use crate::io::output::{self, OutputGuard, say};
 use splatgraph_framework::reload::Wanted;
 use std::io::IsTerminal;
 
-/// The result of a command that ran to its end.
+/// Outcome of a command that ran to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// Success: exit code 0.
@@ -47,7 +47,7 @@ pub fn validated(asked: bool, messages: &[String]) -> Outcome {
     }
 }
 
-/// Returns true if messages may have colours.
+/// Returns true if messages may be coloured.
 pub fn colour() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
 }

@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Opens the named device, or the one that draws without a name; without any, takes the smallest supported one.
+/// Returns the facts of the named device, of the default device, or of the smallest supported one if there is none.
 fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
     match options::target(wanted) {
         Ok(target) => Ok((target.name, target.facts)),
@@ -91,7 +91,7 @@ fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
     }
 }
 
-/// Lists the parameters in two columns, grouped under the titles of their parts.
+/// Formats the parameters in two columns, grouped under the titles of their parts.
 fn listed(controls: &[Control]) -> String {
     if controls.is_empty() {
         return "\n  it has no parameters".to_owned();

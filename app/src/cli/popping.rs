@@ -70,7 +70,7 @@ pub struct Args {
     device: DrawingBackendArgs,
 }
 
-/// Frames of an orbit without `--frames`.
+/// Number of frames of an orbit without `--frames`.
 const FRAMES: u32 = 12;
 /// Width of the pictures without `--size`, in pixels.
 const WIDTH: u32 = 480;
@@ -159,7 +159,7 @@ fn variants(args: &Args) -> Vec<Setting> {
     kept
 }
 
-/// Returns the path: the given cameras, or an orbit from one.
+/// Returns the path: the given cameras, or an orbit around the scene that includes the only camera.
 fn path(args: &Args, scene: &Scene, mut cameras: Vec<Camera>) -> Result<Vec<Camera>> {
     if args.size.is_none() {
         cameras = cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect();

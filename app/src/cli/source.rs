@@ -1,4 +1,4 @@
-//! Runs `splatgraph source`: prints the graphs and shaders that are built in.
+//! Runs `splatgraph source`: prints the built-in graphs and shaders.
 
 use super::options;
 use super::outcome::Outcome;
@@ -45,7 +45,7 @@ fn list() -> String {
     builtin::groups().into_iter().map(group).collect::<Vec<_>>().join("\n\n")
 }
 
-/// Formats the error for an unknown file, with the name that was probably meant.
+/// Formats the error for an unknown file, with similar names as suggestions.
 fn unknown(name: &str, near: &[&str]) -> String {
     let near: Vec<String> = near.iter().map(|name| format!("`{name}`")).collect();
     let help = match near.is_empty() {

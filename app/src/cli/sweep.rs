@@ -57,12 +57,12 @@ pub struct Args {
     pub device: DrawingBackendArgs,
 }
 
-/// Files in the folder of `--output` besides plots and pictures.
+/// Page in the folder of `--output`.
 const PAGE: &str = "sweep.html";
 const CSV: &str = "sweep.csv";
 const JSON: &str = "sweep.json";
 
-/// The scene and its cameras, and what is wanted of them.
+/// The scene, its cameras, and the request of the study.
 struct Request {
     name: String,
     scene: Arc<Scene>,
@@ -71,7 +71,7 @@ struct Request {
 }
 
 impl Request {
-    /// Loads the scene, for a device that is opened.
+    /// Loads the scene for an opened device.
     fn load(args: &Args, device: &Backend) -> Result<Request> {
         let given = args.drawing.cameras(args.scene.as_deref())?;
         let stems = stems(args, given.as_deref());
@@ -142,7 +142,7 @@ fn report(swept: &Swept, shown: &[Shown], output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// A view of a sweep that several processes share.
+/// The result of one view of a sweep, written by one of several processes.
 #[derive(Serialize, Deserialize)]
 pub struct Part {
     steps: Vec<Step>,
@@ -150,7 +150,7 @@ pub struct Part {
     closer: Vec<Closer>,
 }
 
-/// The views of a sweep, for several processes.
+/// The views of a sweep, which several processes can share.
 pub struct Views {
     args: Args,
     stems: Vec<String>,
@@ -222,7 +222,7 @@ impl Work for Views {
 /// The command's name, in descriptions of shared folders.
 pub const COMMAND: &str = "sweep";
 
-/// Writes the report of the views that several processes measured. The pictures are in one of `folders`.
+/// Writes the report of the views that several processes measured. Each picture is in one of `folders`.
 ///
 /// # Errors
 /// A picture is missing, or a file cannot be written.
@@ -246,7 +246,7 @@ pub fn merge(origin: &Origin, parts: Vec<Part>, folders: &[PathBuf], output: &Pa
     report(&swept, &shown, output)
 }
 
-/// Returns an error if a file of the sweep would destroy an input.
+/// Returns an error if a file of the sweep would overwrite an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.drawing.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.drawing.pipeline))?;

@@ -94,7 +94,7 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Names the photographs of a dataset.
+/// Lists the files of a dataset's photographs.
 fn photographs(args: &Args, folder: &Path) -> Vec<PathBuf> {
     let name = |index| folder.join("images").join(format!("view-{index:04}.png"));
     (0..args.views.unwrap_or(24)).map(name).collect()

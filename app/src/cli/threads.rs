@@ -1,14 +1,15 @@
 //! Fits the pool of worker threads to the system's limits.
 //!
-//! The pool of rayon panics at its first use if one of its threads cannot be started, as under `ulimit -u` or `ulimit -v`, and a
-//! global pool that could not be built cannot be built again. So threads are started first, and the pool gets those that did start.
+//! rayon's pool panics at its first use if one of its threads cannot be started, for instance under `ulimit -u` or
+//! `ulimit -v`; and a global pool whose build failed cannot be built again. So the threads are started first, and the
+//! pool gets those that did start.
 
 use rayon::{ThreadBuilder, ThreadPoolBuilder};
 use std::io;
 use std::sync::mpsc::{Sender, channel};
 use std::thread::{Builder, available_parallelism};
 
-/// Builds the pool, smaller than usual if the system has not enough threads.
+/// Builds the pool, with fewer threads if the system cannot start all of them.
 pub fn build_pool() {
     let wanted = std::env::var("RAYON_NUM_THREADS").ok().and_then(|number| number.parse().ok());
     let wanted =
@@ -32,7 +33,7 @@ pub fn build_pool() {
     drop(built);
 }
 
-/// Keeps the allocator from reserving 64 MiB of addresses for each thread, where addresses are limited (`ulimit -v`).
+/// Stops the allocator from reserving 64 MiB of address space per thread, if address space is limited (`ulimit -v`).
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 fn spare_addresses() {
     use rustix::process::{Resource, getrlimit};
@@ -46,7 +47,7 @@ fn spare_addresses() {
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
 fn spare_addresses() {}
 
-/// Starts up to `wanted` threads, each of which waits for its work, and ends if its sender is dropped.
+/// Starts up to `wanted` threads. Each waits for its work, and ends if its sender is dropped.
 fn start(wanted: usize) -> Vec<Sender<ThreadBuilder>> {
     let mut waiting = Vec::new();
     while waiting.len() < wanted {

@@ -84,14 +84,14 @@ pub struct Args {
     pub device: DrawingBackendArgs,
 }
 
-/// Files in the folder of `--output`.
+/// The ledger's file in the folder of `--output`.
 const LEDGER: &str = "ledger.json";
 const CSV: &str = "ledger.csv";
 const PAGE: &str = "ledger.html";
 const SVG: &str = "ledger.svg";
 const PNG: &str = "ledger.png";
 
-/// The scene and its cameras, and what is wanted of them.
+/// The scene, its cameras, and the request of the study.
 struct Request {
     scene: Arc<Scene>,
     cameras: Vec<Camera>,
@@ -99,7 +99,7 @@ struct Request {
 }
 
 impl Request {
-    /// Loads the scene, for a device that is opened.
+    /// Loads the scene for an opened device.
     fn load(args: &Args, device: &Backend, file: Option<PathBuf>) -> Result<Request> {
         let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
         let stems = stems(args, given.as_deref());
@@ -168,7 +168,7 @@ fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The views of a ledger, for several processes.
+/// The views of a ledger, which several processes can share.
 pub struct Views {
     args: Args,
     stems: Vec<String>,
@@ -234,12 +234,12 @@ impl Work for Views {
 /// The command's name, in descriptions of shared folders.
 pub const COMMAND: &str = "trade";
 
-/// Names the album of a view that several processes share, by the path of its rows.
+/// Returns the album of a view that several processes share, from the path of its rows.
 fn album_of(part: &Path) -> Album {
     Album::beside(&part.with_extension("").join(LEDGER))
 }
 
-/// Writes the ledger of the views that several processes measured. `found` are the paths of the parts.
+/// Writes the ledger of the views that several processes measured. `found` are the paths of the views' results.
 ///
 /// # Errors
 /// A file cannot be written.
@@ -264,7 +264,7 @@ pub fn merge(origin: &job::Origin, parts: Vec<Vec<Row>>, found: &[PathBuf], outp
     report(ledger, output)
 }
 
-/// Makes a mistake in `--only` one of the command line.
+/// Converts an error about `--only` to a usage error.
 fn usage(error: StudyError) -> anyhow::Error {
     match error {
         StudyError::UnknownSetting { name, known } => {
@@ -275,7 +275,7 @@ fn usage(error: StudyError) -> anyhow::Error {
     }
 }
 
-/// An error if a file of the ledger would destroy an input.
+/// Returns an error if a file of the ledger would overwrite an input.
 pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     guard.input("the graph", Path::new(&args.pipeline))?;

@@ -106,7 +106,7 @@ pub struct Args {
     frames: Option<u64>,
 }
 
-/// Largest width and height of a window, in pixels: more than any display has, and less than window systems allow.
+/// Maximum width and height of a window, in pixels: more than any display has, and less than window systems allow.
 const LARGEST: u32 = 16_384;
 
 /// Window width in pixels below which two panels leave no room for a picture.
@@ -118,7 +118,7 @@ impl Args {
         self.drawing.size.unwrap_or((1600, 900))
     }
 
-    /// Refuses invalid values, before anything is loaded.
+    /// Refuses invalid values, before the scene is loaded.
     fn check(&self) -> Result<(), Usage> {
         let within = |name: &str, value: f32, range: RangeInclusive<f32>| match range.contains(&value) {
             true => Ok(()),
@@ -164,7 +164,7 @@ enum Theme {
     Light,
 }
 
-/// Parses a place of the picture, as shares of its width and height.
+/// Parses a position in the picture, as shares of its width and height.
 fn place(text: &str) -> Result<[f32; 2], String> {
     let share = |text: &str| text.trim().parse::<f32>().ok().filter(|v| (0.0..=1.0).contains(v));
     text.split_once(',')
@@ -189,7 +189,7 @@ enum ShowPanel {
     Timeline,
     /// Frame time and messages, on the picture
     Hud,
-    /// Only the picture
+    /// No tool: the picture alone
     None,
 }
 

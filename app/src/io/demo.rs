@@ -1,6 +1,7 @@
 //! Generates and finds the demo scene, the default of `render` and `view`.
 //!
-//! The first use writes it as an ordinary `.ply` in the layout of the reference implementation; later uses load that file.
+//! The first use writes the scene as an ordinary `.ply` in the layout of the reference implementation; later uses load
+//! that file.
 
 use crate::io::folders;
 use crate::io::output;
@@ -26,7 +27,7 @@ pub fn path() -> Option<PathBuf> {
     }
 }
 
-/// Generates the demo scene if `path` does not exist; returns true if it did.
+/// Generates the demo scene if `path` does not exist; returns true if it was generated.
 ///
 /// # Errors
 /// The file cannot be written.

@@ -1,4 +1,4 @@
-//! Loads scenes, with the tags of their files or without them.
+//! Loads scenes, with or without the tags of their files.
 
 use splatgraph_assets::{LoadError, Progress, Scene};
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 static IGNORES_TAGS: AtomicBool = AtomicBool::new(false);
 
-/// Drops the tags of all scenes that are loaded from now on.
+/// Drops the tags of all scenes loaded from now on.
 pub fn ignore_tags() {
     IGNORES_TAGS.store(true, Ordering::Relaxed);
 }
@@ -14,7 +14,7 @@ pub fn ignore_tags() {
 /// Loads a scene.
 ///
 /// # Errors
-/// Those of [`Scene::load`].
+/// See [`Scene::load`].
 pub fn scene(path: &Path, progress: Progress) -> Result<Scene, LoadError> {
     let scene = Scene::load(path, progress)?;
     Ok(if IGNORES_TAGS.load(Ordering::Relaxed) { scene.without_tags() } else { scene })

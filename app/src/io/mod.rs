@@ -1,9 +1,9 @@
-//! Reads and writes what enters and leaves the program.
+//! Reads the program's inputs, and writes its outputs.
 //!
-//! - [`output`]: everything that leaves the program: files, terminal text, signals;
+//! - [`output`]: files, terminal text, signals;
 //! - [`image`]: picture files;
 //! - [`film`]: film files;
-//! - [`report`]: plots, and pages in one file;
+//! - [`report`]: plots, and self-contained pages;
 //! - [`program`]: the build of the program;
 //! - [`progress`]: progress on standard error;
 //! - [`load`]: scene files;

@@ -1,4 +1,4 @@
-//! Identifies the build of the program, on which numbers and pictures depend.
+//! Identifies the program's build, on which numbers and pictures depend.
 
 use std::fs::File;
 use std::hash::{DefaultHasher, Hasher};
@@ -6,15 +6,15 @@ use std::io::{self, Read};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-/// The file of the code where it is not the process's program.
+/// The file that contains this code, if it is not the process's executable.
 static FILE: OnceLock<PathBuf> = OnceLock::new();
 
-/// Sets the file of the code: a library's in the process of an interpreter. The first call counts.
+/// Sets the file that contains this code, for a library loaded by an interpreter. Only the first call has an effect.
 pub fn set(file: PathBuf) {
     let _ = FILE.set(file);
 }
 
-/// Hashes the program's file.
+/// Hashes the file that contains this code.
 ///
 /// # Errors
 /// The file cannot be read.

@@ -1,14 +1,14 @@
 //! Shows the progress of long tasks on standard error.
 //!
-//! Tasks of less than a second show nothing. After that, a terminal gets a bar; a file or a pipe, where a bar would be thousands
-//! of lines, gets a plain line every ten seconds.
+//! Tasks of less than a second show nothing. After that, a terminal shows a bar. A file or a pipe, in which a bar would
+//! become thousands of lines, gets a plain line every ten seconds.
 
 use crate::io::output::{one_line, say};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-/// Duration without output.
+/// Time until a task first shows its progress.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Interval of plain lines.
 const PLAIN_INTERVAL: Duration = Duration::from_secs(10);
@@ -56,7 +56,7 @@ impl Progress {
         }
     }
 
-    /// Prints something above the bar.
+    /// Hides the bar while `print` runs, so that its output appears above the bar.
     pub fn suspend<T>(&self, print: impl FnOnce() -> T) -> T {
         match &self.bar {
             Some(bar) => bar.suspend(print),

@@ -1,16 +1,17 @@
-//! Finds the meaning of a text in a graph file from the text before it, because the file may be incomplete while it is typed.
+//! Finds the meaning of a string in a graph file from the text before it, since the file may be incomplete while it is
+//! edited.
 
 use std::ops::Range;
 
-/// The meaning of the text around a place.
+/// Meaning of the string at a position.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Meaning {
     /// A block or an image variable of the pass's shaders: a key of `bind`.
     Block {
-        /// The shaders of the pass that stand before it.
+        /// Shaders of the pass that precede the string.
         shaders: Vec<String>,
     },
-    /// A resource, or an expression that chooses one.
+    /// A resource, or an expression that selects one.
     Resource,
     /// An expression over parameters, facts and `let`s.
     Expression,
@@ -22,16 +23,16 @@ pub enum Meaning {
     Format,
     /// An attribute of the scene, or a block of the frame.
     Import,
-    /// A name that the graph gives, or words.
+    /// A name that the graph defines, or plain words.
     Free,
 }
 
-/// A text between quotes.
+/// A string in quotes, at a position.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cursor {
     /// The meaning.
     pub meaning: Meaning,
-    /// The bytes between the quotes; up to the end of the line if the closing one is missing.
+    /// Bytes between the quotes, or up to the end of the line if the closing quote is missing.
     pub inside: Range<usize>,
 }
 
@@ -40,38 +41,38 @@ pub struct Cursor {
 pub struct Group {
     /// The name before a parenthesis: `Dispatch`.
     pub name: String,
-    /// The field or key that the bracket is the value of.
+    /// Field or key whose value is the bracket.
     pub lead: String,
     /// The bracket around it.
     pub parent: Option<usize>,
-    /// The bracket is a brace.
+    /// True if the bracket is a brace.
     pub is_map: bool,
-    /// The texts and names that are the values of its fields.
+    /// Fields or keys whose values are strings or names, with these values.
     pub values: Vec<(String, String)>,
 }
 
-/// A text in quotes with its place among the brackets.
+/// A string in quotes, with its position among the brackets.
 #[derive(Clone, Debug)]
 pub struct Text {
     /// The bytes between the quotes.
     pub inside: Range<usize>,
-    /// The innermost bracket around it: an index of [`Scan::groups`].
+    /// Innermost bracket around it: an index of [`Scan::groups`].
     pub group: usize,
-    /// The field or key that it is the value of.
+    /// Field or key whose value it is.
     pub key: Option<String>,
 }
 
-/// The brackets and the texts of a graph file.
+/// The brackets and strings of a graph file.
 #[derive(Debug)]
 pub struct Scan {
-    /// The first is the file itself.
+    /// Brackets; the first is the file itself.
     pub groups: Vec<Group>,
-    /// In the order of the file.
+    /// Strings, in the order of the file.
     pub texts: Vec<Text>,
 }
 
 impl Scan {
-    /// Reads a file, which may be broken.
+    /// Scans a file, which may have syntax errors.
     pub fn of(text: &str) -> Scan {
         scan(text, None)
     }
@@ -81,20 +82,20 @@ impl Scan {
         std::iter::successors(self.groups.get(group), |group| self.groups.get(group.parent?))
     }
 
-    /// Finds the meaning of a text.
+    /// Determines the meaning of a string.
     pub fn meaning(&self, text: &Text) -> Meaning {
         meaning(&self.around(text.group).collect::<Vec<_>>(), text.key.as_deref())
     }
 }
 
-/// Finds the text that holds byte `offset`; `None` outside of all texts, and in comments.
+/// Finds the string that contains byte `offset`; `None` outside of all strings, and in comments.
 pub fn at(text: &str, offset: usize) -> Option<Cursor> {
     let scan = scan(text, Some(offset));
     let last = scan.texts.last().filter(|last| (last.inside.start..=last.inside.end).contains(&offset))?;
     Some(Cursor { meaning: scan.meaning(last), inside: last.inside.clone() })
 }
 
-/// Reads a file up to the text that holds byte `stop`, or all of it.
+/// Scans a file up to the string that contains byte `stop`, or all of it.
 fn scan(text: &str, stop: Option<usize>) -> Scan {
     let bytes = text.as_bytes();
     let mut scan = Scan { groups: vec![Group::default()], texts: Vec::new() };
@@ -158,10 +159,10 @@ fn scan(text: &str, stop: Option<usize>) -> Scan {
     scan
 }
 
-/// Returns the byte of the quote that ends a text.
+/// Returns the position of the quote that ends a string.
 ///
-/// A text may run over lines. But one that begins in the line of byte `offset` may be unfinished, and would swallow the file: it ends
-/// with that line.
+/// A string may span lines. But one that begins in the line of byte `offset` may be unfinished, and would swallow the
+/// rest of the file: it ends with that line.
 fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
     let last = match offset {
         Some(offset) if !text[start..offset].contains('\n') => {
@@ -179,7 +180,7 @@ fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
     last
 }
 
-/// Finds the meaning of the value of `key` in the first of these brackets, which has the others around it.
+/// Determines the meaning of the value of `key` in the first of these brackets; the others enclose it.
 fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
     let Some((group, around)) = around.split_first() else { return Meaning::Free };
     match (key, group.lead.as_str()) {

@@ -1,20 +1,20 @@
-//! Finds the graphs that may use a file, in the editor's folders or around the file, and the facts that they are built with.
+//! Finds the graphs that may use a file, and the facts that they are built with.
 
 use crate::draw::facts::{self, SceneFacts};
 use splatgraph_framework::ir::{Catalog, Facts};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Bounds the files that are looked at, in case the editor's folder is a whole disk.
+/// Maximum number of files to search: the editor's folder may be a whole disk.
 const MAX_ENTRIES: usize = 20_000;
 
-/// Greatest depth of folders that are searched below the editor's.
+/// Maximum depth of the search below the editor's folders.
 const MAX_DEPTH: usize = 6;
 
-/// Subgroups of a GPU and of a CPU, for which graphs are built.
+/// Subgroup sizes for which graphs are built: a GPU's and a CPU's.
 pub const LANES: [u32; 2] = [facts::USUAL_SUBGROUP_SIZE, 8];
 
-/// Returns true for the files that are built; others are read by them.
+/// Returns true if a file is a graph; other files are read by graphs.
 pub fn is_graph(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "ron")
 }
@@ -25,14 +25,15 @@ pub fn nominal(lanes: u32) -> (Facts, Catalog) {
     (facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE), facts::nominal_catalog())
 }
 
-/// Returns a path without links and `..`, if it is absolute and exists.
+/// Resolves links and `..` of an absolute path that exists; returns other paths unchanged.
 pub fn canonical(path: &Path) -> PathBuf {
     if path.is_absolute() { path.canonicalize().unwrap_or_else(|_| path.to_owned()) } else { path.to_owned() }
 }
 
 /// Lists the open graphs, and the graphs in the editor's `folders` or, if none of these contains the file, around it.
 ///
-/// Around a file are its folder and the folders `pipelines` beside it and beside the folders that it is in, three levels up.
+/// The file's surroundings are its folder, and the folders `pipelines` beside it and beside its ancestors, three levels
+/// up.
 pub fn graphs_near(path: &Path, open: &BTreeMap<PathBuf, String>, folders: &[PathBuf]) -> Vec<String> {
     let path = canonical(path);
     let mut searched: Vec<PathBuf> =

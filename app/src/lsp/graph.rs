@@ -1,4 +1,4 @@
-//! Builds the graphs that are open, and answers questions about them.
+//! Builds the open graphs, and answers requests about them.
 
 use super::cursor::{self, Meaning};
 use super::files::{self, LANES, is_graph, nominal};
@@ -22,7 +22,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops;
 use std::path::{Path, PathBuf};
 
-/// A planner, and the newest correct version of each graph.
+/// A planner, and the newest error-free version of each graph.
 #[derive(Default)]
 pub struct Workspace {
     planner: Planner,
@@ -31,14 +31,14 @@ pub struct Workspace {
     folders: Vec<PathBuf>,
 }
 
-/// The declarations of the newest version of a graph without errors.
+/// Declarations of a graph's newest error-free version.
 #[derive(Default)]
 struct Known {
     /// Resources with a description each.
     resources: BTreeMap<String, String>,
     names: ExpressionNames,
     controls: Vec<Control>,
-    /// The plan for a GPU; `None` while there is a mistake.
+    /// Plan for a GPU; `None` while the graph has errors.
     dump: Option<Dump>,
 }
 
@@ -48,9 +48,9 @@ impl Workspace {
         Workspace { folders, ..Workspace::default() }
     }
 
-    /// Builds the graphs among the open texts, and lists the diagnostics of each file, also of files that are not open.
+    /// Builds the graphs among the open files, and lists the diagnostics of each file, also of files that are not open.
     ///
-    /// Every open graph is in the result.
+    /// Every open graph has an entry in the result.
     pub fn diagnostics(&mut self, open: &BTreeMap<PathBuf, String>) -> BTreeMap<PathBuf, Vec<Diagnostic>> {
         self.planner.read_unsaved(open.clone());
         let mut found: BTreeMap<PathBuf, Vec<Diagnostic>> = BTreeMap::new();
@@ -67,7 +67,7 @@ impl Workspace {
         found
     }
 
-    /// Builds a graph for a GPU and for a CPU; the errors of the first that has any, or the warnings.
+    /// Builds a graph for a GPU and for a CPU; returns the errors of the first that has any, or the warnings.
     fn check(&mut self, path: &Path) -> Vec<PlainDiagnostic> {
         let graph = path.display().to_string();
         let mut warnings = Vec::new();
@@ -249,7 +249,7 @@ impl Workspace {
         found
     }
 
-    /// Resolves the names of the graphs around a file.
+    /// Builds the index of the names in the graphs around a file.
     fn index(&mut self, path: &Path, open: &BTreeMap<PathBuf, String>) -> Index {
         let graphs = files::graphs_near(path, open, &self.folders);
         Index::of(&mut self.planner, &graphs)
@@ -262,7 +262,7 @@ impl Workspace {
         places.iter().filter_map(|place| location(&index, place, open)).collect()
     }
 
-    /// Lists every place of the name at a byte of a graph or a shader.
+    /// Lists every occurrence of the name at a byte of a graph or a shader.
     pub fn references(&mut self, at: (&Path, usize), open: &BTreeMap<PathBuf, String>) -> Vec<Location> {
         let index = self.index(at.0, open);
         let places = index.places(&in_index(at.0), at.1);
@@ -309,7 +309,7 @@ fn in_index(path: &Path) -> String {
     files::canonical(path).display().to_string()
 }
 
-/// Returns a place in an editor's terms; `None` for a file that is built into the program.
+/// Converts a place to an editor's location; `None` for a file that is built into the program.
 fn location(index: &Index, place: &Place, open: &BTreeMap<PathBuf, String>) -> Option<Location> {
     let path = Some(PathBuf::from(&place.file)).filter(|path| path.is_absolute())?;
     let text = index.text(&place.file)?;
@@ -318,7 +318,7 @@ fn location(index: &Index, place: &Place, open: &BTreeMap<PathBuf, String>) -> O
     Some(Location { uri: text::uri_of(&as_opened(path, open))?, range })
 }
 
-/// The errors of a graph that others include and that cannot be built by itself.
+/// Errors of a graph that is only meant to be included.
 const ONLY_OF_PARTS: [&str; 2] = ["this graph is made to be included", "this graph has no output"];
 
 /// Returns the resources of a plan with a description each.
@@ -335,9 +335,9 @@ fn resources(plan: &Plan) -> BTreeMap<String, String> {
     plan.resources.iter().filter(|r| named(&r.name)).map(|r| (name(&r.name), about(&r.shape))).collect()
 }
 
-/// Returns the diagnostic in an editor's terms, with the file that it is shown in.
+/// Converts a diagnostic to the editor's form, with the file in which it is shown.
 ///
-/// A mistake in a built-in file, which no editor can open, is shown at the start of the graph.
+/// An error in a built-in file, which no editor can open, is shown at the start of the graph.
 fn placed(graph: &Path, plain: PlainDiagnostic, open: &BTreeMap<PathBuf, String>) -> (PathBuf, Diagnostic) {
     let path = as_opened(PathBuf::from(&plain.file), open);
     let text = match open.get(&path) {
@@ -371,7 +371,7 @@ fn placed(graph: &Path, plain: PlainDiagnostic, open: &BTreeMap<PathBuf, String>
     (file, Diagnostic { range, severity: Some(severity), source, message, ..Diagnostic::default() })
 }
 
-/// Returns the path by which the editor knows a file: that of the open text, or the one without links and `..`.
+/// Returns the path by which the editor knows a file: the path of the open file, or else the canonical one.
 fn as_opened(path: PathBuf, open: &BTreeMap<PathBuf, String>) -> PathBuf {
     if open.contains_key(&path) || !path.is_absolute() {
         return path;
@@ -381,7 +381,7 @@ fn as_opened(path: PathBuf, open: &BTreeMap<PathBuf, String>) -> PathBuf {
     open.keys().find(same).cloned().unwrap_or(canonical)
 }
 
-/// Returns the name around a byte of a text: letters, digits, `_` and `.`.
+/// Returns the range of the name at a byte of a string: letters, digits, `_` and `.`.
 fn word(text: &str, inside: &ops::Range<usize>, offset: usize) -> ops::Range<usize> {
     let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.');
     let before = text[inside.start..offset].rfind(|c| !is_part(c));
@@ -406,7 +406,8 @@ fn beside(graph: &Path, graphs: bool) -> Vec<String> {
 
 /// Collects the blocks and images that a shader and its includes declare, by their `layout` lines.
 ///
-/// The shader may not compile while it is typed, and constants that switch parts of it may be unknown: so all are listed.
+/// All of them are listed, because the shader may not compile while it is edited, and constants that disable parts of
+/// it may be unknown.
 fn blocks(planner: &mut Planner, graph: &str, shader: &str, names: &mut BTreeSet<String>, depth: u32) {
     let Some((_, text)) = planner.shader(graph, shader).filter(|_| depth < 8) else { return };
     for line in text.lines().map(str::trim_start) {

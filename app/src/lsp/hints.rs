@@ -9,7 +9,8 @@ use std::path::Path;
 
 /// Lists a hint for each pass of a file that waits for others, at the end of the line in which the pass begins.
 ///
-/// `text` is the file's; `dumps` are of plans with passes of the file. The first plan that has a pass counts.
+/// `text` is the file's; `dumps` are the plans that may contain passes of the file. The first plan that contains a pass
+/// determines its hint.
 pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
     // The export and the like stand at no pass of the file.
     let is_written = |pass: &DumpPass| ["dispatch", "draw", "fill"].contains(&pass.kind.as_str());
@@ -52,7 +53,7 @@ pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
     found.into_iter().filter_map(hint).collect()
 }
 
-/// Lists the passes that the barriers of a pass wait for, and layouts of images that nothing wrote.
+/// Lists the passes that a pass's barriers wait for, and layout transitions without a previous writer.
 fn after(pass: &DumpPass) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     let causes = pass.barriers.iter().flat_map(|barrier| &barrier.dependencies);
@@ -69,12 +70,12 @@ fn after(pass: &DumpPass) -> Vec<String> {
     names
 }
 
-/// Returns the hints whose lines are within a range of lines, both ends included.
+/// Keeps the hints between two lines, both included.
 pub fn within(hints: Vec<InlayHint>, first: u32, last: u32) -> Vec<InlayHint> {
     hints.into_iter().filter(|hint| (first..=last).contains(&hint.position.line)).collect()
 }
 
-/// Returns the value of each `let` as a hint behind its text.
+/// Returns the value of each `let` as a hint behind its expression.
 pub fn values(text: &str, lets: impl Iterator<Item = (usize, String)>) -> Vec<InlayHint> {
     let hint = |(end, value): (usize, String)| InlayHint {
         position: text::position_of(text, end),

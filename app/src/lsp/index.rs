@@ -1,7 +1,7 @@
-//! Resolves the names in graphs and shaders to their declarations, across the files that graphs name.
+//! Resolves names in graphs and shaders to their declarations, across files.
 //!
-//! A name can have several declarations: a choice leads to several graphs, and several graphs may use one shader. Declarations that
-//! share a name's place can only be renamed together, so they form a class.
+//! A name can have several declarations: a choice leads to several graphs, and several graphs may use one shader.
+//! Declarations that share an occurrence of a name can only be renamed together, so they form a class.
 
 use super::cursor::{Group, Scan, Text};
 use super::names::{self, Kind, Mention, Role, Word, mentions, words};
@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 use std::path::Path;
 
-/// Bounds the chains of includes, presets and choices that are followed: as the language does.
+/// Maximum length of a chain of includes, presets and choices, as in the language.
 const MAX_DEPTH: usize = 16;
 
 /// A range of bytes in a file.
@@ -26,16 +26,16 @@ pub struct Place {
     pub end: usize,
 }
 
-/// Spelling of a name.
+/// Spelling of a name at an occurrence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// The spelling of the declaration.
     Plain,
-    /// In capitals, as the constant of a shader.
+    /// In capitals, as a shader's constant.
     Macro,
 }
 
-/// A name in a file, and its meaning.
+/// An occurrence of a name, with what it refers to.
 struct Found {
     end: usize,
     form: Form,
@@ -50,18 +50,18 @@ struct Declaration {
     range: Range<usize>,
     kind: Kind,
     name: String,
-    /// The bracket that it stands in.
+    /// Bracket that contains the declaration.
     group: usize,
-    /// Shaders know it by its own name.
+    /// True if shaders use the declared name, not its capitals.
     is_live: bool,
-    /// The names of a choice.
+    /// Values of a choice.
     choices: Vec<String>,
 }
 
 struct Graph {
     scan: Scan,
     mentions: Vec<Mention>,
-    /// The files that it names, by the names.
+    /// Files that it names, by name.
     graphs: HashMap<String, FileId>,
     shaders: HashMap<String, FileId>,
 }
@@ -71,7 +71,7 @@ struct Shader {
     includes: Vec<FileId>,
 }
 
-/// The names of graphs and of the shaders that they use.
+/// The names of graphs and of their shaders.
 pub struct Index {
     paths: HashMap<FileId, (String, String)>,
     graphs: BTreeMap<FileId, Graph>,
@@ -80,12 +80,12 @@ pub struct Index {
     /// The declarations of each file.
     of_file: HashMap<FileId, Vec<usize>>,
     found: BTreeMap<(FileId, usize), Found>,
-    /// For each declaration another one of its class; a representative has itself.
+    /// For each declaration, a parent in its class (union-find); a representative is its own parent.
     class: Vec<usize>,
 }
 
 impl Index {
-    /// Reads these graphs, and the files that they lead to.
+    /// Reads these graphs, and the files that they refer to.
     pub fn of(planner: &mut Planner, paths: &[String]) -> Index {
         let mut index = Index {
             paths: HashMap::new(),
@@ -222,7 +222,7 @@ impl Index {
         at
     }
 
-    /// Returns the declarations that a name of a graph stands for, and the places of other files.
+    /// Returns the declarations that a name of a graph refers to, and places in other files.
     fn meant(&self, file: FileId, mention: &Mention) -> (Vec<usize>, Vec<Place>) {
         let graph = &self.graphs[&file];
         let name = mention.name.as_str();
@@ -272,19 +272,19 @@ impl Index {
         all.filter(|id| wanted(&self.declarations[*id])).collect()
     }
 
-    /// Returns a `let` or a parameter.
+    /// Finds a `let` or a parameter.
     fn value(&self, file: FileId, name: &str) -> Vec<usize> {
         let lets = self.declared(file, |d| d.kind == Kind::Let && d.name == name);
         if lets.is_empty() { self.parameter(file, name, 0) } else { lets }
     }
 
-    /// Returns a resource, or a `let` or a parameter that holds the name of one.
+    /// Finds a resource, or a `let` or a parameter that holds the name of one.
     fn resource(&self, file: FileId, name: &str) -> Vec<usize> {
         let own = self.declared(file, |d| d.kind == Kind::Resource && d.name == name);
         if own.is_empty() { self.value(file, name) } else { own }
     }
 
-    /// Returns a parameter that a graph declares, or that one of its includes exposes.
+    /// Finds a parameter that a graph declares, or that one of its includes exposes.
     fn parameter(&self, file: FileId, name: &str, depth: usize) -> Vec<usize> {
         let own = self.declared(file, |d| d.kind == Kind::Parameter && d.name == name);
         if !own.is_empty() || depth > MAX_DEPTH {
@@ -311,7 +311,7 @@ impl Index {
         names
     }
 
-    /// Returns the graphs that a chain of includes leads to.
+    /// Finds the graphs that a chain of includes leads to.
     fn inside(&self, file: FileId, within: &[String]) -> Vec<FileId> {
         within.iter().fold(vec![file], |files, name| {
             let included = |file: FileId| {
@@ -322,7 +322,7 @@ impl Index {
         })
     }
 
-    /// Returns the graphs that a name leads to through presets and choices.
+    /// Finds the graphs that a name leads to, through presets and choices.
     fn leaves(&self, file: FileId, name: &str) -> Vec<FileId> {
         let mut leaves = BTreeSet::new();
         let mut seen = BTreeSet::new();
@@ -364,7 +364,7 @@ impl Index {
         all.filter_map(include).collect()
     }
 
-    /// Finds the constants and the live parameters of a graph in its shaders.
+    /// Finds a graph's constants and live parameters in its shaders.
     #[allow(clippy::type_complexity)]
     fn in_shaders(
         &self,
@@ -406,7 +406,7 @@ impl Index {
         }
     }
 
-    /// Returns the first place of a name in a shader or what it includes: GLSL declares a name before it is used.
+    /// Finds the first occurrence of a name in a shader or its includes: GLSL declares a name before its use.
     fn first_word(&self, shader: FileId, name: &str) -> Option<Place> {
         let mut seen = BTreeSet::new();
         let mut waiting = vec![shader];
@@ -449,7 +449,7 @@ impl Index {
         Some((place, &declared.name, found.form))
     }
 
-    /// Lists every place, in all files, of the name at a byte of a file, sorted.
+    /// Lists every occurrence, in all files, of the name at a byte of a file, sorted.
     pub fn places(&self, path: &str, offset: usize) -> Vec<(Place, Form)> {
         let Some(class) = self.at(path, offset).and_then(|(_, found)| found.declarations.first()) else {
             return Vec::new();
@@ -465,7 +465,7 @@ impl Index {
         places
     }
 
-    /// Lists the graphs on which a change of these files can have an effect, by path.
+    /// Lists the graphs that a change of these files can affect, by path.
     pub fn users(&self, changed: &BTreeSet<String>) -> Vec<String> {
         let mut users: BTreeSet<FileId> = BTreeSet::new();
         loop {
@@ -526,7 +526,7 @@ impl Include {
     }
 }
 
-/// Writes a name as the shaders of a graph know it.
+/// Converts a name to the constant that a graph's shaders see.
 pub fn capital(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()
 }

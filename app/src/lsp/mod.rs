@@ -1,9 +1,10 @@
-//! The language server: what an editor shows while a graph or a shader is typed.
+//! Implements the language server: errors, completion and hints while a graph or a shader is edited.
 //!
-//! Diagnostics are the errors and warnings of `splatgraph check`, without the replay of barriers. Open graphs are built anew after
-//! each change of a file that is open, with the editor's text in place of the file's. [`cursor`] tells what a text in a graph means, [`names`]
-//! lists the names in a file, [`index`] resolves them across files, [`rename`] changes them, [`hints`] shows barriers, [`graph`] builds graphs and
-//! answers, [`files`] finds the graphs around a file, and [`text`] converts positions and names of files.
+//! Diagnostics are the errors and warnings of `splatgraph check`, without the replay of barriers. Open graphs are
+//! rebuilt after each change of an open file, with the editor's text in place of the file's. [`cursor`] determines the
+//! meaning of a string in a graph, [`names`] lists the names in a file, [`index`] resolves them across files,
+//! [`rename`] changes them, [`hints`] shows barriers, [`graph`] builds graphs and answers requests, [`files`] finds the
+//! graphs around a file, and [`text`] converts positions and file names.
 
 mod cursor;
 mod files;
@@ -41,7 +42,7 @@ use std::path::PathBuf;
 /// Answers an editor until it ends the connection.
 ///
 /// # Errors
-/// The editor does not follow the protocol, or ends without a word.
+/// The editor violates the protocol, or disconnects without shutting the server down.
 pub fn serve(connection: &Connection) -> Result<()> {
     let capabilities = ServerCapabilities {
         text_document_sync: Some(TextDocumentSyncCapability::Kind(TextDocumentSyncKind::FULL)),
@@ -83,7 +84,7 @@ pub fn serve(connection: &Connection) -> Result<()> {
     Ok(())
 }
 
-/// Builds the open graphs if a text changed, and sends the diagnostics that are new.
+/// Builds the open graphs if a text changed, and sends the changed diagnostics.
 fn publish(server: &mut Server, connection: &Connection) -> Result<()> {
     if server.changed {
         for published in server.published_after_a_change() {
@@ -104,10 +105,10 @@ fn folders(editor: &InitializeParams) -> Vec<PathBuf> {
     }
 }
 
-/// The result of a request, or the error that the editor shows.
+/// Result of a request, or the error that the editor shows.
 type Answer = Result<Value, (ErrorCode, String)>;
 
-/// Reads the parameters of a request, and writes the result of `answer`.
+/// Parses the parameters of a request, and serialises the result of `answer`.
 fn answered<P: DeserializeOwned, R: serde::Serialize>(
     params: Value,
     answer: impl FnOnce(P) -> Result<R, String>,
@@ -123,7 +124,7 @@ fn answered<P: DeserializeOwned, R: serde::Serialize>(
 struct Server {
     /// The texts that the editor holds.
     open: BTreeMap<PathBuf, String>,
-    /// A text changed since the last build.
+    /// True if a text changed since the last build.
     changed: bool,
     workspace: Workspace,
     /// The diagnostics that the editor shows, by file.
@@ -245,14 +246,14 @@ impl Server {
         CompletionResponse::Array(items.unwrap_or_default())
     }
 
-    /// Returns the file and the byte of a position in a graph or a shader that is open.
+    /// Resolves a position in an open graph or shader to its file and byte.
     fn any_place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
         let offset = text::offset_of(self.open.get(&path)?, at.position);
         Some((path, offset))
     }
 
-    /// Returns the file, its text and the byte of a position in a graph that is open.
+    /// Resolves a position in an open graph to its file, text and byte.
     fn place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, String, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
         let text = self.open.get(&path).filter(|_| files::is_graph(&path))?.clone();

@@ -1,4 +1,4 @@
-//! Lists the names in a graph file and in a shader, with their places: what each declares or refers to, before it is resolved.
+//! Lists the names in a graph file and in a shader, with their positions, and what each declares or refers to.
 
 use super::cursor::{Group, Meaning, Scan, shaders};
 use splatgraph_framework::schema::{ResourceName, is_choice};
@@ -48,7 +48,7 @@ pub enum Role {
     OfShaders(Vec<String>),
 }
 
-/// A name at its place.
+/// A name at a position.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mention {
     /// The bytes of the name.
@@ -57,7 +57,7 @@ pub struct Mention {
     pub name: String,
     /// Its meaning.
     pub role: Role,
-    /// The bracket that it stands in: an index of [`Scan::groups`].
+    /// Bracket that contains it: an index of [`Scan::groups`].
     pub group: usize,
 }
 
@@ -117,12 +117,12 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
     found
 }
 
-/// Returns the text or the name that a field has.
+/// Returns the string or the name that is a field's value.
 pub fn value(group: &Group, key: &str) -> Option<String> {
     group.values.iter().find(|(other, _)| other == key).map(|(_, value)| value.clone())
 }
 
-/// Returns the place of the name in `name`, `front(name)`, `back(name)` or `last(name)`; `None` for another text.
+/// Returns the range of the name in `name`, `front(name)`, `back(name)` or `last(name)`; `None` for another text.
 fn resource(text: &str) -> Option<Range<usize>> {
     let range = ResourceName::parse(text)?.range;
     let is_name = |name: &str| !name.is_empty() && name.chars().all(|c| continues_name(c) || c == '.');
@@ -142,9 +142,9 @@ fn of_path(text: &str, range: Range<usize>, add: &mut impl FnMut(Range<usize>, R
     }
 }
 
-/// Adds the names of an expression and the texts in single quotes: shaders, and resources where `resources` is true.
+/// Adds the names of an expression and its strings in single quotes: shaders, and resources if `resources` is true.
 ///
-/// A compared string names a choice, not a resource.
+/// A string in a comparison names a choice, not a resource.
 fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Role)) {
     let mut at = 0;
     while let Some(c) = text[at..].chars().next() {
@@ -181,7 +181,7 @@ fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Ro
     }
 }
 
-/// Returns true if a character can stand in a name.
+/// Returns true if a character can be part of a name.
 pub fn continues_name(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
 }
@@ -189,9 +189,9 @@ pub fn continues_name(c: char) -> bool {
 /// A word of a shader.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Word {
-    /// A name, not the field of something.
+    /// A name that is not a field of something.
     Name(Range<usize>),
-    /// A file that is included: its name.
+    /// Name of an included file.
     Include(String),
 }
 

@@ -1,4 +1,4 @@
-//! Renames a graph's declarations in all files that use them, and builds the graphs with the new name before it is offered.
+//! Renames a graph's declarations in all files, after building the graphs with the new name to check it.
 
 use super::files::{LANES, nominal};
 use super::index::{Form, Index, Place, capital};
@@ -7,12 +7,12 @@ use crate::draw::planner::Planner;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-/// A range of bytes of a file, and the text that takes its place.
+/// A range of bytes of a file, and its replacement.
 pub type Edit = (std::ops::Range<usize>, String);
 
 /// Lists the edits of each file that rename the name at a byte of a file.
 ///
-/// `open` are the texts that the editor holds. The planner reads them again in the end.
+/// `open` holds the editor's texts. The planner is reset to them at the end.
 ///
 /// # Errors
 /// The byte has no name, the new name is not valid, a file cannot be changed, or the new name would break a graph.
@@ -80,7 +80,8 @@ pub fn rename(
     Ok(edits)
 }
 
-/// Builds graphs for a GPU and for a CPU; a summary of each plan that does not depend on names, or the first error.
+/// Builds graphs for a GPU and for a CPU; returns a summary of each plan that is independent of names, or the first
+/// error.
 fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<String, String>> {
     let build = |graph: &String| {
         let mut summaries = Vec::new();

@@ -1,11 +1,11 @@
-//! Converts positions and names of files between an editor's terms and the framework's.
+//! Converts positions and file names between the editor's form and the framework's.
 
 use lsp_types::{Position, Uri};
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, percent_decode_str, utf8_percent_encode};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Encoded in the path of a URI: all but the unreserved characters of RFC 3986 and the slash.
+/// Bytes that are percent-encoded in a URI's path: all but the slash and RFC 3986's unreserved characters.
 const RESERVED: &AsciiSet =
     &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'/');
 
@@ -23,7 +23,7 @@ pub fn uri_of(path: &Path) -> Option<Uri> {
     Uri::from_str(&format!("file://{}", utf8_percent_encode(path.to_str()?, RESERVED))).ok()
 }
 
-/// Returns the byte of a position, whose character counts units of UTF-16; the end of the line if the line is shorter.
+/// Converts a position, in UTF-16 units, to a byte offset; the end of the line if the line is shorter.
 pub fn offset_of(text: &str, position: Position) -> usize {
     let start = match position.line {
         0 => 0,
@@ -40,7 +40,7 @@ pub fn offset_of(text: &str, position: Position) -> usize {
     start + line.len()
 }
 
-/// Returns the position of a byte.
+/// Converts a byte offset to a position.
 pub fn position_of(text: &str, offset: usize) -> Position {
     let before = &text[..offset.min(text.len())];
     let line = before.matches('\n').count() as u32;
@@ -48,7 +48,7 @@ pub fn position_of(text: &str, offset: usize) -> Position {
     Position { line, character: before[start..].encode_utf16().count() as u32 }
 }
 
-/// Returns the position of a line and a column that count from 1, the column in characters.
+/// Converts a line and a column (in characters), both counted from 1, to a position.
 pub fn position_of_column(text: &str, line: u32, column: u32) -> Position {
     let line = line.saturating_sub(1);
     let characters = text.lines().nth(line as usize).unwrap_or_default().chars();

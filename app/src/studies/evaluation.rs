@@ -20,14 +20,14 @@ pub struct Score {
     pub psnr_db: Option<f64>,
     /// Structural similarity, 1 for equal pictures; `None` for pictures smaller than its window.
     pub ssim: Option<f64>,
-    /// Mean of FLIP of the pictures in 8 bits, 0 for equal pictures.
+    /// Mean FLIP of the pictures in 8 bits, 0 for equal pictures.
     pub flip: f64,
 }
 
-/// The means over all views. A mean is `None` if a view has no such number.
+/// Means over all views. A mean is `None` if a view lacks the number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Mean {
-    /// The mean of decibels, not of errors, as in papers.
+    /// Mean of the views' decibels (as in papers), not the PSNR of the mean error.
     pub psnr_db: Option<f64>,
     /// See [`Score::ssim`].
     pub ssim: Option<f64>,
@@ -40,7 +40,7 @@ pub struct Mean {
 pub struct Evaluation {
     /// A score per view, in the order of the photographs' names.
     pub views: Vec<Score>,
-    /// The means.
+    /// The means over the views.
     pub mean: Mean,
 }
 

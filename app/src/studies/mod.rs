@@ -1,15 +1,15 @@
 //! Measures graphs and settings over many frames. Each study is a function `study` that returns numbers or a page.
 //!
-//! - [`mod@study`]: what all studies share: their subject, the listener that follows them, and their error;
+//! - [`mod@study`]: shared by all studies: their subject, the listener that follows them, and their error;
 //! - [`measurement`]: settings, and the time and the error of their pictures, as all studies measure them;
 //! - [`metrics`]: differences between pictures;
 //! - [`evaluation`]: scores against photographs;
-//! - [`price`]: the cost of each scene format, in bytes, in accuracy and in time to load;
+//! - [`price`]: the cost of each scene format, in bytes, in accuracy and in loading time;
 //! - [`trade`]: the cost of each setting, in time and in accuracy;
 //! - [`mod@bench`]: time, memory and bytes of graphs, drawn interleaved;
 //! - [`sweep`]: the cost of a budget of splats;
-//! - [`advise`]: what a scene needs, and the cheapest setting within a budget;
-//! - [`experiment`]: pages that show what an equation says, on a scene;
+//! - [`advise`]: the needs of a scene, and the cheapest setting within a budget;
+//! - [`experiment`]: pages that demonstrate an equation on a scene;
 //! - [`popping`]: the error that changes from frame to frame.
 
 pub mod advise;

@@ -1,4 +1,4 @@
-//! Measures what each scene format costs: bytes, the error of its pictures, and the time to load.
+//! Measures the price of each scene format: bytes, the error of its pictures, and the loading time.
 
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
@@ -9,32 +9,33 @@ use splatgraph_assets::{Camera, QUIET, Scene, SceneFormat, SpzVersion};
 use splatgraph_reference::Rules;
 use std::time::Instant;
 
-/// Loads of which the fastest counts.
+/// Number of loads; the fastest counts.
 const LOADS: usize = 3;
 
 /// The price of a format.
 #[derive(Clone, Debug, Serialize)]
 pub struct Price {
-    /// The extension of the format, perhaps with a version.
+    /// Extension of the format, with a version if it has several.
     pub format: String,
     /// Bytes of the file.
     pub bytes: u64,
-    /// The same per splat.
+    /// Bytes of the file per splat.
     pub bytes_per_splat: f64,
-    /// Milliseconds to read the file from memory: the least of three times.
+    /// Milliseconds to read the file from memory: the least of [`LOADS`] times.
     pub load_ms: f64,
-    /// The least PSNR of a view, in decibels; `None` if all pictures are equal.
+    /// Lowest PSNR of a view, in decibels; `None` if all pictures are equal.
     pub least_psnr_db: Option<f64>,
-    /// The scores of the views against the pictures of the scene, and their means.
+    /// Scores of the views against the original scene's pictures, and their means.
     pub scores: Evaluation,
 }
 
-/// Writes the scene in every format, reads it back, and scores its exact pictures against those of the scene.
+/// Writes the scene in every format, reads it back, and scores its exact pictures against the original's.
 ///
-/// Cameras are in the world's coordinates. Each file is drawn by its own tags: those that a format loses count.
+/// Cameras are in the world's coordinates. Each file is drawn by its own tags, so tags that a format loses count as
+/// error.
 ///
 /// # Errors
-/// A format cannot hold the scene, or pictures of it have values that are not finite.
+/// A format cannot hold the scene, or its pictures have values that are not finite.
 pub fn measure(scene: &Scene, cameras: &[Camera]) -> Result<Vec<Price>> {
     let views = pictures(scene, cameras);
     let versions = SceneFormat::WRITTEN.into_iter().flat_map(|format| match format {

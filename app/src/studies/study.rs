@@ -1,7 +1,7 @@
 //! Defines the subject of studies, the listener that follows them, and their error.
 //!
-//! A study is a function `study`: it takes a [`Subject`], what is wanted of it, and a [`Listener`], and returns its numbers. It writes no file
-//! of results and prints nothing; the command line does both with what it gets.
+//! A study is a function `study`: it takes a [`Subject`], a request, and a [`Listener`], and returns its numbers. It
+//! writes no file of results and prints nothing; the command line does both.
 
 use crate::draw::capture::CaptureError;
 use crate::draw::session::{Session, SessionError};
@@ -16,7 +16,7 @@ use splatgraph_framework::reload::Wanted;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-/// A graph with the values that some of its parameters are set to.
+/// A graph with values for some of its parameters.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Setting {
     /// A short name: a graph's, `exact`, `defaults`, `key_bits = 16`.
@@ -28,18 +28,18 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// Makes the setting of a graph, with the graph's name.
+    /// Makes the setting of a graph; its name is the graph's.
     pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Setting {
         Setting { name: pipeline.to_owned(), pipeline: pipeline.to_owned(), set: set.to_vec() }
     }
 }
 
-/// Follows a study: takes its progress and its messages, and may cancel it.
+/// Follows a study: receives its progress and messages, and may cancel it.
 pub trait Listener {
-    /// Takes the number of steps done of a task, with the name of the next step. `Break` cancels the study.
+    /// Receives the number of steps done of a task, with the name of the next step. `Break` cancels the study.
     fn progress(&mut self, task: &str, done: u64, of: u64, step: &str) -> ControlFlow<()>;
 
-    /// Takes a message for a person, such as the reason that a setting is not measured.
+    /// Receives a message for the user, such as the reason that a setting is not measured.
     fn say(&mut self, message: &str);
 }
 
@@ -61,7 +61,7 @@ pub struct Steps<'a> {
 }
 
 impl<'a> Steps<'a> {
-    /// Begins a task of so many steps.
+    /// Begins a task of `of` steps.
     pub fn new(listener: &'a mut dyn Listener, task: impl Into<String>, of: usize) -> Steps<'a> {
         Steps { listener, task: task.into(), done: 0, of: of as u64 }
     }
@@ -76,7 +76,7 @@ impl<'a> Steps<'a> {
         if flow.is_break() { Err(StudyError::Cancelled) } else { Ok(()) }
     }
 
-    /// Passes over steps that need not be done.
+    /// Counts steps as done that are not needed.
     pub fn skip(&mut self, steps: usize) {
         self.done += steps as u64;
     }
@@ -90,7 +90,7 @@ pub struct Subject<'a, D> {
     pub name: String,
     /// The scene.
     pub scene: Arc<Scene>,
-    /// The cameras, in the size of the pictures; at least one.
+    /// Cameras, with the size of their pictures; at least one.
     pub cameras: Vec<Camera>,
 }
 
@@ -117,7 +117,7 @@ impl<D: Device> Subject<'_, D> {
         format!("{} ({})", info.name, info.driver)
     }
 
-    /// Reads graphs before anything is measured, so that mistakes are told first. Returns their files.
+    /// Reads the graphs, so that mistakes are reported before anything is measured. Returns their files.
     ///
     /// # Errors
     /// A graph has errors.
@@ -169,10 +169,10 @@ pub enum StudyError {
     /// The inputs allow no measurement. The text names the expected and the found input.
     #[error("{0}")]
     Input(String),
-    /// No setting has a name that begins so.
+    /// No setting's name begins with the given text.
     #[error("expected the begin of a setting's name, of: {}; found `{name}`", known.join(", "))]
     UnknownSetting {
-        /// The beginning.
+        /// The given beginning of a name.
         name: String,
         /// The names of all settings.
         known: Vec<String>,
@@ -186,7 +186,7 @@ pub enum StudyError {
 }
 
 impl StudyError {
-    /// Makes a function that names the setting or the view of an error.
+    /// Returns a function that adds the name of the setting or the view to an error.
     pub fn of<E: Into<StudyError>>(name: &str) -> impl FnOnce(E) -> StudyError {
         move |error| StudyError::Of { name: name.to_owned(), error: Box::new(error.into()) }
     }

@@ -1,15 +1,15 @@
-//! Finds the plans whose frames may differ for equal inputs: plans that keep a history, or read the number of the frame.
+//! Finds plans whose frames may differ for equal inputs: plans that keep a history, or read the frame number.
 
 use crate::draw::camera::{CAMERA, FRAME_NUMBER};
 use splatgraph_framework::ir::{Pass, ReflectedKind, Shader, Source, Work};
 use splatgraph_framework::plan::Plan;
 
-/// Returns true if frames of a plan may differ although their inputs do not.
+/// Returns true if the frames of a plan may differ for equal inputs.
 pub fn is_animated(plan: &Plan) -> bool {
     plan.resources.iter().any(|resource| resource.history.is_some()) || reads_frame_number(plan)
 }
 
-/// Returns true if a shader of a frame reads the number of the frame.
+/// Returns true if a shader of the frame reads the frame number.
 fn reads_frame_number(plan: &Plan) -> bool {
     plan.frame.iter().map(|pass| plan.pass(*pass)).any(|pass| {
         let reads = |id| reads(plan, pass, plan.shader(id));
@@ -21,7 +21,7 @@ fn reads_frame_number(plan: &Plan) -> bool {
     })
 }
 
-/// Returns true if the code of a pass's shader may read the number from the block `Camera`.
+/// Returns true if the code of a pass's shader may read the frame number from the block `Camera`.
 fn reads(plan: &Plan, pass: &Pass, shader: &Shader) -> bool {
     let is_camera = |source: &Source| matches!(source, Source::Frame { uniform } if uniform == CAMERA);
     let bound = pass.bindings.iter().filter(|binding| is_camera(&plan.resource(binding.resource).source));

@@ -1,7 +1,7 @@
-//! Keeps the views that a person saved, and writes cameras to files.
+//! Keeps the user's saved views, and writes cameras to files.
 //!
-//! Views, and the keys of a path, are cameras in the world's coordinates, as in a `cameras.json`: they stay right when another part
-//! of the world is opened, and every command takes their files.
+//! Views, and the keys of a path, are cameras in the world's coordinates, as in a `cameras.json`: they stay valid when
+//! another part of the world is opened, and every command reads their files.
 
 use crate::io::output::{self, OutputError, harmless};
 use splatgraph_assets::Camera;
@@ -10,7 +10,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// A list of views; the name of each, unlike all others, is its camera's `img_name`.
+/// A list of views; the unique name of each is its camera's `img_name`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Views {
     list: Vec<Camera>,
@@ -29,7 +29,7 @@ impl Views {
         self.list.len() - 1
     }
 
-    /// Gives a view another name, by the rules of [`Views::add`].
+    /// Renames a view, by the rules of [`Views::add`].
     pub fn rename(&mut self, index: usize, name: &str) {
         let name = self.free_name(name, Some(index));
         if let Some(view) = self.list.get_mut(index) {
@@ -37,14 +37,14 @@ impl Views {
         }
     }
 
-    /// Removes a view, if there is one at this index.
+    /// Removes the view at this index, if it exists.
     pub fn remove(&mut self, index: usize) {
         if index < self.list.len() {
             self.list.remove(index);
         }
     }
 
-    /// Makes a name that no view but the one at `own` has.
+    /// Makes a name that no view has, except the one at `own`.
     fn free_name(&self, name: &str, own: Option<usize>) -> String {
         let name = Some(name.trim()).filter(|name| !name.is_empty()).unwrap_or("view");
         let taken = |name: &str| {
@@ -64,13 +64,13 @@ impl Views {
 /// An error of writing cameras.
 #[derive(Debug, thiserror::Error)]
 pub enum SaveError {
-    /// There is nothing to write.
+    /// The list of cameras is empty.
     #[error("expected at least one camera to save, found none")]
     Empty,
-    /// The file would not be opened as cameras.
+    /// The file's extension is not that of a cameras file.
     #[error("expected a file name with the extension .json, found {}", .0.display())]
     Extension(PathBuf),
-    /// The file is not this window's to replace.
+    /// The file exists, and this window did not write it.
     #[error("expected a new file, found one that this window did not write: {}", .0.display())]
     Exists(PathBuf),
     /// The file cannot be read or written.
@@ -78,15 +78,15 @@ pub enum SaveError {
     Output(#[from] OutputError),
 }
 
-/// Writes files of cameras, and remembers them: only files of this window are replaced.
+/// Writes files of cameras, and replaces only files that it wrote itself.
 #[derive(Clone, Debug, Default)]
 pub struct CameraFiles {
-    /// The texts by their files, as absolute paths.
+    /// Written texts, by absolute path.
     written: BTreeMap<PathBuf, String>,
 }
 
 impl CameraFiles {
-    /// Writes a `cameras.json` of cameras in the world's coordinates; the file is whole, or not there.
+    /// Writes a `cameras.json` of cameras in the world's coordinates, atomically.
     ///
     /// # Errors
     /// There are no cameras; the file cannot be written; or it exists, and this window did not write its contents.

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RendererId {
-    /// The scene's renderer: the whole view, or the part left of the split line.
+    /// Renderer of the scene: the whole view, or the part left of the split line.
     A,
     /// The renderer of the comparison.
     B,
@@ -31,7 +31,7 @@ impl fmt::Display for RendererId {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
-    /// A new plan replaced the former; see [`Swap`].
+    /// A new plan replaced the previous one; see [`Swap`].
     Swapped {
         /// Renderer of the plan.
         renderer: RendererId,
@@ -39,14 +39,14 @@ pub enum Event {
         #[serde(flatten)]
         swap: Swap,
     },
-    /// The plan could not be built; the previous one stays.
+    /// A plan could not be built; the previous one stays.
     Failed {
         /// Renderer of the plan.
         renderer: RendererId,
         /// The errors, without colours.
         text: String,
     },
-    /// A plan builds again after a failure.
+    /// A plan was built again after a failure.
     Mended {
         /// Renderer of the plan.
         renderer: RendererId,
@@ -64,14 +64,14 @@ pub enum Event {
         path: PathBuf,
         /// Number of splats.
         splats: u32,
-        /// Milliseconds of loading.
+        /// Loading time, in milliseconds.
         load_ms: f64,
     },
     /// A scene could not be loaded; the previous one stays.
     SceneFailed {
         /// The file.
         path: PathBuf,
-        /// The problem.
+        /// Cause of the failure.
         error: String,
     },
     /// Cameras were loaded.
@@ -81,11 +81,11 @@ pub enum Event {
         /// Number of cameras.
         count: usize,
     },
-    /// A file could not be read or written, or is of no known kind.
+    /// A file could not be read or written, or has an unknown type.
     FileFailed {
         /// The file.
         path: PathBuf,
-        /// The problem.
+        /// Cause of the failure.
         error: String,
     },
     /// A file with cameras was written.
@@ -98,16 +98,16 @@ pub enum Event {
         /// The file.
         path: PathBuf,
     },
-    /// The device, or its window, ended. Everything on it is lost; the scene stays in the memory of the host.
+    /// The device, or its window, was lost. Everything on it is gone; the scene stays in host memory.
     DeviceLost {
-        /// The answer of the device.
+        /// Error of the device.
         error: String,
     },
-    /// A device was opened in place of the one that was lost.
+    /// A device was opened to replace the lost one.
     DeviceOpened {
         /// Name of the device.
         name: String,
-        /// Attempts until it could be opened.
+        /// Number of attempts until it was opened.
         attempts: u32,
     },
     /// A request that cannot be fulfilled; everything else continues.
@@ -115,9 +115,9 @@ pub enum Event {
         /// The problem.
         text: String,
     },
-    /// The device has worked on one pass for more than a second; pictures come when it is done.
+    /// The device has been running one pass for more than a second; pictures are delayed until it is done.
     Slow {
-        /// The pass, with its plan.
+        /// Name of the pass, with its plan.
         place: String,
     },
     /// A and B were compared.
@@ -138,7 +138,7 @@ pub enum Event {
         /// Pixels per point of the user interface.
         pixels_per_point: f32,
     },
-    /// A control has a new place in the window, in pixels.
+    /// A control moved to a new place in the window, in pixels.
     Control {
         /// Name of the control.
         name: String,
@@ -151,7 +151,7 @@ pub enum Event {
         /// Bottom border.
         bottom: f32,
     },
-    /// A control vanished.
+    /// A control disappeared.
     ControlGone {
         /// Name of the control.
         name: String,
@@ -166,7 +166,7 @@ pub enum Event {
 }
 
 impl Event {
-    /// Names the renderer of an event.
+    /// Adds the renderer to an event.
     pub fn of(renderer: RendererId, event: RendererEvent) -> Event {
         match event {
             RendererEvent::Swapped(swap) => Event::Swapped { renderer, swap },
@@ -176,7 +176,7 @@ impl Event {
         }
     }
 
-    /// Returns true for events of the log in the window.
+    /// Returns true for events that appear in the window's log.
     pub fn is_for_people(&self) -> bool {
         use Event::{Control, ControlGone, Frame, Window};
         !matches!(self, Window { .. } | Control { .. } | ControlGone { .. } | Frame { .. })

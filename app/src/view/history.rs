@@ -1,8 +1,9 @@
 //! Records the times of recent frames, for the rolling plot and the table of medians and 99th percentiles.
 //!
-//! Every finished frame leaves a `Sample` with the plan that it was measured with. The newest [`WINDOW`] are kept across changes of
-//! the plan, so that the plot shows the effect of a change. The table covers the frames of the newest measured plan, without
-//! prologues; its names are looked up in that plan, since the plan on the screen may already be another.
+//! Every finished frame adds a `Sample` with the plan that it was measured with. The newest [`WINDOW`] are kept across
+//! changes of the plan, so that the plot shows the effect of a change. The table covers the frames of the newest
+//! measured plan, without prologues. It takes its names from that plan, since the plan on the screen may already be
+//! another.
 
 use crate::draw::stats::quantile;
 use splatgraph_api::FrameResult;
@@ -28,12 +29,12 @@ struct Sample {
     passes: Vec<(PassId, Option<f64>)>,
 }
 
-/// Milliseconds over the frames of the current plan.
+/// Quantiles over the frames of the current plan, in milliseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Quantiles {
     /// The median.
     pub median: f64,
-    /// The 99th percentile; of fewer than a hundred frames, the maximum.
+    /// The 99th percentile; with fewer than a hundred frames, the maximum.
     pub p99: f64,
 }
 
@@ -44,7 +45,7 @@ impl Quantiles {
     }
 }
 
-/// A row of the table: a phase, or a pass of it.
+/// A row of the table: a phase, or one of its passes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
     /// Name of the pass or the phase.
@@ -102,7 +103,7 @@ impl History {
         });
     }
 
-    /// Counts all frames so far, including frames no longer recorded.
+    /// Returns the number of frames so far, including frames no longer recorded.
     pub fn frames(&self) -> u64 {
         self.frames
     }
@@ -117,7 +118,7 @@ impl History {
         self.plan().is_some_and(|measured| Arc::ptr_eq(measured, plan))
     }
 
-    /// Counts the frames of the table.
+    /// Returns the number of frames that the table covers.
     pub fn steady_frames(&self) -> usize {
         self.steady().count()
     }
@@ -133,9 +134,10 @@ impl History {
         self.samples.iter().skip(skipped).filter_map(|sample| sample.total_ms).collect()
     }
 
-    /// Computes the median milliseconds of a frame that no pass accounts for.
+    /// Computes the median time of a frame outside of its passes, in milliseconds.
     ///
-    /// Drivers on the CPU write the timestamps of compute passes when the whole submission ends, so there it is nearly everything.
+    /// Drivers on the CPU write the timestamps of compute passes when the whole submission ends, so it is nearly the
+    /// whole frame there.
     pub fn unattributed(&self) -> Option<f64> {
         let rest = |sample: &Sample| {
             let passes: Option<f64> = sample.phases.iter().map(|(_, ms)| *ms).sum();
@@ -146,7 +148,7 @@ impl History {
         quantile(&rests, 0.5)
     }
 
-    /// Returns true if passes account for less than half of a frame, so that their times say little.
+    /// Returns true if passes account for less than half of a frame, so that their times are unreliable.
     pub fn is_mostly_unattributed(&self) -> bool {
         match (self.unattributed(), self.total()) {
             (Some(rest), Some(total)) => rest > 0.5 * total.median,
@@ -154,7 +156,7 @@ impl History {
         }
     }
 
-    /// Computes the milliseconds of the host for recording and submitting a frame.
+    /// Computes the host time to record and submit a frame, in milliseconds.
     pub fn record(&self) -> Option<Quantiles> {
         Quantiles::of(&mut self.steady().map(|s| s.record_ms).collect::<Vec<_>>())
     }

@@ -1,6 +1,7 @@
-//! Keeps the arrangement of the window from one start to the next: tools, theme, and the scenes that were open.
+//! Restores the window's arrangement from the last start: tools, theme, and recently opened scenes.
 //!
-//! It is a JSON file in the user's folder for state. A file that cannot be read, or that another version wrote, is told and replaced.
+//! It is a JSON file in the user's state folder. A file that cannot be read, or has another version, is reported and
+//! replaced.
 
 use super::panels::{Arrangement, Panels};
 use crate::io::folders;
@@ -11,7 +12,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// Number of the format; files with another one are not read.
+/// Version of the format; files of other versions are not read.
 const VERSION: u32 = 1;
 
 #[derive(Serialize, Deserialize)]
@@ -22,15 +23,15 @@ struct Kept {
     arrangement: Arrangement,
 }
 
-/// Returns the file; `None` if the system names no folder for it.
+/// Returns the file's path; `None` if the system names no folder for it.
 pub fn path() -> Option<PathBuf> {
     Some(folders::state()?.join("splatgraph/window.json"))
 }
 
-/// Restores the panels; returns the theme, or `None` if nothing was kept.
+/// Restores the panels; returns the theme, or `None` if there is no file.
 ///
 /// # Errors
-/// The file is there, and cannot be used; the panels are as they were.
+/// The file exists and cannot be used; the panels are then unchanged.
 pub fn restore(path: &Path, panels: &mut Panels) -> Result<Option<Theme>, String> {
     let text = match fs::read_to_string(path) {
         Ok(text) => text,
@@ -47,10 +48,10 @@ pub fn restore(path: &Path, panels: &mut Panels) -> Result<Option<Theme>, String
     Ok(Some(if kept.light { Theme::Light } else { Theme::Dark }))
 }
 
-/// Writes the file, unless it has the same content already.
+/// Writes the file, unless its content is the same.
 ///
 /// # Errors
-/// It cannot be written; the previous one stays.
+/// The file cannot be written; the previous one stays.
 pub fn keep(path: &Path, panels: &Panels, theme: Theme) -> Result<(), String> {
     let kept = Kept { version: VERSION, light: theme == Theme::Light, arrangement: panels.arrangement() };
     let text = serde_json::to_string_pretty(&kept).map_err(|error| error.to_string())?;

@@ -2,18 +2,20 @@
 //!
 //! From the lowest layer to the highest:
 //!
-//! - [`renderer`]: a device with a graph, whose plan is rebuilt in the background when files, parameters or inputs change;
-//! - [`opening`]: scenes and cameras that are read on other threads;
-//! - [`animation`]: the plans that are drawn although nothing changes;
+//! - [`renderer`]: a device with a graph, whose plan is rebuilt in the background when files, parameters or inputs
+//!   change;
+//! - [`opening`]: reading of scenes and cameras on other threads;
+//! - [`animation`]: plans that are drawn even if no input changes;
 //! - [`picking`]: the splats of a pixel, found on another thread;
 //! - [`cameras`]: saved views, and files of cameras;
 //! - [`viewport`]: a renderer of the scene with its frame times ([`history`]) and its inspection;
 //! - [`viewer`]: the scene, the camera ([`navigation`]), and one or two viewports;
 //! - [`undo`]: the steps that can be undone;
-//! - [`wheel`]: the wheel of a mouse, or two fingers on a touchpad;
+//! - [`wheel`]: a mouse's wheel, or two fingers on a touchpad;
 //! - [`panels`]: the user interface around the pictures;
-//! - [`paint`] and [`shell`]: the graph of the window itself, which draws the pictures and the user interface over them;
-//! - [`recovery`]: another device in place of one that was lost;
+//! - [`paint`] and [`shell`]: the graph of the window itself, which draws the pictures and the user interface over
+//!   them;
+//! - [`recovery`]: replacement of a lost device;
 //! - [`window`]: winit's events in, frames out.
 //!
 //! Only [`window`] depends on a window system. Tests run everything else.

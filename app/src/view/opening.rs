@@ -1,7 +1,7 @@
 //! Reads scenes and cameras on other threads. The last request of each kind wins.
 //!
-//! A request cancels the one before it, so that a slow file never replaces one that was opened after it. A load is cancelled at
-//! its next report of progress; until then its thread goes on, and its result is dropped.
+//! A request cancels the previous one, so that a slow file never replaces one that was opened later. A load is
+//! cancelled at its next report of progress; until then its thread continues, and its result is dropped.
 
 use super::events::RendererId;
 use super::renderer::Wake;
@@ -17,15 +17,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Instant;
 
-/// A file that was read, or could not be.
+/// A file that was read, or failed to be read.
 pub struct Opened {
     /// The file.
     pub path: PathBuf,
-    /// Milliseconds of reading.
+    /// Loading time, in milliseconds.
     pub load_ms: f64,
-    /// Place of the request among all, from 1.
+    /// Sequence number of the request, from 1.
     pub number: u64,
-    /// The content, or the error.
+    /// Content of the file, or the error.
     pub content: Content,
 }
 
@@ -37,14 +37,14 @@ pub enum Content {
     Cameras(CameraRole, Result<Vec<Camera>, String>),
 }
 
-/// The use of the cameras of a file.
+/// Use of a file's cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CameraRole {
-    /// Cameras of the scene, to be selected.
+    /// Selectable cameras of the scene.
     Selectable,
-    /// Views that were saved.
+    /// Saved views.
     Views,
-    /// The keys of a path.
+    /// Keys of a path.
     Path,
 }
 
@@ -64,16 +64,16 @@ impl Drop for Request {
 /// The files that are being read.
 pub struct Opening {
     next: u64,
-    /// A's and B's.
+    /// Requests for the scenes of A and B.
     scenes: [Option<Request>; 2],
-    /// By their [`CameraRole`].
+    /// Requests for cameras, by [`CameraRole`].
     cameras: [Option<Request>; 3],
     finished: (Sender<Opened>, Receiver<Opened>),
     wake: Wake,
 }
 
 impl Opening {
-    /// Creates a reader that calls `wake` when a file was read.
+    /// Creates a reader that calls `wake` when a file has been read.
     pub fn new(wake: Wake) -> Opening {
         Opening {
             next: 1,
@@ -94,15 +94,15 @@ impl Opening {
         self.scenes.iter().chain(&self.cameras).any(Option::is_some)
     }
 
-    /// Drops the scene that is being read for a viewport.
+    /// Cancels the scene that is being read for a viewport.
     pub fn cancel_scene(&mut self, id: RendererId) {
         self.scenes[index(id)] = None;
     }
 
-    /// Reads a scene for a viewport, and its cameras if there are some; cancels the scene that is being read for it.
+    /// Reads a scene for a viewport, and the cameras beside it, if any; cancels the viewport's previous request.
     ///
     /// # Errors
-    /// The system starts no thread.
+    /// The system cannot start a thread.
     pub fn open_scene(&mut self, id: RendererId, path: &Path) -> Result<(), String> {
         self.scenes[index(id)] = None;
         let failed = move |error| Content::Scene(id, Err(error), None);
@@ -123,10 +123,10 @@ impl Opening {
         Ok(())
     }
 
-    /// Reads cameras; cancels the cameras that are being read for the same role.
+    /// Reads cameras; cancels the previous request for the same role.
     ///
     /// # Errors
-    /// The system starts no thread.
+    /// The system cannot start a thread.
     pub fn open_cameras(&mut self, role: CameraRole, path: &Path) -> Result<(), String> {
         self.cameras[role as usize] = None;
         let read = move |path: &Path, _: &AtomicBool| Content::Cameras(role, load_cameras(path));
@@ -135,10 +135,10 @@ impl Opening {
         Ok(())
     }
 
-    /// Reads each scene that is being read for a viewport again for the other.
+    /// Restarts each scene that is being read, for the other viewport.
     ///
     /// # Errors
-    /// The system starts no thread.
+    /// The system cannot start a thread.
     pub fn exchange_scenes(&mut self) -> Result<(), String> {
         let paths = [RendererId::A, RendererId::B].map(|id| (id, self.scene(id).map(Path::to_owned)));
         for (id, path) in paths {
@@ -164,7 +164,7 @@ impl Opening {
         }
     }
 
-    /// Reads a file on another thread. `failed` makes the content of one whose reading panics.
+    /// Reads a file on another thread. `failed` makes the content if reading panics.
     fn start(
         &mut self,
         path: &Path,
@@ -194,7 +194,7 @@ impl Opening {
     }
 }
 
-/// Returns the index of a viewport's scene. The window has none, and counts as A.
+/// Returns the index of a viewport's scene. The window has no scene, and counts as A.
 fn index(id: RendererId) -> usize {
     usize::from(id == RendererId::B)
 }

@@ -1,6 +1,7 @@
 //! Finds the splats of a pixel on another thread. The newest request wins.
 //!
-//! A request cancels the one before it, so that a pointer can be followed: see [`crate::draw::pick`] for what is found.
+//! A request cancels the previous one, so that the search can follow the pointer. [`crate::draw::pick`] defines the
+//! result.
 
 use super::renderer::Wake;
 use crate::draw::pick::{Picked, pick};
@@ -21,14 +22,14 @@ impl Drop for Request {
     }
 }
 
-/// The search for the splats of a pixel.
+/// Searches for the splats of a pixel.
 pub struct Picker {
     request: Option<Request>,
     wake: Wake,
 }
 
 impl Picker {
-    /// Creates a picker that calls `wake` when splats were found.
+    /// Creates a picker that calls `wake` when splats have been found.
     pub fn new(wake: Wake) -> Picker {
         Picker { request: None, wake }
     }
@@ -38,7 +39,7 @@ impl Picker {
     /// `camera` is in the scene's coordinates, with the size of the picture.
     ///
     /// # Errors
-    /// The system starts no thread.
+    /// The system cannot start a thread.
     pub fn start(&mut self, scene: Arc<Scene>, camera: Camera, pixel: [u32; 2]) -> Result<(), String> {
         self.cancel();
         let (done, found) = channel();

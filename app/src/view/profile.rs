@@ -1,16 +1,16 @@
-//! Connects the profilers Tracy and RenderDoc, each behind a feature, and Apple's capture of frames.
+//! Connects the profilers Tracy and RenderDoc, each behind a feature, and frame capture on Apple's systems.
 //!
-//! With the feature `tracy`, host code is marked with zones (`zone!`), and the GPU times of every pass appear in a GPU context.
-//! They are measured durations, laid end to end before the time at which the frame was found finished, because host and device
-//! share no clock. With the feature `renderdoc`, the program can capture a frame if RenderDoc started it or its library is
-//! preloaded; labels and names in the capture are the graph's. On Apple's systems, Metal writes the frame as a document for Xcode. See
-//! `docs/profiling.md`.
+//! With the feature `tracy`, host code is marked with zones (`zone!`), and the GPU times of every pass appear in a GPU
+//! context. Host and device share no clock, so the measured durations are laid end to end before the time at which the
+//! host saw the frame's end. With the feature `renderdoc`, the program can capture a frame if RenderDoc started it or
+//! its library is preloaded; labels and names in the capture are the graph's. On Apple's systems, Metal writes the
+//! frame as a document for Xcode. See `docs/profiling.md`.
 
 use splatgraph_api::FrameResult;
 use splatgraph_framework::plan::Plan;
 use std::path::PathBuf;
 
-/// Marks the host's work from here to the end of the block, with a name for Tracy.
+/// Opens a Tracy zone with this name, until the end of the block.
 macro_rules! zone {
     ($name:literal) => {
         #[cfg(feature = "tracy")]
@@ -35,7 +35,7 @@ pub fn frame() {
     }
 }
 
-/// Name of the tool that captures the next frame of the window on request; `None` without one.
+/// Name of the tool that captures a frame of the window on request; `None` without one.
 pub const CAPTURES: Option<&str> = if cfg!(feature = "renderdoc") {
     Some("RenderDoc")
 } else if cfg!(target_vendor = "apple") {
@@ -44,7 +44,8 @@ pub const CAPTURES: Option<&str> = if cfg!(feature = "renderdoc") {
     None
 };
 
-/// Captures the next frame of the window, with RenderDoc where it is compiled in. `document` names a new file for Metal's.
+/// Captures the next frame of the window, with RenderDoc if it is compiled in. `document` returns a new path for
+/// Metal's capture.
 ///
 /// # Errors
 /// No capture tool is compiled in or available.

@@ -1,10 +1,12 @@
-//! Opens the device again after its loss.
+//! Reopens the device after its loss.
 //!
-//! A driver ends a device when a pass runs for too long, or when the GPU is reset or unplugged; a window's surface can also be lost.
-//! A [`Recovery`] draws the frames of a [`Shell`] and takes note of a loss: everything on the device is given up, another is opened,
-//! and the scene, which is still in the memory of the host, is uploaded again. Contents of histories are lost.
+//! A driver ends a device when a pass runs for too long, or when the GPU is reset or unplugged; a window's surface can
+//! also be lost. A [`Recovery`] draws the frames of a [`Shell`] and detects a loss: everything on the device is
+//! dropped, another device is opened, and the scene, which is still in host memory, is uploaded again. Contents of
+//! histories are lost.
 //!
-//! A graph that loses the device again soon after is the likely cause. It then waits for a change instead of a third loss.
+//! A graph that loses the device again soon after is the likely cause. It then waits for a change instead of causing a
+//! third loss.
 
 use super::events::Event;
 use super::shell::{Frame, FrameRequest, Shell};
@@ -15,43 +17,44 @@ use std::time::{Duration, Instant};
 /// Interval of attempts to open a device.
 const INTERVAL: Duration = Duration::from_millis(500);
 
-/// Attempts until it is given up.
+/// Maximum number of attempts to open a device.
 const ATTEMPTS: u32 = 20;
 
-/// The longest wait for a build that still uses the lost device.
+/// Maximum wait for a build that still uses the lost device.
 const BUILDS: Duration = Duration::from_secs(5);
 
-/// A loss so soon after another is one of the same cause.
+/// Two losses within this time have the same cause.
 const SOON: Duration = Duration::from_secs(30);
 
-/// A function that opens a device for a window of this size, with or without vsync: one for the window, and one for the scene.
+/// A function that opens devices for a window of this size, with or without vsync: one for the window, and one for the
+/// scene.
 pub type Open<D> = Box<dyn FnMut((u32, u32), bool) -> Result<(D, D), BackendError>>;
 
 /// The device could not be opened again.
 #[derive(Debug, thiserror::Error)]
 #[error("{loss}; no device can be opened in its place: {error}")]
 pub struct Unrecovered {
-    /// The loss.
+    /// Error that ended the device.
     pub loss: BackendError,
-    /// The error of the last attempt.
+    /// Error of the last attempt to open another.
     pub error: BackendError,
 }
 
-/// A loss that is not mended yet.
+/// A loss without a new device yet.
 struct Loss {
     error: BackendError,
     since: Instant,
     attempts: u32,
     next: Instant,
-    /// True if the device was lost shortly before.
+    /// True if the device had already been lost shortly before.
     again: bool,
 }
 
-/// A device that is opened again after its loss; see the module's documentation.
+/// Reopens a device after its loss; see the module's documentation.
 pub struct Recovery<D> {
     open: Open<D>,
     loss: Option<Loss>,
-    /// Time at which a device was opened again.
+    /// Time at which a device was last reopened.
     opened: Option<Instant>,
 }
 
@@ -69,7 +72,7 @@ impl<D: Device> Recovery<D> {
         (self.open)(size, vsync)
     }
 
-    /// Returns the loss that is not mended yet.
+    /// Returns the error of a loss without a new device yet.
     pub fn loss(&self) -> Option<&BackendError> {
         self.loss.as_ref().map(|loss| &loss.error)
     }
@@ -77,7 +80,7 @@ impl<D: Device> Recovery<D> {
     /// Draws a frame of the shell; `None` while there is no device.
     ///
     /// # Errors
-    /// After `ATTEMPTS` in vain to open another device.
+    /// No device could be opened in `ATTEMPTS` attempts.
     pub fn frame(
         &mut self,
         shell: &mut Shell<D>,
@@ -103,7 +106,7 @@ impl<D: Device> Recovery<D> {
         self.loss = Some(Loss { error, since: now, attempts: 0, next: now, again });
     }
 
-    /// Tries to open another device, if one was lost; returns true if there is one.
+    /// Tries to open another device if one was lost; returns true if there is a device.
     fn reopen(&mut self, shell: &mut Shell<D>, size: (u32, u32)) -> Result<bool, Box<Unrecovered>> {
         let Some(loss) = &mut self.loss else { return Ok(true) };
         // A build holds the previous device, and some window systems allow one at a time.

@@ -1,16 +1,16 @@
 //! Runs the viewer without a window system: a [`Viewer`], the panels around it, and the graph that draws both.
 //!
-//! The window's graph, `pipelines/view/window.ron`, draws the pictures of the scene (one, two with a split line, or their
-//! difference) and egui's triangles over them. A [`Shell`] turns input into a frame of that graph, for a window to present or
-//! a test to read back.
+//! The window's graph, `pipelines/view/window.ron`, draws the pictures of the scene (one, two with a split line, or
+//! their difference) and egui's triangles over them. A [`Shell`] converts input to a frame of that graph, which a
+//! window presents or a test reads back.
 //!
-//! A frame of the window is drawn if it would differ from the one before: a picture is new, or egui draws something else. A
-//! [`Frame`] says when the next is due. Whoever owns the shell sleeps until then, or until an event, and looks for finished frames
-//! ([`Shell::collect`]) while some are in flight.
+//! A frame of the window is drawn only if it would differ from the last one: a picture is new, or egui's output
+//! changed. A [`Frame`] contains the time of the next one. The shell's owner sleeps until then, or until an event, and
+//! polls for finished frames ([`Shell::collect`]) while some are in flight.
 //!
-//! On a CPU the scene has its own device ([`crate::draw::backend::Backend::open_beside`]), so that the window is drawn while a picture
-//! takes long. On a GPU both share one queue, where frames of the window would wait behind a picture: while one takes long, none
-//! are submitted.
+//! On a CPU, the scene has its own device ([`crate::draw::backend::Backend::open_beside`]), so that the window is drawn
+//! while a picture takes long. On a GPU, both share one queue, in which frames of the window would wait behind a
+//! picture: during a long picture, none are submitted.
 
 use super::events::{Event, RendererId};
 use super::history::History;
@@ -29,19 +29,19 @@ use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Interval of frames that show the progress of a build or a load.
+/// Interval between frames while a build or a load shows its progress.
 const PROGRESS: Duration = Duration::from_millis(250);
 
-/// Least interval of frames for animations of the user interface on a CPU, which has other work.
+/// Minimum interval between frames for animations of the user interface on a CPU, which is busy with the scene.
 const ANIMATION: Duration = Duration::from_millis(33);
 
-/// Interval after a frame that drew nothing, where the next one is due at once.
+/// Interval after a frame that drew nothing although the next one is due immediately.
 const UNDRAWN: Duration = Duration::from_millis(8);
 
-/// Age of a picture in flight from which frames of the window do not queue up behind it.
+/// Age of a picture in flight from which the window submits no frames, since they would queue up behind it.
 const QUEUE: Duration = Duration::from_millis(100);
 
-/// The size and destination of a frame.
+/// Size and destination of a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FrameRequest {
     /// Size of the window, in pixels.
@@ -52,7 +52,7 @@ pub struct FrameRequest {
     pub present: bool,
     /// True to read the frame back.
     pub read: bool,
-    /// True to draw the frame though nothing changed, because the window system has lost the window's content.
+    /// True to draw the frame even if nothing changed, because the window system has lost the window's content.
     pub redraw: bool,
 }
 
@@ -62,17 +62,19 @@ pub struct Frame {
     pub platform: egui::PlatformOutput,
     /// Requests to the window.
     pub commands: Vec<Command>,
-    /// True if the window was drawn; false if nothing changed, and until its own graph is built.
+    /// True if the window was drawn; false if nothing changed, or its own graph is not built yet.
     pub drawn: bool,
-    /// Time of the next frame; `None` if only an event makes one due. Frames in flight do not count: see [`Shell::in_flight`].
+    /// Time of the next frame; `None` if only an event causes one. Frames in flight do not count: see
+    /// [`Shell::in_flight`].
     pub next: Option<Instant>,
-    /// Pixels of the window, if requested, here or with an earlier frame that took long.
+    /// Pixels of the window, if this frame, or an earlier one that took long, was to be read back.
     pub picture: Option<Pixels>,
-    /// The error that ended the device or its window. Nothing more is drawn until [`Shell::release`] and [`Shell::give`].
+    /// Error that ended the device or its window. Nothing is drawn until [`Shell::release`] and [`Shell::give`] are
+    /// called.
     pub lost: Option<BackendError>,
 }
 
-/// The viewer with its panels and its window's graph.
+/// The viewer with its panels and the window's graph.
 pub struct Shell<D: Device> {
     /// The scene and its viewports.
     pub viewer: Viewer<D>,
@@ -84,21 +86,21 @@ pub struct Shell<D: Device> {
     catalog: Arc<Catalog>,
     history: History,
     events: Vec<Event>,
-    /// The content of the newest frame of the window, without the user interface.
+    /// Content of the window's newest frame, without the user interface.
     shown: Option<Content>,
-    /// The window was to be drawn, and its device could not take the frame.
+    /// True if the window should have been drawn, but its device could not take the frame.
     owed: bool,
-    /// A frame of the window in flight is read back.
+    /// True if a frame of the window in flight is read back.
     reading: bool,
     /// Size of the window's newest frame.
     presented: (u32, u32),
-    /// Number of events so far.
+    /// Number of events reported so far.
     reported: u64,
     /// [`Shell::changes`] at the end of the last frame.
     seen: u64,
 }
 
-/// The pictures in the window, by their numbers, and their arrangement.
+/// Numbers and arrangement of the pictures in the window.
 #[derive(PartialEq)]
 struct Content {
     pictures: [Option<u64>; 2],
@@ -111,7 +113,8 @@ impl<D: Device> Shell<D> {
         Shell::with_graph(viewer, canvas, paint::GRAPH, wake)
     }
 
-    /// Creates a shell with another window graph, a built-in one's name or a path, with the imports of [`paint::offer`].
+    /// Creates a shell with another window graph (a built-in name or a path), which gets the imports of
+    /// [`paint::offer`].
     pub fn with_graph(
         mut viewer: Viewer<D>,
         canvas: D,
@@ -156,7 +159,7 @@ impl<D: Device> Shell<D> {
         &self.canvas
     }
 
-    /// Returns the renderer of the window, for changes of its patience.
+    /// Returns the window's renderer, for changes of its patience.
     pub fn window_mut(&mut self) -> &mut Renderer<D> {
         &mut self.canvas
     }
@@ -185,7 +188,7 @@ impl<D: Device> Shell<D> {
         drawn.or_else(|| inspected.map(ToString::to_string).or(in_part).map(|text| format!("error: {text}")))
     }
 
-    /// Applies the input, and draws the pictures and the window as far as they changed.
+    /// Applies the input, and draws the pictures and the window if they changed.
     pub fn frame(&mut self, input: RawInput, request: FrameRequest) -> Frame {
         zone!("window frame");
         let begun = Instant::now();
@@ -241,7 +244,7 @@ impl<D: Device> Shell<D> {
         Frame { platform: output.platform_output, commands, drawn, next, picture, lost }
     }
 
-    /// Returns the time of the next frame, after one that began at `begun` and that egui wants to be followed after `repaint`.
+    /// Returns the time of the next frame, after one that began at `begun`; `repaint` is the delay that egui requests.
     fn next(&self, begun: Instant, drawn: bool, repaint: Duration) -> Option<Instant> {
         if self.changes() != self.seen {
             // The panels show the state from before.
@@ -267,12 +270,12 @@ impl<D: Device> Shell<D> {
         all.into_iter().flatten().min()
     }
 
-    /// Counts the changes that panels show.
+    /// Returns the number of changes that panels show.
     fn changes(&self) -> u64 {
         self.viewer.changes() + self.canvas.changes() + self.reported
     }
 
-    /// Takes the results of frames that are done. Returns true if another frame is due for them.
+    /// Takes the results of finished frames. Returns true if they require another frame.
     pub fn collect(&mut self) -> bool {
         self.collect_all();
         let waits = self.owed || self.reading || self.viewer.waits() || self.viewer.is_animated();
@@ -284,17 +287,17 @@ impl<D: Device> Shell<D> {
         self.collect_window(Duration::ZERO);
     }
 
-    /// Returns the time of the newest submission whose results were not taken yet.
+    /// Returns the submission time of the newest frame in flight.
     pub fn in_flight(&self) -> Option<Instant> {
         self.viewer.newest().max(self.canvas.newest())
     }
 
-    /// Takes the results of finished frames of the window, and returns true if another can be submitted.
+    /// Takes the results of the window's finished frames; returns true if another can be submitted.
     fn collect_window(&mut self, patience: Duration) -> bool {
         renderer::frames::collect(&mut [&mut self.canvas], patience)
     }
 
-    /// Returns true if a frame of the window can be submitted without a long wait for a picture.
+    /// Returns true if a frame of the window can be submitted without a long wait behind a picture.
     fn is_free(&mut self) -> bool {
         let behind = |since: Instant| since.elapsed() >= QUEUE;
         let apart = self.viewer.to_host;
@@ -391,7 +394,7 @@ impl<D: Device> Shell<D> {
         std::mem::take(&mut self.events)
     }
 
-    /// Reports an event from outside of the shell.
+    /// Reports an event from outside the shell.
     pub fn report(&mut self, event: Event) {
         self.panels.log_event(&event);
         self.reported += 1;
@@ -407,7 +410,7 @@ impl<D: Device> Shell<D> {
         self.canvas.finish(within)
     }
 
-    /// Waits for the builds that are running, at most until `end`; returns true if none is left.
+    /// Waits for running builds until `end` at the latest; returns true if none is left.
     pub fn is_idle(&mut self, end: Instant) -> bool {
         loop {
             let idle = self.viewer.is_idle() && self.canvas.is_idle();
@@ -418,18 +421,18 @@ impl<D: Device> Shell<D> {
         }
     }
 
-    /// Returns the pass that the device was running when a frame was late at the last look.
+    /// Returns the pass that the device was running at the last poll, if a frame was late.
     pub fn stalled(&self) -> Option<&Running> {
         self.viewer.stalled().or_else(|| self.canvas.stalled())
     }
 
-    /// Drops the device and all that is on it.
+    /// Drops the device and everything on it.
     pub fn release(&mut self) {
         self.viewer.release();
         self.canvas.release();
     }
 
-    /// Returns true if nothing of the dropped device is in use by a build.
+    /// Returns true if no build uses the dropped device.
     pub fn is_released(&mut self) -> bool {
         let viewer = self.viewer.is_released();
         self.canvas.is_released() && viewer
@@ -446,7 +449,7 @@ impl<D: Device> Shell<D> {
         self.viewer.give(device)
     }
 
-    /// Returns the devices of the scene and of the window, after everything else is closed; none that is lost.
+    /// Closes everything else, and returns the devices of the scene and of the window, except lost ones.
     pub fn into_devices(self) -> Vec<D> {
         let Shell { viewer, canvas, .. } = self;
         [viewer.into_device(), canvas.into_device()].into_iter().flatten().collect()

@@ -1,8 +1,8 @@
-//! Undoes and redoes a person's changes: scene, graphs, parameters, comparison, background, resolution.
+//! Undoes and redoes the user's changes: scene, graphs, parameters, comparison, background, resolution.
 //!
-//! After each frame the viewer's [`Settings`] are compared with the frame before. A change at rest (no button is held) becomes
-//! a step. Changes that the program makes by itself, such as dropping a parameter that a new graph lacks, become part of the
-//! step before.
+//! After each frame, the viewer's [`Settings`] are compared with the previous frame's. A change becomes a step once no
+//! button is held. Changes that the program makes by itself, such as dropping a parameter that a new graph lacks,
+//! become part of the previous step.
 
 use super::events::RendererId;
 use super::paint::Mode;
@@ -12,21 +12,21 @@ use indexmap::IndexMap;
 use splatgraph_api::Device;
 use std::path::{Path, PathBuf};
 
-/// Greatest number of steps.
+/// Maximum number of steps.
 const STEPS: usize = 200;
 
-/// The graph and parameters of a viewport.
+/// Graph and parameters of a viewport.
 #[derive(Clone, Debug, PartialEq)]
 struct Side {
     graph: String,
     set: IndexMap<String, String>,
 }
 
-/// Everything that a person sets, except the camera.
+/// Everything that the user sets, except the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     scene: PathBuf,
-    /// B's scene, if it has one of its own.
+    /// Scene of B, if it has its own.
     other: Option<PathBuf>,
     a: Side,
     b: Option<Side>,
@@ -36,7 +36,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Returns the settings of a viewer, with the scene that is being loaded.
+    /// Returns the settings of a viewer, including the scene that is being loaded.
     pub fn of<D: Device>(viewer: &Viewer<D>) -> Settings {
         let side =
             |renderer: &Renderer<D>| Side { graph: renderer.graph().to_owned(), set: renderer.set().clone() };
@@ -53,7 +53,7 @@ impl Settings {
         }
     }
 
-    /// Applies the settings to a viewer; equal ones are not touched.
+    /// Applies the settings that differ to a viewer.
     fn apply<D: Device>(&self, viewer: &mut Viewer<D>) {
         let mut now = Settings::of(viewer);
         if now.scene != self.scene && now.other.as_ref() == Some(&self.scene) {
@@ -116,7 +116,7 @@ impl Settings {
     }
 }
 
-/// The steps that can be undone and redone.
+/// Steps that can be undone and redone.
 #[derive(Debug, Default)]
 pub struct History {
     past: Vec<Settings>,
@@ -125,7 +125,7 @@ pub struct History {
 }
 
 impl History {
-    /// Takes note of the settings after a frame. `by_program` is true for changes that nobody requested.
+    /// Records the settings after a frame. `by_program` is true for changes that the user did not request.
     pub fn observe(&mut self, settings: Settings, by_program: bool) {
         let Some(now) = &mut self.now else {
             self.now = Some(settings);
@@ -162,7 +162,7 @@ impl History {
         Some(self.go(to, text, viewer))
     }
 
-    /// Redoes the step that was undone last; returns a description of the change.
+    /// Redoes the last undone step; returns a description of the change.
     pub fn redo<D: Device>(&mut self, viewer: &mut Viewer<D>) -> Option<String> {
         let (to, now) = (self.future.pop()?, self.now.take()?);
         let text = to.difference(&now);

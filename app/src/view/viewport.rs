@@ -1,11 +1,11 @@
 //! Draws one of the two pictures of the scene, and records its times and inspections.
 //!
-//! A frame is drawn when it would differ from the last one (another plan, size, camera or live parameter), when something is to be
-//! read from it, and when the last one failed or lost its results. So an idle scene costs nothing. A plan whose frames may differ by
-//! themselves is drawn all the time.
+//! A frame is drawn if it would differ from the last one (another plan, size, camera or live parameter), if something
+//! is to be read from it, or if the last one failed or lost its results. So an idle scene costs nothing. A plan whose
+//! frames may differ for equal inputs is drawn continuously.
 //!
-//! The picture is read by the window's graph on the device; if the window has its own device, it goes there through the
-//! memory of the host.
+//! The window's graph reads the picture on the device; if the window has its own device, the picture reaches it through
+//! host memory.
 
 use super::animation::is_animated;
 use super::history::History;
@@ -34,7 +34,7 @@ pub struct Inspection {
     pub pass: String,
     /// True to read it in every frame, not only on request.
     pub follow: bool,
-    /// The last finding, or the reason for its absence.
+    /// The last finding, or the reason that there is none.
     pub found: Option<Result<Finding, String>>,
     asked: bool,
 }
@@ -58,9 +58,9 @@ enum Reading {
     /// No picture is requested.
     #[default]
     Idle,
-    /// The next frame is to be read.
+    /// The next frame is to be read back.
     Wanted,
-    /// The frame of this number is read; see [`Renderer::submitted`].
+    /// The frame with this number is being read back; see [`Renderer::submitted`].
     InFlight(u64),
     /// The picture, or the error.
     Done(Result<Pixels, String>),
@@ -72,13 +72,13 @@ pub(super) struct View<'a> {
     pub camera: &'a Camera,
     /// Display-encoded.
     pub background: [f32; 3],
-    /// True to draw a frame though nothing changed.
+    /// True to draw a frame even if nothing changed.
     pub continuous: bool,
-    /// True if the window's device is another one.
+    /// True if the window uses another device.
     pub to_host: bool,
 }
 
-/// The inputs of a frame, as far as its picture depends on them.
+/// Inputs of a frame that its picture depends on.
 struct Drawn {
     plan: Arc<Plan>,
     uniforms: BTreeMap<String, Vec<u8>>,
@@ -94,10 +94,10 @@ impl PartialEq for Drawn {
 /// A picture for the window.
 struct Exhibit {
     shown: Shown,
-    /// The number of the picture, unique among all viewports.
+    /// Number of the picture, unique among all viewports.
     number: u64,
     plan: Arc<Plan>,
-    /// See [`Renderer::subject`].
+    /// Value of [`Renderer::subject`] for the picture.
     subject: u64,
 }
 
@@ -111,7 +111,7 @@ pub struct Viewport<D: Device> {
     pub inspection: Option<Inspection>,
     /// The graph's statistics of the newest finished frame.
     pub stats: Vec<(String, u32)>,
-    /// Lists that the newest finished frame had no room for.
+    /// Lists that overflowed in the newest finished frame.
     pub short: Vec<Overflow>,
     /// The progress of reading a picture back; see [`Viewport::take_picture`].
     reading: Reading,
@@ -119,9 +119,9 @@ pub struct Viewport<D: Device> {
     drawn: Option<Drawn>,
     /// The picture in the window.
     exhibit: Option<Exhibit>,
-    /// Frames of the plan may differ by themselves.
+    /// True if frames of the plan may differ for equal inputs.
     animated: bool,
-    /// A frame is due, and could not be submitted.
+    /// True if a due frame could not be submitted.
     waits: bool,
     readings: u64,
     track: GpuTrack,
@@ -150,7 +150,7 @@ impl<D: Device> Viewport<D> {
         self.stats.iter().find(|(stat, _)| stat == name).map(|(_, value)| *value)
     }
 
-    /// Describes the fallback that is drawn for a graph whose requirements the device does not meet.
+    /// Describes the fallback that is drawn if the device does not meet the graph's requirements.
     pub fn fallback(&self) -> Option<String> {
         let lacking = Fallback::lacking(&self.renderer.plan()?.fallbacks);
         let all: Vec<String> = lacking.map(ToString::to_string).collect();
@@ -168,19 +168,19 @@ impl<D: Device> Viewport<D> {
         })
     }
 
-    /// Describes the newest finished frame if it was incomplete: `drawn in part: 1,234 of 5,678 entries`. A frame that is held back
-    /// is no such frame.
+    /// Describes the newest finished frame if it was incomplete: `drawn in part: 1,234 of 5,678 entries`. A frame that
+    /// is not shown does not count.
     pub fn in_part(&self) -> Option<String> {
         if self.is_held_back() { None } else { self.part() }
     }
 
-    /// Describes the newest finished frame if it lacked room.
+    /// Describes the newest finished frame if a list overflowed.
     fn part(&self) -> Option<String> {
         let short: Vec<String> = self.short.iter().map(Overflow::to_string).collect();
         (!short.is_empty()).then(|| format!("drawn in part: {}", short.join(", ")))
     }
 
-    /// Describes the newest finished frame if it was incomplete and the next will be, too: there is no more room.
+    /// Describes the newest finished frame if it was incomplete and the next will be: there is no more capacity.
     pub fn stays_in_part(&self) -> Option<String> {
         let ended = self.short.iter().any(|short| short.room >= short.most);
         let reason = match self.renderer.crowded() {
@@ -191,7 +191,7 @@ impl<D: Device> Viewport<D> {
         Some(format!("the picture is {}{reason}", self.part()?))
     }
 
-    /// Counts the pairs that tiles left in the order of the file in the newest finished frame, if any: see `stats::unordered`.
+    /// Reports how many pairs the newest finished frame left unsorted, if any: see `stats::unordered`.
     pub fn unordered(&self) -> Option<String> {
         let (_, pairs) = self.stats.iter().find(|(name, _)| name == "unordered")?;
         stats::unordered((*pairs).into())
@@ -202,12 +202,12 @@ impl<D: Device> Viewport<D> {
         self.reading = Reading::Wanted;
     }
 
-    /// Returns true if a picture was requested, and no frame that gives it was submitted yet.
+    /// Returns true if a picture was requested, but no frame that reads it back was submitted yet.
     pub(super) fn wants_picture(&self) -> bool {
         matches!(self.reading, Reading::Wanted)
     }
 
-    /// Takes the requested picture once it is read back, or the reason why it cannot be.
+    /// Takes the requested picture once it has been read back, or the error.
     pub fn take_picture(&mut self) -> Option<Result<Pixels, String>> {
         match std::mem::take(&mut self.reading) {
             Reading::Done(picture) => Some(picture),
@@ -223,7 +223,7 @@ impl<D: Device> Viewport<D> {
         matches!(self.reading, Reading::Done(_))
     }
 
-    /// Gives a requested picture up.
+    /// Withdraws the request for a picture.
     pub(super) fn forget_picture(&mut self) {
         self.reading = Reading::Idle;
     }
@@ -234,18 +234,18 @@ impl<D: Device> Viewport<D> {
         self.inspection = Some(Inspection { follow, ..Inspection::new(resource, pass) });
     }
 
-    /// Counts the readings; a new number means a new finding.
+    /// Returns the number of readings; a new number means a new finding.
     pub fn readings(&self) -> u64 {
         self.readings
     }
 
-    /// Returns the picture for the window, with a number that tells it from all others.
+    /// Returns the picture for the window, with a unique number.
     pub fn picture(&self) -> Option<(Shown, u64)> {
         self.exhibit.as_ref().map(|exhibit| (exhibit.shown.clone(), exhibit.number))
     }
 
-    /// Returns true if the window shows no picture of the scene or the graph yet, because the frames so far lacked room, or none is
-    /// finished.
+    /// Returns true if the window does not show a picture of this scene and graph yet: frames so far overflowed, or
+    /// none is finished.
     pub fn is_held_back(&self) -> bool {
         self.renderer.plan().is_some()
             && self.exhibit.as_ref().map(|exhibit| exhibit.subject) != Some(self.renderer.subject())
@@ -257,23 +257,23 @@ impl<D: Device> Viewport<D> {
         self.renderer.trouble().is_none() && self.renderer.plan().is_some_and(|plan| !is_shown(plan))
     }
 
-    /// Returns true if frames are drawn all the time, because they may differ by themselves.
+    /// Returns true if frames are drawn continuously, because they may differ for equal inputs.
     pub(super) fn is_animated(&self) -> bool {
         self.animated
     }
 
-    /// Returns true if a frame is due that could not be submitted.
+    /// Returns true if a due frame could not be submitted.
     pub(super) fn waits(&self) -> bool {
         self.waits
     }
 
-    /// Returns true if a frame of the current plan can be shown: a part only if no more room can be had, or the scene and the graph
-    /// were shown before.
+    /// Returns true if a frame of the current plan can be shown: an incomplete one only if there is no more capacity,
+    /// or the scene and the graph were shown before.
     fn can_show(&self) -> bool {
         !self.is_held_back() || self.renderer.is_at_best()
     }
 
-    /// Draws a frame if one is due and can be drawn now; errors are noted by the renderer.
+    /// Draws a frame if one is due and can be drawn now; the renderer records errors.
     pub(super) fn draw(&mut self, view: &View) {
         self.collect(view.to_host);
         self.waits = false;
@@ -325,21 +325,22 @@ impl<D: Device> Viewport<D> {
         self.collect(view.to_host);
     }
 
-    /// Gives a picture of `plan` to the window.
+    /// Passes a picture of `plan` to the window.
     fn exhibit(&mut self, shown: Shown, plan: Arc<Plan>) {
         static NUMBERS: AtomicU64 = AtomicU64::new(0);
         let number = NUMBERS.fetch_add(1, Ordering::Relaxed);
         self.exhibit = Some(Exhibit { shown, number, plan, subject: self.renderer.subject() });
     }
 
-    /// Drops all that was on a device that is lost.
+    /// Drops everything on a lost device.
     pub(super) fn release(&mut self) {
         self.renderer.release();
         (self.drawn, self.exhibit) = (None, None);
         self.collect(false);
     }
 
-    /// Submits a frame. If it fails, leaves out the inspection and the picture's reading, so that these cannot prevent it.
+    /// Submits a frame. If that fails, retries without the inspection and the read-back, so that they cannot prevent
+    /// the frame.
     fn submit(&mut self, inputs: &mut FrameInputs, to_host: bool) -> Result<bool, BackendError> {
         loop {
             let error = match self.renderer.submit(inputs.clone()) {
@@ -359,7 +360,7 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Records the reads of a submitted frame.
+    /// Records the read-backs of a submitted frame.
     fn note(&mut self, inputs: &FrameInputs) {
         if inputs.read_output && matches!(self.reading, Reading::Wanted) {
             self.reading = Reading::InFlight(self.renderer.submitted());
@@ -391,7 +392,7 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Returns true if the inspection is to be read soon, not only with the next frame.
+    /// Returns true if the inspection must be read soon, not merely with the next frame.
     fn asks(&self) -> bool {
         self.inspection.as_ref().is_some_and(|inspection| inspection.asked)
     }
@@ -408,7 +409,7 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Takes the results of finished frames, and their pictures if the window reads them from the memory of the host.
+    /// Takes the results of finished frames, and their pictures if the window reads them from host memory.
     pub(super) fn collect(&mut self, to_host: bool) {
         if self.renderer.take_forgot() {
             // What the frames without results were to read is read again.

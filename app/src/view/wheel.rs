@@ -1,22 +1,22 @@
-//! Tells the wheel of a mouse from two fingers on a touchpad.
+//! Distinguishes a mouse's wheel from two fingers on a touchpad.
 //!
-//! Window systems send both as scrolling: a wheel in lines, a touchpad in points, with both axes. (X11 and Windows send lines for
-//! touchpads, too, which are then wheels.) A wheel zooms. Two fingers drag, as the left button does; spread or pinched, or with
-//! Ctrl, they zoom.
+//! Window systems send both as scrolling: a wheel in lines, a touchpad in points, with both axes. (X11 and Windows send
+//! lines for touchpads as well, which then count as wheels.) A wheel zooms. Two fingers drag, as the left button does;
+//! a pinch, or two fingers with Ctrl, zooms.
 
 use super::navigation::ZOOM_PER_NOTCH;
 use egui::{Event, InputState, MouseWheelUnit, Vec2};
 
-/// The scrolling of a frame.
+/// Scrolling during a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Scrolled {
-    /// Notches of a wheel, or of a zoom by touch as much; positive zooms in.
+    /// Notches of a wheel, or the equivalent zoom of a pinch; positive zooms in.
     pub notches: f64,
-    /// Motion of two fingers, in points: right and down, as the content is to follow them.
+    /// Motion of two fingers, in points: right and down, in the direction in which the content moves.
     pub swiped: [f64; 2],
 }
 
-/// The device that scrolled last.
+/// The last device that scrolled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wheel {
     is_touchpad: bool,

@@ -51,7 +51,7 @@ struct Condition {
     expr: Expr,
 }
 
-/// Parses `KIND:NUMBERS`, for a kind with a given number of numbers.
+/// Parses `KIND:NUMBERS`; each kind takes a certain number of numbers.
 fn numbers<'a>(text: &'a str, kinds: &[(&str, usize, &str)]) -> Result<(&'a str, Vec<f64>), String> {
     let parse = || {
         let (kind, rest) = text.split_once(':')?;
@@ -104,7 +104,7 @@ impl Crop {
     }
 }
 
-/// The names of a condition, for a splat.
+/// Resolves the names of a condition to the values of a splat.
 struct Names<'a> {
     scene: &'a Scene,
     index: usize,
@@ -145,7 +145,7 @@ fn condition(text: &str) -> Result<Condition, String> {
     Ok(Condition { text: text.to_owned(), expr })
 }
 
-/// Adds the place in the text, and a suggestion, to a mistake in an expression.
+/// Adds the position in the text, and a suggestion, to an error in an expression.
 fn place(text: &str, error: &ExprError) -> String {
     let column = text.get(..error.start).map_or(1, |before| before.chars().count() + 1);
     let help = error.help.as_ref().map(|help| format!("; {help}")).unwrap_or_default();
@@ -166,7 +166,7 @@ impl Condition {
 }
 
 impl EditArgs {
-    /// Makes the changes. Returns the scene as it is without any.
+    /// Applies the changes; without any, returns the scene unchanged.
     ///
     /// # Errors
     /// A scene cannot be loaded or does not fit in memory, the condition cannot be evaluated, or no splat is left.

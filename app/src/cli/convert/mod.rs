@@ -59,7 +59,7 @@ fn formats() -> impl TypedValueParser<Value = SceneFormat> {
     })
 }
 
-/// Lists the formats, for help.
+/// Lists the formats, for the help text.
 pub fn format_list() -> String {
     let row = |format: SceneFormat| (format!(".{}", format.extension()), format.summary().to_owned());
     format!("Formats:\n{}", super::help::two_columns(SceneFormat::WRITTEN.map(row).to_vec()))
@@ -90,7 +90,7 @@ pub(super) fn check_files(args: &Args) -> Result<Option<(&Path, SceneFormat)>, U
     })
 }
 
-/// Counts the bytes that are written through it.
+/// A writer that counts its bytes.
 struct Counted<'a> {
     out: &'a mut dyn Write,
     bytes: u64,
@@ -108,7 +108,7 @@ impl Write for Counted<'_> {
     }
 }
 
-/// Description of the input for the last lines.
+/// Properties of the input, which the last lines compare with the output.
 struct Before {
     format: String,
     file_bytes: u64,
@@ -132,7 +132,7 @@ impl Before {
     }
 }
 
-/// Lists what the output lacks of the input, a phrase per line.
+/// Lists what the output lacks compared with the input, one phrase per line.
 fn losses(loaded: &Before, written: &Scene, format: SceneFormat) -> Vec<String> {
     let mut losses = Vec::new();
     let dropped = &loaded.dropped;

@@ -1,4 +1,4 @@
-//! Prints what each format costs (`convert --price`).
+//! Prints the price of each format (`convert --price`).
 
 use crate::cli::outcome::{Outcome, Usage};
 use crate::cli::{cameras, options};
@@ -10,7 +10,7 @@ use serde_json::json;
 use splatgraph_assets::{Scene, grouped};
 use std::path::{Path, PathBuf};
 
-/// Options of the price.
+/// Options of `--price`.
 #[derive(Debug, clap::Args)]
 pub struct PriceArgs {
     /// Print the price of each format instead of writing OUT: bytes, the time to load, and PSNR, SSIM and FLIP of the exact renderer's pictures
@@ -28,7 +28,7 @@ pub struct PriceArgs {
 }
 
 impl PriceArgs {
-    /// Adds the files to those of the command.
+    /// Adds the option's files to the command's.
     pub(super) fn claim(&self, guard: &mut OutputGuard, scene: &Path) -> Result<(), Usage> {
         if self.price {
             cameras::claim(guard, self.cameras.as_deref(), Some(scene))?;
@@ -59,7 +59,7 @@ impl PriceArgs {
     }
 }
 
-/// Formats the prices, a row for each format.
+/// Formats the prices, one row per format.
 fn table(prices: &[Price]) -> String {
     let number =
         |value: Option<f64>, digits: usize| value.map_or("-".into(), |value| format!("{value:.digits$}"));

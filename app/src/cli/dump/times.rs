@@ -6,7 +6,7 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The needed part of [`crate::draw::stats::CameraStats`].
+/// The fields of [`crate::draw::stats::CameraStats`] that a dump needs.
 #[derive(Deserialize)]
 struct Camera {
     pipeline: String,
@@ -19,12 +19,12 @@ struct Pass {
     gpu_ms: Option<f64>,
 }
 
-/// The times of a file.
+/// GPU times of a file.
 #[derive(Debug, PartialEq)]
 pub struct Times {
     /// Name of the drawn graph.
     pub pipeline: String,
-    /// The median over the cameras, in milliseconds, by pass name.
+    /// Pass names with the median over the cameras, in milliseconds.
     pub passes: Vec<(String, f64)>,
 }
 

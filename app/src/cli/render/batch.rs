@@ -1,6 +1,7 @@
-//! Draws one picture per camera without ever waiting for a file.
+//! Draws one picture per camera without stalling on file output.
 //!
-//! Frames of the next cameras are in flight while pictures are read back, and [`Pictures`] encodes and writes them on other threads.
+//! Frames of the next cameras are in flight while pictures are read back, and [`Pictures`] encodes and writes them on
+//! other threads.
 
 use super::destination::{Destination, per_camera};
 use super::frames;
@@ -19,11 +20,11 @@ use splatgraph_assets::Camera;
 use std::collections::VecDeque;
 use std::path::PathBuf;
 
-/// The cameras between their submission and the line that tells of them.
+/// The cameras whose frames are submitted, but not yet reported.
 pub struct Batch {
     /// The destination of pictures; `None` if none is written.
     pub destination: Option<Destination>,
-    /// The files of outputs besides the picture, by their names, and the number of cameras that have one each.
+    /// Files of the outputs besides the picture, with their names; and the number of cameras.
     files: (Vec<(String, PathBuf)>, usize),
     stdout: Stdout,
     flying: VecDeque<Flying>,
@@ -39,28 +40,28 @@ struct Flying {
     size: (u32, u32),
 }
 
-/// A camera whose frames are done.
+/// A camera whose frames are done, with the pictures to write.
 pub struct Shown {
-    /// The cost of its frames.
+    /// Statistics of its frames.
     pub stats: CameraStats,
     /// The picture, if one is written.
     pub output: Option<Pixels>,
-    /// The outputs besides it.
+    /// Outputs besides the picture.
     pub outputs: Vec<Output>,
-    /// The error where that has no colours.
+    /// Error message if the output has no colours.
     pub no_colours: String,
     /// Name of its file, without extension.
     pub stem: String,
 }
 
-/// A camera whose file is written, and its line.
+/// A camera whose file is written, with the line to print.
 struct Told {
     stats: CameraStats,
     line: String,
 }
 
 impl Batch {
-    /// Keeps at most `jobs` pictures unfinished.
+    /// Creates a batch with at most `jobs` unfinished pictures.
     pub fn new(
         jobs: usize,
         destination: Option<Destination>,
@@ -100,7 +101,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Waits for all frames in flight, as must be before another plan is prepared.
+    /// Waits for all frames in flight; required before another plan is prepared.
     ///
     /// # Errors
     /// See [`Batch::submit`].

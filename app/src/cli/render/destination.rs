@@ -1,4 +1,4 @@
-//! Names the files of a rendering's pictures.
+//! Chooses the files of a rendering's pictures.
 
 use crate::cli::help;
 use crate::cli::outcome::Usage;
@@ -11,14 +11,14 @@ use std::path::{Path, PathBuf};
 /// A value of `--output`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Output {
-    /// The picture's file or folder.
+    /// File or folder of the picture.
     Picture(PathBuf),
-    /// An output besides it, by its name, and the file.
+    /// Name and file of an output besides the picture.
     Named(String, PathBuf),
 }
 
-/// Parses a value of `--output`: `NAME=FILE`, or the place of the picture. A name has letters, digits and `_` alone, so `./a=b.png` is a
-/// picture.
+/// Parses a value of `--output`: `NAME=FILE`, or the path of the picture. A name consists of letters, digits and `_`,
+/// so `./a=b.png` is a picture.
 pub fn output(text: OsString) -> Result<Output, String> {
     let is_name =
         |name: &str| !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
@@ -65,7 +65,7 @@ impl Destination {
     /// Reads `--output` and `--format`; `None` without an output.
     ///
     /// # Errors
-    /// The extension is of no format, or not of the one that is requested.
+    /// The extension is unknown, or contradicts the requested format.
     pub fn of(output: Option<&Path>, asked: Option<Format>) -> Result<Option<Destination>, Usage> {
         let Some(output) = output else { return Ok(None) };
         if is_standard_output(output) {

@@ -24,7 +24,7 @@ use std::sync::Arc;
 pub struct Loaded {
     /// The scene.
     pub scene: Arc<Scene>,
-    /// The cameras, one for each file name of the work.
+    /// Cameras, one for each file name of [`Work`].
     pub cameras: Vec<Camera>,
 }
 
@@ -39,7 +39,7 @@ impl Loaded {
     }
 }
 
-/// Draws views; the scene and the device stay for the next ones.
+/// Draws views; keeps the scene and the device for later calls.
 pub struct Drawer {
     loaded: Loaded,
     stems: Vec<String>,
@@ -56,7 +56,7 @@ impl Drawer {
     /// Opens the device, then loads the scene unless it is given.
     ///
     /// # Errors
-    /// There is no fit device, or the scene cannot be loaded.
+    /// There is no suitable device, or the scene cannot be loaded.
     pub fn open(args: &Args, work: &Work, loaded: Option<Loaded>) -> Result<Drawer> {
         let load = || loaded.map_or_else(|| Loaded::load(args, work), Ok);
         let stems = work.stems.clone();
@@ -86,12 +86,12 @@ impl Drawer {
         Ok(Drawer { loaded, stems, with })
     }
 
-    /// The scene and its cameras.
+    /// Returns the scene and its cameras.
     pub fn loaded(&self) -> &Loaded {
         &self.loaded
     }
 
-    /// Builds the plan of the first view. Returns the session, if a device draws.
+    /// Builds the plan of the first view. Returns the session, or `None` for the exact renderer.
     ///
     /// # Errors
     /// The graph has errors, or the device has no room.
@@ -103,7 +103,7 @@ impl Drawer {
         Ok(Some(session))
     }
 
-    /// Draws views, which are indices of the cameras, and writes their files.
+    /// Draws views, given as indices of the cameras, and writes their files.
     ///
     /// # Errors
     /// A plan cannot be built, the device fails, or a file cannot be written.
@@ -132,10 +132,10 @@ impl Drawer {
         Ok(())
     }
 
-    /// Returns the statistics of all views so far, in order.
+    /// Waits for all pictures; returns the statistics of all views so far, in order.
     ///
     /// # Errors
-    /// None of those that were drawn.
+    /// A picture cannot be written.
     pub fn stats(&mut self) -> Result<Json> {
         Ok(match &mut self.with {
             With::Device { batch, .. } => serde_json::to_value(batch.finish(&Progress::new("drawing"))?)?,
@@ -143,7 +143,7 @@ impl Drawer {
         })
     }
 
-    /// Closes the device; returns the messages of the validation.
+    /// Closes the device; returns the validation messages.
     pub fn close(self) -> Vec<String> {
         match self.with {
             With::Device { session, .. } => session.into_device().close(),
@@ -152,7 +152,7 @@ impl Drawer {
     }
 }
 
-/// Draws a view on a device: the camera, its file name, and the number of cameras.
+/// Draws a view on a device. The tuple holds the camera, its file name, and the number of cameras.
 fn draw(
     args: &Args,
     session: &mut Session<Backend>,

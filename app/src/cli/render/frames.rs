@@ -25,7 +25,7 @@ pub struct InspectRequest {
     pub resource: String,
     /// Name of the pass after which it is read.
     pub pass: String,
-    /// File for its contents.
+    /// File to write the contents to, if any.
     pub file: Option<PathBuf>,
 }
 
@@ -42,9 +42,9 @@ pub fn inspect_request(text: &str) -> Result<InspectRequest, String> {
     Ok(InspectRequest { resource, pass, file })
 }
 
-/// The requests for every camera: frames to draw, and outputs to read.
+/// The request for each camera: frames to draw, and outputs to read back.
 pub struct Wanted<'a> {
-    /// Frames that count.
+    /// Number of frames that count towards the times.
     pub repeat: u32,
     /// Background colour, display-encoded.
     pub background: [f32; 3],
@@ -61,11 +61,11 @@ pub struct Drawn {
     pub output: Option<Pixels>,
     /// The outputs of the last frame besides the picture.
     pub outputs: Vec<Output>,
-    /// Index of the `--inspect` option of each finding in `stats`. Contents after the prologue are read once per load.
+    /// Index of the `--inspect` option of each finding in `stats`. Results of the prologue are read once per load.
     pub requests: Vec<usize>,
 }
 
-/// Draws the frames of one camera with the prepared plan, which is `loaded` anew or not.
+/// Draws the frames of one camera with the prepared plan; `loaded` is true if the plan has just been loaded.
 pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, loaded: bool) -> Result<Drawn> {
     let plan = session.plan().context("no plan after `prepare`")?.clone();
     let resolve = |plan: &Plan, inspect_request: &InspectRequest| {
@@ -160,7 +160,7 @@ pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<b
     Ok(loaded)
 }
 
-/// Says that the output of the current plan has no colours.
+/// Formats the error that the output of the current plan has no colours.
 pub fn no_colours(session: &Session<Backend>) -> String {
     let name = session.plan().map_or("", |plan| &plan.resource(plan.output).name);
     format!("the graph's output `{name}` has no colours")

@@ -1,4 +1,4 @@
-//! Keeps the results of a camera's frames that count, and the prologue's times.
+//! Collects the results of a camera's counted frames, and the prologue's times.
 
 use crate::draw::stats::CameraStats;
 use splatgraph_api::{DeviceInfo, FrameResult, Pixels};
@@ -6,18 +6,18 @@ use splatgraph_framework::ir::Run;
 use splatgraph_framework::plan::Plan;
 use std::time::Instant;
 
-/// The results of frames of one plan.
+/// The collected results of frames of one plan.
 #[derive(Default)]
 pub struct Kept {
-    /// The frame that ran the prologue, without its other passes, if it does not count itself.
+    /// Result of the frame that ran the prologue, reduced to the passes that run once, if the frame does not count.
     once: Option<FrameResult>,
     counted: Vec<FrameResult>,
-    /// The moments at which the counted frames were done.
+    /// Times at which the counted frames were done.
     done: Vec<Instant>,
 }
 
 impl Kept {
-    /// Adds the next frame. Of one that does not count, only the times of passes that run once are kept.
+    /// Adds the next frame. If it does not count, only the times of passes that run once are kept.
     pub fn add(&mut self, mut result: FrameResult, plan: &Plan, counts: bool) {
         if counts {
             // Counts are those of the last frame.
@@ -56,7 +56,8 @@ impl Kept {
         CameraStats { busy, frames, record_ms, ..stats }
     }
 
-    /// Computes the share of the time in which the device drew, 1 at most; `None` with fewer than four frames, or without timestamps.
+    /// Computes the share of the time during which the device draws, 1 at most; `None` with fewer than four frames, or
+    /// without timestamps.
     ///
     /// The last frame is left out: its picture is read back.
     fn busy(&self) -> Option<f64> {

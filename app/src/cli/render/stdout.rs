@@ -1,23 +1,23 @@
-//! Keeps lines and files apart on standard output.
+//! Keeps printed lines out of files written to standard output.
 
 use crate::cli::options;
 use crate::io::output::{is_standard_output, note, say};
 use anyhow::Result;
 use std::path::Path;
 
-/// The use of standard output.
+/// Contents of standard output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stdout {
-    /// A file is written there, which must be alone; lines go to standard error.
+    /// A file alone; lines go to standard error.
     File,
-    /// Its lines are all that the command gives.
+    /// Lines that are the command's only result.
     Product,
-    /// Its lines tell of the files that the command is for.
+    /// Lines that report on the files that the command writes.
     Notes,
 }
 
 impl Stdout {
-    /// Finds the use from the files that a command writes.
+    /// Determines the contents from the files that a command writes.
     pub fn of<'a>(mut files: impl Iterator<Item = &'a Path>) -> Stdout {
         let Some(first) = files.next() else { return Stdout::Product };
         match is_standard_output(first) || files.any(is_standard_output) {
@@ -26,7 +26,7 @@ impl Stdout {
         }
     }
 
-    /// Prints a line where nobody takes it for a file.
+    /// Prints a line to standard output, or to standard error if standard output holds a file.
     pub fn line(self, line: &str) -> Result<()> {
         match self {
             Stdout::File => say(line),

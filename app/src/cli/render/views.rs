@@ -1,4 +1,4 @@
-//! Draws the views of a request in several processes.
+//! Shares the views of a rendering among several processes.
 
 use super::args::{Args, Work, prepare};
 use super::destination::Destination;
@@ -25,7 +25,7 @@ impl Views {
     /// Checks the arguments.
     ///
     /// # Errors
-    /// An option has no meaning for a part of the views, or the output is no folder.
+    /// An option does not apply to a part of the views, or the output is not a folder.
     pub fn new(args: Args) -> Result<Views> {
         let inspects = !args.inspect.is_empty();
         job::refuse(&[

@@ -81,10 +81,11 @@ pub struct Args {
     device: BackendArgs,
 }
 
-/// Frames of a film, at most.
+/// Maximum number of frames of a film.
 const MAX_FRAMES: u32 = 100_000;
 
-/// Share of the time between frames without `--shutter`: a disc of 180 degrees.
+/// Open time of the shutter without `--shutter`, as a share of the time between frames: 180 degrees of a rotary
+/// shutter.
 const SHUTTER: f64 = 0.5;
 
 /// Parses a duration.
@@ -93,7 +94,7 @@ fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| format!("expected {} to {} seconds", SECONDS.start(), SECONDS.end()))
 }
 
-/// Parses the opening of the shutter.
+/// Parses the open time of the shutter, a share of the time between frames.
 fn shutter(text: &str) -> Result<f64, String> {
     let share = text.parse().ok().filter(|share: &f64| (0.0..=1.0).contains(share));
     share.ok_or_else(|| "expected 0 to 1, for instance 0.5 for a shutter of 180 degrees".into())
@@ -106,7 +107,7 @@ enum Destination {
     Folder(Sequence),
 }
 
-/// A film as far as it is known before the device is opened.
+/// The film's properties that are known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
     /// The keys of `--cameras`.
@@ -116,7 +117,7 @@ pub(super) struct Work {
     guard: OutputGuard,
 }
 
-/// Reads the keys and finds the kind of the output; an error if it would destroy an input.
+/// Reads the keys and determines the output's format; an error if the output would overwrite an input.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let destination = destination(args)?;
     let frames = frames(args)?;
@@ -168,7 +169,7 @@ fn destination(args: &Args) -> Result<Destination, Usage> {
     }
 }
 
-/// Counts the frames.
+/// Computes the number of frames.
 fn frames(args: &Args) -> Result<u32, Usage> {
     let timed = || (args.seconds.unwrap_or(DEFAULT_SECONDS) * args.fps.per_second()).round().max(1.0);
     match args.look.count().map_or_else(timed, f64::from) {
@@ -190,7 +191,7 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
     Ok(())
 }
 
-/// Makes the way of the camera, in the scene's coordinates. `own` is the demo scene's camera.
+/// Makes the camera's path, in the scene's coordinates. `own` is the demo scene's camera.
 fn motion(args: &Args, keys: Option<&[Camera]>, scene: &Scene, own: Option<Camera>) -> Result<Motion> {
     let sized = |camera: &Camera| match args.drawing.size {
         Some((width, height)) => camera.resized(width, height),
@@ -243,7 +244,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome::validated(args.device.validate, &session.into_device().close()))
 }
 
-/// A film and how it is drawn.
+/// A film with its scene and drawing options.
 struct Job<'a> {
     args: &'a Args,
     film: &'a Film,
@@ -256,7 +257,8 @@ impl Job<'_> {
         DrawOptions { background: self.args.background, jobs }
     }
 
-    /// Writes the film into one file; returns the frames and their GPU milliseconds, or `None` if the reader of a pipe has had enough.
+    /// Writes the film to one file; returns the number of frames and their GPU milliseconds, or `None` if the reader of
+    /// a pipe closed it.
     fn write(
         &self,
         session: &mut Session<Backend>,
@@ -324,7 +326,7 @@ impl Job<'_> {
         })
     }
 
-    /// Describes everything that the frames' pixels follow from.
+    /// Describes everything that determines the frames' pixels.
     fn record(&self, session: &Session<Backend>, cameras: &[Camera]) -> Result<serde_json::Value> {
         let plan = session.plan().context("no plan after `prepare`")?;
         let (width, height) = self.size;

@@ -1,7 +1,7 @@
 //! Numbers the pictures of a film in a folder, and finds the missing ones.
 //!
-//! `film.json` records everything that the pictures' pixels follow from. Pictures are whole or not there, so those beside an equal
-//! record need not be drawn again.
+//! `film.json` records everything that determines the pictures' pixels. Each picture is either complete or absent, so
+//! pictures beside an equal record need not be drawn again.
 
 use crate::io::image::{Format, Image, ImageError};
 use crate::io::output;
@@ -39,7 +39,7 @@ impl Sequence {
         image.save_as(self.format, &self.picture(frame))
     }
 
-    /// Lists the frames whose pictures are not there, and writes the record if there is none.
+    /// Lists the frames without a picture, and writes the record if there is none.
     ///
     /// # Errors
     /// The folder holds frames of another film, or the record cannot be read or written.

@@ -1,7 +1,7 @@
-//! Writes AV1 in MP4: encoded by rav1e, without its assembler code, and put into boxes by shiguredo_mp4.
+//! Writes AV1 in MP4: encoded by rav1e without its assembler code, wrapped in boxes by shiguredo_mp4.
 //!
-//! The encoded film is kept in memory until its end, because a box near the start of the file describes all frames. Colours are as
-//! in [`super::y4m`], and the stream names them.
+//! The encoded film is kept in memory until its end, because a box near the start of the file describes all frames.
+//! Colours are as in [`super::y4m`], and the stream declares them.
 
 use super::frame::{Frame, Rate, Writer, mixed};
 use crate::io::output::file::Cause;
@@ -16,20 +16,20 @@ use std::num::NonZeroU32;
 const QUANTIZER: usize = 80;
 /// Preset of rav1e, 0 (slowest) to 10.
 const SPEED: u8 = 8;
-/// Frames between two that players can jump to, at most.
+/// Maximum number of frames between two key frames, to which players can jump.
 const KEY_INTERVAL: u64 = 120;
-/// Begins each packet of rav1e; MP4 has no place for it.
+/// The OBU that begins each packet of rav1e; it is removed, because MP4 does not store it.
 const TEMPORAL_DELIMITER: [u8; 2] = [0x12, 0];
 
 pub(super) struct Film<'a> {
     out: &'a mut dyn Write,
     context: Context<u8>,
     muxer: Mp4FileMuxer,
-    /// The file so far.
+    /// Encoded packets so far.
     bytes: Vec<u8>,
     size: (u32, u32),
     rate: Rate,
-    /// Packets so far.
+    /// Number of packets so far.
     packets: u32,
 }
 
@@ -79,7 +79,7 @@ impl<'a> Film<'a> {
         })
     }
 
-    /// Takes the packets that are ready.
+    /// Appends the packets that the encoder has finished.
     fn receive(&mut self) -> Result<(), Cause> {
         loop {
             match self.context.receive_packet() {
@@ -109,7 +109,7 @@ impl<'a> Film<'a> {
         })?)
     }
 
-    /// Describes the stream as its first frame does: main profile, 8 bits, 4:2:0, any level.
+    /// Describes the stream from its first frame's header: main profile, 8 bits, 4:2:0, any level.
     fn entry(&self) -> SampleEntry {
         let (width, height) = (self.size.0 as u16, self.size.1 as u16);
         SampleEntry::Av01(Av01Box {

@@ -4,15 +4,15 @@ use crate::io::output::file::Cause;
 use std::fmt;
 use std::str::FromStr;
 
-/// A frame that `Format::encode` made for a [`Writer`] of the same format.
+/// A frame encoded by `Format::encode`, for a [`Writer`] of the same format.
 pub enum Frame {
-    /// Bytes that are written, or compressed, as they are.
+    /// Bytes that the writer writes or compresses.
     Bytes(Vec<u8>),
     /// An image of a GIF.
     Gif(Box<gif::Frame<'static>>),
 }
 
-/// A film that is being written.
+/// Writes the frames of a film in order.
 pub trait Writer {
     /// Writes the next frame.
     ///
@@ -27,7 +27,7 @@ pub trait Writer {
     fn finish(self: Box<Self>) -> Result<(), Cause>;
 }
 
-/// The error of a frame that another format made.
+/// Makes the error for a frame encoded for another format.
 pub(super) fn mixed() -> Cause {
     "a frame of another format".into()
 }

@@ -5,7 +5,7 @@ use crate::io::image::Image;
 use crate::io::output::file::Cause;
 use std::io::Write;
 
-/// Largest width and height of a GIF, in pixels.
+/// Maximum width and height of a GIF, in pixels.
 const MAX_GIF_SIDE: usize = 65_535;
 
 /// Sampling factor of NeuQuant, 1 to 30: larger is faster. The crate recommends 10.
@@ -44,7 +44,7 @@ impl<'a> Film<'a> {
         Ok(Film { encoder, rate, frames: 0 })
     }
 
-    /// Computes the time at which a frame begins, in hundredths of a second.
+    /// Computes the start time of a frame, in hundredths of a second.
     fn hundredths(&self, frame: u32) -> u64 {
         (100.0 * f64::from(frame) / self.rate.per_second()).round() as u64
     }

@@ -1,9 +1,10 @@
 //! Writes films: pictures at a constant rate in one file.
 //!
-//! Writing a frame has two steps. [`Format::encode`] does what needs no other frame, on any thread; a [`Writer`] takes the results in
-//! order. Values are clamped to 0..1, as in 8-bit pictures.
+//! Writing a frame has two steps. [`Format::encode`] does the work that depends on this frame alone, on any thread; a
+//! [`Writer`] takes the results in order. Values are clamped to 0..1, as in 8-bit pictures.
 //!
-//! - `.gif` shows anywhere: 256 colours in each frame, chosen by NeuQuant, without dithering, which would not compress;
+//! - `.gif` plays everywhere: 256 colours in each frame, chosen by NeuQuant, without dithering, which would compress
+//!   badly;
 //! - `.apng` and `.png` are animated PNGs, and keep every pixel's 8 bits;
 //! - `.y4m` is uncompressed video, for a pipe into an encoder;
 //! - `.mp4` is AV1, in programs that were built with the feature `av1`.
@@ -25,9 +26,9 @@ pub use frame::{Frame, Rate, Writer};
 /// The formats of films in one file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// GIF, played again and again.
+    /// GIF, looping.
     Gif,
-    /// Animated PNG, played again and again.
+    /// Animated PNG, looping.
     Apng,
     /// YUV4MPEG2: 4:2:0, BT.709, limited range.
     Y4m,
@@ -50,7 +51,7 @@ impl Format {
         }
     }
 
-    /// Encodes a frame as far as that needs no other frame.
+    /// Encodes a frame as far as possible without the other frames.
     ///
     /// # Errors
     /// The picture is too large for the format.
@@ -67,7 +68,7 @@ impl Format {
     /// Begins a film of `frames` frames.
     ///
     /// # Errors
-    /// `out` fails, or the format has no such films.
+    /// `out` fails, or the format does not support the film's size, rate or length.
     pub fn begin<'a>(
         self,
         out: &'a mut dyn Write,

@@ -1,14 +1,15 @@
 //! Writes YUV4MPEG2 (`.y4m`): a line of text, then uncompressed frames.
 //!
-//! Colours are as in HD video: BT.709 in the limited range, 4:2:0, with each chroma sample in the middle of four pixels. The
-//! format has no field for the matrix, so a reader has to assume BT.709; most do so for pictures of 720 rows and more.
+//! Colours are as in HD video: BT.709 in the limited range, 4:2:0, with each chroma sample in the middle of four
+//! pixels. The format has no field for the matrix, so a reader has to assume BT.709; most do so for pictures of 720
+//! rows or more.
 
 use super::frame::{Frame, Rate, Writer, mixed};
 use crate::io::image::Image;
 use crate::io::output::file::Cause;
 use std::io::Write;
 
-/// Shares of red and blue in the luma of BT.709; green has the rest.
+/// Luma weights of BT.709 for red and blue; green has the rest.
 const RED: f32 = 0.2126;
 const BLUE: f32 = 0.0722;
 

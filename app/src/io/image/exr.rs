@@ -1,8 +1,8 @@
 //! Reads and writes OpenEXR files: float32, channels R, G, B.
 //!
-//! Programs take the values of an EXR as linear light unless it says otherwise; ours are display-encoded. Two attributes say
-//! so: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop Forum, and
-//! `comments` for people.
+//! By default, programs interpret the values of an EXR as linear light; ours are display-encoded. Two attributes
+//! declare that: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop
+//! Forum, and `comments` for people.
 
 use super::pixels::{Image, ImageError, check_size, open};
 use crate::io::output::{self, file::Cause};
@@ -38,7 +38,7 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     Ok(out.write_all(&bytes)?)
 }
 
-/// Writes values that are no colours, pixel after pixel, to channels of these names, sorted as the format wants them.
+/// Writes values that are not colours to the named channels, pixel by pixel; `names` are in alphabetical order.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -65,7 +65,7 @@ pub fn save_values(
     })?)
 }
 
-/// Checks the sizes of all layers; returns that of the first that has R, G and B.
+/// Checks the sizes of all layers; returns the size of the first that has R, G and B.
 pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
     let file = open(path)?;
     let meta = quietly(|| exr::meta::MetaData::read_from_buffered(file, false))
@@ -92,11 +92,12 @@ pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
 }
 
 thread_local! {
-    /// A panic of this thread is caught, and told as an error.
+    /// True while [`quietly`] catches this thread's panics, so that they print no message.
     static QUIET: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Returns `None` if `body` panics, without the message of the panic. The decoders of the library panic on some damaged files.
+/// Returns `None` if `body` panics, and suppresses the panic's message. The library's decoders panic on some damaged
+/// files.
 fn quietly<T>(body: impl FnOnce() -> T) -> Option<T> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {

@@ -1,7 +1,8 @@
-//! Pictures damaged at random: each reader gives a picture or an error, in a bounded time.
+//! Loads randomly damaged pictures: each reader returns a picture or an error, in a bounded time.
 //!
-//! A case is its number: the same in every run. Sums of PNG's chunks are mended in half of the cases, and arrays are damaged
-//! before they are put into an archive as well as after, so that the damage reaches the decoders.
+//! The case's number determines the case, so all runs are equal. In half of the cases, checksums of PNG's chunks are
+//! repaired, and arrays are damaged both before and after they are put into an archive, so that the damage reaches the
+//! decoders.
 //!
 //! `SPLATGRAPH_LONG=1` (`./x test --long`) runs 100,000 cases of each format.
 
@@ -11,13 +12,13 @@ use std::fs;
 use std::io::{Cursor, Write};
 use std::time::{Duration, Instant};
 
-/// Damaged files per format: in the long run, and in the one that everybody does.
+/// Damaged files per format: in the long run, and in the default run.
 const CASES: (u64, u64) = (100_000, 1_000);
 
-/// Longest time of a case.
+/// Maximum duration of a case.
 const LONGEST: Duration = Duration::from_secs(30);
 
-/// Numbers at the limits of the types that readers use.
+/// Numbers at the limits of the integer types that readers use.
 const NUMBERS: [u64; 12] = [
     0,
     1,
@@ -66,7 +67,7 @@ fn damage(bytes: &mut Vec<u8>, words: &[&str], random: &mut Random) {
     }
 }
 
-/// Puts the right sum behind every chunk that is still whole.
+/// Writes the correct checksum behind every chunk that is still whole.
 fn mend_sums(png: &mut [u8]) {
     let mut at = 8;
     while let Some(length) = png.get(at..at + 4) {
@@ -118,7 +119,7 @@ fn saved(name: &str) -> Vec<u8> {
     fs::read(path).expect("it is there")
 }
 
-/// Damages pictures of a format, and loads each from a file of this name. `last` completes the bytes of a file.
+/// Damages pictures of a format, and loads each from a file with this name. `last` completes the bytes of a file.
 fn fuzz(name: &str, seeds: &[Vec<u8>], words: &[&str], last: impl Fn(&mut Vec<u8>, &mut Random)) {
     let cases = if std::env::var_os("SPLATGRAPH_LONG").is_some() { CASES.0 } else { CASES.1 };
     let folder = tempfile::tempdir().expect("a folder");
@@ -179,7 +180,7 @@ fn damaged_png_files_are_pictures_or_errors() {
     });
 }
 
-/// Arrays of each type that is read.
+/// Makes an array of each type that is read.
 fn arrays() -> Vec<Vec<u8>> {
     vec![
         saved("a.npy"),

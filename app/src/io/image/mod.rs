@@ -76,7 +76,7 @@ impl Image {
     /// Saves a picture in the format of the path's extension, and creates its folder.
     ///
     /// # Errors
-    /// The extension is of no format, or the file cannot be written; what stood there before then stays.
+    /// The extension is unknown, or the file cannot be written; an existing file is then kept.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
         let Some(format) = Format::of(path) else {
             return Err(ImageError::new(path, "expected the extension .png, .exr or .npy"));
@@ -87,7 +87,7 @@ impl Image {
     /// Saves a picture in this format under any name; `-` is standard output.
     ///
     /// # Errors
-    /// The file cannot be written; what stood there before then stays.
+    /// The file cannot be written; an existing file is then kept.
     pub fn save_as(&self, format: Format, path: &Path) -> Result<(), ImageError> {
         Ok(output::write(path, |out| match format {
             Format::Png => png::write(self, out),
@@ -107,7 +107,7 @@ impl Image {
     }
 }
 
-/// The formats of written pictures.
+/// File formats of pictures that are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// 8 bits per channel, clamped to 0..1.
@@ -148,7 +148,7 @@ impl FromStr for Format {
     }
 }
 
-/// Makes the error for a file whose name is not that of a picture.
+/// Makes the error for a file name without a picture's extension.
 fn no_picture(path: &Path) -> ImageError {
     if !has_extension(path, "npz") {
         return ImageError::new(path, "expected a picture (.png, .exr, .npy, or FILE.npz#NAME)");

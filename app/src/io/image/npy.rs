@@ -1,7 +1,7 @@
 //! Reads and writes NumPy's `.npy` arrays, and reads `.npz` archives of them.
 //!
-//! Arrays are written as float32, little-endian, shape `[height, width, 3]`. They are read as float32, float64, or bytes
-//! of 0 to 255, with 3 channels, or 4 of which the last is ignored.
+//! Arrays are written as float32, little-endian, shape `[height, width, 3]`. They are read as float32, float64, or
+//! bytes of 0 to 255, with 3 channels, or with 4 channels, of which the last is ignored.
 
 use super::pixels::{Depth, Image, ImageError, check_size, has_extension, open, room};
 use crate::io::output::{self, file::Cause};
@@ -42,13 +42,13 @@ fn write_array<T: npyz::AutoSerialize>(
     Ok(out.flush()?)
 }
 
-/// Bytes of a header at most; NumPy pads that of a picture to 128.
+/// Maximum size of a header, in bytes; NumPy pads a picture's header to 128.
 const LONGEST_HEADER: usize = 4096;
 
-/// Brackets in a header at most: its parser calls itself for each that is open.
+/// Maximum number of brackets in a header: its parser recurses for each one.
 const MOST_BRACKETS: usize = 16;
 
-/// Checks the length and the nesting of the header, and reads it. The parser trusts both.
+/// Checks the length and the nesting of the header, which the parser trusts, and reads it.
 fn header<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
     let fail = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
     // The magic number, the version, and the header's length in 2 or 4 bytes.
@@ -96,7 +96,7 @@ pub(super) fn member_size(archive: &Path, array: &str) -> Result<(usize, usize),
     shape(archive, &header(member).map_err(|e| ImageError::because(archive, e))?).map(|(size, _)| size)
 }
 
-/// Finds an array of an archive. What is read of it is what its own header promises, not what the archive says of its size.
+/// Finds an array of an archive. The array's own header determines how much is read, not the size in the archive.
 fn member<'a>(
     archive: &Path,
     npz: &'a mut ZipArchive<BufReader<File>>,
@@ -139,7 +139,7 @@ fn shape<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<((usize, usize), usiz
     Ok((check_size(path, width, height)?, channels as usize))
 }
 
-/// A channel that the values of arrays are read as.
+/// A channel type as which values of arrays are read.
 pub(super) trait Value: Copy + Default {
     fn of_double(value: f64) -> Self;
     fn of_single(value: f32) -> Self;

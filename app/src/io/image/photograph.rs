@@ -9,7 +9,7 @@ use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// Returns true if the file begins as a PNG file does.
+/// Returns true if the file begins with the signature of PNG.
 fn is_png(path: &Path) -> Result<bool, ImageError> {
     let mut head = [0; 4];
     let mut file = open(path)?;
@@ -17,7 +17,7 @@ fn is_png(path: &Path) -> Result<bool, ImageError> {
     Ok(head == *b"\x89PNG")
 }
 
-/// A decoder whose header was read.
+/// A decoder whose header has been read.
 type Decoder = JpegDecoder<BufReader<File>>;
 
 /// Reads the header of a JPEG file, with the picture's size.
@@ -41,7 +41,7 @@ impl Image {
         if is_png(path)? { png::size(path) } else { header(path).map(|(_, size)| size) }
     }
 
-    /// Loads a photograph; where it has an alpha channel, that blends it over `background`.
+    /// Loads a photograph; an alpha channel blends it over `background`.
     ///
     /// # Errors
     /// See [`Image::photograph_size`]; or the file is damaged.
@@ -65,7 +65,7 @@ impl Image {
         Ok(Image { width, height, rgb })
     }
 
-    /// Averages pixels into a smaller picture; a pixel on the border of two counts in both by its share.
+    /// Averages pixels into a smaller picture. A pixel on the border of two counts in both, by its share of each.
     pub fn averaged(&self, width: usize, height: usize) -> Image {
         let across = weights(self.width, width);
         let down = weights(self.height, height);
@@ -82,7 +82,7 @@ impl Image {
     }
 }
 
-/// Lists the pixels of a row of `from` that each of `to` covers, with their shares of it.
+/// Lists, for each of the `to` pixels, the pixels out of `from` that it covers, with their weights.
 fn weights(from: usize, to: usize) -> Vec<Vec<(usize, f64)>> {
     let step = from as f64 / to as f64;
     let covered = |index: usize| {

@@ -1,11 +1,11 @@
-//! Holds pictures in memory, and what all readers of their files share: errors, sizes and memory.
+//! Defines pictures in memory, and the errors, size limits and memory checks that all readers share.
 
 use crate::io::output::OutputError;
 use splatgraph_assets::memory;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// Largest picture that is read, in pixels: a damaged header must not exhaust the memory.
+/// Maximum number of pixels of a picture that is read: a damaged header must not exhaust the memory.
 const MAX_PIXELS: u64 = 1 << 28;
 
 /// A picture: rows from the top, pixels from the left, display-encoded RGB, not clamped.
@@ -22,7 +22,7 @@ pub struct Image<C = f32> {
 /// The precision of the values in a picture's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
-    /// Integers from 0 to this level, which is white.
+    /// Integers from 0 to this level, white.
     Levels(u16),
     /// float32.
     Single,
@@ -37,7 +37,7 @@ impl Image<f64> {
         self
     }
 
-    /// Replaces the float32 nearest to a level of `greatest` by the float64 nearest to it.
+    /// Restores the levels of `greatest` to full f64 precision: replaces each float32 by the nearest level as float64.
     pub fn levels(mut self, greatest: u16) -> Image<f64> {
         let greatest = f64::from(greatest);
         let level = |value: &mut f64| *value = (*value * greatest).round() / greatest;
@@ -76,12 +76,12 @@ impl Image {
         Image { width: self.width, height: self.height, rgb }
     }
 
-    /// Returns 8 bits of every channel, as a screen shows it.
+    /// Returns every channel as 8 bits, as a screen shows it.
     pub fn bytes(&self) -> Vec<u8> {
         self.rgb.as_flattened().iter().map(|&value| level(value)).collect()
     }
 
-    /// Averages squares of pixels, as few as make the picture at most `width` wide.
+    /// Averages squares of pixels, the smallest that make the picture at most `width` wide.
     pub fn reduced(&self, width: usize) -> Image {
         let by = self.width.div_ceil(width.max(1)).max(1);
         let side = |of: usize| of.div_ceil(by);
@@ -103,7 +103,7 @@ impl Image {
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {what}", path.display())]
 pub struct ImageError {
-    /// The picture's file, or the archive with it.
+    /// The picture's file, or the archive that contains it.
     pub path: PathBuf,
     what: String,
 }
@@ -133,10 +133,10 @@ pub(super) fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
-/// Bytes of memory per pixel that reading a picture takes at most: its values as f64, and as f32 or as a file may hold them.
+/// Maximum memory per pixel while a picture is read, in bytes: its values as f64, and as f32 or in the file's type.
 const BYTES_PER_PIXEL: u64 = 24 + 12;
 
-/// Allocates room for the pixels of a picture.
+/// Allocates memory for the pixels of a picture.
 pub(super) fn room<C>(path: &Path, pixels: usize) -> Result<Vec<[C; 3]>, ImageError> {
     let mut rgb = Vec::new();
     rgb.try_reserve_exact(pixels).map_err(|e| ImageError::because(path, e))?;

@@ -18,7 +18,7 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     Ok(writer.finish()?)
 }
 
-/// A decoder whose header was read.
+/// A decoder whose header has been read.
 type Decoder = png::Decoder<BufReader<File>>;
 
 /// Reads the header, with the picture's size.
@@ -34,12 +34,12 @@ pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
     header(path).map(|(_, size)| size)
 }
 
-/// Loads a file, with its greatest level, and ignores its alpha: pictures here are opaque.
+/// Loads a file without its alpha, since pictures here are opaque; returns its maximum level, too.
 pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
     load_over(path, None)
 }
 
-/// Loads a file, with its greatest level, and blends it over a background by its alpha, if there are both.
+/// Loads a file, blended over a background by its alpha if there are both; returns its maximum level, too.
 pub(super) fn load_over(path: &Path, background: Option<[f32; 3]>) -> Result<(Image, u16), ImageError> {
     let fail = |e: png::DecodingError| ImageError::because(path, e);
     let (decoder, (width, height)) = header(path)?;

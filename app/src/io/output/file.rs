@@ -1,12 +1,13 @@
-//! Writes files so that each is whole, or not there.
+//! Writes files atomically: each is either complete or absent.
 //!
-//! The bytes go into a file without a name in the target's folder (`O_TMPFILE`); when they are all on the disk, the file gets its
-//! name in one step. Whatever ends the program before leaves nothing behind, and a file that stood there stays as it was. Where a
-//! file is replaced, the new one has a hidden name for the moment between two system calls, since no call replaces a file by one
-//! without a name. File systems without such files get a hidden file from the start, which errors and signals remove.
+//! The bytes go into an unnamed file in the target's folder (`O_TMPFILE`); once all of them are on the disk, the file
+//! is named in one step. If the program ends earlier, nothing is left behind, and an existing file is unchanged. To
+//! replace a file, the new one has a hidden name for the moment between two system calls, since no call replaces a file
+//! by an unnamed one. File systems without unnamed files get a hidden file from the start, which errors and signals
+//! remove.
 //!
-//! A replaced file hands on its permissions. A link is followed, not replaced. Anything but a regular file (a pipe, a terminal, `/dev/null`)
-//! is written directly.
+//! A replaced file passes on its permissions. A link is followed, not replaced. Anything but a regular file (a pipe, a
+//! terminal, `/dev/null`) is written directly.
 
 // What is disallowed elsewhere is done here.
 #![allow(clippy::disallowed_methods)]
@@ -24,13 +25,13 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// An error of any writer.
 pub type Cause = Box<dyn std::error::Error + Send + Sync>;
 
-/// An error of writing a file: the file as it was named, and the cause.
+/// An error of writing a file, with the path as given and the cause.
 #[derive(Debug, thiserror::Error)]
 #[error("{} cannot be written: {cause}", shown(path))]
 pub struct OutputError {
-    /// The file that was to be written.
+    /// Path of the file, as given.
     pub path: PathBuf,
-    /// The reason.
+    /// Cause of the failure.
     pub cause: Cause,
 }
 
@@ -38,16 +39,16 @@ fn shown(path: &Path) -> std::path::Display<'_> {
     if terminal::is_standard_output(path) { Path::new("standard output").display() } else { path.display() }
 }
 
-/// Size of the buffer before the file, in bytes.
+/// Size of the write buffer, in bytes.
 const BUFFER_BYTES: usize = 1 << 17;
 
-/// Largest number of links that are followed to a target, as on Linux.
+/// Maximum number of links that are followed to a target, as on Linux.
 const MAX_LINKS: usize = 40;
 
 /// Writes a file, and creates its folder; `-` is standard output.
 ///
 /// # Errors
-/// The folder or the file cannot be created or written, or `body` fails. What stood there before then stays.
+/// The folder or the file cannot be created or written, or `body` fails. An existing file is then kept.
 pub fn write(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), OutputError> {
     write_to(path, body).map_err(|cause| OutputError { path: path.to_owned(), cause })
 }
@@ -85,7 +86,7 @@ fn write_to(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>)
     }
 }
 
-/// Runs `body` on a buffer before a writer.
+/// Runs `body` on a buffered writer, and flushes it.
 fn fill(writer: &mut dyn Write, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), Cause> {
     let mut out = BufWriter::with_capacity(BUFFER_BYTES, writer);
     let filled = body(&mut out).and_then(|()| Ok(out.flush()?));
@@ -94,7 +95,7 @@ fn fill(writer: &mut dyn Write, body: impl FnOnce(&mut dyn Write) -> Result<(), 
     filled
 }
 
-/// Standard output, whose reader may have had enough: libraries wrap that error in their own.
+/// Standard output. Records that its reader closed the pipe, because libraries wrap that error in their own.
 struct Pipe {
     closed: bool,
 }
@@ -135,14 +136,14 @@ impl Write for Faulty<'_> {
 /// The destination of a path.
 pub(super) enum Target {
     StandardOutput,
-    /// No regular file: written as it is.
+    /// Not a regular file: written directly.
     Direct(PathBuf),
-    /// A regular file, or none yet, with all links of its name followed.
+    /// A regular file, or a path without a file, with all links followed.
     File(PathBuf),
 }
 
 impl Target {
-    /// Finds what a path leads to.
+    /// Determines the target of a path.
     pub(super) fn of(path: &Path) -> io::Result<Target> {
         if terminal::is_standard_output(path) {
             return Ok(Target::StandardOutput);
@@ -166,7 +167,7 @@ impl Target {
     }
 }
 
-/// Follows the links of a path's last part; returns the end of them, and what stands there.
+/// Follows the links of a path's last component; returns the final path, and its metadata if it exists.
 pub(super) fn resolve(path: &Path) -> io::Result<(PathBuf, Option<fs::Metadata>)> {
     let mut target = path.to_owned();
     for _ in 0..MAX_LINKS {
@@ -185,16 +186,16 @@ pub(super) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// The hidden names in use, which a signal removes. Whoever holds the lock gives files their names, or ends the program.
+/// The hidden names in use, which a signal removes. A thread holds the lock while it names a file or ends the program.
 static HIDDEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 pub(super) fn hidden_names() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     HIDDEN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes unfinished files; none is finished as long as the returned guard lives.
+/// Removes unfinished files; no file is named while the returned guard lives.
 ///
-/// `None` if a thread keeps the lock for longer than names take: it waits for the reader of a full pipe.
+/// `None` if a thread holds the lock for longer than naming takes: it waits for the reader of a full pipe.
 #[cfg(unix)]
 pub(super) fn abandon() -> Option<MutexGuard<'static, BTreeSet<PathBuf>>> {
     for _ in 0..100 {
@@ -221,11 +222,11 @@ fn hidden_name(folder: &Path) -> PathBuf {
     folder.join(format!(".splatgraph-{}-{number}.tmp", std::process::id()))
 }
 
-/// A file that is being filled.
+/// A file that is being written.
 struct Unfinished {
     file: File,
     target: PathBuf,
-    /// Its hidden name; `None` for a file without a name.
+    /// Its hidden name; `None` for an unnamed file.
     hidden: Option<PathBuf>,
 }
 
@@ -254,7 +255,7 @@ impl Unfinished {
         }
     }
 
-    /// Puts the contents on the disk and gives the file its name.
+    /// Syncs the contents to the disk, and names the file.
     fn finish(mut self) -> io::Result<()> {
         if let Ok(old) = fs::metadata(&self.target) {
             hand_on_permissions(&old, &self.file);
@@ -312,17 +313,17 @@ impl Drop for Unfinished {
     }
 }
 
-/// Returns true for errors that say that the file system knows no such operation.
+/// Returns true if an error means that the file system does not support the operation.
 fn is_unsupported(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::Unsupported | ErrorKind::InvalidInput)
 }
 
-/// Ignores that a file system cannot sync.
+/// Ignores the error of a file system that cannot sync.
 fn synced(result: io::Result<()>) -> io::Result<()> {
     result.or_else(|error| if is_unsupported(&error) { Ok(()) } else { Err(error) })
 }
 
-/// Refuses to replace a file that may not be written: its folder alone would allow that.
+/// Refuses to replace a file without write permission: permission on its folder would suffice to do so.
 #[cfg(unix)]
 fn refuse_protected(target: &Path, _: &fs::Metadata) -> io::Result<()> {
     Ok(rustix::fs::access(target, rustix::fs::Access::WRITE_OK)?)
@@ -333,7 +334,7 @@ fn refuse_protected(_: &Path, old: &fs::Metadata) -> io::Result<()> {
     if old.permissions().readonly() { Err(ErrorKind::PermissionDenied.into()) } else { Ok(()) }
 }
 
-/// Gives the new file the permissions and, where that is allowed, the owner of the old one.
+/// Gives the new file the permissions and, if allowed, the owner of the old one.
 fn hand_on_permissions(old: &fs::Metadata, file: &File) {
     #[cfg(unix)]
     {
@@ -351,7 +352,7 @@ fn hand_on_permissions(old: &fs::Metadata, file: &File) {
     let _ = file.set_permissions(old.permissions());
 }
 
-/// Files without a name, which Linux has.
+/// Unnamed files, which Linux supports.
 #[cfg(target_os = "linux")]
 mod nameless {
     use super::{File, Path, io, is_unsupported};
@@ -359,7 +360,8 @@ mod nameless {
     use rustix::io::Errno;
     use std::os::fd::AsRawFd;
 
-    /// Creates a file without a name; `None` where the file system has none, or `/proc` is not there to name it by.
+    /// Creates an unnamed file; `None` if the file system does not support it, or `/proc` is not mounted, which is
+    /// needed to name it.
     pub fn create(folder: &Path) -> io::Result<Option<File>> {
         #[cfg(test)]
         if super::faults::hidden_only() {
@@ -378,7 +380,7 @@ mod nameless {
         }
     }
 
-    /// Names the file; an existing file is an error.
+    /// Names the file; fails if the target exists.
     pub fn link(file: &File, target: &Path) -> io::Result<()> {
         let handle = format!("/proc/self/fd/{}", file.as_raw_fd());
         Ok(linkat(CWD, handle, CWD, target, AtFlags::SYMLINK_FOLLOW)?)
@@ -398,7 +400,7 @@ mod nameless {
     }
 }
 
-/// Faults for tests: the nth step of writing files on this thread fails.
+/// Injects faults for tests: the nth step of writing files on this thread fails.
 #[cfg(not(test))]
 mod faults {
     #[inline]
@@ -433,7 +435,7 @@ pub(crate) mod faults {
         HIDDEN_ONLY.get()
     }
 
-    /// Runs `body` as on a file system without files that have no name.
+    /// Runs `body` as on a file system without unnamed files.
     pub fn with_hidden_files<T>(body: impl FnOnce() -> T) -> T {
         HIDDEN_ONLY.set(true);
         let result = body();
@@ -441,7 +443,7 @@ pub(crate) mod faults {
         result
     }
 
-    /// Runs `body` with a disk that is full from this step on.
+    /// Runs `body` as if the disk were full from step `steps` on.
     pub fn full_after<T>(steps: u32, body: impl FnOnce() -> T) -> T {
         LEFT.set(Some(steps));
         let result = body();
@@ -449,7 +451,7 @@ pub(crate) mod faults {
         result
     }
 
-    /// Fails each step of `save` in turn, over an old file and over none: the old file stays, and nothing else is left.
+    /// Fails each step of `save` once, with and without an old file: the old file stays, and nothing else is left.
     ///
     /// Returns the number of steps.
     pub fn at_every_step<E: std::fmt::Display>(

@@ -1,8 +1,8 @@
 //! Refuses outputs that would destroy something, before anything is drawn.
 //!
-//! A command lists the files that it reads and those that it will write. Two names of one file, by links or by another spelling of
-//! the path, count as that file. An output must not be an input, nor another output, nor a folder, nor lie inside of a file; and
-//! its name must not be too long for the file system.
+//! A command lists the files that it reads and the files that it will write. Two names of one file, through links or
+//! different spellings of the path, count as the same file. An output must not be an input, another output or a folder,
+//! nor lie inside of a file; and its name must not be too long for the file system.
 
 use super::file::{folder_of, resolve};
 use super::names::MAX_NAME_BYTES;
@@ -12,20 +12,20 @@ use std::ffi::OsString;
 use std::fs::{self, Metadata};
 use std::path::{Component, Path};
 
-/// Longest path that systems take, in bytes, with its end.
+/// Maximum length of a path, in bytes, including its terminator.
 const MAX_PATH_BYTES: usize = 4096;
 
-/// An output that cannot be written, or would destroy something.
+/// Explains why an output cannot be written, or would destroy something.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Conflict(String);
 
-/// The files that a command reads and writes.
+/// Files that a command reads and writes.
 #[derive(Clone, Debug, Default)]
 pub struct OutputGuard {
     inputs: HashMap<Identity, String>,
     outputs: HashMap<Identity, String>,
-    /// The folders of outputs that do not exist yet, and the outputs that need them.
+    /// Folders of outputs that do not exist yet, each with the output that needs it.
     folders: HashMap<Identity, String>,
 }
 
@@ -33,9 +33,9 @@ pub struct OutputGuard {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Identity {
     StandardOutput,
-    /// A file that exists: where and which; its canonical path on systems without such numbers.
+    /// A file that exists, by device and inode; by its canonical path on systems without inodes.
     Existing(Existing),
-    /// A file that does not exist yet: an existing folder, and the path from there.
+    /// A file that does not exist yet: an existing folder, and the path relative to it.
     New(Existing, Vec<OsString>),
 }
 
@@ -56,10 +56,10 @@ fn existing(path: &Path, _: &Metadata) -> std::io::Result<Existing> {
 }
 
 impl OutputGuard {
-    /// Adds a file that the command reads; what is not there, or is no file, is not the concern of outputs.
+    /// Adds a file that the command reads; a path without a file is ignored.
     ///
     /// # Errors
-    /// An output that was added before is this file.
+    /// A previously added output is the same file.
     pub fn input(&mut self, what: &str, path: &Path) -> Result<(), Conflict> {
         let Ok(found) = fs::metadata(path) else { return Ok(()) };
         let Some(identity) = Some(found)
@@ -79,7 +79,7 @@ impl OutputGuard {
     /// Adds a file that the command writes; `what` is its option, such as `--json`.
     ///
     /// # Errors
-    /// It is an input or another output, or it cannot be written where it is.
+    /// The file is an input or another output, or it cannot be written at this path.
     pub fn output(&mut self, what: &str, path: &Path) -> Result<(), Conflict> {
         let Some(identity) = place(what, path)? else { return Ok(()) };
         if let Some(input) = self.inputs.get(&identity) {
@@ -121,7 +121,7 @@ fn overwrites(output: &str, input: &str, path: &Path) -> Conflict {
     Conflict(format!("{output} would overwrite {input}, {}: name another file", path.display()))
 }
 
-/// Finds where an output goes; `None` for a device or a pipe, which any number of outputs may use.
+/// Identifies the file of an output; `None` for a device or a pipe, which several outputs may share.
 fn place(what: &str, path: &Path) -> Result<Option<Identity>, Conflict> {
     if is_standard_output(path) {
         return Ok(Some(Identity::StandardOutput));
@@ -158,7 +158,7 @@ fn too_long(what: &str, path: &Path, found: usize, most: usize) -> Conflict {
     ))
 }
 
-/// Identifies a file that does not exist by the deepest of its folders that does.
+/// Identifies a file that does not exist by its deepest existing folder and the path below it.
 fn new(
     what: &str,
     path: &Path,
@@ -195,12 +195,12 @@ fn new(
     Ok(Identity::New(existing(root, &found).map_err(unreachable)?, parts))
 }
 
-/// Spells a name as it is compared: systems that ignore case are asked without it.
+/// Normalises a name for comparison: lower case on systems that ignore case.
 fn spelling(name: OsString) -> OsString {
     if cfg!(any(windows, target_vendor = "apple")) { name.to_ascii_lowercase() } else { name }
 }
 
-/// Returns the longest name that the file system of a folder takes, in bytes.
+/// Returns the maximum length of a file name in a folder, in bytes.
 fn longest_name(folder: &Path) -> usize {
     #[cfg(unix)]
     if let Ok(found) = rustix::fs::statvfs(folder) {

@@ -1,4 +1,4 @@
-//! Writes a file of lines that is read while it grows.
+//! Writes a file of lines that others read while it grows.
 
 // What is disallowed elsewhere is done here.
 #![allow(clippy::disallowed_methods)]
@@ -9,9 +9,10 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// A file of lines that is read while it grows, such as the viewer's events.
+/// A file of lines that others read while it grows, such as the viewer's events.
 ///
-/// It is the one output that is written in place. It grows by whole lines, and a failure ends the log, not the program.
+/// It is the only output that is written in place. It grows by whole lines, and a failure ends the log, not the
+/// program.
 pub struct Log {
     out: Option<Box<dyn Write>>,
     path: PathBuf,
@@ -19,7 +20,7 @@ pub struct Log {
 }
 
 impl Log {
-    /// Opens the file, emptied; `-` is standard output.
+    /// Opens the file, and empties it; `-` is standard output.
     ///
     /// # Errors
     /// The folder or the file cannot be created.

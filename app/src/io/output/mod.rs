@@ -1,9 +1,10 @@
-//! Writes everything that leaves the program: files, lines for the terminal, and data on standard output.
+//! Writes the program's outputs: files, lines for the terminal, and data on standard output.
 //!
-//! A file is whole, or it is not there: [`write()`] fills a file without a name and names it once its contents are on the disk, so
-//! that a full disk, an error or a signal leaves what was there before ([`mod@file`], [`signals`]). [`names`] gives each camera a
-//! file name of its own, and [`guard`] refuses an output over an input, before anything is drawn. Text passes through
-//! [`terminal`], which takes the escape sequences out of names from files, and which a closed pipe or a full device cannot stop.
+//! A file is either complete or absent: [`write()`] fills an unnamed file and names it once its contents are on the
+//! disk, so that a full disk, an error or a signal leaves an existing file unchanged ([`mod@file`], [`signals`]).
+//! [`names`] gives each camera a unique file name, and [`guard`] refuses an output over an input, before anything is
+//! drawn. All text passes through [`terminal`], which removes escape sequences from names; a closed pipe or a full
+//! device does not stop it.
 
 pub mod file;
 pub mod guard;

@@ -1,18 +1,19 @@
-//! Makes file names of cameras' names, each camera its own.
+//! Makes unique file names from the cameras' names.
 //!
-//! The mapping is a function of the list of names: two runs give the same files. Names that are fit for a file stay as they are. In
-//! others, what some system refuses becomes `_`: separators, control characters, `< > : " | ? *`, a leading dot, and the
-//! devices of Windows (`CON`, `NUL`, ...). An empty name becomes `camera` and the camera's index. Of equal names the first that
-//! stood there unchanged keeps its name; the others get `-` and the camera's index, and then a number, until no two are equal in
-//! upper or lower case. A name that is too long is cut, and ends in `~` and eight digits of the hash of the whole name.
+//! The list of names determines the file names, so two runs give the same files. Names that are valid file names stay
+//! unchanged. In other names, anything that some system refuses becomes `_`: separators, control characters, `< > : " |
+//! ? *`, a leading dot, and the devices of Windows (`CON`, `NUL`, ...). An empty name becomes `camera` and the camera's
+//! index. Among equal results, the first camera whose name was valid keeps it; the others get `-` and the camera's
+//! index, and then a number, until all differ, ignoring case. A name that is too long is cut, and ends in `~` and eight
+//! digits of the hash of the whole name.
 
 use super::terminal::is_harmful;
 use std::collections::HashSet;
 
-/// Largest file name that every usual file system takes, in bytes.
+/// Maximum length of a file name on common file systems, in bytes.
 pub const MAX_NAME_BYTES: usize = 255;
 
-/// Least room for a camera's name in a file name, in bytes: for its hash, its index, and something to recognise.
+/// Minimum room for a camera's name in a file name, in bytes: for its hash, its index, and a recognisable part.
 pub const MIN_ROOM_BYTES: usize = 48;
 
 /// Makes a file name of each name, without extension, of at most `room` bytes (at least [`MIN_ROOM_BYTES`]).
@@ -42,12 +43,12 @@ pub fn unique(names: &[String], room: usize) -> Vec<String> {
     all
 }
 
-/// Maps a name to what a file system without upper and lower case makes of it.
+/// Folds the case of a name, as a file system that ignores case does.
 fn key(name: &str) -> String {
     name.to_uppercase().to_lowercase()
 }
 
-/// Replaces what a file name cannot have.
+/// Replaces characters and names that are not valid in a file name.
 fn sanitized(name: &str, index: usize) -> String {
     let is_refused = |c: char| {
         matches!(c, '/' | '\\' | '<' | '>' | ':' | '"' | '|' | '?' | '*' | '\n' | '\t') || is_harmful(c)
@@ -68,7 +69,7 @@ fn sanitized(name: &str, index: usize) -> String {
     name
 }
 
-/// Cuts a name to at most `room` bytes; a cut name ends in a hash of the whole.
+/// Cuts a name to at most `room` bytes; a cut name ends in a hash of the whole name.
 fn shortened(name: &str, room: usize) -> String {
     if name.len() <= room {
         return name.to_owned();

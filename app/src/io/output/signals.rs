@@ -1,13 +1,14 @@
 //! Ends the program cleanly on a signal.
 //!
-//! SIGINT, SIGTERM and SIGHUP end it at once, whatever its threads are doing: finished files stay, unfinished ones go, and the exit
-//! code is 128 and the signal's number. A second signal does not even wait for that. A signal that the parent had set to be
-//! ignored, as `nohup` does, stays ignored. A file that grows beyond the limit of the process is an error, not the end.
+//! SIGINT, SIGTERM and SIGHUP end it at once, regardless of what its threads are doing: finished files stay, unfinished
+//! ones are removed, and the exit code is 128 plus the signal's number. A second signal ends it without that cleanup. A
+//! signal that the parent set to be ignored, as `nohup` does, stays ignored. A file that exceeds the process's size
+//! limit causes an error, not the end.
 
-/// Starts to handle signals. Call it once, at the start of the program.
+/// Installs the signal handlers. Call it once, at the start of the program.
 ///
-/// Child processes are not concerned: they start with the defaults. Without a free thread, signals end the program as they
-/// would any other, which leaves nothing unfinished either where files are without a name until they are whole.
+/// Child processes are not affected: they start with the default handlers. If no thread can be started, signals have
+/// their default effect, which leaves no unfinished file either, provided that the file system supports unnamed files.
 #[cfg(unix)]
 pub fn end_cleanly() {
     use super::file;
@@ -37,7 +38,7 @@ pub fn end_cleanly() {
     let _ = Builder::new().name("signals".into()).spawn(wait);
 }
 
-/// Ends the process without the exit handlers of its libraries. Unfinished files go, as at a signal.
+/// Ends the process without running its libraries' exit handlers. Unfinished files are removed, as on a signal.
 #[cfg(unix)]
 pub fn end_now(code: u8) {
     use std::io::Write;
@@ -48,15 +49,15 @@ pub fn end_now(code: u8) {
     signal_hook::low_level::exit(code.into());
 }
 
-/// Does nothing: the process ends as any other does.
+/// Does nothing: the process exits normally.
 #[cfg(not(unix))]
 pub fn end_now(_: u8) {}
 
-/// Starts to handle signals, which this system does not have.
+/// Does nothing: this system has no such signals.
 #[cfg(not(unix))]
 pub fn end_cleanly() {}
 
-/// Returns true if the parent process had this signal ignored.
+/// Returns true if the parent process set this signal to be ignored.
 #[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {
     // SAFETY: all zeros are a valid `sigaction`, and with a null action the call only writes the present one to `old`.

@@ -1,18 +1,18 @@
 //! Writes text to standard output and standard error.
 //!
-//! Names from files (cameras, properties, passes, paths, drivers) reach the terminal through this module alone, with their control
-//! characters spelled out. Nothing here panics: a line that cannot be written is lost, and the work goes on. Only where standard
-//! output is the product of a command is that an error, and then not if the reader has closed the pipe.
+//! Names from files (cameras, properties, passes, paths, drivers) reach the terminal only through this module, which
+//! escapes their control characters. Nothing here panics: a line that cannot be written is lost, and the work
+//! continues. It is an error only if standard output is a command's product, unless the reader closed the pipe.
 
 use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
 
-/// Returns true for characters that move the cursor, change the terminal, or reorder the text around them.
+/// Returns true for characters that move the cursor, change the terminal's state, or reorder the text around them.
 ///
-/// These are the control characters C0 and C1 and DEL (except the line break and the tabulator), the bidirectional controls of
-/// Unicode, and its line and paragraph separators.
+/// These are the control characters C0 and C1 and DEL (except the line break and the tabulator), the bidirectional
+/// controls of Unicode, and its line and paragraph separators.
 pub fn is_harmful(c: char) -> bool {
     match c {
         '\n' | '\t' => false,
@@ -37,7 +37,7 @@ pub fn harmless(text: &str) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// Spells out line breaks and tabulators too: a name stays on its line.
+/// Escapes harmful characters, line breaks and tabulators, so that a name stays on its line.
 pub fn one_line(text: &str) -> Cow<'_, str> {
     match harmless(text) {
         text if text.contains(['\n', '\t']) => {
@@ -47,7 +47,7 @@ pub fn one_line(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// Quotes a word for a shell, if it must be.
+/// Quotes a word for a shell, if necessary.
 pub fn shell_word(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-./=,#:@%+".contains(c);
     if !word.is_empty() && word.chars().all(plain) && !word.starts_with('#') {
@@ -56,7 +56,8 @@ pub fn shell_word(word: &str) -> String {
     format!("'{}'", word.replace('\'', "'\\''"))
 }
 
-/// Escapes harmful characters, except sequences of colours (`ESC [ digits m`), which only this program's own renderers make.
+/// Escapes harmful characters, except colour sequences (`ESC [ digits m`), which only this program's own renderers
+/// produce.
 fn harmless_styled(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
@@ -76,7 +77,7 @@ fn harmless_styled(text: &str) -> String {
     out + &harmless(rest)
 }
 
-/// Writes to standard error at once; what cannot be written is lost.
+/// Writes to standard error immediately; ignores failures.
 fn to_standard_error(text: &str) {
     let mut err = io::stderr().lock();
     // There is nobody left to tell.
@@ -88,27 +89,27 @@ pub fn say(line: impl Display) {
     to_standard_error(&format!("{}\n", harmless(&line.to_string())));
 }
 
-/// Writes rendered text, which may have colours, to standard error.
+/// Writes rendered text, which may contain colour sequences, to standard error.
 pub fn say_styled(text: &str) {
     to_standard_error(&harmless_styled(text));
 }
 
-/// Writes a line about the work to standard output; a line that cannot be written is lost.
+/// Writes a progress line to standard output; a line that cannot be written is lost.
 pub fn note(line: impl Display) {
     let line = format!("{}\n", harmless(&line.to_string()));
     let mut out = io::stdout().lock();
     let _ = out.write_all(line.as_bytes()).and_then(|()| out.flush());
 }
 
-/// Writes text that is the product of a command to standard output.
+/// Writes a command's result to standard output.
 ///
 /// # Errors
-/// The text cannot be written, for instance to a full disk. A closed pipe is no error: its reader has had enough.
+/// The text cannot be written, for instance to a full disk. A closed pipe is not an error: its reader needs no more.
 pub fn print(text: &str) -> io::Result<()> {
     print_raw(&harmless(text))
 }
 
-/// Writes text as [`print`] does, without a change.
+/// Writes text to standard output unescaped, with the errors of [`print`].
 fn print_raw(text: &str) -> io::Result<()> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
@@ -120,7 +121,7 @@ fn print_raw(text: &str) -> io::Result<()> {
     }
 }
 
-/// Writes clap's help or its error to the stream where each belongs, and returns the exit code.
+/// Writes clap's help to standard output or its error to standard error, and returns the exit code.
 pub fn say_usage(error: &clap::Error, colour: bool) -> u8 {
     let text = error.render();
     let text = if colour { text.ansi().to_string() } else { text.to_string() };

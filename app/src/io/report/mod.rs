@@ -1,7 +1,7 @@
-//! Makes tables, plots, and pages that hold pictures, plots and tables in one file.
+//! Makes tables, plots, and self-contained pages of pictures, plots and tables.
 //!
-//! A [`plot::Plot`] is data; it becomes an SVG or a picture. A [`page::Page`] is written from top to bottom, and ends as
-//! HTML that needs no other file, so that it can be mailed or kept.
+//! A [`plot::Plot`] is data, drawn as an SVG or a picture. A [`page::Page`] is written from top to bottom, and ends as
+//! HTML that needs no other file, so that it can be mailed or archived.
 
 pub mod page;
 pub mod plot;

@@ -1,4 +1,4 @@
-//! Writes pages of HTML that fetch nothing from elsewhere: they hold their pictures, or link to files beside them.
+//! Writes HTML pages that load nothing from the network: they embed pictures, or link to files beside them.
 
 use super::plot::{Plot, PlotError};
 use crate::io::image::{Image, ImageError};
@@ -15,30 +15,30 @@ const SCRIPT: &str = include_str!("page.js");
 pub struct Page {
     title: String,
     body: String,
-    /// A table can be sorted.
+    /// True if a table is sortable, which needs the script.
     has_script: bool,
 }
 
 /// A row of a sortable table.
 pub struct Row {
-    /// The texts; the first names the row.
+    /// Texts of the cells; the first names the row.
     pub cells: Vec<String>,
-    /// Pictures that a click on the name shows.
+    /// Pictures shown by a click on the name.
     pub pictures: Vec<Linked>,
 }
 
-/// A picture in a file beside the page, with a line under it.
+/// A picture in a file beside the page, with a caption.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Linked {
-    /// The line.
+    /// Text under the picture.
     pub caption: String,
-    /// Its path relative to the page, percent-encoded.
+    /// Path relative to the page, percent-encoded.
     pub link: String,
 }
 
-/// A picture with a line under it.
+/// A picture with a caption.
 pub struct Figure<'a> {
-    /// The line.
+    /// Text under the picture.
     pub caption: String,
     /// The picture; its values are clamped to 0..1.
     pub image: &'a Image,
@@ -60,7 +60,7 @@ impl Page {
         self.body += &format!("<p>{}</p>\n", inline(text));
     }
 
-    /// Adds a formula in LaTeX, as MathML. A mistake in it becomes an `merror` element.
+    /// Adds a formula in LaTeX, as MathML. An error in it becomes an `merror` element.
     pub fn formula(&mut self, latex: &str) {
         let storage = Storage::new();
         let config = RenderConfig { display_mode: DisplayMode::Block, ..RenderConfig::default() };
@@ -91,7 +91,7 @@ impl Page {
         self.body += "</table></div>\n";
     }
 
-    /// Adds a table that a reader can sort by each column, and filter. A column has a name, and a text that explains it under the pointer.
+    /// Adds a table that a reader can sort by each column, and filter. A column has a name and a tooltip.
     ///
     /// The name of a row with pictures links to the first; a click shows all of them below the row.
     pub fn sortable(&mut self, columns: &[(&str, &str)], rows: &[Row]) {
@@ -135,7 +135,7 @@ impl Page {
         Ok(())
     }
 
-    /// Adds pictures in rows of equal columns, however narrow the page.
+    /// Adds pictures in rows of equal columns, regardless of the page's width.
     ///
     /// # Errors
     /// A picture cannot be encoded.
@@ -163,7 +163,7 @@ impl Page {
         Ok(())
     }
 
-    /// Adds a plot with a line under it.
+    /// Adds a plot with a caption.
     ///
     /// # Errors
     /// The plot cannot be drawn.
@@ -187,7 +187,7 @@ impl Page {
     }
 }
 
-/// Escapes the characters that HTML gives a meaning.
+/// Escapes HTML's special characters.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -1,4 +1,4 @@
-//! Draws plots as SVG and as pictures: the same marks, a font of its own for the pictures.
+//! Draws plots as SVG and as pictures: with the same marks, and an embedded font for the pictures.
 
 use crate::io::image::Image;
 use plotters::coord::Shift;
@@ -13,7 +13,7 @@ use std::sync::Once;
 /// Width and height of a plot, in pixels.
 pub const SIZE: (u32, u32) = (960, 560);
 
-/// An error of the library that draws.
+/// An error of the plotting library.
 #[derive(Debug, thiserror::Error)]
 #[error("the plot cannot be drawn: {0}")]
 pub struct PlotError(String);
@@ -21,31 +21,31 @@ pub struct PlotError(String);
 /// An axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// The quantity, with its unit.
+    /// Quantity and unit.
     pub label: String,
-    /// True for equal steps of ratio. Points at or below 0 are then left out.
+    /// True for a logarithmic scale. Points at or below 0 are then left out.
     pub logarithmic: bool,
 }
 
 /// The form of a series' marks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
-    /// Points that a line joins.
+    /// Points joined by a line.
     Line,
-    /// Points with their names.
+    /// Points labelled with their names.
     Points,
-    /// Grey points with their names, behind the others.
+    /// Grey, labelled points, behind the others.
     Muted,
 }
 
-/// A point: where it is, and its name, which may be empty.
+/// A point with an optional name.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
     /// Horizontal position.
     pub x: f64,
     /// Vertical position.
     pub y: f64,
-    /// The name beside the point.
+    /// Label beside the point; empty for none.
     pub name: String,
 }
 
@@ -56,23 +56,23 @@ pub struct Series {
     pub name: String,
     /// The form of the marks.
     pub form: Form,
-    /// The points. Those that are not finite are left out.
+    /// Points of the series. Points that are not finite are left out.
     pub points: Vec<Point>,
 }
 
 /// An error bar: the range of a point's horizontal position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bar {
-    /// The least and the greatest horizontal position.
+    /// Ends of the bar: the least and the greatest horizontal position.
     pub x: (f64, f64),
     /// Vertical position.
     pub y: f64,
 }
 
-/// A plot of points over two axes.
+/// A plot of series over two axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
-    /// The line above it.
+    /// Title above the plot.
     pub title: String,
     /// The horizontal axis.
     pub x: Axis,
@@ -84,7 +84,7 @@ pub struct Plot {
     pub bars: Vec<Bar>,
 }
 
-/// Colours that people with any colour vision distinguish (Okabe and Ito 2008). Their yellow is faint on white and left out.
+/// Colours for any colour vision (Okabe and Ito 2008), without their yellow, which is faint on white.
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -102,10 +102,10 @@ const FONT: &str = "sans-serif";
 /// Height of the text, in pixels.
 const TEXT: u32 = 14;
 const NAME: u32 = 13;
-/// Height of the title and the legend.
+/// Height of the title and the legend, in pixels.
 const HEAD: u32 = 66;
 
-/// The look of a series. Series beyond the seventh repeat the colours, with open dots.
+/// Style of a series. Series beyond the seventh repeat the colours, with open dots.
 #[derive(Clone, Copy)]
 struct Mark {
     colour: RGBColor,
@@ -246,7 +246,7 @@ impl Plot {
         let named = || self.series.iter().zip(marks).filter(|(series, _)| !series.name.is_empty());
         let width =
             |series: &Series| area.estimate_text_size(&series.name, &style).map(|(width, _)| width as i32);
-        /// Room for a dot, and between entries.
+        /// Width of a dot in the legend with its margins, in pixels.
         const DOT: i32 = 36;
         let mut all = 0;
         for (series, _) in named() {
@@ -264,7 +264,7 @@ impl Plot {
         Ok(())
     }
 
-    /// Lists the error bars that can be shown, on the scales of the axes.
+    /// Lists the error bars that can be shown, in axis coordinates.
     fn shown_bars(&self) -> Vec<(f64, f64, f64)> {
         let on = |axis: &Axis, value: f64| if axis.logarithmic { value.log10() } else { value };
         let bar = |bar: &Bar| (on(&self.x, bar.x.0), on(&self.x, bar.x.1), on(&self.y, bar.y));
@@ -272,7 +272,7 @@ impl Plot {
         self.bars.iter().map(bar).filter(is_finite).collect()
     }
 
-    /// Lists the points of a series that can be shown, on the scales of the axes.
+    /// Lists the points of a series that can be shown, in axis coordinates.
     fn shown<'a>(&self, series: &'a Series) -> Vec<(f64, f64, &'a str)> {
         let on = |axis: &Axis, value: f64| if axis.logarithmic { value.log10() } else { value };
         let point = |point: &'a Point| (on(&self.x, point.x), on(&self.y, point.y), point.name.as_str());
@@ -280,14 +280,14 @@ impl Plot {
     }
 }
 
-/// Registers the font of the pictures, once. An SVG names it only, so that its reader's is used.
+/// Registers the font of the pictures, once. An SVG only names a font, so its viewer chooses one.
 fn register() {
     static ONCE: Once = Once::new();
     // The font is a constant, so that it is always valid.
     ONCE.call_once(|| drop(register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)));
 }
 
-/// The range of an axis, and its ticks; positions are logarithms on a logarithmic one.
+/// Range and ticks of an axis; a logarithmic axis stores logarithms.
 struct Ticks {
     first: f64,
     last: f64,
@@ -297,7 +297,7 @@ struct Ticks {
 }
 
 impl Ticks {
-    /// Chooses a range around values, and round numbers in it.
+    /// Chooses a range around values, with ticks at round numbers.
     fn new(values: impl Iterator<Item = f64>, logarithmic: bool) -> Ticks {
         let range = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         let (low, high) = if range.0 <= range.1 { range } else { (0.0, 1.0) };
@@ -384,7 +384,7 @@ impl ValueFormatter<f64> for Ticks {
     }
 }
 
-/// Chooses a step of 1, 2 or 5 times a power of ten, for about 5 parts of a span.
+/// Chooses a step of 1, 2 or 5 times a power of ten that divides a span into about 5 parts.
 fn step_for(span: f64) -> f64 {
     let power = 10f64.powf((span / 5.0).log10().floor());
     let ratio = span / 5.0 / power;
@@ -397,21 +397,22 @@ fn step_for(span: f64) -> f64 {
     power * round
 }
 
-/// Boxes of the names drawn so far, which later names avoid.
+/// Boxes of the dots and names drawn so far, which later names avoid.
 #[derive(Default)]
 struct Names {
     taken: Vec<[i32; 4]>,
 }
 
 impl Names {
-    /// Takes the room of a dot.
+    /// Reserves the area of a dot.
     fn block(&mut self, (x, y): (i32, i32)) {
         self.taken.push([x - 4, y - 4, x + 4, y + 4]);
     }
 
-    /// Finds a place for a name beside its dot: where its text begins, ends, or has its middle. `None` if there is no room.
+    /// Finds a place for a name beside its dot, and the alignment of its text; `None` if there is no room.
     ///
-    /// The reader's font may be wider than this program's: a text beside a dot keeps its distance from it.
+    /// The viewer's font may be wider than this program's, so the alignment fixes the side of the text that faces the
+    /// dot.
     fn place(&mut self, (x, y): (i32, i32), (width, height): (i32, i32)) -> Option<(HPos, (i32, i32))> {
         let half = height / 2;
         let beside = [

@@ -1,6 +1,6 @@
-//! Sets tables for terminals, and cells of CSV.
+//! Formats tables for terminals, and cells of CSV.
 
-/// Aligns the cells of lines in columns: the first to the left, the others, which are numbers, to the right.
+/// Aligns cells in columns: the first to the left, the others, which are numbers, to the right.
 pub fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let cell = |row: &Vec<String>, column: usize| row.get(column).map_or(0, |cell| cell.chars().count());

@@ -1,8 +1,8 @@
-//! Measures how much each band of spherical harmonics does to the colours.
+//! Measures how much each band of spherical harmonics contributes to the colours.
 //!
-//! The basis is orthonormal on the sphere, so that the mean square of a band over all directions is the sum of its squared
-//! coefficients over 4 pi (Parseval; Ramamoorthi and Hanrahan 2001, "An Efficient Representation for Irradiance Environment
-//! Maps"). Splats are weighted by opacity times area; splats below the alpha floor do not count.
+//! The basis is orthonormal on the sphere, so the mean square of a band over all directions is the sum of its squared
+//! coefficients over 4 pi (Parseval; Ramamoorthi and Hanrahan 2001, "An Efficient Representation for Irradiance
+//! Environment Maps"). Splats are weighted by opacity times area; splats below the alpha floor do not count.
 
 use crate::studies::sweep::choice::world_area;
 use rayon::prelude::*;
@@ -14,18 +14,18 @@ use std::f64::consts::PI;
 /// A band of spherical harmonics.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Band {
-    /// 0 to 3.
+    /// Degree of the band, 0 to 3.
     pub band: u32,
-    /// Root of the mean square over directions, channels and splats: how much the band adds to a colour of 0 to 1.
+    /// Root mean square over directions, channels and splats, for colours of 0 to 1.
     pub rms: f64,
     /// Share of the view-dependent bands' energy; 0 for band 0, which depends on no direction.
     pub share: f64,
 }
 
-/// The energy of each band, 0 to 3: the mean square over the sphere of the band's part of a channel.
+/// Energy of each band, 0 to 3: the mean square of its contribution to a channel, over the sphere.
 pub type Energy = [f64; 4];
 
-/// Computes the energy of a splat's bands, the mean over its channels.
+/// Computes the energy of each band of a splat, averaged over the channels.
 pub fn energy(sh: &[[f64; 3]; 16]) -> Energy {
     std::array::from_fn(|band| {
         let of_band = &sh[band * band..(band + 1) * (band + 1)];

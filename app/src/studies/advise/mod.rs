@@ -1,9 +1,9 @@
-//! Advises how to draw a scene: what its depth keys need, what its bands of harmonics carry, and the cheapest setting within a
-//! budget.
+//! Advises how to draw a scene: the width of its depth keys, the energy of its bands of harmonics, and the cheapest
+//! setting within a budget.
 //!
-//! [`crate::draw::keys`] finds the width at which no two splats that overlap on the screen change places, for each mapping of depth to
-//! keys; [`harmonics`] measures the energy of each band; [`search`] measures one parameter at a time, predicts what they do
-//! together, and draws the cheapest predictions, so that nothing is advised that was not measured.
+//! [`crate::draw::keys`] finds the width at which no two splats that overlap on the screen change places, for each
+//! mapping of depth to keys. [`harmonics`] measures the energy of each band. [`search`] measures one parameter at a
+//! time, predicts combinations, and draws the cheapest of them, so that every advised setting was measured.
 
 pub mod harmonics;
 pub mod search;

@@ -13,9 +13,9 @@ use serde::Serialize;
 /// The wanted limits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Budget {
-    /// Least PSNR of every view, in decibels.
+    /// Minimum PSNR of every view, in decibels.
     pub psnr: Option<f64>,
-    /// Greatest mean GPU time of a frame, in milliseconds.
+    /// Maximum mean GPU time of a frame, in milliseconds.
     pub ms: Option<f64>,
 }
 
@@ -33,7 +33,8 @@ pub struct Tried {
 }
 
 impl Tried {
-    /// Sums up the rows of a setting; `None` if one of them failed. `floor` is the noise that ranges have at least.
+    /// Summarises the rows of a setting; `None` if one of them failed. Ranges are at least as wide as the noise
+    /// `floor`.
     ///
     /// The exact settings' share is 1, by definition.
     pub fn new(setting: &Setting, rows: &[Row], floor: Option<f64>) -> Option<Tried> {
@@ -53,12 +54,12 @@ impl Tried {
         })
     }
 
-    /// Returns the PSNR of the view with the least.
+    /// Returns the lowest PSNR of a view.
     pub fn least_psnr(&self) -> f64 {
         self.psnr_db.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns true if this is faster than another for sure, false if it is not, `None` if noise hides it.
+    /// Returns true if this setting is certainly faster than `other`, false if it is not, `None` if noise hides it.
     fn faster(&self, other: &Tried) -> Option<bool> {
         match (self.share, other.share) {
             (Some(own), Some(other)) => own.faster(&other),
@@ -73,16 +74,16 @@ impl Tried {
     }
 }
 
-/// Returns the mean share of the rows of a setting as it was measured; `None` without timestamps, or if one failed.
+/// Returns the mean share of a setting's rows, not widened to the floor; `None` without timestamps, or if a row failed.
 pub fn own_share(rows: &[Row]) -> Option<Share> {
     let share = |row: &Row| Some(row.found.as_ref().ok()?.time.as_ref()?.share);
     Share::mean(&rows.iter().map(share).collect::<Option<Vec<_>>>()?)
 }
 
 impl Budget {
-    /// Returns true if a setting is within the limits for sure, false if it is not, `None` if noise hides it.
+    /// Returns true if a setting is certainly within the limits, false if it is not, `None` if noise hides it.
     ///
-    /// Without timestamps, no limit of time can be kept.
+    /// Without timestamps, no setting is within a time limit.
     pub fn allows(&self, tried: &Tried) -> Option<bool> {
         if self.psnr.is_some_and(|least| tried.least_psnr() < least) {
             return Some(false);
@@ -98,9 +99,9 @@ impl Budget {
     }
 }
 
-/// Decibels by which a prediction may miss the budget and be drawn all the same.
+/// Decibels by which a prediction may miss the budget and still be drawn.
 const SLACK_DB: f64 = 1.0;
-/// Most combinations that are predicted.
+/// Maximum number of combinations to predict.
 const MOST: usize = 100_000;
 
 /// A combination of values with its predicted errors and time.
@@ -118,10 +119,11 @@ impl Predicted {
     }
 }
 
-/// Lists combinations to draw, the most promising first. `singles` hold the exact settings and others one parameter away from them.
+/// Lists combinations to draw, the most promising first. `singles` are the exact settings and the settings one
+/// parameter away from them.
 ///
-/// Settings of other graphs, settings with further parameters away from their exact values, and settings that do not save time
-/// beyond the noise are not combined. The second list names the settings whose saving is within the noise.
+/// Settings of other graphs, settings that change several parameters, and settings that do not save time beyond the
+/// noise are not combined. The second list names the settings whose saving is within the noise.
 pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<String>) {
     let Some(exact) = singles.iter().find(|tried| tried.setting.name == EXACT) else {
         return (Vec::new(), Vec::new());
@@ -202,16 +204,16 @@ fn single_change(exact: &Setting, other: &Setting) -> Option<(String, String)> {
 /// The best setting within the budget, and the settings whose difference from it is within the noise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Best<'a> {
-    /// The setting; `None` if none is within the budget for sure.
+    /// The setting; `None` if none is certainly within the budget.
     pub found: Option<&'a Tried>,
-    /// Settings that may be better: noise hides whether they are faster, or within the limit of time.
+    /// Settings that may be better, but noise hides their time difference or whether they are within the time limit.
     pub hidden: Vec<&'a Tried>,
 }
 
-/// Chooses the best setting within the budget: the fastest where an error is allowed, else the most accurate.
+/// Chooses the best setting within the budget: the fastest if an error is allowed, else the most accurate.
 ///
-/// Among settings whose times noise does not distinguish from the fastest, the most accurate is chosen. Defaults within the budget are
-/// chosen unless another setting is faster (or, within a limit of time, more accurate) beyond the noise.
+/// Among settings whose times noise does not distinguish from the fastest, the most accurate is chosen. Defaults within
+/// the budget are chosen unless another setting is faster (or, within a time limit, more accurate) beyond the noise.
 pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
     let of = |wanted: Option<bool>| tried.iter().filter(move |tried| budget.allows(tried) == wanted);
     let more_accurate = |a: &'a Tried, b: &'a Tried| if b.least_psnr() > a.least_psnr() { b } else { a };
@@ -249,10 +251,10 @@ pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
     Best { found, hidden }
 }
 
-/// Decibels by which a picture must be closer to the truth to be worth a change of the defaults: more than a table rounds off.
+/// Minimum gain in PSNR, in decibels, that is worth changing the defaults: more than the rounding of a table.
 const LEAST_GAIN_DB: f64 = 0.1;
 
-/// Returns true if a setting is worth a change of the defaults; both are within the budget.
+/// Returns true if a setting is worth changing the defaults; both are within the budget.
 fn is_better(other: &Tried, defaults: &Tried, budget: &Budget) -> bool {
     match budget.psnr {
         Some(_) => other.faster(defaults) == Some(true),

@@ -36,7 +36,7 @@ pub fn describe(scene: &Scene, cameras: &[Camera], errors: u64) -> Description {
     }
 }
 
-/// The request.
+/// The request of the study.
 #[derive(Clone, Debug)]
 pub struct Wanted {
     /// The graph whose parameters are changed.
@@ -45,18 +45,18 @@ pub struct Wanted {
     pub set: Vec<(String, String)>,
     /// The limits.
     pub budget: Budget,
-    /// The numbers of frames.
+    /// Numbers of frames and rounds.
     pub frames: Frames,
 }
 
 /// The settings that a search measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Advice {
-    /// The limits.
+    /// The limits of the request.
     pub budget: Budget,
-    /// The settings.
+    /// The settings that were drawn and measured.
     pub tried: Vec<Tried>,
-    /// Settings that may save time within the noise; they were not combined.
+    /// Names of settings whose saving is within the noise; they were not combined.
     pub unsure: Vec<String>,
 }
 
@@ -129,7 +129,7 @@ pub fn study<D: Device>(
     Ok(Advice { budget: wanted.budget, tried, unsure })
 }
 
-/// Returns the exact settings with keys as narrow as their mapping allows.
+/// Returns the exact settings with the narrowest keys that each mapping allows.
 fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
     let of = |name: &str| exact.set.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
     let bits = needs.iter().find(|need| Some(need.map.name()) == of("key_map"))?.bits?;
@@ -141,7 +141,7 @@ fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
     Some(Setting { name: format!("key_bits = {bits}"), pipeline: exact.pipeline.clone(), set })
 }
 
-/// Removes the values that are the graph's defaults.
+/// Removes values that equal the graph's defaults.
 fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, String)> {
     let is_default = |(name, value): &(String, String)| {
         controls
@@ -153,7 +153,7 @@ fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, Strin
 
 /// Measures a setting in every view; `None` if it draws from the previous frame, because still views hide its error.
 ///
-/// `exact_ms` are the milliseconds of the exact settings in each view, once known.
+/// `exact_ms` holds the milliseconds of the exact settings in each view, once known.
 fn measured<D: Device>(
     session: &mut Session<D>,
     exact: &mut Session<D>,

@@ -1,4 +1,4 @@
-//! Counts the bytes that a pass must at least move.
+//! Computes a lower bound of the bytes that a pass moves.
 
 use splatgraph_framework::ir::{Pass, ResourceId, Work};
 use splatgraph_framework::plan::Plan;
@@ -6,8 +6,9 @@ use std::collections::BTreeMap;
 
 /// Sums the declared sizes of the buffers and images that a pass reads and writes, each once.
 ///
-/// A resource that is read and written counts twice, as in a copy; a target that is cleared is not read. A pass that reads something again moves
-/// more. One that finds less to do than there is room for, such as a sort of the visible splats alone, moves less.
+/// A resource that is read and written counts twice, as in a copy; a target that is cleared is not read. A pass that
+/// reads data several times moves more. A pass whose buffers are only partly used, such as a sort of the visible splats
+/// alone, moves less.
 pub fn of_pass(plan: &Plan, pass: &Pass) -> u64 {
     if let Work::Export = pass.work {
         // The output is copied only if it is read back, which no measured frame does: of a statistic, its word is.

@@ -1,4 +1,4 @@
-//! Measures the device's bandwidth of copies between buffers, the limit of every pass.
+//! Measures the device's bandwidth for copies between buffers, the limit of every pass.
 
 use super::measure::Bench;
 use crate::draw::facts::DEFAULT_SIZE;
@@ -8,30 +8,31 @@ use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, synth};
 
-/// The graph that copies.
+/// Name of the graph that copies.
 pub const GRAPH: &str = "bench/copy";
-/// The phase of its copy.
+/// Phase of the copy in [`GRAPH`].
 const PHASE: &str = "copy";
 
-/// The copy limit of a device.
+/// The copy bandwidth of a device.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CopyLimit {
-    /// Bytes that a copy moves: read and written.
+    /// Bytes that the copy reads and writes.
     pub bytes: u64,
-    /// Milliseconds of a copy on the GPU.
+    /// GPU time of the copy, in milliseconds.
     pub gpu_ms: Figure,
-    /// The bytes by the time, in 10^9 bytes per second.
+    /// Bandwidth, in 10^9 bytes per second.
     pub gb_per_s: f64,
 }
 
-/// Makes a scene for graphs that draw none, with a camera that is not looked through.
+/// Makes a placeholder scene and camera for graphs that draw no splats.
 pub fn no_scene() -> Result<(Scene, Camera), synth::SynthError> {
     let scene = synth::generate("demo", 1, 0)?;
     let camera = Camera::framing(&scene, DEFAULT_SIZE.0, DEFAULT_SIZE.1);
     Ok((scene, camera))
 }
 
-/// Measures the copy limit; `None` if the device has no timestamps. The inner error says why it cannot be measured.
+/// Measures the copy limit; `None` if the device has no timestamps. The inner error is the reason that it cannot be
+/// measured.
 ///
 /// # Errors
 /// The device fails.

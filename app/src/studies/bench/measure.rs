@@ -14,7 +14,7 @@ use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The time and the bytes of a pass, or of all passes of a phase.
+/// Time and bytes of a pass, or of all passes of a phase.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Part {
     /// The name in the plan.
@@ -24,11 +24,11 @@ pub struct Part {
     pub phase: Option<String>,
     /// Milliseconds on the GPU; `None` if the device has no timestamps.
     pub gpu_ms: Option<Figure>,
-    /// Bytes that it must at least move: see [`bytes::of_pass`].
+    /// Lower bound of the bytes that it moves: see [`bytes::of_pass`].
     pub bytes: u64,
-    /// These bytes by the time, in 10^9 bytes per second.
+    /// Bandwidth: `bytes` per GPU time, in 10^9 bytes per second.
     pub gb_per_s: Option<f64>,
-    /// The share of the device's copy limit that this is.
+    /// `gb_per_s` as a share of the device's copy limit.
     pub of_copy: Option<f64>,
 }
 
@@ -51,15 +51,15 @@ impl Part {
 pub struct Figures {
     /// Milliseconds on the GPU from a frame's first command to its last; `None` if the device has no timestamps.
     pub gpu_ms: Option<Figure>,
-    /// Milliseconds in no pass: barriers, and the device's own time between passes.
+    /// Milliseconds outside of passes: barriers, and the device's own time between passes.
     ///
-    /// These and the passes are of frames with timestamps of passes, which take a little longer.
+    /// This and `passes` come from frames with timestamps of passes, which take a little longer.
     pub between_ms: Option<Figure>,
-    /// Milliseconds on the host's clock until a frame was submitted.
+    /// Host time until the frame is submitted, in milliseconds.
     pub submit_ms: Option<Figure>,
-    /// Milliseconds of the host for recording and submitting a frame, within `submit_ms`.
+    /// Host time to record and submit the frame, in milliseconds; part of `submit_ms`.
     pub record_ms: Option<Figure>,
-    /// Milliseconds on the host's clock until a frame was done.
+    /// Host time until the frame is done, in milliseconds.
     pub wall_ms: Option<Figure>,
     /// The phases, in order of execution; each is the sum of its passes.
     pub phases: Vec<Part>,
@@ -80,7 +80,7 @@ pub struct View {
     pub frames: u32,
     /// The graph's counts, such as `visible` and `drawn`.
     pub counts: BTreeMap<String, u32>,
-    /// The times.
+    /// The times of the candidate's frames in this view.
     #[serde(flatten)]
     pub figures: Figures,
 }
@@ -92,27 +92,27 @@ pub struct Found {
     pub fallbacks: Vec<Fallback>,
     /// All parameters of the graph with their values.
     pub parameters: Map<String, Json>,
-    /// Reasons of parameters' values that an expression over facts or other parameters gave.
+    /// Reasons for parameter values that an expression over facts or other parameters gave.
     pub reasons: BTreeMap<String, Reason>,
     /// The mean of the views' medians.
     pub mean: Figures,
     /// The views, one per camera.
     pub views: Vec<View>,
-    /// The passes that run once, when the plan is loaded: one time each.
+    /// Passes that run once, when the plan is loaded; a single time for each.
     pub once: Vec<Part>,
-    /// Device memory by name, in bytes. Attributes of the scene are shared by the candidates that read them.
+    /// Device memory by name, in bytes. Candidates that read the same scene attributes share their memory.
     pub memory: Vec<BufferSize>,
     /// The sum of `memory`.
     pub memory_bytes: u64,
 }
 
-/// The result of a candidate: its measurements, or the reason that it cannot be drawn.
+/// Measurements of a candidate, or the reason that it cannot be drawn.
 pub type Outcome = Result<Found, String>;
 
-/// Says why a candidate cannot be drawn.
+/// Returns the reason that a candidate cannot be drawn.
 ///
 /// # Errors
-/// The device fails: nothing else can be drawn either.
+/// The device fails: no other candidate can be drawn either.
 pub fn reason(error: SessionError) -> Result<String, SessionError> {
     match error {
         SessionError::Graph(errors) => Ok(errors.text(false).trim().to_owned()),
@@ -139,16 +139,17 @@ pub struct Bench<'a, D> {
     pub device: &'a D,
     /// The scene.
     pub scene: Arc<Scene>,
-    /// The numbers of frames.
+    /// Numbers of frames and rounds.
     pub frames: Frames,
-    /// The copy limit in 10^9 bytes per second, if it is known.
+    /// The copy limit in 10^9 bytes per second, if known.
     pub copy: Option<f64>,
 }
 
 impl<D: Device> Bench<'_, D> {
-    /// Measures candidates from each camera, interleaved. Each camera is a step, `place` of the task.
+    /// Measures candidates from each camera, interleaved. Each camera is one step of the task; `place` names the scene
+    /// and size.
     ///
-    /// Candidates that cannot be drawn do not take part; their reason is their result.
+    /// Candidates that cannot be drawn do not take part; their result is the reason.
     ///
     /// # Errors
     /// The device fails, or the listener cancels.
@@ -243,7 +244,7 @@ impl<D: Device> Bench<'_, D> {
     }
 }
 
-/// Summarises the frames of a view: `rounds` have timestamps of their passes, `whole` need not.
+/// Summarises the frames of a view: `rounds` have timestamps of passes, `whole` may lack them.
 ///
 /// Passes that run once are left out.
 fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> Figures {
@@ -275,7 +276,7 @@ fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> F
     }
 }
 
-/// Joins the views of a candidate.
+/// Combines the views of a candidate.
 fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, SessionError> {
     let plan = runner.session.plan().ok_or(SessionError::NotPrepared)?;
     let parameters =
@@ -300,8 +301,8 @@ fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, S
     })
 }
 
-/// Takes the mean of the views' medians. Views of different sizes may have their own passes: those that a view lacks count
-/// for the views that have them.
+/// Averages the views' medians. Views of different sizes may have different passes: a pass is averaged over the views
+/// that have it.
 fn mean(views: &[View], copy: Option<f64>) -> Figures {
     let over = |of: fn(&Figures) -> Option<Figure>| Figure::mean(views.iter().map(|view| of(&view.figures)));
     let parts = |of: fn(&Figures) -> &Vec<Part>| {

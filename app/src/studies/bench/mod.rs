@@ -1,9 +1,10 @@
 //! Measures graphs against each other and against the device's copy limit.
 //!
-//! [`study()`] measures candidates. Candidates (graphs with their parameters) are loaded side by side on one device and draw their frames interleaved, so that a change of
-//! the device's clock concerns all of them ([`measure`]). First a copy from buffer to buffer shows how many bytes per second the
-//! device moves at best ([`limit`]); the time of each pass is compared with the bytes that it must at least move ([`bytes`]). [`report`]
-//! keeps the numbers of a run, [`table`] and [`plot`] show them, and [`sort`] measures the sort alone.
+//! [`study()`] measures candidates: graphs with their parameters. They are loaded side by side on one device and draw
+//! their frames interleaved, so that a change of the device's clock affects all of them ([`measure`]). First, a copy
+//! between buffers shows the device's best bandwidth ([`limit`]); the time of each pass is compared with the bytes that
+//! it must at least move ([`bytes`]). [`report`] keeps the numbers of a run, [`table`] and [`plot`] show them, and
+//! [`sort`] measures the sort alone.
 
 pub mod bytes;
 pub mod limit;
@@ -16,5 +17,5 @@ pub mod table;
 
 pub use study::{Wanted, copy_limit, study};
 
-/// The graphs that measurements draw, besides those to be measured.
+/// Names of the graphs that measurements draw in addition to the candidates.
 pub const GRAPHS: [&str; 2] = [limit::GRAPH, sort::GRAPH];

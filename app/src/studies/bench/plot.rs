@@ -5,13 +5,13 @@ use super::table::scene_name;
 use crate::io::report::plot::{Axis, Plot, Series};
 use splatgraph_assets::grouped;
 
-/// The sizes of a run; `None` stands for the cameras' own.
+/// Picture sizes of a run; `None` for the cameras' own.
 type Sizes<'a> = &'a [Option<(u32, u32)>];
 
-/// Returns the curves of one scene: their file names without extension, in the order of [`plots`].
+/// Returns the file names of a scene's plots, without extension, in the order of [`plots`].
 ///
-/// There is one for each size where there are several numbers of splats, and one for each number of splats where there are several
-/// sizes. `stem` is the scene's, unlike those of others.
+/// There is one for each size if there are several numbers of splats, and one for each number of splats if there are
+/// several sizes. `stem` distinguishes the scene from the others.
 pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
     let size_name = |size: &Option<(u32, u32)>| size.map_or("own".into(), |(w, h)| format!("{w}x{h}"));
     let mut names = Vec::new();
@@ -29,7 +29,7 @@ pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
     names
 }
 
-/// Draws the curves of a scene. `splats` are the numbers that were requested; if none, the scene's own.
+/// Plots the times of a scene. `splats` are the requested numbers of splats; if empty, the scene's own is used.
 pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<Plot> {
     let rows: Vec<&Row> = report.rows.iter().filter(|row| row.scene == scene).collect();
     let counts = unique(rows.iter().map(|row| row.splats));
@@ -55,7 +55,7 @@ pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<
     plots
 }
 
-/// Lists the items in their order, each once.
+/// Removes duplicates and keeps the order.
 fn unique<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<T> {
     let mut found = Vec::new();
     for item in items {
@@ -66,7 +66,7 @@ fn unique<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<T> {
     found
 }
 
-/// One line for each graph: the mean over the cameras of a frame's time, on the GPU if it is known there.
+/// Plots one line per graph: the frame time averaged over the cameras, on the GPU if known.
 fn plot(
     report: &Report,
     title: String,

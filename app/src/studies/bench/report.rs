@@ -8,13 +8,13 @@ use serde::Serialize;
 use splatgraph_api::DeviceInfo;
 use splatgraph_assets::Camera;
 
-/// Version of the JSON: it changes when a field changes its meaning or goes.
+/// Version of the JSON; increases when a field is removed or changes its meaning.
 pub const VERSION: u32 = 1;
 
-/// The origin of the numbers.
+/// Program, device and settings that the numbers come from.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Origin {
-    /// [`VERSION`].
+    /// The JSON's [`VERSION`].
     pub version: u32,
     /// The program's version.
     pub program: String,
@@ -24,16 +24,17 @@ pub struct Origin {
     pub driver: String,
     /// The copy limit; `None` if the device has no timestamps, or no memory for the copy.
     pub copy: Option<CopyLimit>,
-    /// The device runs on the CPU, where times of passes are no measure: its driver may note them before a pass is done.
+    /// True for a device on the CPU. Times of passes are unreliable there: a driver may write them before a pass is
+    /// done.
     pub is_cpu: bool,
-    /// The numbers of frames.
+    /// Numbers of frames and rounds.
     pub effort: Frames,
-    /// The parameters of `--set`.
+    /// Parameters given with `--set`.
     pub set: Vec<(String, String)>,
 }
 
 impl Origin {
-    /// Describes a run on a device.
+    /// Creates the origin of a run on a device.
     pub fn new(
         device: &DeviceInfo,
         copy: Option<CopyLimit>,
@@ -53,7 +54,7 @@ impl Origin {
     }
 }
 
-/// Returns true for a device that runs on the CPU.
+/// Returns true if the device is a CPU.
 pub fn is_cpu(device: &DeviceInfo) -> bool {
     device.kind == "cpu"
 }
@@ -69,14 +70,14 @@ pub struct SceneOrigin {
     pub cameras: Vec<Camera>,
 }
 
-/// A candidate on a scene of some splats, in one size.
+/// A candidate on a scene, with a number of splats and a picture size.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// The scene's file, or `demo`.
     pub scene: String,
-    /// Number of splats, to which the scene was enlarged if it has another.
+    /// Number of splats; the scene is enlarged or cut to it.
     pub splats: u32,
-    /// Width and height in pixels; `None` where each camera has its own.
+    /// Width and height in pixels; `None` if each camera has its own.
     pub size: Option<(u32, u32)>,
     /// The graph.
     pub pipeline: String,
@@ -96,13 +97,13 @@ pub struct Report {
     pub rows: Vec<Row>,
 }
 
-/// Formats a size, or says that it is the cameras'.
+/// Formats a size; `None` is the cameras' own.
 pub fn size_text(size: Option<(u32, u32)>) -> String {
     size.map_or("cameras' size".into(), |(width, height)| format!("{width}x{height}"))
 }
 
 impl Report {
-    /// Writes every figure as CSV (RFC 4180), a line each, with all digits; missing values are empty.
+    /// Writes every figure as CSV (RFC 4180), one per line, with all digits; missing values are empty.
     ///
     /// A line without a camera is the mean of the cameras' medians.
     pub fn csv(&self) -> String {
@@ -146,13 +147,13 @@ impl Report {
     }
 }
 
-/// Takes the first line of a message, without its label: the source text of a graph's error is for the JSON.
+/// Returns the first line of a message, without its label. The JSON keeps the source text of a graph's error.
 pub(super) fn first_line(why: &str) -> &str {
     let line = why.lines().next().unwrap_or_default();
     line.strip_prefix("error: ").unwrap_or(line)
 }
 
-/// Writes a number, or nothing.
+/// Formats a number; `None` gives an empty string.
 pub(super) fn optional(value: Option<f64>) -> String {
     value.map_or(String::new(), |v| v.to_string())
 }

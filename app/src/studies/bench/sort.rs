@@ -1,4 +1,4 @@
-//! Measures the sort alone, over numbers of pairs and widths of keys.
+//! Measures the sort alone, over numbers of pairs and key widths.
 
 use super::limit::no_scene;
 use super::measure::{Bench, Found, Part};
@@ -12,18 +12,18 @@ use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 
-/// The graph that sorts random pairs.
+/// Name of the graph that sorts random pairs.
 pub const GRAPH: &str = "bench/pairs";
 /// The phase that is measured.
 const PHASE: &str = "sort";
 
-/// The widths of keys, in bits.
+/// Key widths, in bits.
 pub const KEY_BITS: [u32; 3] = [16, 24, 32];
 
-/// The parameters of [`GRAPH`] that a run sets by itself.
+/// Parameters of [`GRAPH`] that the study itself sets.
 pub const OWN_PARAMETERS: [&str; 2] = ["pairs", "key_bits"];
 
-/// Lists the usual numbers of pairs: 64 Ki to 64 Mi in powers of 4.
+/// Lists the default numbers of pairs: 64 Ki to 64 Mi in powers of 4.
 pub fn usual_pairs() -> Vec<u32> {
     (8..=13).map(|power| 1 << (2 * power)).collect()
 }
@@ -31,14 +31,14 @@ pub fn usual_pairs() -> Vec<u32> {
 /// The measurements of a sort.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sorted {
-    /// The passes together: their time on the GPU, and the bytes that they must at least move.
+    /// All passes together: their GPU time, and a lower bound of the bytes that they move.
     pub phase: Part,
-    /// The milliseconds with everything of the frame that is in no pass, such as barriers: the sort takes this at most. `None` if
-    /// the device has no timestamps.
+    /// Upper bound of the sort's GPU time in milliseconds: the time outside of passes, such as barriers, is included.
+    /// `None` if the device has no timestamps.
     pub at_most_ms: Option<f64>,
-    /// Milliseconds on the host's clock for the whole frame, in which the pairs are also made.
+    /// Host time of the whole frame in milliseconds, including the generation of the pairs.
     pub wall_ms: Option<Figure>,
-    /// The pairs by the time on the GPU, in 10^9 per second.
+    /// Pairs per GPU time, in 10^9 per second.
     pub gkeys_per_s: Option<f64>,
     /// The passes.
     pub passes: Vec<Part>,
@@ -47,7 +47,7 @@ pub struct Sorted {
 }
 
 impl Sorted {
-    /// Takes the measurements of the sort; `None` if the graph has no such phase.
+    /// Extracts the measurements of the sort; `None` if the graph has no such phase.
     fn new(pairs: u32, found: Found) -> Option<Sorted> {
         let mean = found.mean;
         let phase = mean.phases.into_iter().find(|phase| phase.name == PHASE)?;
@@ -63,7 +63,7 @@ impl Sorted {
     }
 }
 
-/// A number of pairs with keys of a width.
+/// A measurement of one number of pairs with one key width.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// Number of pairs.
@@ -84,10 +84,10 @@ pub struct Report {
     pub rows: Vec<Row>,
 }
 
-/// Measures sorts of each number of pairs, keys of different widths interleaved.
+/// Measures sorts of each number of pairs, with the key widths interleaved.
 ///
 /// # Errors
-/// The device fails, or the listener cancels. A sort that does not fit is a row that says why.
+/// The device fails, or the listener cancels. A sort that does not fit gives a row with the reason.
 pub fn measure<D: Device>(
     device: &D,
     pairs: &[u32],
@@ -119,12 +119,12 @@ pub fn measure<D: Device>(
 }
 
 impl Report {
-    /// Says whether any sort was measured.
+    /// Returns true if no sort was measured.
     pub fn is_empty(&self) -> bool {
         self.rows.iter().all(|row| row.found.is_err())
     }
 
-    /// Sets the rates and times as a table, and says why sorts are missing.
+    /// Formats the rates and times as a table, with the reasons for missing sorts.
     pub fn table(&self) -> String {
         let header = ["pairs, key", "GKey/s", "GPU ms", "spread", "at most", "frame ms", "MB", "of copy"];
         let mut lines = vec![header.map(String::from).to_vec()];
@@ -155,7 +155,7 @@ impl Report {
         format!("{}\n{}{missing}", head(&self.origin, timed), table(&lines))
     }
 
-    /// Writes every sort as CSV (RFC 4180), a line each, with all digits; missing values are empty.
+    /// Writes every sort as CSV (RFC 4180), one per line, with all digits; missing values are empty.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "pairs,key_bits,gkeys_per_s,gpu_ms,spread_ms,at_most_ms,wall_ms,bytes,of_copy,memory_bytes,failed\n",
@@ -179,7 +179,7 @@ impl Report {
         text
     }
 
-    /// Plots the rate over the number of pairs, a line for each width; `None` without times.
+    /// Plots the rate over the number of pairs, one line per key width; `None` without times.
     pub fn plot(&self) -> Option<Plot> {
         let series = |bits: u32| {
             let rows = self.rows.iter().filter(move |row| row.key_bits == bits);

@@ -1,4 +1,4 @@
-//! Measures a scene with candidates, in numbers of splats and sizes.
+//! Measures candidates on a scene, over numbers of splats and picture sizes.
 
 use super::limit::{self, CopyLimit};
 use super::measure::Bench;
@@ -12,17 +12,17 @@ use std::sync::Arc;
 /// The request for one scene.
 #[derive(Clone, Debug)]
 pub struct Wanted {
-    /// The graphs, each with the values of some parameters.
+    /// Graphs with values for some of their parameters.
     pub candidates: Vec<Setting>,
-    /// Numbers of splats, to which the scene is enlarged or cut; empty for its own.
+    /// Numbers of splats to which the scene is enlarged or cut; empty for its own number.
     pub splats: Vec<u32>,
-    /// Sizes of the pictures; `None` stands for the cameras' own.
+    /// Sizes of the pictures; `None` for the cameras' own.
     pub sizes: Vec<Option<(u32, u32)>>,
 }
 
-/// Measures the copy limit of a device, and says why if it cannot.
+/// Measures the copy limit of a device; on failure, tells the listener the reason.
 ///
-/// `None` for a device on a CPU: caches serve most passes there, and a copy of main memory bounds none of them.
+/// `None` for a device on a CPU: caches serve most passes there, so a copy of main memory bounds none of them.
 ///
 /// # Errors
 /// The device fails.
@@ -43,7 +43,8 @@ pub fn copy_limit<D: Device>(
 /// Measures candidates on a scene and adds them to a report; `kept` is called after each number of splats and size.
 ///
 /// # Errors
-/// The device fails, `kept` does, or the listener cancels. A candidate that cannot be drawn is a row that says why.
+/// The device fails, `kept` fails, or the listener cancels. A candidate that cannot be drawn gives a row with the
+/// reason.
 pub fn study<D: Device, E: From<StudyError>>(
     subject: &Subject<D>,
     wanted: &Wanted,

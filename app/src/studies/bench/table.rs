@@ -1,4 +1,4 @@
-//! Sets the numbers of a run as tables for a terminal.
+//! Formats the numbers of a run as tables for a terminal.
 
 use super::measure::{Found, Part};
 use super::report::{Origin, Report, Row, first_line, size_text};
@@ -8,7 +8,7 @@ use crate::io::report::text::table;
 use splatgraph_assets::grouped;
 use std::path::Path;
 
-/// Says where the numbers come from: the device, its copy limit, and its clock. `timed` is false if it gave no times.
+/// Describes the device, its copy limit, and its clock. `timed` is false if the device gave no times.
 pub fn head(origin: &Origin, timed: bool) -> String {
     let mut text = format!("{} ({})\n", origin.device, origin.driver);
     if let Some(copy) = &origin.copy {
@@ -29,8 +29,8 @@ pub fn head(origin: &Origin, timed: bool) -> String {
     text
 }
 
-/// Sets all tables of a report: for each scene, number of splats and size the passes, the cameras and the candidates, and last
-/// the candidates over all numbers of splats and sizes.
+/// Formats all tables of a report: for each scene, number of splats and size, the passes, the cameras and the
+/// candidates; finally an overview of the candidates over all numbers of splats and sizes.
 pub fn tables(report: &Report) -> String {
     let timed = report.drawn().all(|found| found.mean.gpu_ms.is_some());
     let mut text = head(&report.origin, timed);
@@ -89,7 +89,7 @@ fn spread(figure: Option<Figure>) -> String {
     figure.map_or("-".into(), |figure| format!("{:.3}", figure.spread))
 }
 
-/// Returns the candidates of a place, one a line.
+/// Formats the candidates of one scene, number of splats and size, one per line.
 fn candidates(rows: &[Row]) -> String {
     let mut phases: Vec<&str> = Vec::new();
     for part in drawn(rows).flat_map(|(_, found)| &found.mean.phases) {
@@ -115,7 +115,7 @@ fn candidates(rows: &[Row]) -> String {
     table(&std::iter::once(header).chain(drawn(rows).map(line)).collect::<Vec<_>>())
 }
 
-/// Says that the device rests between frames, if it does so for most of the time.
+/// Returns a note if the device idles for most of the time between frames.
 fn resting(row: &Row, found: &Found) -> String {
     let busy = found.mean.gpu_ms.zip(found.mean.wall_ms).map(|(gpu, wall)| gpu.median / wall.median);
     match busy.filter(|busy| *busy < BUSY) {
@@ -128,9 +128,9 @@ fn resting(row: &Row, found: &Found) -> String {
     }
 }
 
-/// Returns the passes of a candidate, then its passes that run once.
+/// Formats the passes of a candidate, followed by the passes that run once.
 ///
-/// On a CPU, bytes by time are left out.
+/// On a CPU, bandwidths are left out.
 fn passes(found: &Found, is_cpu: bool) -> String {
     let header = cells(["", "phase", "GPU ms", "spread", "MB", "GB/s", "of copy"]);
     let line = |part: &Part| {
@@ -150,7 +150,7 @@ fn passes(found: &Found, is_cpu: bool) -> String {
     table(&lines.collect::<Vec<_>>())
 }
 
-/// Returns the cameras of a place, one a line, with the candidates side by side.
+/// Formats the cameras of one scene, number of splats and size, one per line, with the candidates side by side.
 fn cameras(rows: &[Row]) -> String {
     let mut header = cells([""]);
     header.extend(drawn(rows).map(|(row, _)| row.pipeline.clone()));
@@ -167,14 +167,14 @@ fn cameras(rows: &[Row]) -> String {
     table(&lines)
 }
 
-/// Names a line of the overview: the scene, the size and the candidate.
+/// Key of a line of the overview: scene, size and candidate.
 type Line<'a> = (&'a str, Option<(u32, u32)>, &'a str);
 
 fn line_of(row: &Row) -> Line<'_> {
     (&row.scene, row.size, &row.pipeline)
 }
 
-/// Returns the candidates in lines, the numbers of splats in columns.
+/// Formats the overview: candidates in lines, numbers of splats in columns.
 fn overview(report: &Report) -> String {
     let mut columns: Vec<u32> = report.rows.iter().map(|row| row.splats).collect();
     columns.sort_unstable();

@@ -10,7 +10,8 @@ use splatgraph_assets::Camera;
 /// The graph of the experiments.
 pub const GRAPH: &str = "splat";
 
-/// Amplification of the pictures of differences: a step of 8 bits is just visible, and a large error does not fill the picture.
+/// Gain of difference pictures: an error of one 8-bit step is just visible, and a large error does not fill the
+/// picture.
 pub const GAIN: f32 = 4.0;
 
 /// Names and values of parameters, as `--set` takes them.
@@ -27,7 +28,7 @@ pub fn values<D: Device>(session: &mut Session<D>, size: (u32, u32)) -> Result<S
     Ok(all.into_iter().find(|setting| setting.name == settings::EXACT).map_or_else(Set::new, |s| s.set))
 }
 
-/// Draws with the exact values and some changes.
+/// Draws with the exact values, except for `changes`.
 pub(super) fn draw<D: Device>(
     session: &mut Session<D>,
     exact: &Set,
@@ -42,7 +43,7 @@ pub(super) fn draw<D: Device>(
     Ok(capture::take(session, camera)?)
 }
 
-/// Formats decibels; no number for equal pictures.
+/// Formats decibels; equal pictures have no number.
 pub(super) fn decibels(psnr_db: Option<f64>) -> String {
     psnr_db.map_or_else(|| "equal".into(), |db| format!("{db:.1}"))
 }

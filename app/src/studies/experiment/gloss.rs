@@ -1,19 +1,19 @@
-//! Finds the part of a picture whose colour depends most on the direction that it is seen from.
+//! Finds the part of a picture whose colour depends most on the viewing direction.
 //!
-//! A band's mean square over all directions is the sum of its squared coefficients over 4 pi: the real spherical harmonics are
-//! orthonormal (R. Ramamoorthi, P. Hanrahan, SIGGRAPH 2001, build their compression of lighting on it). The exact renderer
-//! draws the energy of each band in place of the colour. Each splat then counts by what shows of it: its opacity, its area
-//! in pixels, and what is in front of it.
+//! A band's mean square over all directions is the sum of its squared coefficients over 4 pi, because the real
+//! spherical harmonics are orthonormal (R. Ramamoorthi, P. Hanrahan, SIGGRAPH 2001, compress lighting with the same
+//! property). The exact renderer draws the energy of each band in place of the colour. Each splat is thereby weighted
+//! by its visible part: its opacity, its area in pixels, and its occlusion by nearer splats.
 
 use crate::studies::advise::harmonics::energy;
 use splatgraph_assets::harmonics::basis;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Gaussian, Picture, Rules, Splats, render};
 
-/// The window is as wide and as high as this share of the picture: 1 / 3.
+/// Divisor of the picture's width and height that gives the window's.
 pub const SHARE: u32 = 3;
 
-/// A scene whose colours are something else.
+/// A scene whose colours are replaced by other values.
 struct Painted<'a, F> {
     scene: &'a Scene,
     color: F,
@@ -40,15 +40,16 @@ pub struct Part {
     pub corner: [u32; 2],
     /// Columns and rows.
     pub size: [u32; 2],
-    /// The middle of its energy, in the world.
+    /// Centroid of its energy, in world coordinates.
     pub point: [f64; 3],
-    /// The mean energy of bands 1 to 3 in it, weighted by the visible part of each splat.
+    /// Mean energy of bands 1 to 3 in the part, weighted by the visible part of each splat.
     pub within: [f64; 3],
     /// The mean energy of bands 1 to 3 in the whole picture.
     pub whole: [f64; 3],
 }
 
-/// Finds the window of a third of the picture's sides with the most energy in bands 1 to 3; of equal ones, the first by rows.
+/// Finds the window, a third of the picture's sides, with the most energy in bands 1 to 3; of equal ones, the first by
+/// rows.
 ///
 /// `None` if nothing in the picture depends on the direction.
 pub fn find(scene: &Scene, camera: &Camera) -> Option<Part> {

@@ -1,8 +1,8 @@
-//! Blends a scene's splats in four orders, and with keys of depth that tell fewer and fewer depths apart.
+//! Blends a scene's splats in four orders, and with depth keys of fewer and fewer bits.
 //!
-//! The colour of a pixel is a sum in which each splat is dimmed by those in front of it. The product in it runs over an index
-//! set, and each wrong way of blending changes that set in its own manner. [`measure`] draws every way and measures how far off
-//! picture and order are; [`page`] writes it down.
+//! The colour of a pixel is a sum in which each splat is dimmed by the splats in front of it. That product runs over an
+//! index set, and each wrong way of blending changes the set in its own manner. [`measure`] draws every way and
+//! measures the errors of picture and order; [`page`] writes them down.
 
 use super::exact::{self, GAIN, decibels, draw};
 use super::two::{self, Two};
@@ -22,12 +22,12 @@ use splatgraph_reference::{Rules, depth_order};
 /// Widths of the depth keys that are measured, in bits.
 const KEY_BITS: [u32; 9] = [8, 10, 12, 14, 16, 20, 24, 28, 32];
 
-/// A picture, with its distance from the exact one.
+/// A picture, with its error against the exact one.
 #[derive(Clone, Debug)]
 pub struct Drawn {
     /// The name on the page.
     pub name: String,
-    /// The picture.
+    /// Pairs of splats that are in the wrong order in the order buffer.
     pub image: Image,
     /// Its difference from the exact picture.
     pub error: Comparison,
@@ -35,7 +35,7 @@ pub struct Drawn {
     pub inversions: Option<u64>,
     /// Pairs of splats that are blended in the wrong order.
     pub wrong: Option<u64>,
-    /// Pairs of splats in all.
+    /// Total number of pairs of splats.
     pub pairs: u64,
 }
 
@@ -45,17 +45,17 @@ pub struct Order {
     pub view: String,
     /// The exact picture.
     pub truth: Image,
-    /// The pictures of all [`WAYS`].
+    /// The pictures of all [`WAYS`] of blending.
     pub ways: Vec<Drawn>,
-    /// The pictures of keys of fewer bits, with the number of bits.
+    /// The pictures with narrower keys, each with the width in bits.
     pub keys: Vec<(u32, Drawn)>,
     /// The worked example.
     pub two: Two,
 }
 
-/// Draws and measures. Returns the session of the worked example, too, to be closed with the given one.
+/// Draws and measures every way of blending and every key width.
 ///
-/// `report` is told how many of how many steps are done, and the name of the next one.
+/// The listener gets the number of steps done and the name of the next one.
 ///
 /// # Errors
 /// The graph has errors, or the device fails.
@@ -97,7 +97,7 @@ pub fn measure<D: Device>(
     Ok(Order { view, truth, ways, keys, two: two::work_out(session)? })
 }
 
-/// Writes the page.
+/// Writes the page of the experiment.
 ///
 /// # Errors
 /// A picture or a plot cannot be encoded.

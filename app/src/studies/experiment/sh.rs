@@ -1,9 +1,9 @@
 //! Leaves out bands of the spherical harmonics, where a scene's colours depend most on the direction.
 //!
 //! A splat's colour is a function of the direction, stored as the first coefficients of its expansion in real spherical
-//! harmonics. These are orthonormal, so that the mean square over all directions of what a renderer leaves out is the sum of
-//! the squares that it leaves out, over 4 pi, band by band. [`measure`] draws the glossiest part of a picture ([`gloss`]) from
-//! several directions with bands up to 0, 1, 2 and 3; [`page`] compares the errors with that sum.
+//! harmonics. These are orthonormal: omitting bands causes a mean square error, over all directions, of the sum of
+//! their squared coefficients over 4 pi. [`measure`] draws the glossiest part of a picture ([`gloss`]) from several
+//! directions with bands up to 0, 1, 2 and 3; [`page`] compares the errors with that sum.
 
 use super::exact::{self, GAIN, decibels, draw};
 use super::gloss::{self, Part};
@@ -20,10 +20,10 @@ use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Rules, Splats};
 use std::f64::consts::PI;
 
-/// Directions that the part is seen from, in degrees to the side of the first camera.
+/// Directions from which the part is drawn, in degrees to the side of the first camera.
 pub const DEGREES: [f64; 3] = [-30.0, 0.0, 30.0];
 
-/// A picture with bands up to one of them, and its distance from two others.
+/// A picture with bands up to a certain one, and its PSNR against two others.
 #[derive(Clone, Debug)]
 pub struct Drawn {
     /// The picture.
@@ -60,7 +60,7 @@ pub struct Glossy {
 pub struct Sh {
     /// The scene and the view, in words.
     pub view: String,
-    /// The degree that is stored, and the highest band that is not zero.
+    /// The stored degree, and the highest band with a nonzero coefficient.
     pub degree: [u32; 2],
     /// The mean energy of each band over all splats.
     pub all: Energy,
@@ -68,10 +68,10 @@ pub struct Sh {
     pub glossy: Option<Glossy>,
 }
 
-/// Draws and measures.
+/// Draws the glossy part with fewer and fewer bands, and measures the errors.
 ///
-/// With several cameras, they are the directions; one is moved around the part by [`DEGREES`]. `report` is told how many of how
-/// many steps are done, and the name of the next one.
+/// Several cameras are used as the directions; a single one is moved around the part by [`DEGREES`]. The listener gets
+/// the number of steps done and the name of the next one.
 ///
 /// # Errors
 /// The graph has errors, or the device fails.
@@ -130,7 +130,7 @@ fn mean_energy(scene: &Scene) -> Energy {
     sums.map(|sum| sum / count.max(1) as f64)
 }
 
-/// Lists the views of the part, with their names: half as large as the whole picture, on a third of it.
+/// Lists the views of the part, with their names: a third of the picture, at half the picture's size.
 fn views(cameras: &[Camera], first: &Camera, part: &Part) -> Vec<(String, Camera)> {
     let size = (first.width.div_ceil(2), first.height.div_ceil(2));
     let close = |camera: &Camera| orbit::facing(camera, part.point, f64::from(gloss::SHARE), size);
@@ -141,12 +141,12 @@ fn views(cameras: &[Camera], first: &Camera, part: &Part) -> Vec<(String, Camera
     DEGREES.map(|degrees| (name(degrees), close(&orbit::turned(first, part.point, degrees)))).into()
 }
 
-/// Names bands.
+/// Formats a range of bands as text.
 fn bands(first: u32, last: u32) -> String {
     if first == last { format!("band {first}") } else { format!("bands {first} to {last}") }
 }
 
-/// Writes the page.
+/// Writes the page of the experiment.
 ///
 /// # Errors
 /// A picture cannot be encoded.
@@ -307,7 +307,7 @@ fn energies(page: &mut Page, found: &Sh) {
     ));
 }
 
-/// Draws a frame around the part, two pixels wide.
+/// Draws a border around the part, two pixels wide.
 fn framed(image: &Image, part: &Part) -> Image {
     let distance = |at: usize, axis: usize| {
         let (first, last) = (part.corner[axis] as i64, (part.corner[axis] + part.size[axis]) as i64 - 1);

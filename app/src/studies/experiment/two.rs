@@ -1,7 +1,8 @@
-//! Works an example of two splats out: by the formula, by the exact renderer, and by the device.
+//! Works through an example of two splats: by the formula, by the exact renderer, and by the device.
 //!
-//! Two splats have only one wrong order, so that every step can be followed. Their alphas at a pixel, and their colours, are
-//! taken from exact pictures of each splat alone; the formulas are then evaluated step by step with these numbers alone.
+//! Two splats have only one wrong order, so every step can be followed. Their alphas at a pixel, and their colours, are
+//! taken from exact pictures of each splat alone; the formulas are then evaluated step by step with these numbers
+//! alone.
 
 use super::exact::{self, GRAPH, draw};
 use super::ways::{WAYS, Way};
@@ -14,13 +15,13 @@ use splatgraph_assets::harmonics::basis;
 use splatgraph_assets::{Camera, Scene, Splat};
 use splatgraph_reference::{Gaussian, Rules, Splats, render};
 
-/// Size of the example's pictures, odd so that a pixel is in the middle.
+/// Size of the example's pictures; odd, so that a pixel is in the middle.
 const SIZE: (u32, u32) = (193, 129);
 
 /// A splat's alpha and colour at the pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layer {
-    /// Alpha.
+    /// Alpha, 0 to 1.
     pub alpha: f64,
     /// Colour, display-encoded.
     pub color: [f64; 3],
@@ -29,11 +30,11 @@ pub struct Layer {
 /// One way of blending the two splats.
 #[derive(Clone, Debug)]
 pub struct Blended {
-    /// The way.
+    /// The way of blending.
     pub way: &'static Way,
-    /// The sum after each step, from nothing to the result, and the transmittance, where the way keeps one.
+    /// The sum after each step, starting with zero, and the transmittance if the way keeps one.
     pub steps: Vec<([f64; 3], Option<f64>)>,
-    /// The device's colour of the pixel.
+    /// Colour of the pixel that the device drew.
     pub drawn: [f64; 3],
     /// The device's picture.
     pub image: Image,
@@ -59,7 +60,7 @@ pub struct Two {
     pub image: Image,
 }
 
-/// Works the example out, on a context of its own of the session's device.
+/// Works through the example, in a context of its own on the session's device.
 ///
 /// # Errors
 /// The graph has errors, or the device fails.
@@ -81,7 +82,7 @@ pub fn work_out<D: Device>(session: &mut Session<D>) -> Result<Two, StudyError> 
     Ok(Two { layers, ways, exact: truth.picture.color[pixel], image: truth.image() })
 }
 
-/// Makes an orange splat, and a blue one behind it that it covers in part; the blue one is first in the list.
+/// Makes an orange splat, and a blue one that it partly covers; the blue one is first in the list.
 fn scene() -> Scene {
     let splat = |z: f64, opacity: f32, color: [f64; 3]| {
         let side = if z > 3.0 { 1.0 } else { -1.0 };
@@ -105,7 +106,7 @@ fn layer(splat: &Gaussian, camera: &Camera, pixel: usize) -> Layer {
     Layer { alpha, color: alone.color[pixel].map(|channel| channel / alpha) }
 }
 
-/// Blends the near splat and the far one a way, step by step.
+/// Blends the near splat and the far one by `way`, step by step.
 fn steps(way: &Way, [near, far]: [Layer; 2]) -> Vec<([f64; 3], Option<f64>)> {
     let sequence = if way.nearest_first { [near, far] } else { [far, near] };
     let sequence = if way.sorted { sequence } else { [sequence[1], sequence[0]] };

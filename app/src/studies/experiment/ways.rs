@@ -5,7 +5,7 @@
 pub struct Way {
     /// The name on the page.
     pub name: &'static str,
-    /// Parameters of the graph that are changed for it.
+    /// Parameters of the graph that the way changes.
     pub set: &'static [(&'static str, &'static str)],
     /// True if the splats are sorted by depth.
     pub sorted: bool,
@@ -13,13 +13,13 @@ pub struct Way {
     pub nearest_first: bool,
     /// True for `under`, which keeps a transmittance; false for `over`.
     pub under: bool,
-    /// The sum that it computes, in LaTeX.
+    /// The sum that it computes, as LaTeX.
     pub sum: &'static str,
-    /// The reason of its picture.
+    /// Explanation of its picture, for the page.
     pub why: &'static str,
 }
 
-/// The ways of blending, the true one second.
+/// The ways of blending; the second, back to front, is the true one.
 pub const WAYS: [Way; 4] = [
     Way {
         name: "unsorted",

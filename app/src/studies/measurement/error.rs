@@ -4,29 +4,29 @@ use crate::io::image::Image;
 use crate::studies::metrics::{self, MetricError, flip};
 use serde::{Deserialize, Serialize};
 
-/// A channel that is off by more than one step of 8 bits is visible in a file.
+/// One 8-bit step: larger errors of a channel show in a file.
 const STEP: f32 = 1.0 / 255.0;
 
-/// The error of a picture. All but `worst` are of values clamped to 0..1.
+/// The error of a picture. All fields but `worst` clamp values to 0..1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Error {
     /// Peak signal-to-noise ratio in decibels; `None` if the pictures are equal.
     pub psnr_db: Option<f64>,
     /// Structural similarity, 1 for equal pictures; `None` for pictures smaller than its window.
     pub ssim: Option<f64>,
-    /// Mean of NVIDIA's FLIP, 0 for equal pictures, 1 at most (Andersson et al. 2020). It is of the pictures in 8 bits.
+    /// Mean of NVIDIA's FLIP over the pictures in 8 bits: 0 for equal pictures, 1 at most (Andersson et al. 2020).
     pub flip: f64,
     /// The largest difference of a channel.
     pub worst: f64,
-    /// The share of pixels that are off by more than 1/255 in a channel.
+    /// Share of pixels with a channel off by more than 1/255.
     pub off: f64,
     /// PSNR of the covered pixels; `None` if they are equal, or if no pixel is covered.
     pub covered_psnr_db: Option<f64>,
-    /// `off` over the covered pixels alone.
+    /// Share of covered pixels with a channel off by more than 1/255.
     pub covered_off: f64,
 }
 
-/// Compares a picture with the truth. `covered` is true for each pixel that a splat shows in.
+/// Compares a picture with the truth. `covered` is true for each pixel that a splat contributes to.
 ///
 /// # Errors
 /// The sizes differ, or a value is not finite.
@@ -43,7 +43,7 @@ pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error
     })
 }
 
-/// Computes the share of the wanted pixels that are off.
+/// Computes the share of pixels that are off, among those whose index `wanted` accepts.
 fn off(picture: &Image, truth: &Image, wanted: impl Fn(usize) -> bool) -> f64 {
     let (mut off, mut count) = (0usize, 0usize);
     for (_, (a, b)) in picture.rgb.iter().zip(&truth.rgb).enumerate().filter(|(pixel, _)| wanted(*pixel)) {

@@ -1,41 +1,41 @@
-//! Tells a difference in time from noise.
+//! Distinguishes a difference in time from noise.
 //!
-//! A round gives one share: the median frame of a setting by that of the exact settings, drawn interleaved. The share of a setting is
-//! the median of its rounds, and its range is what that median can be with 99 % confidence, from the order of the rounds alone
-//! (the binomial interval of a median; David and Nagaraja, "Order Statistics", 3rd edition, 7.1): no distribution is assumed.
-//! (Rounds that end when the range is narrow cost a little of the confidence; the floor is there for it.)
-//! The exact settings against themselves have a share, too, which is 1 without noise: its distance from 1 is the **floor**, and no other
-//! share is taken to be known better.
+//! A round gives one share: the setting's median frame time divided by that of the exact settings, drawn interleaved.
+//! The share of a setting is the median of its rounds. Its range is the 99 % confidence interval of that median,
+//! computed from the order of the rounds alone (the binomial interval of a median; David and Nagaraja, "Order
+//! Statistics", 3rd edition, 7.1): no distribution is assumed. (Rounds that end when the range is narrow cost a little
+//! of the confidence; the floor compensates.) The exact settings measured against themselves would have a share of 1
+//! without noise: the distance from 1 is the **floor**, and no range is taken to be narrower.
 
 use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
 
-/// Rounds below which the median has no range: with 8, it lies between the least and the greatest in 99.2 % of cases.
+/// Minimum number of rounds for a range: with 8, the median lies between the least and the greatest in 99.2 % of cases.
 pub const LEAST_ROUNDS: usize = 8;
 
-/// Probability that the median is outside of its range, at most.
+/// Maximum probability that the median is outside of its range.
 const RISK: f64 = 0.01;
 
-/// Least saving that counts. Two settings closer to each other take the same time.
+/// Minimum relative saving in time: settings closer to each other count as equally fast.
 pub const LEAST_SAVING: f64 = 0.02;
 
-/// Decibels by which PSNRs differ that count as equal: less than a table shows.
+/// PSNRs that differ by less than this, in decibels, count as equal: a table does not show the difference.
 const EQUAL_DB: f64 = 0.05;
 
-/// Half of the range of a share near 1 at which no more rounds are drawn, and the part that a share far from 1 adds.
+/// Half width of the range at which rounds end: for a share near 1, and the part added for a share far from 1.
 const NARROW: (f64, f64) = (0.01, 0.05);
 
-/// A share of the exact settings' time.
+/// A frame time as a share of the exact settings' time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Share {
     /// The median of the rounds.
     pub median: f64,
-    /// The least and the greatest that the median can be; `None` with fewer than [`LEAST_ROUNDS`] rounds.
+    /// The interval of the median; `None` with fewer than [`LEAST_ROUNDS`] rounds.
     pub range: Option<(f64, f64)>,
 }
 
 impl Share {
-    /// The exact settings' own, by definition.
+    /// The share of the exact settings, by definition.
     pub const EXACT: Share = Share { median: 1.0, range: Some((1.0, 1.0)) };
 
     /// Summarises the shares of rounds; `None` without rounds.
@@ -47,7 +47,7 @@ impl Share {
         Some(Share { median: median(sorted)?, range })
     }
 
-    /// Takes the mean over views; a range is unknown if that of one view is.
+    /// Averages the shares of views; the range is `None` if a view has none.
     pub fn mean(views: &[Share]) -> Option<Share> {
         let mean = |of: &dyn Fn(&Share) -> Option<f64>| {
             let sum = views.iter().map(of).sum::<Option<f64>>();
@@ -57,12 +57,13 @@ impl Share {
         Some(Share { median: mean(&|view| Some(view.median))?, range })
     }
 
-    /// Computes the noise that a share of the exact settings against themselves shows: its distance from 1. `None` without a range.
+    /// Computes the noise floor from the exact settings' share against themselves: its distance from 1. `None` without
+    /// a range.
     pub fn floor(&self) -> Option<f64> {
         self.range.map(|_| (1.0 - self.median).abs())
     }
 
-    /// Widens the range to the floor's, in proportion to the median; a floor that is unknown leaves no range.
+    /// Widens the range to at least the floor, in proportion to the median; without a floor, the range becomes `None`.
     pub fn widened(self, floor: Option<f64>) -> Share {
         let range = self.range.zip(floor).map(|((low, high), floor)| {
             let (down, up) = (self.median * (1.0 - floor), self.median * (1.0 + floor));
@@ -83,7 +84,7 @@ impl Share {
     }
 }
 
-/// Counts the values outside of the median's range on each side; `None` with too few.
+/// Returns the number of rounds outside of the median's range on each side; `None` with too few rounds.
 fn outside(rounds: usize) -> Option<usize> {
     // The probability that at most so many of the rounds are below the median, from that of none.
     let mut term = 0.5f64.powi(i32::try_from(rounds).ok()?);
@@ -99,7 +100,7 @@ fn outside(rounds: usize) -> Option<usize> {
     found
 }
 
-/// Returns true if the shares of the rounds are narrow enough for no more to be drawn.
+/// Returns true if the range of the rounds is narrow enough to end the measurement.
 pub fn enough(rounds: &[f64]) -> bool {
     let found = Share::of(rounds);
     let narrow = |share: &Share| {
@@ -109,7 +110,7 @@ pub fn enough(rounds: &[f64]) -> bool {
     found.as_ref().is_some_and(narrow)
 }
 
-/// The place of a setting among others.
+/// Position of a setting relative to the Pareto front.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mark {
@@ -121,18 +122,18 @@ pub enum Mark {
     Unlikely,
     /// Not on the front: another is at least as fast and as accurate.
     Beaten,
-    /// Not judged: its pictures do not show its cost.
+    /// Not judged: still pictures do not show its error.
     Hidden,
 }
 
-/// A setting as the front sees it.
+/// Time and accuracy of a setting.
 #[derive(Clone, Copy, Debug)]
 pub struct Point {
-    /// Its share with the floor; `None` without timestamps.
+    /// Share of the exact settings' time, widened to the floor; `None` without timestamps.
     pub share: Option<Share>,
-    /// Its PSNR in decibels; infinite for equal pictures.
+    /// PSNR in decibels; infinite for equal pictures.
     pub psnr_db: f64,
-    /// True if its pictures do not show its cost.
+    /// True if still pictures do not show the setting's error.
     pub hidden: bool,
 }
 

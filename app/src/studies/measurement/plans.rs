@@ -9,9 +9,9 @@ use splatgraph_framework::ir::Origin;
 use splatgraph_framework::plan::Plan;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// Hashes the commands of a plan: passes, shaders' code, sizes, memory, barriers and the live values that shaders read.
+/// Hashes the commands of a plan: passes, shader code, sizes, memory, barriers and the live values that shaders read.
 ///
-/// Names of the graph, places in its files and values that entered nothing do not count.
+/// Names, source locations, and values that nothing in the plan uses do not count.
 pub fn fingerprint(plan: &Plan) -> u64 {
     let nowhere = || Origin { file: String::new(), line: 0, column: 0 };
     let mut hash = DefaultHasher::new();
@@ -40,7 +40,8 @@ pub fn uses_last_frame(plan: &Plan) -> bool {
     plan.resources.iter().any(|resource| resource.history.is_some())
 }
 
-/// Hashes the plans of a setting in pictures of all `sizes`; `None` if one cannot be built, which drawing it says.
+/// Hashes the plans of a setting for pictures of all `sizes`; `None` if one cannot be built, which is reported when it
+/// is drawn.
 ///
 /// # Errors
 /// The device fails.
@@ -60,11 +61,11 @@ fn of_setting<D: Device>(
     Ok(Some(hash.finish()))
 }
 
-/// Leaves out the settings that draw the same as another, and reports each with the reason: its parameter has no effect in the plan of
-/// `exact`, or its plans for all cameras equal an earlier setting's.
+/// Leaves out the settings that draw the same as another, and reports each with the reason: its parameter has no effect
+/// in the plan of `exact`, or its plans for all cameras equal an earlier setting's.
 ///
-/// `exact` draws the first setting, and is prepared. Plans are built of the `wanted` settings. Returns each with the hash of its plans;
-/// `None` if one cannot be built.
+/// `exact` draws the first setting, and is prepared. Only the plans of settings that `wanted` accepts are built.
+/// Returns each setting with the hash of its plans; `None` if one cannot be built.
 ///
 /// # Errors
 /// The device fails, or the listener cancels.
@@ -94,7 +95,7 @@ pub fn to_measure<D: Device>(
     Ok(settings)
 }
 
-/// Leaves out settings whose plans equal an earlier setting's. Also returns a line for each.
+/// Leaves out settings whose plans equal an earlier setting's. Also returns a message for each.
 fn distinct(all: Vec<(Setting, Option<u64>)>) -> (Vec<(Setting, Option<u64>)>, Vec<String>) {
     let mut kept: Vec<(Setting, Option<u64>)> = Vec::new();
     let mut lines = Vec::new();

@@ -7,13 +7,13 @@ use splatgraph_framework::ir::{Domain, Param, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 
-/// Name of the setting that others are compared with.
+/// Name of the exact settings, with which others are compared.
 pub const EXACT: &str = "exact";
 
 /// Name of the setting with the graph's defaults.
 pub const DEFAULTS: &str = "defaults";
 
-/// Lists the built-in graphs to measure: all but `auto`, which is one of the others on each device.
+/// Lists the built-in graphs to measure: all but `auto`, which chooses among the others.
 pub fn measured_names() -> Vec<&'static str> {
     builtin::names().into_iter().filter(|name| *name != builtin::DEFAULT_PIPELINE).collect()
 }
@@ -32,9 +32,10 @@ pub fn measured(pipeline: &str, set: &[(String, String)], controls: &[Control]) 
     fixed(all, set, has)
 }
 
-/// Lists the exact settings of a graph, then one parameter away from them at a time, the defaults, and the presets.
+/// Lists the exact settings of a graph, settings one parameter away from them, the defaults, and the presets.
 ///
-/// `controls` are the graph's parameters. Those without an exact value do not change the picture and keep their defaults.
+/// `controls` are the graph's parameters. A parameter without an exact value does not change the picture and keeps its
+/// default.
 pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setting> {
     let params = || controls.iter().map(|control| &control.param);
     let exact: Vec<(String, String)> =
@@ -58,9 +59,9 @@ pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setti
     all
 }
 
-/// Gives parameters a value in every setting, and leaves out the settings that change one of them.
+/// Sets parameters in every setting, and leaves out the settings that change one of them.
 ///
-/// Settings of another graph are left out, too, unless it has all of these parameters: `has` tells for its name.
+/// Settings of another graph are kept only if it has all of these parameters: `has` takes the graph and the parameter.
 fn fixed(all: Vec<Setting>, set: &[(String, String)], has: impl Fn(&str, &str) -> bool) -> Vec<Setting> {
     let Some(pipeline) = all.first().map(|exact| exact.pipeline.clone()) else { return all };
     let is_fixed = |name: &str| set.iter().any(|(fixed, _)| fixed == name);
@@ -77,9 +78,9 @@ fn fixed(all: Vec<Setting>, set: &[(String, String)], has: impl Fn(&str, &str) -
     kept.map(give).collect()
 }
 
-/// Leaves out the settings that change only a parameter without an effect in `plan`, that of the exact settings, the first of all.
+/// Leaves out the settings that change only a parameter without an effect in `plan`, the plan of the exact settings.
 ///
-/// Also returns a line for each of these parameters.
+/// The exact settings are the first of `all`. Also returns a message for each of these parameters.
 pub fn with_effect(mut all: Vec<Setting>, plan: &Plan) -> (Vec<Setting>, Vec<String>) {
     let Some(exact) = all.first().cloned() else { return (all, Vec::new()) };
     let mut lines: Vec<String> = Vec::new();
@@ -99,7 +100,7 @@ pub fn with_effect(mut all: Vec<Setting>, plan: &Plan) -> (Vec<Setting>, Vec<Str
 
 /// Lists values of a parameter besides its exact one: all of a choice, five across a range.
 ///
-/// The least number of a float's range is left out: there most parameters draw nothing.
+/// A float's minimum is left out: at the minimum, most parameters draw nothing.
 fn alternatives(param: &Param) -> Vec<Value> {
     let mut values: Vec<Value> = match &param.domain {
         Domain::Bool => vec![Value::Bool(false), Value::Bool(true)],

@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 
 /// The time of a frame.
 ///
-/// All milliseconds are shares of one time of the exact settings, [`Time::exact_ms`]: a device's clock may change between two settings, and
-/// concerns both sides of a share alike.
+/// All milliseconds are computed from shares of the exact settings' time, [`Time::exact_ms`]: a device's clock may
+/// change between two settings, but it affects both sides of a share alike.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Time {
     /// Milliseconds on the GPU: `share` of `exact_ms`.
@@ -23,11 +23,11 @@ pub struct Time {
     pub spread_ms: f64,
     /// The share of the exact settings' time in the same rounds.
     pub share: Share,
-    /// Milliseconds of the exact settings, of a warm device: the median of the rounds' medians.
+    /// Milliseconds of the exact settings on a warm device: the median of the rounds' medians.
     pub exact_ms: f64,
     /// Rounds that were drawn.
     pub rounds: u32,
-    /// The share of the host's time of a frame in which the device drew, 1 at most: between frames it rests.
+    /// Share of the host's frame time during which the device draws, 1 at most; between frames it idles.
     pub busy: f64,
     /// Milliseconds per phase: the median of the rounds' medians.
     pub phases: BTreeMap<String, f64>,
@@ -35,21 +35,21 @@ pub struct Time {
     pub phase_spreads: BTreeMap<String, f64>,
 }
 
-/// The exact settings, which others are measured against.
+/// The exact settings, the baseline of all others.
 pub struct Baseline<'a, D> {
-    /// The session that draws them, prepared in the view's size.
+    /// Session that draws the exact settings, prepared at the view's size.
     pub session: &'a mut Session<D>,
-    /// The milliseconds of the baseline of shares; `None` for the baseline's time in the same rounds.
+    /// Milliseconds to which shares are scaled; `None` for the baseline's time in the same rounds.
     pub ms: Option<f64>,
 }
 
-/// Longest time of a setting's rounds, however wide the range: on a busy machine it may never become narrow.
+/// Maximum duration of a setting's rounds: on a busy machine, the range may never become narrow.
 pub const LONGEST: Duration = Duration::from_secs(8);
 
 /// Measures the time of a frame of `session`, interleaved with frames of `exact`; `None` without timestamps.
 ///
-/// Both are prepared in the camera's size, and draw for a while before any frame counts. Rounds end when the share is known well
-/// enough ([`noise::enough`]), with `effort.rounds` at the latest, or when they have taken `longest` and have a range.
+/// Both are prepared at the camera's size, and draw for a while before any frame counts. Rounds end when the range is
+/// narrow enough ([`noise::enough`]), after `effort.rounds`, or after `longest` if there is a range.
 ///
 /// # Errors
 /// The device fails.

@@ -20,14 +20,14 @@ pub struct View {
     pub camera: Camera,
     /// The true picture.
     pub picture: Image,
-    /// True for each pixel that a splat shows in.
+    /// True for each pixel that a splat contributes to.
     pub covered: Vec<bool>,
-    /// The splats beyond the near plane, near to far; empty if their order is not to be compared.
+    /// Splats beyond the near plane, near to far; empty if orders are not compared.
     pub order: Vec<u32>,
 }
 
 impl View {
-    /// Draws the exact picture by the scene's rules as the truth, with progress. The order is not compared.
+    /// Draws the exact picture by the scene's rules, with progress. Leaves the order empty.
     pub fn exact(scene: &Scene, camera: &Camera) -> View {
         let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::of(scene));
         View {
@@ -51,9 +51,9 @@ pub struct Measured {
     pub time: Option<Time>,
     /// The error of the picture.
     pub error: Error,
-    /// Pairs of visible splats that are drawn in another order than that of their depth; `None` if the graph has no order.
+    /// Pairs of visible splats that are drawn out of depth order; `None` if the graph has no order.
     pub inversions: Option<u64>,
-    /// True if the picture is drawn from contents of the previous frame, whose cost does not show in a still view.
+    /// True if the picture is drawn from contents of the previous frame: a still view does not show the error.
     pub of_last_frame: bool,
     /// Bytes of memory on the device.
     pub gpu_bytes: u64,

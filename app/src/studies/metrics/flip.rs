@@ -1,12 +1,13 @@
-//! Measures the difference that a person sees who flips between two pictures.
+//! Measures the difference that a viewer perceives when flipping between two pictures.
 //!
-//! The source is Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström and Fairchild, "FLIP: A Difference Evaluator for Alternating
-//! Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020; numbers in brackets are its equations. Both pictures are filtered by
-//! what an eye resolves at the display's distance, their colours are compared in a space of perceived differences, and where
-//! edges or points differ the difference counts more.
+//! The source is Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström and Fairchild, "FLIP: A Difference Evaluator for
+//! Alternating Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020; numbers in brackets are its equations.
+//! Both pictures are filtered by the contrast sensitivity of the eye at the display's distance. Their colours are
+//! compared in a perceptually uniform space, and the difference is amplified where edges or points differ.
 //!
-//! [`of_floats`] takes the pictures as they are. [`of_8_bits`] rounds them to 8 bits first, as a file or a display does, and is NVIDIA's own
-//! program. Between two pictures that differ by less than a step, the two disagree: rounding hides a difference, or makes a step of it.
+//! [`of_floats`] takes the pictures as they are. [`of_8_bits`] rounds them to 8 bits first, as a file or a display
+//! does, and calls NVIDIA's own program. The two disagree for pictures that differ by less than a step: rounding either
+//! hides the difference or amplifies it to a whole step.
 
 use super::Channel;
 use crate::io::image::Image;
@@ -14,10 +15,10 @@ use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// Pixels to a degree of the display that FLIP assumes: a 4K display of 0.7 m at 0.7 m.
+/// Pixels per degree of the display that FLIP assumes: a 4K display of 0.7 m at 0.7 m.
 const PIXELS_PER_DEGREE: f64 = nv_flip::DEFAULT_PIXELS_PER_DEGREE as f64;
 
-/// Computes the mean of FLIP over the pixels, 0 for equal pictures, 1 at most, of values clamped to 0..1.
+/// Computes the mean FLIP over the pixels: 0 for equal pictures, 1 at most. Values are clamped to 0..1.
 ///
 /// Panics if the sizes differ.
 pub fn of_floats<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
@@ -30,20 +31,20 @@ pub fn of_floats<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
     sum / a.colour.len().max(1) as f64
 }
 
-/// Computes the same of the pictures in 8 bits, by NVIDIA's program.
+/// Computes the mean FLIP of the pictures in 8 bits, with NVIDIA's program.
 ///
 /// Panics if the sizes differ.
 pub fn of_8_bits<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
     in_bands(a, b, BAND)
 }
 
-/// Rows of a picture that [`of_8_bits`] gives to a thread.
+/// Rows of a picture per thread in [`of_8_bits`].
 const BAND: usize = 64;
 
 /// Computes FLIP in 8 bits by bands of rows, on all processors: NVIDIA's program uses one.
 ///
-/// Each band comes with as many rows above and below as the filters reach, so that its pixels have the values that they have in the whole
-/// picture.
+/// Each band is extended above and below by the radius of the filters, so that its pixels have the same values as in
+/// the whole picture.
 fn in_bands<C: Channel>(a: &Image<C>, b: &Image<C>, band: usize) -> f64 {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let (width, height) = (a.width, a.height);
@@ -64,11 +65,11 @@ fn in_bands<C: Channel>(a: &Image<C>, b: &Image<C>, band: usize) -> f64 {
     values.iter().flatten().map(|v| f64::from(*v)).sum::<f64>() / a.rgb.len().max(1) as f64
 }
 
-/// A picture as it is seen.
+/// A picture after the filters of FLIP.
 struct Seen {
     /// The filtered colours, in L*a*b* with the Hunt effect.
     colour: Vec<[f64; 3]>,
-    /// Strength of the edge and of the point at each pixel.
+    /// Strengths of the edge and of the point at each pixel.
     features: Vec<[f64; 2]>,
 }
 
@@ -119,19 +120,19 @@ fn product(matrix: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|row| (0..3).map(|column| matrix[row][column] * v[column]).sum())
 }
 
-/// Computes XYZ as a share of white's.
+/// Computes XYZ relative to the white point.
 fn relative(rgb: [f64; 3]) -> [f64; 3] {
     let (xyz, white) = (product(&TO_XYZ, rgb), product(&TO_XYZ, [1.0; 3]));
     std::array::from_fn(|c| xyz[c] / white[c])
 }
 
-/// Converts linear RGB to the opponent space YCxCz, in which the eye's contrast is known.
+/// Converts linear RGB to the opponent space YCxCz, for which the eye's contrast sensitivity is known.
 fn to_opponent(rgb: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = relative(rgb);
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// Converts YCxCz to linear RGB; `inverse` is that of [`TO_XYZ`].
+/// Converts YCxCz to linear RGB; `inverse` is the inverse of [`TO_XYZ`].
 fn from_opponent([lightness, x, z]: [f64; 3], inverse: &glam::DMat3) -> [f64; 3] {
     let y = (lightness + 16.0) / 116.0;
     let white = product(&TO_XYZ, [1.0; 3]);
@@ -157,9 +158,9 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     ((a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])).powf(0.7)
 }
 
-/// Computes the difference of two colours, 0 to 1 [8].
+/// Maps a distance of two colours to a difference of 0 to 1 [8].
 ///
-/// Distances below 0.4 of the largest, `most`, are spread over 0 to 0.95.
+/// Distances below 0.4 of `most`, the largest possible, are spread over 0 to 0.95.
 fn difference(a: [f64; 3], b: [f64; 3], most: f64) -> f64 {
     const PART: f64 = 0.4;
     const OF: f64 = 0.95;
@@ -199,24 +200,24 @@ impl Plane {
     }
 }
 
-/// The contrast that an eye sees in lightness, red to green and blue to yellow: sums of Gaussians, each with its amplitude and its
-/// width in degrees squared (table 1).
+/// Contrast sensitivity of the eye to lightness, red-green and blue-yellow: sums of Gaussians, each with its amplitude
+/// and its width in degrees squared (table 1).
 const SENSITIVITY: [&[(f64, f64)]; 3] = [&[(1.0, 0.0047)], &[(1.0, 0.0053)], &[(34.1, 0.04), (13.5, 0.025)]];
 
-/// The widest Gaussian of [`SENSITIVITY`], which decides the size of all filters.
+/// The widest Gaussian of [`SENSITIVITY`], which determines the size of all filters.
 const WIDEST: f64 = 0.04;
 
-/// Returns the radius of the filters of colours in pixels. Those of features are smaller.
+/// Returns the radius of the colour filters in pixels. The feature filters are smaller.
 fn reach() -> usize {
     (3.0 * (WIDEST / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as usize
 }
 
-/// Lists the values of a function at the whole numbers from `-radius` to `radius`.
+/// Evaluates a function at the integers from `-radius` to `radius`.
 fn taps(radius: usize, of: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..=2 * radius).map(|at| of(at as f64 - radius as f64)).collect()
 }
 
-/// Filters a channel by the contrast that an eye sees in it [4, 5].
+/// Filters a channel by the eye's contrast sensitivity to it [4, 5].
 fn contrast(plane: &Plane, gaussians: &[(f64, f64)]) -> Plane {
     let of = |(amplitude, width): &(f64, f64)| {
         let taps = taps(reach(), |x| (-(PI * x / PIXELS_PER_DEGREE).powi(2) / width).exp());
@@ -235,10 +236,11 @@ fn contrast(plane: &Plane, gaussians: &[(f64, f64)]) -> Plane {
     found
 }
 
-/// Width of the features that are looked for, in degrees.
+/// Width of the detected features, in degrees.
 const FEATURE: f64 = 0.082;
 
-/// Finds the strength of the edge and of the point at each pixel: the first and second derivatives of a Gaussian [11 to 14].
+/// Computes the strengths of the edge and of the point at each pixel: the first and second derivatives of a Gaussian
+/// [11 to 14].
 fn features(lightness: &Plane) -> Vec<[f64; 2]> {
     let deviation = 0.5 * FEATURE * PIXELS_PER_DEGREE;
     let radius = (3.0 * deviation).ceil() as usize;

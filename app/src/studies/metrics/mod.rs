@@ -1,8 +1,8 @@
 //! Measures the difference between two pictures.
 //!
-//! Each of the three numbers sees what the others miss. **PSNR** is the squared error of the whole picture; **SSIM** compares
-//! local structure, closer to perception; the **worst pixel** finds a single missing splat. [`flip`] sees what people see in two
-//! pictures that take turns. All sums are in f64.
+//! Each of the three numbers shows what the others miss. **PSNR** is the squared error of the whole picture; **SSIM**
+//! compares local structure, closer to perception; the **worst pixel** finds a single missing splat. [`flip`] measures
+//! the perceived difference between alternating pictures. All sums are in f64.
 
 pub mod flip;
 
@@ -125,18 +125,18 @@ pub fn comparable<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<(), MetricEr
     Ok(())
 }
 
-/// Computes the mean squared error that a PSNR stands for; `None` is that of equal pictures.
+/// Converts PSNR to mean squared error (range 0 to 1). `None`, identical pictures, gives 0.
 pub fn squared_error(psnr_db: Option<f64>) -> f64 {
     psnr_db.map_or(0.0, |db| 10f64.powf(-db / 10.0))
 }
 
-/// Clamps a channel to its displayed value.
+/// Clamps a channel to the displayable range, 0 to 1.
 fn shown<C: Channel>(value: C) -> f64 {
     value.into().clamp(0.0, 1.0)
 }
 
-/// Computes PSNR in decibels over the pixels whose index `wanted` takes, of pictures of one size; `None` if they are equal there,
-/// or if `wanted` takes no pixel.
+/// Computes PSNR in decibels over the pixels whose index `wanted` accepts, of pictures of one size. `None` if those
+/// pixels are equal, or if there are none.
 pub fn psnr_over<C: Channel>(a: &Image<C>, b: &Image<C>, wanted: impl Fn(usize) -> bool) -> Option<f64> {
     let (mut sum, mut channels) = (0.0, 0usize);
     for (_, (a, b)) in a.rgb.iter().zip(&b.rgb).enumerate().filter(|(index, _)| wanted(*index)) {
@@ -193,7 +193,7 @@ fn gaussian_window() -> [f64; 2 * RADIUS + 1] {
     window
 }
 
-/// Sums one row of the map over the channels; its windows begin at row `top`.
+/// Sums one row of the SSIM map over the channels; the windows begin at row `top`.
 ///
 /// The window is separable: the five moments of every column are summed vertically, then horizontally.
 fn ssim_row<C: Channel>(a: &Image<C>, b: &Image<C>, top: usize, window: &[f64; 2 * RADIUS + 1]) -> f64 {

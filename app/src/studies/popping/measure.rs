@@ -10,7 +10,7 @@ use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 
-/// Bytes that the true pictures of a path may take: they are kept, so that each is drawn once for all variants.
+/// Maximum bytes of a path's true pictures: each is drawn once, and kept for all variants.
 const MOST_BYTES: u64 = 4 << 30;
 
 /// A step of a variant, from a frame to the next.
@@ -23,9 +23,9 @@ pub struct Step {
     /// The change of the error.
     #[serde(flatten)]
     pub score: Score,
-    /// Pairs of splats that change places in the drawn order; `None` if the graph has none that can be read.
+    /// Pairs of splats that swap places in the drawn order; `None` if the graph has no readable order.
     pub order_changes: Option<u64>,
-    /// Pairs of the same splats that change places in the true order.
+    /// Pairs of the same splats that swap places in the true order.
     pub true_order_changes: Option<u64>,
 }
 
@@ -35,11 +35,11 @@ pub struct Track {
     /// The variant.
     #[serde(flatten)]
     pub variant: Setting,
-    /// Its steps, one less than frames.
+    /// Steps of the path, one fewer than frames.
     pub steps: Vec<Step>,
 }
 
-/// Makes a path around the middle of a scene, with the given camera in its middle. `step` is in degrees.
+/// Makes a path of cameras around the middle of a scene; `camera` is halfway. `step` is in degrees.
 pub fn orbit(scene: &Scene, camera: &Camera, frames: u32, step: f64) -> Vec<Camera> {
     let center = scene.robust_bounds().center();
     let first = -0.5 * f64::from(frames.saturating_sub(1)) * step;
@@ -53,7 +53,7 @@ pub fn orbit(scene: &Scene, camera: &Camera, frames: u32, step: f64) -> Vec<Came
 /// Checks that a path can be measured.
 ///
 /// # Errors
-/// There are fewer than two cameras, of several sizes, or of too many pixels.
+/// There are fewer than two cameras, their sizes differ, or they have too many pixels.
 pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
     let size = |camera: &Camera| (camera.width, camera.height);
     let refused = |text: String| Err(StudyError::Input(text));
@@ -81,10 +81,11 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
 
 /// Draws the path of a subject's cameras with each variant, and scores the steps.
 ///
-/// The true pictures come first, as they take the longest: [`Subject::check`] tells mistakes in a graph before.
+/// The true pictures take the longest and are drawn first; [`Subject::check`] reports mistakes in a graph beforehand.
 ///
 /// # Errors
-/// The path cannot be measured, a graph has errors, its pictures cannot be scored, the device fails, or the listener cancels.
+/// The path cannot be measured, a graph has errors, its pictures cannot be scored, the device fails, or the listener
+/// cancels.
 pub fn study<D: Device>(
     subject: &Subject<D>,
     variants: &[Setting],
@@ -111,8 +112,8 @@ pub fn study<D: Device>(
 
 /// Draws a path with a variant, and scores its steps.
 ///
-/// Each frame is drawn once, so that a graph that keeps something from the last frame has that of the path. The first frame is
-/// drawn twice: it has no last one.
+/// Each frame is drawn once, so that a graph with a history gets the path's previous frame. The first frame is drawn
+/// twice, because it has no previous frame.
 fn measure<D: Device>(
     session: &mut Session<D>,
     variant: &Setting,

@@ -1,9 +1,9 @@
 //! Measures popping: the error of a renderer that changes from frame to frame.
 //!
-//! An eye forgives an error that stays, and is drawn to one that comes and goes. A single picture cannot show the difference, a
-//! path of cameras can. The exact renderer draws every frame of it, and its own changes between frames are the true ones: a
-//! renderer pops where its picture changes differently ([`score`]). [`study`] draws the path with one variant of a graph after
-//! another, and [`report`] makes the table, the lines of a CSV file and the plot.
+//! A viewer tolerates a constant error, and notices one that comes and goes. A single picture cannot show the
+//! difference, a path of cameras can. The exact renderer draws every frame of the path, and its changes between frames
+//! are the true ones: a renderer pops where its picture changes differently ([`score`]). [`study`] draws the path with
+//! one variant of a graph after another, and [`report`] makes the table, the CSV and the plot.
 
 pub mod measure;
 pub mod report;

@@ -6,16 +6,16 @@ use crate::io::report::text;
 use crate::studies::metrics::WorstPixel;
 use serde::Serialize;
 
-/// A variant over the whole path.
+/// The summary of a variant over the whole path.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// The variant's name.
     pub name: String,
-    /// Mean degrees by which the camera turns in a step: pops of other steps are other numbers.
+    /// Mean degrees by which the camera turns in a step; pops at another step size are not comparable.
     pub step_degrees: f64,
     /// Mean pop of the steps.
     pub pop: f64,
-    /// Pop of all steps by the degrees of all; `None` for a camera that does not turn.
+    /// Sum of the pops divided by the sum of the degrees; `None` for a camera that does not turn.
     pub pop_per_degree: Option<f64>,
     /// Mean excess of the steps.
     pub excess: f64,
@@ -23,15 +23,15 @@ pub struct Summary {
     pub worst_step: f64,
     /// Name of the camera at the end of the step with the largest pop.
     pub worst_camera: String,
-    /// The pixel whose error changes most, of all steps.
+    /// The pixel whose error changes most in any step.
     pub worst: WorstPixel,
-    /// Mean number of pairs of splats that change places in a step.
+    /// Mean number of pairs of splats that swap places in a step.
     pub order_changes: Option<f64>,
-    /// Mean number of pairs of splats that change places in a step, in the true order.
+    /// Mean number of pairs of splats that swap places in a step, in the true order.
     pub true_order_changes: Option<f64>,
 }
 
-/// Sums the steps of a variant up.
+/// Summarises the steps of a variant.
 pub fn summary(track: &Track) -> Summary {
     let steps = &track.steps;
     let count = steps.len().max(1) as f64;
@@ -104,7 +104,7 @@ pub fn table(summaries: &[Summary]) -> String {
     text::table(&rows)
 }
 
-/// Formats degrees with at most four digits behind the point, and no zeros at the end.
+/// Formats degrees with at most four decimals, without trailing zeros.
 fn shown_degrees(degrees: f64) -> String {
     format!("{degrees:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
@@ -138,7 +138,7 @@ pub fn csv(tracks: &[Track]) -> String {
     csv
 }
 
-/// Plots the pop of each step. Variants that draw the same have one line, with all of their names.
+/// Plots the pop of each step. Variants that draw the same share a line, labelled with all of their names.
 pub fn plot(tracks: &[Track]) -> Plot {
     let mut lines: Vec<(String, Vec<f64>)> = Vec::new();
     for track in tracks {

@@ -1,17 +1,17 @@
 //! Scores the step from one frame to the next.
 //!
-//! Let `P` and `R` be a renderer's picture and the true one, with channels clamped to 0..1 as a display does, and `E = P - R` the
-//! error. From frame `t` to `t + 1`, `|.|` being the mean over the channels of a pixel,
+//! Let `P` be a renderer's picture, `R` the true one, both with channels clamped to 0..1 as on a display, and `E = P -
+//! R` the error. A prime marks frame `t + 1`, and `|.|` is the mean over the channels of a pixel.
 //!
-//! - the **pop** of a pixel is `|E' - E| = |(P' - P) - (R' - R)|`: its change beside the true one. It is 0 for a renderer whose
-//!   error is constant in time, whatever that error is, and whatever the camera does;
-//! - the **excess** is `max(0, |P' - P| - |R' - R|)`: what it changes more than it should. A pixel that moves as much as
-//!   the truth, but the other way, or stands still where the truth moves, has a pop and no excess.
+//! - The **pop** of a pixel is `|E' - E| = |(P' - P) - (R' - R)|`: its change relative to the true change. It is 0 for
+//!   a renderer whose error is constant in time, for any error and any camera.
+//! - The **excess** is `max(0, |P' - P| - |R' - R|)`: the change beyond the true change. A pixel that changes as much
+//!   as the truth in the opposite direction, or does not change where the truth does, has a pop and no excess.
 //!
-//! The excess is at most the pop, at every pixel (the triangle inequality). Neither tells a jump from a drift: an error that sticks
-//! to a surface moves across the picture with it, which is a change of every pixel on the way. The two differ in the worst
-//! pixel: a drift has a small change at many pixels, less with finer steps, while two splats that change places change
-//! a pixel by an amount that no finer step makes smaller.
+//! The excess is at most the pop, at every pixel (the triangle inequality). Neither separates a jump from a drift: an
+//! error that sticks to a surface moves across the picture with it, and so changes every pixel on the way. The two
+//! differ in the worst pixel: a drift causes a small change at many pixels, smaller with finer steps, while two splats
+//! that swap places change a pixel by an amount that finer steps do not reduce.
 
 use crate::io::image::Image;
 use crate::studies::metrics::{MetricError, WorstPixel, comparable};
@@ -32,7 +32,7 @@ pub struct Score {
     pub true_change: f64,
 }
 
-/// A frame: a picture, and the true one.
+/// A frame: the picture, and the true picture.
 pub type Frame<'a> = (&'a Image, &'a Image);
 
 /// Scores the step between two frames.

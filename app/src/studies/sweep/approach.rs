@@ -1,7 +1,8 @@
-//! Moves a camera closer to the scene, then makes the picture smaller: splats and covered pixels change apart.
+//! Moves a camera closer to the scene, then makes the picture smaller, so that splats and covered pixels vary
+//! independently.
 //!
-//! Closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. If a draw is bound by
-//! fragments, all of these times lie on one line over covered pixels times overlap.
+//! Closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. If a draw is bound
+//! by fragments, all of these times lie on one line over covered pixels times overlap.
 
 use crate::draw::interleaved::Effort;
 use crate::draw::session::Session;
@@ -15,15 +16,15 @@ use splatgraph_reference::{Rules, render};
 /// A step of the approach.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Closer {
-    /// The share of the first camera's distance to the scene's middle.
+    /// Distance to the scene's middle, as a share of the first camera's.
     pub distance: f64,
     /// Width and height of the picture, in pixels.
     pub size: (u32, u32),
-    /// Pixels that a splat shows in.
+    /// Pixels that a splat contributes to.
     pub covered: u64,
-    /// Splats at a covered pixel, in the mean: the overlap.
+    /// Mean number of splats at a covered pixel: the overlap.
     pub overlap: f64,
-    /// Covered pixels times overlap: the fragments that are blended.
+    /// Covered pixels times overlap: the number of blended fragments.
     pub fragments: u64,
     /// The time of a frame.
     pub time: Option<Time>,
@@ -34,9 +35,9 @@ pub struct Closer {
 pub struct Fit {
     /// Milliseconds without fragments.
     pub fixed_ms: f64,
-    /// Nanoseconds of a fragment.
+    /// Nanoseconds per fragment.
     pub ns_per_fragment: f64,
-    /// The share of the times' variance that the line explains, 1 at most.
+    /// Share of the times' variance that the line explains, 1 at most.
     pub r_squared: f64,
 }
 
@@ -44,7 +45,7 @@ pub struct Fit {
 pub const STEPS: [(f64, u32); 8] =
     [(1.0, 1), (0.5, 1), (0.25, 1), (0.125, 1), (0.0625, 1), (0.125, 2), (0.125, 3), (0.125, 4)];
 
-/// Makes the cameras of [`STEPS`], on the line to the middle of the first one's view.
+/// Makes the cameras of [`STEPS`], on the line from the first camera to the middle of its view.
 pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
     let tan = [f64::from(first.width) / first.fx, f64::from(first.height) / first.fy].map(|v| 0.5 * v);
     let seen = |p: &[f32; 3]| {
@@ -95,7 +96,7 @@ pub fn measure<D: Device>(
     Ok(found)
 }
 
-/// Returns the milliseconds of the phase that blends: `draw` of quads, `rasterise` of tiles.
+/// Returns the milliseconds of the phase that blends: `draw` for quads, `rasterise` for tiles.
 pub fn blending(time: &Time) -> Option<f64> {
     time.phases.get("draw").or_else(|| time.phases.get("rasterise")).copied()
 }

@@ -10,13 +10,13 @@ use splatgraph_framework::lower::Control;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
-    /// The first ones of the file: a naive truncation.
+    /// The first splats of the file: a naive truncation.
     FileOrder,
     /// The splats with the largest product of opacity and area in the world, for every camera.
     WorldSize,
     /// The splats with the largest product of opacity and area on the screen.
     ScreenSize,
-    /// The nearest visible ones, cut after the sort: the graph's parameter `budget`.
+    /// The nearest visible splats, cut after the sort: the graph's parameter `budget`.
     Nearest,
 }
 
@@ -24,7 +24,7 @@ pub enum Choice {
 pub const BUDGET: &str = "budget";
 
 impl Choice {
-    /// Lists all of them.
+    /// Every way, in the order of tables and plots.
     pub const ALL: [Choice; 4] = [Choice::FileOrder, Choice::WorldSize, Choice::ScreenSize, Choice::Nearest];
 
     /// Returns the name in tables and plots.
@@ -37,7 +37,7 @@ impl Choice {
         }
     }
 
-    /// Returns the name in files.
+    /// Returns the name in file names.
     pub fn stem(self) -> &'static str {
         match self {
             Choice::FileOrder => "file-order",
@@ -48,9 +48,10 @@ impl Choice {
     }
 }
 
-/// Lists the parameters that [`Choice::Nearest`] takes besides [`BUDGET`]; `None` if the graph has no budget.
+/// Lists the parameters that [`Choice::Nearest`] sets besides [`BUDGET`]; `None` if the graph has no budget.
 ///
-/// A graph with the parameter `sorted` knows the nearest splats only if it sorts splats, and not their pairs with bins.
+/// A graph with the parameter `sorted` knows the nearest splats only if it sorts splats, not pairs of a splat and a
+/// bin.
 pub fn for_nearest(controls: &[Control]) -> Option<Vec<(String, String)>> {
     let param = |name: &str| controls.iter().map(|control| &control.param).find(|param| param.name == name);
     param(BUDGET)?;
@@ -66,9 +67,9 @@ pub fn for_nearest(controls: &[Control]) -> Option<Vec<(String, String)>> {
 const SORTED: &str = "sorted";
 const BY_SPLATS: &str = "splats";
 
-/// Lists the splats by falling significance; `None` for [`Choice::Nearest`], which the graph chooses itself.
+/// Lists the splats by decreasing significance; `None` for [`Choice::Nearest`], which the graph chooses itself.
 ///
-/// Equal ones keep the order of the file.
+/// Splats of equal significance keep the order of the file.
 pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32>> {
     if choice == Choice::Nearest {
         return None;
@@ -85,7 +86,7 @@ pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32
     Some(all.into_iter().map(|(_, index)| index).collect())
 }
 
-/// Computes the product of a splat's two longest half axes: its largest outline, in square world units over pi.
+/// Computes the product of a splat's two longest half axes: its largest projected area, in square world units over pi.
 pub fn world_area(scene: &Scene, index: usize) -> f64 {
     let [a, b, c] = scene.scales()[index].map(f64::from);
     (a * b).max(b * c).max(a * c)
@@ -106,7 +107,7 @@ fn screen_area(scene: &Scene, camera: &Camera, index: usize) -> f64 {
     world_area(scene, index) * camera.fx * camera.fy / (z * z)
 }
 
-/// Makes a scene of some splats of another, in the order of the file.
+/// Makes a scene of the chosen splats, in the order of the file.
 pub fn subset(scene: &Scene, chosen: &[u32]) -> Scene {
     let mut chosen = chosen.to_vec();
     chosen.par_sort_unstable();

@@ -14,17 +14,17 @@ use splatgraph_api::Device;
 /// A step of the sweep in one view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {
-    /// The way in which the splats are chosen; `None` where all are drawn.
+    /// The way in which the splats are chosen; `None` if all are drawn.
     pub choice: Option<Choice>,
     /// The camera's name.
     pub camera: String,
-    /// The number of splats that are kept. [`Choice::Nearest`] keeps this share of the visible ones.
+    /// Number of splats that are kept. [`Choice::Nearest`] keeps the same share of the visible splats.
     pub count: u32,
-    /// Splats that are visible, and splats that are drawn; `None` if the graph counts none.
+    /// Number of visible splats; `None` if the graph does not count them.
     pub visible: Option<u32>,
-    /// See `visible`.
+    /// Number of drawn splats; `None` if the graph does not count them.
     pub drawn: Option<u32>,
-    /// The time of a frame, and its share of that with all splats.
+    /// The time of a frame, and its share of the time with all splats.
     pub time: Option<Time>,
     /// The error against the truth of the whole scene.
     pub error: Error,
@@ -32,7 +32,7 @@ pub struct Step {
     pub gpu_bytes: u64,
 }
 
-/// Returns the numbers of splats of a sweep: all, a half, a quarter, ..., as many as `steps`, none below 1.
+/// Returns the numbers of splats of a sweep: all, a half, a quarter and so on, `steps` numbers at most, none below 1.
 pub fn counts(all: u32, steps: u32) -> Vec<u32> {
     let mut counts: Vec<u32> = (0..steps).map(|step| all.checked_shr(step).unwrap_or(0).max(1)).collect();
     counts.dedup();
@@ -43,13 +43,13 @@ pub fn counts(all: u32, steps: u32) -> Vec<u32> {
 pub struct Sweep<'a, D> {
     /// The session that draws all splats, prepared in the view's size.
     pub whole: &'a mut Session<D>,
-    /// The graph, and its parameters.
+    /// The graph.
     pub pipeline: &'a str,
-    /// See `pipeline`.
+    /// Names and values of the graph's parameters.
     pub set: &'a [(String, String)],
-    /// Milliseconds of all splats, which [`Sweep::all`] finds and all other times of the view are shares of.
+    /// Milliseconds with all splats, set by [`Sweep::all`]; other times of the view are shares of it.
     pub ms: Option<f64>,
-    /// The parameters of [`Choice::Nearest`] besides [`BUDGET`], which the graph has; `None` if it has not.
+    /// Parameters that [`Choice::Nearest`] sets besides [`BUDGET`]; `None` if the graph has no budget.
     pub nearest: Option<&'a [(String, String)]>,
 }
 
@@ -57,7 +57,7 @@ impl<D: Device> Sweep<'_, D> {
     /// Measures the view with all splats.
     ///
     /// # Errors
-    /// The device fails. The inner error says why the picture cannot be compared.
+    /// The device fails. The inner error is the reason that the picture cannot be compared.
     pub fn all(
         &mut self,
         view: &View,
@@ -70,10 +70,11 @@ impl<D: Device> Sweep<'_, D> {
         Ok(found)
     }
 
-    /// Measures the view with each of `counts` splats; `each` gets a step with its picture.
+    /// Measures the view with each of `counts` splats; `each` receives a step with its picture.
     ///
     /// # Errors
-    /// The device fails, `each` does, or the memory for a part of the scene is not there. The inner error says why a picture cannot be compared.
+    /// The device fails, `each` fails, or a part of the scene does not fit in memory. The inner error is the reason
+    /// that a picture cannot be compared.
     pub fn steps(
         &mut self,
         choice: Choice,

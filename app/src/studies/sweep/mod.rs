@@ -1,8 +1,9 @@
 //! Measures the loss of quality and the saved time of a budget of splats, for several ways to choose the splats.
 //!
-//! [`choice`] lists the ways and picks splats; [`measure`] draws a view with 1, 1/2, 1/4, ... of the splats and holds each
-//! picture against that of all of them; [`approach`] moves a camera closer, where time goes into covered pixels and no
-//! longer into splats; [`study()`] does both, and [`page`] makes the table, the plots and the page.
+//! [`choice`] lists the ways and picks splats. [`measure`] draws a view with 1, 1/2, 1/4, ... of the splats and
+//! compares each picture with the exact picture of the whole scene. [`approach`] moves a camera closer, where time
+//! depends on covered pixels rather than on splats. [`study()`] does both, and [`page`] makes the table, the plots and
+//! the page.
 
 pub mod approach;
 pub mod choice;

@@ -15,15 +15,15 @@ use serde::{Deserialize, Serialize};
 use splatgraph_assets::grouped;
 use std::collections::BTreeSet;
 
-/// Names of the plots' files.
+/// File names of the plots, without extension.
 pub const PLOTS: [&str; 5] = ["quality", "times", "trade", "shares", "approach"];
 
 /// A finished sweep.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Swept {
-    /// The scene, and its number of splats.
+    /// The scene's name.
     pub scene: String,
-    /// See `scene`.
+    /// The scene's number of splats.
     pub splats: u32,
     /// The graph.
     pub pipeline: String,
@@ -39,7 +39,7 @@ pub struct Swept {
 
 /// A picture of the first view.
 pub struct Shown {
-    /// `None` for all splats.
+    /// The way in which the splats are chosen; `None` for all splats.
     pub choice: Option<Choice>,
     /// The number of splats that are kept.
     pub count: u32,
@@ -47,7 +47,7 @@ pub struct Shown {
     pub picture: Image,
 }
 
-/// The mean of a choice's steps with one number of splats, over the views.
+/// A choice's steps with one number of splats, averaged over the views.
 struct Mean {
     count: u32,
     psnr_db: f64,
@@ -56,12 +56,12 @@ struct Mean {
 }
 
 impl Swept {
-    /// Puts the numbers of views into a sweep without any.
+    /// Adds the measurements of views to a sweep without any.
     pub fn of_parts(empty: Swept, steps: Vec<Step>, closer: Vec<Closer>) -> Swept {
         Swept { fit: fit(&closer), steps, closer, ..empty }
     }
 
-    /// Returns the steps of a choice from the fewest splats to all of them, in the mean over the views.
+    /// Returns the steps of a choice, averaged over the views, from the fewest splats to all of them.
     fn means(&self, choice: Choice) -> Vec<Mean> {
         let of = |step: &&Step| step.choice.is_none_or(|own| own == choice);
         let counts: BTreeSet<u32> = self.steps.iter().filter(of).map(|step| step.count).collect();
@@ -97,7 +97,8 @@ impl Swept {
         Plot { bars: Vec::new(), title: title.to_owned(), x, y, series: series.collect() }
     }
 
-    /// Plots PSNR over the number of splats. All splats are left out: their picture is the truth but for rounding.
+    /// Plots PSNR over the number of splats. The step with all splats is left out: its picture differs from the truth
+    /// only by rounding.
     pub fn quality(&self) -> Plot {
         let point = |mean: &Mean| (mean.count < self.splats).then_some((f64::from(mean.count), mean.psnr_db));
         self.plot("Quality of a budget of splats", splats(), psnr(), point)
@@ -109,13 +110,13 @@ impl Swept {
         self.plot("Time of a budget of splats", splats(), milliseconds(), point)
     }
 
-    /// Plots PSNR over time, without all splats.
+    /// Plots PSNR over time, without the step that draws all splats.
     pub fn trade(&self) -> Plot {
         let point = |mean: &Mean| (mean.count < self.splats).then_some((mean.gpu_ms?, mean.psnr_db));
         self.plot("What a millisecond buys", milliseconds(), psnr(), point)
     }
 
-    /// Plots the phases' shares of a frame over the number of splats, for the first ones of the file.
+    /// Plots the phases' shares of a frame over the number of splats, for [`Choice::FileOrder`].
     pub fn shares(&self) -> Plot {
         let means = self.means(Choice::FileOrder);
         let names: BTreeSet<&String> =
@@ -137,7 +138,7 @@ impl Swept {
         }
     }
 
-    /// Plots the time of the draw over the fragments of the approach, with the line through it.
+    /// Plots the time of the draw over the fragments of the approach, with the fitted line.
     pub fn approach(&self) -> Plot {
         let drawn = |step: &Closer| {
             let (x, y) = (step.fragments as f64 / 1e6, blending(step.time.as_ref()?)?);
@@ -162,7 +163,7 @@ impl Swept {
         }
     }
 
-    /// Lists the plots by their files' names. Those of times are left out without times.
+    /// Lists the plots with their file names. Plots of time are left out without timestamps.
     pub fn plots(&self) -> Vec<(&'static str, Plot, &'static str)> {
         let all = [
             (
@@ -187,7 +188,7 @@ impl Swept {
         named.filter(|(_, plot, _)| plot.series.iter().any(|series| !series.points.is_empty())).collect()
     }
 
-    /// Sets the table for a terminal: a step in a line, in the mean over the views.
+    /// Formats the table for a terminal: one step per line, averaged over the views.
     pub fn table(&self) -> String {
         text::table(&std::iter::once(self.header()).chain(self.rows()).collect::<Vec<_>>())
     }
@@ -344,7 +345,7 @@ impl Swept {
         Choice::ALL.iter().filter(|choice| !self.means(**choice).is_empty()).count()
     }
 
-    /// Sentences about the numbers: the best choice at a quarter of the splats, and the loss of the naive one.
+    /// Formulates the findings: the best choice at a quarter of the splats, and the loss of the naive one.
     fn findings(&self) -> Vec<String> {
         let quarter = self.splats / 4;
         let at = |choice: Choice| {
@@ -365,10 +366,10 @@ impl Swept {
     }
 }
 
-/// The phases of the graphs that take time that changes with the splats.
+/// Phases whose time depends on the number of splats.
 const PHASES: [&str; 5] = ["project", "sort", "bin", "draw", "rasterise"];
 
-/// Measures the line of an approach, and gathers the sweep.
+/// Fits the line of an approach, and makes the sweep.
 pub fn gather(
     (scene, splats): (String, u32),
     pipeline: String,

@@ -14,13 +14,13 @@ use splatgraph_api::Device;
 /// The request of the study.
 #[derive(Clone, Debug)]
 pub struct Wanted {
-    /// The graph, and its parameters.
+    /// The graph.
     pub pipeline: String,
-    /// See `pipeline`.
+    /// Names and values of the graph's parameters.
     pub set: Vec<(String, String)>,
-    /// Steps, each with half the splats of the one before.
+    /// Number of steps, each with half the splats of the previous one.
     pub steps: u32,
-    /// The numbers of frames.
+    /// Numbers of frames and rounds.
     pub frames: Frames,
 }
 
@@ -46,14 +46,14 @@ pub fn study<D: Device>(
     Ok((study.gather(subject, wanted, steps, closer), shown))
 }
 
-/// The session that draws all splats, and what its graph can do.
+/// The session that draws all splats, and the abilities of its graph.
 pub struct Study<D> {
     whole: Session<D>,
-    /// The numbers of splats.
+    /// Numbers of splats of the steps.
     counts: Vec<u32>,
     /// The parameters of [`Choice::Nearest`], if the graph has them.
     nearest: Option<Vec<(String, String)>>,
-    /// True if the graph stops before the last fragment.
+    /// True if the graph stops a pixel early, once it is opaque.
     stops: bool,
 }
 
@@ -84,7 +84,7 @@ impl<D: Device> Study<D> {
         Ok(Study { whole, counts, nearest, stops })
     }
 
-    /// The session that draws all splats.
+    /// Returns the session that draws all splats.
     pub fn session(&self) -> &Session<D> {
         &self.whole
     }
@@ -143,7 +143,7 @@ impl<D: Device> Study<D> {
         approach::measure(&mut self.whole, &closer, self.stops, effort, &mut progress)
     }
 
-    /// Joins the numbers.
+    /// Combines the measurements of all views.
     pub fn gather(
         &self,
         subject: &Subject<D>,
@@ -155,7 +155,7 @@ impl<D: Device> Study<D> {
         gather(scene, wanted.pipeline.clone(), subject.device_name(), steps, closer)
     }
 
-    /// Makes the progress of the whole study, after so many views.
+    /// Makes the progress of the whole study, after `views` views are done.
     fn progress<'a>(&self, subject: &Subject<D>, views: usize, listener: &'a mut dyn Listener) -> Steps<'a> {
         let per_view = 1 + Choice::ALL.len() * (self.counts.len() - 1);
         let of = per_view * subject.cameras.len() + approach::STEPS.len();

@@ -13,40 +13,40 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Everything that decides the numbers of a ledger, besides the plan of each setting ([`Row::plan`]). Rows of another origin are not
-/// mixed with it.
+/// Everything that determines the numbers of a ledger, besides the plan of each setting ([`Row::plan`]). A ledger holds
+/// rows of one origin only.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// The program's version.
     pub version: String,
-    /// A hash of the program's file: the exact renderer and the metrics are in it.
+    /// Hash of the executable, which contains the exact renderer and the metrics.
     pub program: String,
-    /// The scene's file, and its number of splats.
+    /// The scene's file.
     pub scene: String,
-    /// See `scene`.
+    /// Number of splats in the scene.
     pub splats: u32,
-    /// A hash of the scene's contents.
+    /// Hash of the scene's contents.
     pub content: String,
-    /// The cameras, as in cameras.json, with the size of their pictures.
+    /// Cameras, as in cameras.json, with the size of their pictures.
     pub cameras: Json,
     /// The graph.
     pub pipeline: String,
     /// Parameters that have a value in every setting.
     #[serde(default)]
     pub set: Vec<(String, String)>,
-    /// A hash of the plans of its exact settings, which all times are shares of.
+    /// Hash of the plans of the exact settings, whose times all shares are relative to.
     pub exact: String,
-    /// The truth: `reference`, or the folder of the pictures.
+    /// `reference` for the exact renderer's pictures, or the folder of the true pictures.
     pub truth: String,
-    /// A hash of the pixels of the folder's pictures; empty for `reference`.
+    /// Hash of the pixels of the folder's pictures; empty for `reference`.
     pub truth_content: String,
     /// The device and its driver.
     pub device: String,
-    /// The facts of the device, and the checks that it was opened with.
+    /// Facts of the device, and the checks that are enabled on it.
     pub opened: String,
-    /// Rounds of frames, at most.
+    /// Maximum number of rounds.
     pub rounds: u32,
-    /// Frames in a round; `None` where the time of a frame decides.
+    /// Frames per round; `None` if chosen from the time of a frame.
     pub frames: Option<u32>,
 }
 
@@ -59,7 +59,7 @@ impl Origin {
         format!("{name}, {}", self.pipeline)
     }
 
-    /// Lists the differences from another origin, for people.
+    /// Lists the differences from another origin, as text for the user.
     pub fn changes(&self, other: &Origin) -> Vec<&'static str> {
         let differs = [
             ("program", self.version != other.version || self.program != other.program),
@@ -97,7 +97,7 @@ pub struct Ledger {
     pub rows: Vec<Row>,
 }
 
-/// A ledger that is kept in a file as it grows.
+/// A ledger that is saved to a file as rows are added.
 pub struct Book {
     /// The rows so far.
     pub ledger: Ledger,
@@ -105,10 +105,11 @@ pub struct Book {
 }
 
 impl Book {
-    /// Opens the ledger in a file, with the rows whose plans have not changed; an empty ledger if the file has another origin.
+    /// Opens the ledger in a file, with the rows whose plans have not changed; an empty ledger if the file has another
+    /// origin.
     ///
-    /// `plans` are the settings, each with the hash of its plans. The second value says which rows of the file are not kept, and why. The
-    /// file itself stays as it is until the first row is added. Without a path, nothing is kept.
+    /// `plans` are the settings, each with the hash of its plans. The second value is the reason that rows of the file
+    /// are dropped. The file stays unchanged until the first row is added. Without a path, nothing is saved.
     pub fn open(
         path: Option<PathBuf>,
         origin: Origin,
@@ -144,7 +145,7 @@ impl Book {
         self.row(setting, camera).is_some()
     }
 
-    /// Returns the milliseconds that the shares of a view are of; `None` before its first row, or without timestamps.
+    /// Returns the exact settings' milliseconds in a view; `None` before its first row, or without timestamps.
     pub fn exact_ms(&self, camera: &str) -> Option<f64> {
         let first = self.ledger.rows.iter().find(|row| row.camera == camera && row.found.is_ok())?;
         Some(first.found.as_ref().ok()?.time.as_ref()?.exact_ms)
@@ -154,9 +155,9 @@ impl Book {
         self.ledger.rows.iter().find(|row| row.setting == setting && row.camera == camera)
     }
 
-    /// Adds a row behind those of its camera and of earlier cameras, and writes the file.
+    /// Adds a row behind the rows of its camera and of earlier cameras, and writes the file.
     ///
-    /// The order of the rows is thus that of the cameras, however many processes measured them, in whichever order.
+    /// Rows are thus in the order of the cameras, regardless of how many processes measured them and in which order.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -171,43 +172,43 @@ impl Book {
     }
 }
 
-/// A setting over all of its views.
+/// A setting summarised over its views.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Line {
     /// The setting's name.
     pub setting: String,
     /// Mean of the views' times, in milliseconds.
     pub gpu_ms: Option<f64>,
-    /// Largest spread of a view, in milliseconds.
+    /// Largest spread of any view, in milliseconds.
     pub spread_ms: Option<f64>,
-    /// Mean of the views' shares of the exact settings' time, with the range of the noise.
+    /// Mean of the views' shares of the exact settings' time, with its range.
     pub share: Option<Share>,
     /// PSNR of the mean squared error of all views, in decibels; infinite for equal pictures.
     pub psnr_db: f64,
-    /// PSNR of the covered pixels, in decibels; infinite for equal pictures.
+    /// PSNR of the covered pixels over all views, in decibels; infinite for equal pictures.
     pub covered_psnr_db: f64,
-    /// Least SSIM of a view.
+    /// Lowest SSIM of any view.
     pub ssim: Option<f64>,
     /// Mean FLIP.
     pub flip: f64,
     /// Largest difference of a channel in any view.
     pub worst: f64,
-    /// Mean share of pixels that are off by more than 1/255.
+    /// Mean share of pixels with a channel off by more than 1/255.
     pub off: f64,
     /// Pairs of splats in the wrong order, in all views.
     pub inversions: Option<u64>,
-    /// Least share of the host's time of a frame in which the device drew.
+    /// Lowest share of the host's frame time during which the device draws.
     pub busy: Option<f64>,
-    /// Most bytes on the device.
+    /// Largest memory on the device in any view, in bytes.
     pub gpu_bytes: u64,
-    /// The phases: a name, the mean of the views' milliseconds, and the largest spread of a view.
+    /// Phases: name, mean milliseconds over the views, and largest spread of any view.
     pub phases: Vec<(String, f64, f64)>,
-    /// The place among the others.
+    /// Position relative to the Pareto front.
     pub mark: Mark,
 }
 
 impl Ledger {
-    /// Returns the camera in which a setting is farthest from the truth, with its PSNR; `None` if it was not drawn.
+    /// Returns the camera with a setting's lowest PSNR, and that PSNR; `None` if it was not drawn.
     pub fn farthest(&self, setting: &str) -> Option<(&str, Option<f64>)> {
         let rows = self.rows.iter().filter(|row| row.setting == setting);
         let drawn =
@@ -225,7 +226,8 @@ impl Ledger {
         output::write_bytes(path, format!("{text}\n").as_bytes())
     }
 
-    /// Sums the rows of each setting up, in the order of the rows; settings that failed come as their message.
+    /// Summarises the rows of each setting, in the order of the rows; also lists the settings that failed, with their
+    /// messages.
     pub fn lines(&self) -> (Vec<Line>, Vec<(String, String)>) {
         let mut names: Vec<&str> = Vec::new();
         for row in &self.rows {
@@ -281,7 +283,7 @@ fn line(name: &str, views: &[&Measured]) -> Line {
     }
 }
 
-/// Sums the phases of all views up.
+/// Summarises each phase over all views.
 fn phases(times: &[&Time]) -> Vec<(String, f64, f64)> {
     let names: BTreeSet<&String> = times.iter().flat_map(|time| time.phases.keys()).collect();
     let of = |name: &String| {
@@ -299,7 +301,7 @@ pub(super) fn phase_names(lines: &[Line]) -> Vec<String> {
     names.into_iter().cloned().collect()
 }
 
-/// Widens the ranges of all lines by the noise of the exact settings against themselves, and marks the Pareto front.
+/// Widens the ranges of all lines to the noise floor of the exact settings, and marks the Pareto front.
 fn mark(lines: &mut [Line]) {
     let floor = lines.iter().find(|line| line.setting == EXACT).and_then(|exact| exact.share?.floor());
     for line in lines.iter_mut() {

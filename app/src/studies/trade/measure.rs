@@ -15,7 +15,7 @@ use splatgraph_api::Device;
 pub struct Row {
     /// The setting's name.
     pub setting: String,
-    /// A hash of its plans; `None` if one cannot be built.
+    /// Hash of its plans; `None` if one cannot be built.
     pub plan: Option<u64>,
     /// The camera's name.
     pub camera: String,
@@ -23,10 +23,11 @@ pub struct Row {
     pub found: Result<Measured, String>,
 }
 
-/// Factor of the most rounds for the exact settings against themselves: all rows depend on the noise that these show.
+/// Factor on the maximum number of rounds for the exact settings against themselves: all rows depend on their noise.
 const ROUNDS_OF_EXACT: u32 = 4;
 
-/// Measures a setting, which is the graph of `session`, its frames interleaved with those of `exact`. Returns the row and its picture.
+/// Measures a setting, which `session` draws, with frames interleaved with the exact settings'. Returns the row and its
+/// picture.
 ///
 /// # Errors
 /// The device fails. A setting that cannot be drawn gives a row with the reason, and no picture.

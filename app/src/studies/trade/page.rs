@@ -7,13 +7,13 @@ use crate::io::report::page::{Page, Row};
 use crate::io::report::plot::{Axis, Bar, Form, Plot, PlotError, Point, Series};
 use crate::studies::measurement::noise::Mark;
 
-/// Decibels above the most accurate picture at which a plot shows those that equal the truth.
+/// Decibels above the highest finite PSNR at which a plot shows settings that equal the truth.
 const ABOVE: f64 = 6.0;
 
 /// Plots time against PSNR, with the Pareto front joined and the dominated settings grey; `None` without times.
 ///
-/// Time is the share of the exact settings' in the same rounds, by which the front is chosen: milliseconds of settings that were
-/// measured one after the other differ with the device's load, too.
+/// Time is the share of the exact settings' in the same rounds, from which the front is computed. Milliseconds of
+/// settings that were measured one after the other also differ with the device's load.
 pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     let finite = lines.iter().map(|line| line.psnr_db).filter(|db| db.is_finite());
     let top = finite.fold(0.0, f64::max) + ABOVE;

@@ -1,7 +1,8 @@
-//! Keeps the pictures of a ledger, in a folder beside it: of each setting the view farthest from the truth, with its amplified difference.
+//! Keeps the pictures of a ledger in a folder beside it: for each setting, the view farthest from the truth and its
+//! amplified difference.
 //!
-//! The page of the ledger shows them when a reader clicks a setting. They are reduced, so that a ledger of a hundred settings stays below
-//! a hundred megabytes.
+//! The page of the ledger shows them when a reader clicks a setting. They are scaled down, so that a ledger of a
+//! hundred settings stays below a hundred megabytes.
 
 use super::ledger::Ledger;
 use super::measure::Row;
@@ -16,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 /// Largest width of a kept picture, in pixels.
 const WIDTH: usize = 640;
-/// Root mean square of an amplified difference, of 1: visible, and large errors stand out.
+/// Root mean square of an amplified difference (white is 1): visible, while large errors still stand out.
 const VISIBLE: f64 = 1.0 / 16.0;
 /// Name of the folder.
 pub const FOLDER: &str = "pictures";
@@ -28,7 +29,7 @@ pub struct Album {
 }
 
 impl Album {
-    /// Names the album of the ledger in this file.
+    /// Returns the album of the ledger in this file.
     pub fn beside(ledger: &Path) -> Album {
         Album { folder: Some(ledger.with_file_name(FOLDER)) }
     }
@@ -52,7 +53,7 @@ impl Album {
         Ok(())
     }
 
-    /// Copies the pictures of a setting from the album of the view that is farthest from the truth, if they are there.
+    /// Copies the pictures of a setting from the album of the view farthest from the truth, if they exist.
     ///
     /// # Errors
     /// A file cannot be written.
@@ -66,7 +67,7 @@ impl Album {
         Ok(())
     }
 
-    /// Lists the pictures of a setting: its own, the truth and the difference; none if one is missing.
+    /// Lists the pictures of a setting: its own, the truth and the difference; empty if one is missing.
     pub fn of(&self, ledger: &Ledger, setting: &str) -> Vec<Linked> {
         let (Some((camera, psnr_db)), Some(folder)) = (ledger.farthest(setting), &self.folder) else {
             return Vec::new();
@@ -86,13 +87,13 @@ impl Album {
     }
 }
 
-/// Returns the power of two that makes a difference of this PSNR visible; 1 for equal pictures.
+/// Returns the power of two that makes a difference with this PSNR visible; 1 for equal pictures.
 fn gain(psnr_db: Option<f64>) -> f64 {
     let rms = squared_error(psnr_db).sqrt();
     if rms > 0.0 { (VISIBLE / rms).log2().round().clamp(0.0, 20.0).exp2() } else { 1.0 }
 }
 
-/// Names the files of a setting: its picture, and its difference.
+/// Returns the file names of a setting: its picture, and its difference.
 fn files(setting: &str) -> [String; 2] {
     [format!("{}.png", stem(setting)), format!("{}.difference.png", stem(setting))]
 }

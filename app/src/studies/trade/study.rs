@@ -23,26 +23,26 @@ pub struct Wanted {
     pub pipeline: String,
     /// Parameters that have a value in every setting.
     pub set: Vec<(String, String)>,
-    /// Beginnings of the names of the settings to measure; empty for all.
+    /// Prefixes of the names of the settings to measure; empty for all.
     pub only: Vec<String>,
-    /// The numbers of frames.
+    /// Numbers of frames and rounds.
     pub frames: Frames,
-    /// True pictures, one for each camera, with a name of them all; `None` for the exact renderer's.
+    /// True pictures, one per camera, with a common name; `None` for the exact renderer's.
     pub truths: Option<(String, Vec<Image>)>,
-    /// Description of the opened device: a ledger keeps no rows of one that was opened otherwise.
+    /// Facts and checks of the opened device: rows of a device opened differently are not kept.
     pub opened: String,
     /// The file of the ledger, from which an interrupted study resumes. Pictures of the settings go into a folder beside it. `None` keeps
     /// neither.
     pub file: Option<PathBuf>,
 }
 
-/// Views whose true pictures are kept at the same time.
+/// Maximum number of views whose true pictures are in memory at once.
 const VIEWS_AT_ONCE: usize = 8;
 
-/// Measures settings, and returns the ledger with the rows of all that were wanted.
+/// Measures the wanted settings, and returns the ledger with their rows.
 ///
 /// # Errors
-/// Those of [`Study::new`] and [`Study::measure`].
+/// As in [`Study::new`] and [`Study::measure`].
 pub fn study<D: Device>(
     subject: &Subject<D>,
     wanted: &Wanted,
@@ -57,9 +57,9 @@ pub fn study<D: Device>(
 
 /// The settings to measure, and the sessions that draw them.
 pub struct Study<D> {
-    /// The graph with every parameter at its exact value.
+    /// Draws the graph with every parameter at its exact value.
     exact: Session<D>,
-    /// A setting.
+    /// Draws the setting that is being measured.
     session: Session<D>,
     /// The settings, each with the hash of its plans; the exact ones first.
     settings: Vec<(Setting, Option<u64>)>,
@@ -70,7 +70,8 @@ impl<D: Device> Study<D> {
     /// Chooses the settings, and builds the plans of each.
     ///
     /// # Errors
-    /// The graph has errors, no setting has a name of [`Wanted::only`], the device fails, or the listener cancels.
+    /// The graph has errors, no setting's name begins with a prefix of [`Wanted::only`], the device fails, or the
+    /// listener cancels.
     pub fn new(
         subject: &Subject<D>,
         wanted: &Wanted,
@@ -88,12 +89,12 @@ impl<D: Device> Study<D> {
         Ok(Study { exact, session, settings, origin })
     }
 
-    /// Everything that the rows depend on.
+    /// Returns everything that the rows depend on.
     pub fn origin(&self) -> &Origin {
         &self.origin
     }
 
-    /// Opens a ledger, with its rows of an earlier run of the same origin.
+    /// Opens a ledger, with the rows of an earlier run of the same origin.
     pub fn book(&self, file: Option<PathBuf>, listener: &mut dyn Listener) -> Book {
         let plans: Vec<_> =
             self.settings.iter().map(|(setting, plan)| (setting.name.as_str(), *plan)).collect();
@@ -106,7 +107,7 @@ impl<D: Device> Study<D> {
         book
     }
 
-    /// Adds the missing rows of some views, which are indices of the subject's cameras, and their pictures.
+    /// Adds the missing rows and pictures of some views, given as indices of the subject's cameras.
     ///
     /// # Errors
     /// The device fails, a file cannot be written, or the listener cancels.
@@ -176,7 +177,7 @@ fn only(wanted: &Wanted, setting: &str) -> bool {
     wanted.only.is_empty() || wanted.only.iter().any(|name| setting.starts_with(name.as_str()))
 }
 
-/// Lists the settings, the exact ones first; an error if `only` names none of them.
+/// Lists the wanted settings, the exact ones first; an error if `only` matches none.
 fn chosen<D: Device>(
     wanted: &Wanted,
     session: &mut Session<D>,
@@ -234,7 +235,7 @@ fn content(pictures: &[Image]) -> String {
     format!("{:016x}", hash.finish())
 }
 
-/// The truth of a view: the exact renderer's, with the given picture instead of its own if there is one.
+/// Makes a view with the exact renderer's picture and order, or with the given picture instead.
 fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> View {
     let mut view = View::exact(scene, camera).with_order(scene);
     if let Some(picture) = picture {

@@ -23,7 +23,7 @@ pub(super) const COLUMNS: [&str; 13] = [
     "note",
 ];
 
-/// Returns the cells of a line, with as many digits as people read.
+/// Formats the cells of a line, rounded for reading.
 pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
     let optional = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
     let db = |value: f64| if value.is_finite() { format!("{value:.1}") } else { "equal".into() };
@@ -53,7 +53,7 @@ fn share(line: &Line) -> String {
     }
 }
 
-/// Says why a setting is not judged, or may be.
+/// Returns the note of a setting that is not judged, or not with certainty.
 fn note(mark: Mark) -> &'static str {
     match mark {
         Mark::Best | Mark::Beaten => "",
@@ -62,7 +62,7 @@ fn note(mark: Mark) -> &'static str {
     }
 }
 
-/// Returns the sign before a setting's name.
+/// Returns the symbol before a setting's name.
 pub(super) fn sign(mark: Mark) -> &'static str {
     match mark {
         Mark::Best => "*",
@@ -117,7 +117,7 @@ pub fn notes(lines: &[Line]) -> Vec<String> {
     notes
 }
 
-/// Sets lines as a table for a terminal; `*` marks the Pareto front, `?` lines that may be on it.
+/// Formats lines as a table for a terminal; `*` marks the Pareto front, `?` lines that may be on it.
 pub fn table(lines: &[Line]) -> String {
     let marked = |mark: &str, mut row: Vec<String>| {
         row[0].insert_str(0, mark);

@@ -26,35 +26,35 @@ mod tests;
 /// Default direction up: in the camera convention of the 3DGS reference, y points down.
 pub const DEFAULT_UP: DVec3 = DVec3::NEG_Y;
 
-/// Vertical fields of view that can be set, in degrees.
+/// Range of the vertical field of view that can be set, in degrees.
 pub const FIELDS_OF_VIEW: RangeInclusive<f64> = 5.0..=150.0;
 
 /// Duration of a flight to another camera, in seconds.
 const FLIGHT_SECONDS: f64 = 0.35;
-/// Orbiting and looking around, in radians per point of pointer motion.
+/// Angle of orbiting and looking around, in radians per point of pointer motion.
 const TURN_PER_POINT: f64 = 0.3 * std::f64::consts::PI / 180.0;
-/// Orbiting with the arrow keys, in radians per second.
+/// Angular speed of orbiting with the arrow keys, in radians per second.
 const TURN_PER_SECOND: f64 = std::f64::consts::FRAC_PI_3;
-/// Largest elevation of orbiting and looking around, in radians; beyond the pole, left and right would be exchanged.
+/// Maximum elevation of orbiting and looking around, in radians; beyond the pole, left and right would be swapped.
 const STEEPEST: f64 = 89.9 * std::f64::consts::PI / 180.0;
 /// Zoom per notch of the wheel: it divides the distance by `e` to this power.
 pub const ZOOM_PER_NOTCH: f64 = 0.15;
 /// Zoom per point of a drag, as an exponent of `e`.
 const ZOOM_PER_POINT: f64 = 0.01;
-/// Least and greatest distance to the pivot, in sizes of the scene.
+/// Minimum and maximum distance to the pivot, in sizes of the scene.
 const DISTANCES: (f64, f64) = (1e-6, 1e4);
-/// Greatest distance to the scene's centre, in sizes of the scene.
+/// Maximum distance to the scene's centre, in sizes of the scene.
 const FARTHEST: f64 = 1e6;
 /// Initial speed of flying, in sizes of the scene per second.
 const FLY_SPEED: f64 = 0.2;
 /// Factor of the flying speed per notch of the wheel.
 const SPEED_PER_NOTCH: f64 = 1.2;
-/// Least and greatest factor of the initial flying speed.
+/// Minimum and maximum factor on the initial flying speed.
 const SPEEDS: (f64, f64) = (1e-3, 1e3);
-/// Factor of the flying speed with Shift, divisor with Ctrl.
+/// Factor on the flying speed with Shift, and divisor with Ctrl.
 const HURRY: f64 = 4.0;
-/// Cosine between the camera's down and the world's up above which the camera is upside down. Cameras that look straight up or
-/// down are at 0, and are not.
+/// Cosine between the camera's down and the world's up above which the camera is upside down. It is 0 for a camera that
+/// looks straight up or down.
 const UPSIDE_DOWN: f64 = 1e-3;
 /// Share of the viewport that a framed scene may fill.
 const FILL: f64 = 0.92;
@@ -102,7 +102,7 @@ pub struct Modifiers {
     pub ctrl: bool,
 }
 
-/// Keys by effect, with their default place.
+/// Keys by effect, with their default physical keys.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Keys {
     /// W
@@ -180,7 +180,7 @@ impl Pose {
         self
     }
 
-    /// Changes the distance to the pivot by a factor of `e` to `exponent`.
+    /// Multiplies the distance to the pivot by `e` to the power of `exponent`.
     fn zoomed(mut self, exponent: f64, scale: f64) -> Pose {
         let pivot = self.pivot();
         let (nearest, farthest) = (DISTANCES.0 * scale, DISTANCES.1 * scale);
@@ -207,7 +207,7 @@ impl Pose {
     }
 }
 
-/// A destination: its pose, and the camera if it is one from a file.
+/// Destination of a flight: its pose, and the camera if it comes from a file.
 #[derive(Clone, Debug, PartialEq)]
 struct Goal {
     pose: Pose,
@@ -219,23 +219,24 @@ struct Goal {
 struct Flight {
     from: Pose,
     to: Goal,
-    /// Time since the first update; `None` before it. A window that was idle has not been updated for any time.
+    /// Time since the first update, in seconds; `None` before it. The time before, while the window was idle, does not
+    /// count.
     seconds: Option<f64>,
 }
 
-/// The state of the camera; see the module's documentation.
+/// Moves the camera; see the module's documentation.
 #[derive(Clone, Debug)]
 pub struct Navigation {
     pose: Pose,
-    /// The camera from a file, as long as nothing moved it, so that its picture has exactly the file's numbers.
+    /// Camera from a file until it is first moved, so that its picture uses exactly the file's numbers.
     unmoved: Option<Camera>,
     flight: Option<Flight>,
     start: Camera,
-    /// True if the field of view was set, and is to stay on the way to the first camera.
+    /// True if the user set the field of view, which then stays on return to the first camera.
     own_field_of_view: bool,
     up: DVec3,
     bounds: Bounds,
-    /// Size of the scene, in world units; lengths that are not in pixels are multiples of it.
+    /// Size of the scene, in world units; the unit of all lengths that are not in pixels.
     scale: f64,
     /// Factor of [`FLY_SPEED`].
     speed: f64,
@@ -243,7 +244,8 @@ pub struct Navigation {
 }
 
 impl Navigation {
-    /// Starts at the camera `start`, in a scene with its bulk in `bounds` (see [`splatgraph_assets::Scene::robust_bounds`]).
+    /// Starts at the camera `start`, in a scene with most of its splats in `bounds` (see
+    /// [`splatgraph_assets::Scene::robust_bounds`]).
     ///
     /// `up` is [`mean_up`] of the scene's cameras, or [`DEFAULT_UP`].
     pub fn new(bounds: &Bounds, start: &Camera, up: DVec3) -> Navigation {
@@ -284,7 +286,7 @@ impl Navigation {
         };
     }
 
-    /// Sets the direction up. A vector without a direction is ignored.
+    /// Sets the direction up. A zero or non-finite vector is ignored.
     pub fn set_up(&mut self, up: DVec3) {
         if let Some(up) = up.try_normalize() {
             self.up = up;
@@ -296,7 +298,7 @@ impl Navigation {
         self.up
     }
 
-    /// Sets if flights to another camera are animated (the default) or jumps.
+    /// Sets whether flights to another camera are animated (the default) or instant.
     pub fn set_animated(&mut self, animated: bool) {
         self.animated = animated;
         if !animated && let Some(flight) = self.flight.take() {
@@ -304,7 +306,7 @@ impl Navigation {
         }
     }
 
-    /// Returns true during a flight, when the next update moves the camera without input.
+    /// Returns true during a flight: the next update moves the camera even without input.
     pub fn is_moving(&self) -> bool {
         self.flight.is_some()
     }
@@ -329,9 +331,10 @@ impl Navigation {
         2.0 * self.goal_of(&self.start).pose.tan_y.atan().to_degrees()
     }
 
-    /// Sets the vertical field of view, in degrees, clamped to [`FIELDS_OF_VIEW`]; NaN is ignored. The camera stays in place.
+    /// Sets the vertical field of view, in degrees, clamped to [`FIELDS_OF_VIEW`]; NaN is ignored. The camera stays in
+    /// place.
     ///
-    /// Framing the scene and returning to the first camera keep it; a camera that is selected brings its own.
+    /// Framing the scene and returning to the first camera keep it; selecting a camera replaces it.
     pub fn set_field_of_view(&mut self, degrees: f64) {
         if degrees.is_nan() {
             return;
@@ -347,7 +350,8 @@ impl Navigation {
 
     /// Returns the current camera for a picture of this size; a length of 0 counts as 1.
     ///
-    /// Until input moves it, a camera from a file is [resized](Camera::resized) only: in its own size it keeps every bit.
+    /// Until input moves it, a camera from a file is only [resized](Camera::resized): at its own size, it is
+    /// bit-identical.
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let (width, height) = (width.max(1), height.max(1));
         if let Some(camera) = &self.unmoved {
@@ -367,7 +371,7 @@ impl Navigation {
         }
     }
 
-    /// Goes to a camera; the vertical field of view stays, and a wider view shows more at the sides.
+    /// Flies to a camera; the vertical field of view stays, and a wider view shows more at the sides.
     ///
     /// The pivot becomes the point of the camera's axis that is nearest to the scene's centre, if that is ahead.
     pub fn set_camera(&mut self, camera: &Camera) {
@@ -389,7 +393,7 @@ impl Navigation {
         self.go_to(goal);
     }
 
-    /// Returns to the first camera, with the field of view that was set, if one was.
+    /// Returns to the first camera, with the field of view that the user set, if any.
     pub fn home(&mut self) {
         let mut goal = self.goal_of(&self.start);
         if self.own_field_of_view {
@@ -402,7 +406,7 @@ impl Navigation {
 
     /// Applies the input; returns true if the camera moved.
     ///
-    /// A flight to another camera goes on until other input ends it in place.
+    /// A flight to another camera continues until other input stops it.
     pub fn update(&mut self, input: &Input) -> bool {
         let before = (self.pose, self.unmoved.is_some());
         let input = Input {
@@ -469,7 +473,7 @@ impl Navigation {
         pose
     }
 
-    /// Limits the pose's distance from the scene, to keep precision.
+    /// Limits the pose's distance from the scene, to preserve precision.
     fn confined(&self, mut pose: Pose) -> Pose {
         let middle = DVec3::from(self.bounds.center());
         let farthest = (FARTHEST * self.scale).max((self.pose.position - middle).length());

@@ -1,4 +1,4 @@
-//! Defines the pictures below the user interface: their place and their comparison.
+//! Defines the pictures below the user interface: their position and their comparison.
 
 use bytemuck::{Pod, Zeroable};
 use splatgraph_api::{BufferContents, FrameInputs, Picture, ROWS_ALIGNMENT};
@@ -11,10 +11,11 @@ pub const WINDOW: &str = "frame.window";
 /// Size of the uniform block, in bytes.
 pub const WINDOW_BYTES: u64 = size_of::<Block>() as u64;
 
-/// Name of the buffer with the arguments of the draws of the view: one for each part of picture A, and one for all else.
+/// Name of the buffer with the arguments of the view's draws: one for each part of picture A, and one for everything
+/// else.
 pub const VIEW_DRAW: &str = "frame.view_draw";
-/// Names of the buffers with the pixels of picture A and B, packed. Each has parts of so many rows that no part is larger than
-/// a storage binding may be.
+/// Names of the buffers with the pixels of pictures A and B, packed. Each picture is split into parts of whole rows, so
+/// that no part exceeds the maximum size of a storage binding.
 pub const PICTURES: [[&str; PARTS]; 2] = [
     ["frame.picture_a0", "frame.picture_a1", "frame.picture_a2", "frame.picture_a3"],
     ["frame.picture_b0", "frame.picture_b1", "frame.picture_b2", "frame.picture_b3"],
@@ -22,7 +23,7 @@ pub const PICTURES: [[&str; PARTS]; 2] = [
 /// Number of parts of a picture.
 pub const PARTS: usize = 4;
 
-/// Bytes that a storage binding can have on every device.
+/// Maximum size of a storage binding that every device supports, in bytes.
 const BINDING: usize = 128 << 20;
 
 /// A picture to show, drawn by a plan or packed by the host (as [`BufferContents::Bytes`]).
@@ -48,7 +49,7 @@ impl From<Picture> for Shown {
 /// The comparison of two pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
-    /// A without B.
+    /// A alone.
     #[default]
     A,
     /// A to the left of a line, B to the right.
@@ -65,7 +66,7 @@ pub enum Mode {
 pub struct Composition {
     /// Width and height of the window, in pixels.
     pub window: [u32; 2],
-    /// Place of the view in the window: left, top, width, height in pixels.
+    /// Rectangle of the view in the window: left, top, width, height in pixels.
     pub view: [u32; 4],
     /// Picture A.
     pub a: Option<Shown>,
@@ -73,7 +74,7 @@ pub struct Composition {
     pub b: Option<Shown>,
     /// The comparison of A and B.
     pub mode: Mode,
-    /// Position of the split line, from 0 at the view's left border to 1 at its right one.
+    /// Position of the split line, from 0 at the view's left border to 1 at its right border.
     pub split: f32,
     /// Amplification of the difference.
     pub amplification: f32,
@@ -121,7 +122,8 @@ impl Composition {
         bytemuck::bytes_of(&block).to_vec()
     }
 
-    /// Packs the arguments of the draws of the view: each part of a picture that stands in it pixel by pixel, or everything else.
+    /// Packs the arguments of the view's draws: for each part of a picture shown pixel by pixel, and for everything
+    /// else.
     pub(super) fn draws(&self) -> [[u32; 4]; PARTS + 1] {
         let [_, _, width, height] = self.view;
         let plain = self.a.as_ref().filter(|a| {
@@ -135,7 +137,7 @@ impl Composition {
         draws
     }
 
-    /// Adds the block, the pictures and their draws to a frame's inputs.
+    /// Adds the uniform block, the pictures and their draws to a frame's inputs.
     pub fn give(&self, inputs: &mut FrameInputs) {
         inputs.uniforms.insert(WINDOW.to_owned(), self.bytes());
         inputs.buffers.insert(VIEW_DRAW.to_owned(), BufferContents::Bytes(bytes(&self.draws())));
@@ -151,7 +153,8 @@ impl Composition {
 }
 
 impl Shown {
-    /// Returns the rows of each part but the last. Pixels from the host are one part, if a storage binding can be so large.
+    /// Returns the number of rows of each part but the last. Pixels from the host are one part if they fit in a storage
+    /// binding.
     fn rows_per_part(&self) -> u32 {
         match &self.pixels {
             BufferContents::Bytes(bytes) if bytes.len() <= BINDING => self.height,
@@ -160,14 +163,14 @@ impl Shown {
         }
     }
 
-    /// Returns the first row of a part and the number of its rows; none for a part that the picture does not need.
+    /// Returns the first row of a part and its number of rows; `None` for a part that the picture does not need.
     fn rows(&self, part: u32) -> Option<(u32, u32)> {
         let rows = self.rows_per_part();
         let first = part.checked_mul(rows).filter(|first| *first < self.height)?;
         Some((first, rows.min(self.height - first)))
     }
 
-    /// Returns the contents of a part; none for one that the picture does not need.
+    /// Returns the contents of a part; `None` for a part that the picture does not need.
     fn part(&self, part: u32) -> Option<BufferContents> {
         let (first, count) = self.rows(part)?;
         Some(match &self.pixels {
@@ -196,7 +199,7 @@ fn shape(picture: &Option<Shown>) -> [u32; 4] {
     [*width, *height, format, shown.rows_per_part().max(1)]
 }
 
-/// Copies the elements' bytes; without elements, the bytes of a zero element, because no buffer may be empty.
+/// Copies the elements' bytes; for no elements, returns the bytes of one zero element, because no buffer may be empty.
 pub(super) fn bytes<T: Pod>(elements: &[T]) -> Arc<Vec<u8>> {
     let none = [T::zeroed()];
     let elements = if elements.is_empty() { &none } else { elements };

@@ -1,8 +1,8 @@
-//! Finds the areas of a window that must be drawn again: its damage.
+//! Finds the areas of a window that must be redrawn: its damage.
 //!
-//! The view is drawn in every frame, since its pictures are new. Around it are four strips, above, left of, right of and below it. In
-//! each of them, one rectangle is drawn again: around the meshes that are there and were not, or were and are not. So areas never overlap, and what
-//! is blended is blended once.
+//! The view is drawn in every frame, since its pictures are new. Around it are four strips: above, left of, right of
+//! and below it. In each strip, one rectangle is redrawn: the bounds of the meshes that were added or removed. So areas
+//! never overlap, and each pixel is blended once.
 
 use super::Composition;
 use super::textures::Texture;
@@ -20,10 +20,10 @@ pub struct Area {
 }
 
 impl Area {
-    /// The area of nothing.
+    /// The empty area.
     const NONE: Area = Area { first: [f32::INFINITY; 2], beyond: [f32::NEG_INFINITY; 2] };
 
-    /// Finds the whole pixels around some points.
+    /// Returns the whole pixels around some points.
     pub fn around(points: impl Iterator<Item = [f32; 2]>) -> Area {
         let mut area = Area::NONE;
         for point in points {
@@ -58,12 +58,12 @@ impl Area {
     }
 }
 
-/// Holds the area of a mesh, and a hash that tells it from others.
+/// The area of a mesh, and a hash of its content.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Piece {
-    /// The pixels that it may change.
+    /// Pixels that the mesh may change.
     pub bounds: Area,
-    /// Its texture.
+    /// Texture of the mesh.
     pub texture: Texture,
     hash: u64,
 }
@@ -82,7 +82,7 @@ impl Piece {
     }
 }
 
-/// A user interface over a composition.
+/// A user interface over a composition, described for comparison with the next.
 #[derive(Clone, Debug)]
 pub struct Interface {
     window: [u32; 2],
@@ -93,13 +93,13 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// Holds the meshes, in their order.
+    /// Describes an interface with these meshes, in drawing order.
     pub fn new(under: &Composition, texels: Arc<Vec<u8>>, pieces: Vec<Piece>) -> Interface {
         let Composition { window, view, background, .. } = *under;
         Interface { window, view, background, texels, pieces }
     }
 
-    /// Returns true for an interface of the same look.
+    /// Returns true if `other` looks the same.
     pub fn is(&self, other: &Interface) -> bool {
         self.is_placed_as(other) && self.pieces == other.pieces
     }
@@ -110,7 +110,8 @@ impl Interface {
             && Arc::ptr_eq(&other.texels, &self.texels)
     }
 
-    /// Lists the areas to draw over a window that shows `former`, each with true if its background must also be drawn.
+    /// Lists the areas to draw over a window that shows `former`, each with a flag: true if its background must also be
+    /// drawn.
     pub fn areas(&self, former: Option<&Interface>) -> Vec<(Area, bool)> {
         let [width, height] = self.window.map(|side| side as f32);
         let [left, top, across, down] = self.view.map(|length| length as f32);
@@ -138,7 +139,7 @@ impl Interface {
     }
 }
 
-/// Iterates over the meshes that are in one list and not at the same place in the other; if one is longer, over all between the
+/// Iterates over the meshes that differ at the same index of the two lists; if the lengths differ, over all between the
 /// common start and the common end.
 fn changed<'a>(before: &'a [Piece], now: &'a [Piece]) -> impl Iterator<Item = &'a Piece> {
     let same = |(a, b): &(&Piece, &Piece)| a == b;

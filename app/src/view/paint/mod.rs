@@ -1,12 +1,12 @@
 //! Converts egui's output to the buffers of the window's graph.
 //!
-//! A render graph, [`GRAPH`], draws the window from buffers that come with every frame. egui emits clipped triangle meshes and
-//! changes of textures; [`Painter::paint`] packs the meshes one after another, keeps all textures in one buffer of texels, and
-//! writes the arguments of one indirect draw. The vertex shader fetches vertices by index; the fragment shader clips and
-//! filters. A [`Composition`] defines the pictures below the user interface.
+//! A render graph, [`GRAPH`], draws the window from buffers that each frame supplies. egui emits clipped triangle
+//! meshes and changes of textures. [`Painter::paint`] concatenates the meshes, keeps all textures in one buffer of
+//! texels, and writes the arguments of one indirect draw. The vertex shader fetches vertices by index; the fragment
+//! shader clips and filters. A [`Composition`] defines the pictures below the user interface.
 //!
-//! The graph keeps the window's picture and draws only what changed: the view, whose pictures are new in every frame, and the
-//! rectangles around other changed meshes (`damage`). Each is drawn from its background up.
+//! The graph keeps the window's picture and draws only the changes: the view, whose pictures are new in every frame,
+//! and the rectangles around other changed meshes (`damage`). Each is drawn from its background up.
 //!
 //! The structs here match `shaders/window/ui.glsl` and `shaders/window/window.glsl`.
 
@@ -34,7 +34,7 @@ pub const GRAPH: &str = "view/window";
 
 /// Name of the buffer with the vertices of all meshes.
 pub const VERTICES: &str = "frame.ui_vertices";
-/// Name of the buffer with their indices, three per triangle, counted through all meshes.
+/// Name of the buffer with the indices, three per triangle, counted across all meshes.
 pub const INDICES: &str = "frame.ui_indices";
 /// Name of the buffer with the clip rectangle and texture of each mesh.
 pub const CLIPS: &str = "frame.ui_clips";
@@ -52,11 +52,11 @@ struct Vertex {
     uv: [f32; 2],
     /// Red, green, blue, alpha.
     colour: [u8; 4],
-    /// Index of the clip.
+    /// Index of the mesh's [`Clip`].
     clip: u32,
 }
 
-/// The clip rectangle of a mesh, and its texture.
+/// Clip rectangle and texture of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 struct Clip {
@@ -83,17 +83,17 @@ pub fn offer(catalog: &mut Catalog) {
     catalog.uniforms.insert(WINDOW.to_owned(), WINDOW_BYTES);
 }
 
-/// A packer of egui's meshes and textures, one per egui context.
+/// Packs egui's meshes and textures; one per egui context.
 #[derive(Debug, Default)]
 pub struct Painter {
     textures: Textures,
-    /// The interface that the window shows; none if that is unknown.
+    /// The interface that the window shows; `None` if unknown.
     shown: Option<Interface>,
-    /// The one that was packed last.
+    /// The interface that was packed last.
     packed: Option<Interface>,
 }
 
-/// The buffers of one frame's user interface. Each has at least one element, which an empty interface does not draw.
+/// The buffers of one frame's user interface. Each has at least one element; that of an empty interface is not drawn.
 #[derive(Clone, Debug)]
 pub struct Painted {
     vertices: Arc<Vec<u8>>,
@@ -120,10 +120,11 @@ impl Painted {
 }
 
 impl Painter {
-    /// Packs the output of one pass of egui: all of `FullOutput::textures_delta`, and the meshes of `Context::tessellate`.
+    /// Packs the output of one pass of egui: all of `FullOutput::textures_delta`, and the meshes of
+    /// `Context::tessellate`.
     ///
-    /// `pixels_per_point` is the scale of the meshes. Of the interface over a composition, packs what differs from the one that the
-    /// window shows: see [`Painter::drawn`].
+    /// `pixels_per_point` is the scale of the meshes. Packs only the part of the interface that differs from the one in
+    /// the window: see [`Painter::drawn`].
     pub fn paint(
         &mut self,
         mut changes: TexturesDelta,
@@ -181,12 +182,12 @@ impl Painter {
         painted
     }
 
-    /// Records that the window shows the interface that was packed last.
+    /// Records that the window shows the last packed interface.
     pub fn drawn(&mut self) {
         self.shown = self.packed.take();
     }
 
-    /// Returns true if the interface that was packed last differs from the one that the window shows.
+    /// Returns true if the last packed interface differs from the one in the window.
     pub fn differs(&self) -> bool {
         match (&self.packed, &self.shown) {
             (Some(packed), Some(shown)) => !packed.is(shown),

@@ -1,7 +1,8 @@
 //! Packs the texels of all of egui's textures into one buffer.
 //!
-//! A texture takes a run of texels, rows from top to bottom, in the first gap that is large enough. The bytes are in an [`Arc`]
-//! that is replaced only when a texel changes, so that a caller with the same one need not copy it again.
+//! A texture occupies consecutive texels, row by row from the top, in the first gap that is large enough. The bytes are
+//! in an [`Arc`] that is replaced only when a texel changes, so that a caller that holds the same [`Arc`] need not copy
+//! them again.
 
 use bytemuck::{Pod, Zeroable};
 use egui::epaint::textures::TextureFilter;
@@ -17,7 +18,7 @@ pub const SMOOTH_MAGNIFIED: u32 = 1;
 /// Flag for linear filtering of minified textures.
 pub const SMOOTH_MINIFIED: u32 = 2;
 
-/// The place of a texture among the texels, in the shader's layout.
+/// Location of a texture among the texels, in the shader's layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Texture {
@@ -41,7 +42,7 @@ impl Texture {
     }
 }
 
-/// The texels of all textures and their places.
+/// Texels of all textures, and their locations.
 #[derive(Debug)]
 pub struct Textures {
     texels: Arc<Vec<u8>>,
@@ -56,7 +57,7 @@ impl Default for Textures {
 }
 
 impl Textures {
-    /// Returns the place of a texture; `None` if it has no texels.
+    /// Returns the location of a texture; `None` if it has no texels.
     pub fn get(&self, id: TextureId) -> Option<Texture> {
         self.known.get(&id).copied().filter(|texture| texture.count() > 0)
     }
@@ -66,7 +67,7 @@ impl Textures {
         self.texels.clone()
     }
 
-    /// Creates and changes textures, each by its list in order.
+    /// Creates and changes textures. The changes of each are applied in order.
     pub fn set<L: IntoIterator<Item = ImageDelta>>(
         &mut self,
         changes: impl IntoIterator<Item = (TextureId, L)>,
@@ -86,7 +87,7 @@ impl Textures {
         self.texels = Arc::new(texels);
     }
 
-    /// Frees textures. Later ones reuse their space.
+    /// Frees textures. Later textures reuse their space.
     pub fn free(&mut self, ids: impl IntoIterator<Item = TextureId>) {
         for id in ids {
             self.known.remove(&id);
@@ -132,7 +133,7 @@ impl Textures {
         }
     }
 
-    /// Finds the first gap of `count` texels between textures, or their end.
+    /// Finds the first gap of `count` texels between textures, or the end of the last.
     fn room(&self, count: usize) -> usize {
         let mut taken: Vec<&Texture> = self.known.values().collect();
         taken.sort_by_key(|texture| texture.texels);

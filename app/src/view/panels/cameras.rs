@@ -21,7 +21,7 @@ enum Act {
     Down,
 }
 
-/// Draws the tool. `selected` is the viewport whose picture the command draws.
+/// Draws the tool. The command draws the picture of the viewport `selected`.
 pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, selected: RendererId, controls: &mut Controls) {
     field_of_view(ui, viewer, controls);
     ui.horizontal_wrapped(|ui| {
@@ -162,7 +162,7 @@ fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls)
     fact(ui, "Speed", "constant, turns count as ways");
 }
 
-/// Draws the button that asks for a file of cameras.
+/// Draws the button that opens the dialog for a file of cameras.
 fn read_button(ui: &mut Ui, role: CameraRole, about: &str, controls: &mut Controls) {
     if hint(ui.button("Read a file…"), about).clicked() {
         controls.commands.push(Command::OpenCameras(role));

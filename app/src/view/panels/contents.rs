@@ -12,7 +12,7 @@ use splatgraph_api::Device;
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
 
-/// The state that a frame of the inspector may change.
+/// State that the inspector may change while it is drawn.
 pub struct Target<'a> {
     /// The selection.
     pub selection: &'a mut Option<Selection>,
@@ -20,7 +20,7 @@ pub struct Target<'a> {
     pub controls: &'a mut Controls,
     /// State of the measurement of the device's copy limit.
     pub copy: Copy,
-    /// Set to true to measure it.
+    /// Set to true to start the measurement.
     pub measure: &'a mut bool,
 }
 
@@ -29,19 +29,20 @@ pub struct Target<'a> {
 pub enum Copy {
     /// Not measured.
     Unknown,
-    /// The measurement runs.
+    /// The measurement is running.
     Measuring,
-    /// 10^9 bytes per second, read and written.
+    /// Bandwidth in 10^9 bytes per second, read and written.
     Known(f64),
 }
 
-/// Number of lines with numbers.
+/// Number of lines in the list of numbers.
 const LINES: usize = 16;
 
 /// Number of bars in the histogram.
 const BINS: usize = 64;
 
-/// Largest width of a picture, in pixels; larger ones are reduced, because they use the memory of the user interface.
+/// Maximum width of a picture, in pixels; larger pictures are scaled down, because they use the user interface's
+/// texture memory.
 const LARGEST: usize = 512;
 
 /// The panel's settings.
@@ -51,12 +52,12 @@ pub struct State {
     read: ReadAs,
     channel: usize,
     picture: Option<TextureHandle>,
-    /// Number of the finding in the picture.
+    /// Number of the finding whose picture is shown.
     shown: Option<u64>,
 }
 
 impl State {
-    /// Draws the contents that are read back, and the choice of resource and pass.
+    /// Draws the contents that were read back, and the choice of resource and pass.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,

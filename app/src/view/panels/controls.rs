@@ -1,4 +1,4 @@
-//! Defines the panels' requests to the window, and the places of the controls.
+//! Defines the panels' requests to the window, and the positions of the controls.
 
 use crate::view::opening::CameraRole;
 use egui::{Rect, Response};
@@ -10,23 +10,23 @@ use std::collections::BTreeMap;
 pub enum Command {
     /// Save the window's picture.
     Screenshot,
-    /// Save the picture of A alone, in its own size.
+    /// Save the picture of A alone, at its own size.
     SavePicture,
-    /// Turn waiting for the display's refresh on or off.
+    /// Turn vsync on or off.
     Vsync(bool),
-    /// Capture the next frame.
+    /// Capture the next frame with the available tool.
     Capture,
     /// Switch full screen on or off.
     Fullscreen,
-    /// Ask for a scene, a graph or cameras, and open the file.
+    /// Ask for a scene, a graph or cameras in a dialog, and open the file.
     Open,
-    /// Ask for cameras, and open the file for this use.
+    /// Ask for cameras in a dialog, and open the file for this use.
     OpenCameras(CameraRole),
-    /// Open a line of a file in an editor.
+    /// Open a source location in an editor.
     Edit(Origin),
 }
 
-/// Places of the controls in the last frame, by name, in points, for scripted input; and the requests made with them.
+/// Positions of the controls in the last frame, by name, in points, for scripted input; and the user's requests.
 #[derive(Clone, Debug, Default)]
 pub struct Controls {
     now: BTreeMap<String, Rect>,
@@ -35,23 +35,23 @@ pub struct Controls {
 }
 
 impl Controls {
-    /// Forgets the places of the last frame.
+    /// Forgets the positions of the last frame.
     pub(super) fn clear(&mut self) {
         self.now.clear();
     }
 
-    /// Records the place of a control.
+    /// Records the position of a control.
     pub(in crate::view) fn see(&mut self, name: &str, rect: Rect) {
         self.now.insert(name.to_owned(), rect);
     }
 
-    /// Records the place of a control, and returns the control.
+    /// Records the position of a control, and returns the control.
     pub(super) fn seen(&mut self, name: &str, control: Response) -> Response {
         self.see(name, control.rect);
         control
     }
 
-    /// Returns the place of a control in the last frame.
+    /// Returns the position of a control in the last frame.
     pub fn find(&self, name: &str) -> Option<Rect> {
         self.now.get(name).copied()
     }

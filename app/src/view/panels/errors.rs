@@ -1,5 +1,5 @@
-//! Shows errors over the last good picture until they are corrected: the text underlined as in a terminal, to copy or to open in
-//! an editor.
+//! Shows errors over the last good picture until they are corrected: underlined as in a terminal, with buttons to copy
+//! the text and to open an editor.
 
 use super::controls::{Command, Controls};
 use super::theme::{HEADING, Palette, TEXT, strong};
@@ -10,14 +10,14 @@ use egui::{Align2, Context, Rect, RichText};
 use splatgraph_api::Device;
 use splatgraph_framework::ir::Origin;
 
-/// The errors that a person closed: they stay closed until they change.
+/// Errors that the user closed; they reappear when they change.
 #[derive(Default)]
 pub struct State {
     closed: Option<Vec<String>>,
 }
 
 impl State {
-    /// Draws the card, if there is an error.
+    /// Draws the card of errors, if there are any.
     pub fn show<D: Device>(
         &mut self,
         ctx: &Context,
@@ -98,7 +98,7 @@ impl State {
     }
 }
 
-/// Finds the first place that an error names: `  --> pipelines/splat.ron:11:85`.
+/// Parses the first source location in an error: `  --> pipelines/splat.ron:11:85`.
 fn origin(text: &str) -> Option<Origin> {
     let place = text.lines().find_map(|line| line.trim_start().strip_prefix("--> "))?;
     let mut parts = place.trim().rsplitn(3, ':');

@@ -1,4 +1,4 @@
-//! Lays out errors with the terminal's colours, over the last good picture.
+//! Lays out errors with the terminal's colours, for display over the last good picture.
 
 use egui::text::{LayoutJob, TextFormat};
 use egui::{Color32, FontId};
@@ -17,7 +17,7 @@ const PALETTE: [Color32; 8] = [
 
 const PLAIN: Color32 = Color32::from_rgb(225, 225, 225);
 
-/// Converts text with ANSI colours (SGR sequences; others are dropped) to egui's layout, in a monospace font.
+/// Converts text with ANSI colours to egui's layout, in a monospace font; drops other escape sequences.
 pub fn layout(ansi: &str, size: f32) -> LayoutJob {
     let mut job = LayoutJob::default();
     let mut colour = PLAIN;

@@ -1,9 +1,9 @@
-//! Lists keys and mouse in a window of their own.
+//! Lists keys and mouse controls in a separate window.
 
 use super::theme;
 use egui::{Align2, Context, RichText};
 
-/// Input and its effect, by subject.
+/// Inputs and their effects, by subject.
 const KEYS: [(&str, &[(&str, &str)]); 4] = [
     (
         "Camera",

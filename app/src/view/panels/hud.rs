@@ -1,4 +1,4 @@
-//! Draws over the picture: the time of a frame, toasts, progress, and the comparison of A and B.
+//! Draws over the picture: the frame time, toasts, progress, and the comparison of A and B.
 
 use super::controls::Controls;
 use super::theme::{self, GRID, Palette, TEXT};
@@ -14,15 +14,15 @@ use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use std::time::{Duration, Instant};
 
-/// Time that a toast stays.
+/// Duration of a toast.
 const STAY: Duration = Duration::from_secs(5);
-/// Time that a toast about something that failed stays.
+/// Duration of a toast about a failure.
 const STAY_LONG: Duration = Duration::from_secs(12);
-/// Number of toasts at the same time.
+/// Maximum number of toasts at the same time.
 const MOST: usize = 4;
-/// Frames of the sparkline.
+/// Number of frames in the sparkline.
 const FRAMES: usize = 120;
-/// Background of text on the picture: dark enough for white text on any picture.
+/// Background of text over the picture, dark enough for white text on any picture.
 const SHADE: Color32 = Color32::from_black_alpha(200);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,7 +38,7 @@ struct Toast {
     end: Instant,
 }
 
-/// Messages that appear over the picture and go by themselves.
+/// Messages that appear over the picture and disappear by themselves.
 #[derive(Default)]
 pub struct Toasts {
     shown: Vec<Toast>,
@@ -61,7 +61,7 @@ impl Toasts {
         self.shown.push(Toast { number: self.count, text, kind, end: Instant::now() + stay });
     }
 
-    /// Shows an event, if it is one that a person waits for or must know.
+    /// Shows an event, if the user waits for it or must know it.
     pub fn tell(&mut self, event: &Event) {
         match event {
             Event::Swapped { renderer, swap } => {
@@ -187,7 +187,7 @@ pub fn show<D: Device>(
     controls.see("hud", rect);
 }
 
-/// Formats the rate of frames that are so many milliseconds apart: `60.0 fps`.
+/// Formats the frame rate for an interval in milliseconds: `60.0 fps`.
 pub fn rate(interval_ms: f64) -> String {
     format!("{} fps", widgets::three_digits(1e3 / interval_ms))
 }
@@ -218,7 +218,7 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     }
 }
 
-/// Draws the result of a comparison at the bottom of the split line, with a button that shows the worst pixel.
+/// Draws the result of a comparison at the bottom of the split line, with a button that marks the worst pixel.
 ///
 /// There is no card before the first result.
 pub fn comparison<D: Device>(

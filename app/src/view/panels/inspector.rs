@@ -64,7 +64,7 @@ impl State {
     }
 }
 
-/// Draws the line of a declaration, which opens it in an editor.
+/// Draws the source location of a declaration; a click opens it in an editor.
 fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {
     let response = link(ui, format!("{}:{}", origin.file, origin.line));
     if hint(response, "Open this line in an editor").clicked() {
@@ -72,7 +72,7 @@ fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {
     }
 }
 
-/// Draws a name that selects a pass.
+/// Draws a pass's name; a click selects the pass.
 fn pass_link(ui: &mut Ui, name: &str, target: &mut Target) {
     if link(ui, name).clicked() {
         *target.selection = Some(Selection::Pass(name.to_owned()));
@@ -171,7 +171,7 @@ fn show_pass<D: Device>(
     }
 }
 
-/// Draws how long a copy of a pass's bytes would take, and the share of the pass's time that this is.
+/// Draws the time of a plain copy of the pass's bytes, and its share of the pass's time.
 fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
     match target.copy {
         Copy::Known(rate) => {

@@ -1,4 +1,4 @@
-//! Applies the keys that belong to no control.
+//! Applies keyboard shortcuts that belong to no control.
 
 use super::controls::Command;
 use super::{Panels, Tool, cameras};
@@ -7,7 +7,7 @@ use egui::{Context, Key};
 use splatgraph_api::Device;
 
 impl Panels {
-    /// Applies the keys of this frame, unless a control has the keyboard.
+    /// Applies the shortcuts pressed in this frame, unless a control has the keyboard focus.
     pub(super) fn keys<D: Device>(&mut self, ctx: &Context, viewer: &mut Viewer<D>) {
         if ctx.egui_wants_keyboard_input() {
             return;
@@ -65,7 +65,7 @@ impl Panels {
     }
 }
 
-/// Goes to the next or the previous camera of the list.
+/// Selects the next or the previous camera of the list.
 fn next_camera<D: Device>(viewer: &mut Viewer<D>, step: i64) {
     if !viewer.cameras.is_empty() {
         let now = viewer.camera.map_or(if step > 0 { -1 } else { 0 }, |camera| camera as i64);

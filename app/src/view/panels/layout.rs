@@ -1,23 +1,23 @@
 //! Arranges the picture and the tools around it: docked side by side or in tabs, floating, or closed.
 //!
-//! `egui_tiles` keeps the arrangement, in which a person drags tabs and borders. Tools keep their size in points when the window
-//! changes, and the picture takes what is left. It never gets less than [`PICTURE`]: where a window is too small, the tools
-//! opened last stay docked and the others float.
+//! `egui_tiles` keeps the arrangement, in which the user drags tabs and borders. Tools keep their size in points when
+//! the window changes, and the picture takes the rest. The picture is never smaller than [`PICTURE`]: if a window is
+//! too small, the tools opened last stay docked and the others float.
 
 use egui::{Id, Rect, Ui, Vec2, vec2};
 use egui_tiles::{Container, Linear, LinearDir, SimplificationOptions, Tile, TileId, Tiles, Tree};
 use serde::{Deserialize, Serialize};
 
-/// Least size of the picture beside docked tools, in points.
+/// Minimum size of the picture beside docked tools, in points.
 pub const PICTURE: Vec2 = vec2(320.0, 200.0);
 
-/// Least and initial width of the tools at the sides, in points.
+/// Minimum and initial width of the tools at the sides, in points.
 const SIDE: (f32, f32) = (240.0, 320.0);
 
-/// Least height of the tool below the picture, in points.
+/// Minimum height of the tool below the picture, in points.
 const BELOW: f32 = 140.0;
 
-/// Greatest number of tiles of a sound arrangement.
+/// Maximum number of tiles of a valid arrangement.
 const MOST: usize = 100;
 
 /// Width of the line between tiles, in points.
@@ -74,7 +74,7 @@ pub struct Layout {
     pub tree: Tree<Tool>,
     /// Open tools, the one opened last at the end.
     open: Vec<Tool>,
-    /// Tools that a person undocked.
+    /// Tools that the user undocked.
     floating: Vec<Tool>,
     /// Lengths of tiles beside the picture, in points.
     lengths: Vec<(TileId, f32)>,
@@ -100,7 +100,7 @@ impl Default for Layout {
 }
 
 impl Layout {
-    /// Returns true if the tree has each tool once, so that all of them can be shown.
+    /// Returns true if the tree contains each tool exactly once, so that all of them can be shown.
     pub fn is_sound(&self) -> bool {
         let mut panes: Vec<Tool> = Vec::new();
         let mut next: Vec<TileId> = self.tree.root().into_iter().collect();
@@ -188,7 +188,7 @@ impl Layout {
         }
     }
 
-    /// Keeps the lengths that a person set by dragging a border. Must be called after the tree is drawn.
+    /// Stores the lengths that the user set by dragging a border. Must be called after the tree is drawn.
     pub fn remember_lengths(&mut self) {
         let linear: Vec<TileId> = self.tree.tiles.iter().filter_map(linear).collect();
         for id in linear {
@@ -213,7 +213,7 @@ impl Layout {
         }
     }
 
-    /// Lists the visible children of a container, and the sum of their shares.
+    /// Lists the visible children of a container, with the sum of their shares.
     fn shares(&self, container: &Linear) -> (Vec<TileId>, f32) {
         let shown: Vec<TileId> = container
             .children
@@ -225,7 +225,7 @@ impl Layout {
         (shown, sum.max(f32::MIN_POSITIVE))
     }
 
-    /// Returns true if the picture is this tile or inside of it.
+    /// Returns true if this tile is the picture or contains it.
     fn holds_picture(&self, tile: TileId) -> bool {
         match self.tree.tiles.get(tile) {
             Some(Tile::Pane(tool)) => *tool == Tool::Picture,
@@ -234,7 +234,7 @@ impl Layout {
         }
     }
 
-    /// Gives the tools their lengths and the picture the rest, from the root down.
+    /// Assigns the tools their lengths and the picture the rest, from the root down.
     fn set_shares(&mut self, tile: TileId, size: Vec2) {
         let Some(Tile::Container(container)) = self.tree.tiles.get(tile) else { return };
         let Container::Linear(container) = container else {
@@ -296,7 +296,7 @@ fn linear((id, tile): (&TileId, &Tile<Tool>)) -> Option<TileId> {
     matches!(tile, Tile::Container(Container::Linear(_))).then_some(*id)
 }
 
-/// The rules for a tree that people rearrange: each tool keeps a tab.
+/// Simplification rules for the tree: each tool keeps a tab.
 pub const RULES: SimplificationOptions = SimplificationOptions {
     prune_empty_tabs: true,
     prune_empty_containers: true,

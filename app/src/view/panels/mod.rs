@@ -1,8 +1,8 @@
 //! Draws the tools around the picture, and the cards over it.
 //!
-//! The top bar chooses scene, camera and graph. `layout` docks the tools: parameters and cameras at the left, the inspector and
-//! the times at the right, the timeline below. One [`Selection`] runs through all of them. Panels read and change a
-//! [`Viewer`]; they do not depend on a window, so tests can click through them.
+//! The top bar chooses scene, camera and graph. `layout` docks the tools: parameters and cameras at the left, the
+//! inspector and the times at the right, the timeline below. All tools share one [`Selection`]. Panels read and change
+//! a [`Viewer`]; they do not depend on a window, so tests can click through them.
 
 mod cameras;
 mod contents;
@@ -51,19 +51,19 @@ pub use controls::{Command, Controls};
 pub use layout::Tool;
 pub use params::set_line;
 
-/// Height of the line at the bottom, also when it is empty, in points.
+/// Height of the status line, even if empty, in points.
 const STATUS_HEIGHT: f32 = 24.0;
 
-/// Number of lines in the log.
+/// Maximum number of lines in the log.
 const LOG: usize = 200;
 
-/// Number of files in the list of scenes.
+/// Maximum number of recent scenes.
 const RECENT: usize = 12;
 
 /// The results of a frame of the panels.
 #[derive(Clone, Debug)]
 pub struct PanelOutput {
-    /// Place of the picture, in points.
+    /// Rectangle of the picture, in points.
     pub view: Rect,
     /// Requests to the window.
     pub commands: Vec<Command>,
@@ -74,7 +74,7 @@ pub struct PanelOutput {
 pub struct Arrangement {
     layout: Layout,
     hud: bool,
-    /// Scenes that were open, the newest first.
+    /// Recently opened scenes, the newest first.
     recent: Vec<PathBuf>,
 }
 
@@ -82,26 +82,26 @@ pub struct Arrangement {
 pub struct Panels {
     /// True to show the picture alone.
     pub hidden: bool,
-    /// True if frames wait for the display.
+    /// True to wait for the display's refresh.
     pub vsync: bool,
-    /// True to show the time of a frame, and messages, on the picture.
+    /// True to show the frame time and messages over the picture.
     pub hud: bool,
-    /// Renderer of the shown parameters and times.
+    /// Renderer whose parameters and times are shown.
     pub selected: RendererId,
-    /// Places of the controls.
+    /// Positions of the controls.
     pub controls: Controls,
     /// True to show the list of keys.
     pub help: bool,
     layout: Layout,
     selection: Option<Selection>,
-    /// Place in the first picture to pick, as shares of its width and height.
+    /// Position in the first picture to pick, as shares of its width and height.
     pick_first: Option<[f32; 2]>,
     dumped: Dumped,
     timeline: timeline::State,
     inspector: inspector::State,
     params: params::State,
     presets: Presets,
-    /// Text over the picture until it is dismissed.
+    /// Text shown over the picture until the user dismisses it.
     notice: Option<String>,
     errors: errors::State,
     toasts: hud::Toasts,
@@ -109,14 +109,14 @@ pub struct Panels {
     undo: undo::History,
     undo_now: bool,
     redo_now: bool,
-    /// The program dropped parameters since the last frame.
+    /// True if the program dropped parameters since the last frame.
     dropped: bool,
-    /// Scenes that were open, the newest first.
+    /// Recently opened scenes, the newest first.
     recent: Vec<PathBuf>,
-    /// Texts that the shown scenes and cameras contain.
+    /// Search text for scenes and cameras.
     scene_search: String,
     camera_search: String,
-    /// True once a kept arrangement was restored.
+    /// True once a saved arrangement was restored.
     restored: bool,
     drag: pointer::Drag,
     wheel: Wheel,
@@ -124,15 +124,15 @@ pub struct Panels {
     marked: bool,
     /// Milliseconds between recent frames.
     frame_ms: VecDeque<f64>,
-    /// Phase with plotted passes.
+    /// Phase whose passes are plotted.
     plotted: Option<String>,
     /// Start of the last frame.
     before: Option<Instant>,
-    /// Number of frames of A at that time.
+    /// Number of A's frames at the last draw of the panels.
     drawn: u64,
-    /// The plan that was compared last, and its renderer.
+    /// The last compared plan, and its renderer.
     compared: Option<(Arc<Plan>, RendererId)>,
-    /// Constants whose change led to a plan that is not compared yet, and its renderer.
+    /// Changed constants whose plan is not compared yet, and their renderer.
     changed: Option<(RendererId, Vec<String>)>,
 }
 
@@ -179,7 +179,7 @@ impl Default for Panels {
 }
 
 impl Panels {
-    /// Adds an event to the log, and shows it over the picture if it concerns the user now.
+    /// Adds an event to the log, and shows it over the picture if the user should see it now.
     pub fn log_event(&mut self, event: &Event) {
         if event.is_for_people() {
             if self.log.len() == LOG {
@@ -197,7 +197,7 @@ impl Panels {
         }
     }
 
-    /// Shows a text over the picture until it is dismissed.
+    /// Shows a text over the picture until the user dismisses it.
     pub fn show_notice(&mut self, text: String) {
         self.notice = Some(text);
     }
@@ -212,12 +212,12 @@ impl Panels {
         }
     }
 
-    /// Returns the arrangement for the next start.
+    /// Returns the arrangement to save for the next start.
     pub fn arrangement(&self) -> Arrangement {
         Arrangement { layout: self.layout.clone(), hud: self.hud, recent: self.recent.clone() }
     }
 
-    /// Takes an arrangement of an earlier start; returns false, and changes nothing, if it lacks a tool.
+    /// Restores the arrangement of an earlier start; returns false, without changes, if it lacks a tool.
     pub fn restore(&mut self, arrangement: Arrangement) -> bool {
         let Arrangement { layout, hud, mut recent } = arrangement;
         if !layout.is_sound() {
@@ -233,7 +233,7 @@ impl Panels {
         self.restored
     }
 
-    /// Moves a scene to the front of the recent ones.
+    /// Moves a scene to the front of the recent scenes.
     fn remember_scene(&mut self, scene: &Path) {
         // A relative path means another file at the next start.
         let scene = absolute(scene).unwrap_or_else(|_| scene.to_owned());
@@ -244,7 +244,7 @@ impl Panels {
         }
     }
 
-    /// Selects an item for all tools.
+    /// Selects an item in all tools.
     pub fn select(&mut self, selection: Selection) {
         self.selection = Some(selection);
         self.layout.reveal(Tool::Inspector);
@@ -256,7 +256,7 @@ impl Panels {
         self.select(Selection::Splat);
     }
 
-    /// Returns the item that is selected for all tools.
+    /// Returns the selected item.
     pub fn selection(&self) -> Option<&Selection> {
         self.selection.as_ref()
     }
@@ -295,7 +295,7 @@ impl Panels {
         PanelOutput { view, commands: std::mem::take(&mut self.controls.commands) }
     }
 
-    /// Draws everything that lies over the picture.
+    /// Draws everything over the picture.
     fn over_picture<D: Device>(
         &mut self,
         ctx: &Context,
@@ -330,12 +330,12 @@ impl Panels {
         }
     }
 
-    /// Returns the median of the milliseconds between recent frames, while frames follow each other.
+    /// Returns the median interval between recent frames, in milliseconds; `None` unless frames are drawn continuously.
     fn interval(&self) -> Option<f64> {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }
 
-    /// Reports the effect of a parameter's change on the plan, above the parameters' rows.
+    /// Reports the effect of a changed parameter on the plan, above the parameters' rows.
     fn tell_effect<D: Device>(&mut self, viewer: &mut Viewer<D>) {
         let selected = self.selected;
         let Some(plan) = viewer.viewport(selected).and_then(|viewport| viewport.renderer.plan()).cloned()
@@ -373,7 +373,7 @@ impl Panels {
         }
     }
 
-    /// Draws the view and applies camera input to it; returns its place.
+    /// Draws the view and applies camera input to it; returns its rectangle.
     fn view<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) -> Rect {
         let rect = ui.max_rect();
         self.controls.see("view", rect);
@@ -397,7 +397,7 @@ impl Panels {
         rect
     }
 
-    /// Shows a notice until it is dismissed.
+    /// Draws a notice until the user dismisses it.
     fn show_notice_card(&mut self, ctx: &Context, view: Rect) {
         let Some(text) = self.notice.clone() else { return };
         egui::Area::new(egui::Id::unique("notice"))

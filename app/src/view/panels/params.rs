@@ -1,7 +1,8 @@
 //! Draws a row for each parameter of the graph.
 //!
-//! No parameter is known by name: label, help, range, step and choices come from the graph's file. Sliders work on a position from
-//! 0 to 1 rather than on the value, so that drawing a row never rounds or clamps what it shows: only a person changes a value.
+//! No parameter is known by name: label, help, range, step and choices come from the graph's file. Sliders work on a
+//! position from 0 to 1 rather than on the value, so that drawing a row never rounds or clamps the value: only the user
+//! changes it.
 
 use super::controls::Controls;
 use super::theme::{self, Palette, ROW};
@@ -13,7 +14,7 @@ use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 
-/// Range in powers of ten above which sliders are logarithmic.
+/// Range in powers of ten above which a slider is logarithmic.
 const DECADES: f64 = 2.0;
 
 /// Width of a number, in points.
@@ -25,10 +26,10 @@ const RESET: f32 = 24.0;
 /// The state of the list.
 #[derive(Default)]
 pub struct State {
-    /// Text that the shown parameters contain.
+    /// Search text for parameters.
     filter: String,
     groups: Groups,
-    /// The effect of the last change of a constant: its name, and a sentence.
+    /// Name of the last changed constant, and a sentence about its effect.
     effect: Option<(String, String)>,
 }
 
@@ -36,12 +37,12 @@ pub struct State {
 type Change = (String, Option<Value>);
 
 impl State {
-    /// Reports the effect of a parameter's last change on the plan, above the rows, which keep their places.
+    /// Shows the effect of a parameter's last change on the plan, above the rows, whose positions do not change.
     pub fn tell(&mut self, parameter: &str, effect: String) {
         self.effect = Some((parameter.to_owned(), effect));
     }
 
-    /// Draws the list and applies changes. `command` draws the same scene with the same graph.
+    /// Draws the list and applies changes. `command` is a command line that draws the same scene with the same graph.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -133,7 +134,8 @@ impl State {
     }
 }
 
-/// Names the group of a parameter: the part of the graph that owns it, or in a graph without parts the phase whose passes depend on it.
+/// Names a parameter's group: the part of the graph that owns it; in a graph without parts, the phase whose passes
+/// depend on it.
 fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     if let Some(part) = &control.part {
         return part.clone();
@@ -149,16 +151,17 @@ fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     }
 }
 
-/// The groups of a graph's parameters, as of its first plan: rows stay where they are when another plan has other effects.
+/// Groups of a graph's parameters, taken from its first plan, so that rows do not move when a later plan has other
+/// effects.
 #[derive(Default)]
 struct Groups {
     graph: String,
-    /// Parameter and title of its group, in the order of the list.
+    /// Parameters with the titles of their groups, in the order of the list.
     members: Vec<(String, String)>,
 }
 
 impl Groups {
-    /// Takes over the parameters of a graph, unless they are known.
+    /// Adopts the parameters of a graph, unless they are known.
     fn update(&mut self, plan: Option<&Plan>, all: &[Control]) {
         let Some(plan) = plan else { return };
         if self.graph != plan.name {
@@ -257,7 +260,7 @@ fn row(
     change
 }
 
-/// Describes a parameter: its help, value, the value without error, and the effect of a change.
+/// Describes a parameter: its help, value, exact value, and the effect of a change.
 fn help(plan: Option<&Plan>, control: &Control) -> String {
     let Control { param, help: about, .. } = control;
     let mut text = format!("{} = {}", param.name, param.value);
@@ -388,12 +391,12 @@ fn number(
     changed
 }
 
-/// The range of a number, and the way to places on a slider.
+/// Range of a number, and its mapping to slider positions.
 #[derive(Clone, Copy, Debug)]
 struct Scale {
     min: f64,
     max: f64,
-    /// Distance of neighbouring values; 0 if every number is a value.
+    /// Distance between adjacent values; 0 for a continuous range.
     step: f64,
 }
 
@@ -402,7 +405,7 @@ impl Scale {
         self.min > 0.0 && (self.max / self.min).log10() > DECADES
     }
 
-    /// Returns the place of a value on the slider, 0 to 1 within the range.
+    /// Returns the slider position of a value, 0 to 1 within the range.
     fn position(self, value: f64) -> f64 {
         let position = if self.max <= self.min {
             0.0
@@ -414,7 +417,7 @@ impl Scale {
         if position.is_finite() { position } else { 0.0 }
     }
 
-    /// Returns the value at a place on the slider, at a multiple of the step or with three significant digits.
+    /// Returns the value at a slider position, rounded to the step or to three significant digits.
     fn value(self, position: f64) -> f64 {
         let position = position.clamp(0.0, 1.0);
         let value = match self.is_logarithmic() {
@@ -445,7 +448,7 @@ impl Scale {
         rounded.clamp(self.min, self.max)
     }
 
-    /// Formats a value with up to four significant digits, integers whole.
+    /// Formats a value with up to four significant digits; integers without decimals.
     fn text(self, value: f64) -> String {
         if self.step >= 1.0 && value.fract() == 0.0 {
             return format!("{value:.0}");

@@ -1,4 +1,4 @@
-//! Converts pointer and keys over the picture to input of the camera and the split line.
+//! Converts pointer and keys over the picture to input for the camera and the split line.
 
 use super::hud;
 use crate::view::events::RendererId;
@@ -9,10 +9,10 @@ use crate::view::wheel::Wheel;
 use egui::{CursorIcon, Key, PointerButton, Rect, Sense, Ui};
 use splatgraph_api::Device;
 
-/// Largest distance to the split line at which a drag moves it, in points.
+/// Maximum distance to the split line at which a drag moves it, in points.
 const GRIP: f32 = 6.0;
 
-/// The object of a drag that began over the picture.
+/// Target of a drag that began over the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drag {
     /// The camera.
@@ -23,7 +23,8 @@ pub enum Drag {
 }
 
 impl Drag {
-    /// Applies the input of the last frame. Returns the viewport and the place of a click on the picture, in its pixels.
+    /// Applies the input of the last frame. Returns the viewport and the position of a click on the picture, in its
+    /// pixels.
     pub fn act<D: Device>(
         &mut self,
         ui: &mut Ui,

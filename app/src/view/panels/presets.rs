@@ -19,7 +19,7 @@ struct Entry {
 /// The list of graphs. Summaries of built-in graphs are read once; summaries of files come from their newest plans.
 pub struct Presets {
     entries: Vec<Entry>,
-    /// Text that the shown graphs contain.
+    /// Search text for graphs.
     search: String,
 }
 
@@ -31,7 +31,7 @@ impl Presets {
         Presets { entries: builtin::presets().into_iter().map(entry).collect(), search: String::new() }
     }
 
-    /// Draws the list, and changes to the clicked graph; returns true if one was chosen. Enter takes the first that matches.
+    /// Draws the list, and changes to the clicked graph; returns true if one was chosen. Enter chooses the first match.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,

@@ -1,4 +1,4 @@
-//! Holds the one selection that all tools share, and the dump of the plan that it refers to.
+//! Holds the selection that all tools share, and the dump of the plan that it refers to.
 
 use crate::draw::backend;
 use splatgraph_framework::dump::{Dump, DumpBarrier, DumpPass, DumpResource};
@@ -35,7 +35,7 @@ impl FromStr for Selection {
     }
 }
 
-/// A plan as names, made once per plan.
+/// Dump of a plan, made once per plan.
 #[derive(Default)]
 pub struct Dumped {
     plan: Option<(Arc<Plan>, Dump)>,
@@ -73,13 +73,14 @@ pub fn resource<'a>(dump: &'a Dump, name: &str) -> Option<&'a DumpResource> {
     dump.resources.iter().find(|resource| resource.name == name)
 }
 
-/// Returns the way in which a pass uses a resource: reads, writes.
+/// Returns whether a pass reads a resource, and whether it writes it.
 pub fn touches(pass: &DumpPass, resource: &str) -> (bool, bool) {
     let of = |touches: &[Use<String>]| touches.iter().any(|touch| touch.resource == resource);
     (of(&pass.reads), of(&pass.writes))
 }
 
-/// Sums the sizes of the resources that a pass reads and writes, in bytes: an upper bound of its traffic if it touches each byte once.
+/// Sums the sizes of the resources that a pass reads and that it writes, in bytes: an upper bound of its traffic if
+/// each byte is touched once.
 pub fn bound_bytes(dump: &Dump, pass: &DumpPass) -> (u64, u64) {
     let sum = |touches: &[Use<String>]| {
         touches.iter().filter_map(|touch| resource(dump, &touch.resource)).map(|r| r.bytes).sum()

@@ -1,4 +1,4 @@
-//! Shows the picked splat: its numbers, the list of its pixel, and its outline on the picture.
+//! Shows the picked splat: its properties, the list of the pixel's splats, and its outline on the picture.
 
 use super::controls::Controls;
 use super::theme::{self, Palette};
@@ -9,9 +9,9 @@ use egui::{Color32, Rect, RichText, Stroke, Ui, pos2, vec2};
 use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 
-/// Points of an outline.
+/// Number of points of an outline.
 const POINTS: usize = 64;
-/// Greatest number of splats in the list.
+/// Maximum number of splats in the list.
 const LIST: usize = 200;
 
 /// Draws the details of the picked splat and the splats of its pixel, nearest first.

@@ -1,4 +1,4 @@
-//! Draws the line at the bottom: progress, warnings, and the newest line of the log.
+//! Draws the status line: progress, warnings, and the newest line of the log.
 
 use super::theme::{Palette, TEXT};
 use super::widgets::hint;
@@ -10,7 +10,7 @@ use egui::{Align, Layout, RichText, Spinner, Ui, UiBuilder};
 use splatgraph_api::Device;
 use splatgraph_framework::reload::WatchKind;
 
-/// Lines of the log that are shown beside the newest.
+/// Number of log lines in the pop-up of the newest line.
 const LINES: usize = 20;
 
 impl Panels {
@@ -43,7 +43,7 @@ impl Panels {
         }
     }
 
-    /// Draws a word for each state of a viewport that a person should know; its reason is beside it.
+    /// Draws a word for each state of a viewport that the user should know, with its reason as a tooltip.
     fn states<D: Device>(&mut self, ui: &mut Ui, id: RendererId, viewport: &Viewport<D>) {
         let palette = Palette::of(ui);
         let mut state = |name: &str, short: String, colour, reason: String| {

@@ -41,13 +41,13 @@ pub struct Palette {
     pub accent: Color32,
     /// Text on the accent colour.
     pub on_accent: Color32,
-    /// Values that cost accuracy, and features that work in part.
+    /// Values that cost accuracy, and features that are only partly available.
     pub caution: Color32,
-    /// Errors.
+    /// Text of errors.
     pub error: Color32,
-    /// A check that passed.
+    /// Passed checks.
     pub good: Color32,
-    /// Barriers.
+    /// Diamonds of barriers.
     pub barrier: Color32,
     /// Bars of resources in memory.
     pub life: Color32,
@@ -91,7 +91,8 @@ pub const LIGHT: Palette = Palette {
     life: rgb(0xc3cedd),
 };
 
-/// Colours of phases, by Okabe and Ito, which people with any colour vision distinguish. They repeat. <https://jfly.uni-koeln.de/color/>
+/// Colours of phases, for any colour vision (Okabe and Ito); repeated for further phases.
+/// <https://jfly.uni-koeln.de/color/>
 const PHASES: [Color32; 8] = [
     rgb(0x56b4e9),
     rgb(0xe69f00),

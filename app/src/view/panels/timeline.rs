@@ -1,7 +1,9 @@
-//! Draws the plan as one timeline: passes as bars as wide as their time, barriers as diamonds between them, memory below.
+//! Draws the plan as a timeline: passes as bars whose width is their time, barriers as diamonds between them, memory
+//! below.
 //!
-//! The lanes match the dump page. Zoom with the wheel over the passes (or Ctrl and the wheel anywhere), pan by dragging. A
-//! click selects a pass, a barrier or a resource for all tools; Tab and Enter do the same from the keyboard.
+//! The lanes match the dump page. Zoom with the wheel over the passes (or Ctrl and the wheel anywhere), pan by
+//! dragging. A click selects a pass, a barrier or a resource for all tools; Tab and Enter do the same from the
+//! keyboard.
 
 use super::controls::Controls;
 use super::selection::{Selection, barrier, touches};
@@ -13,21 +15,21 @@ use egui::{
 use splatgraph_framework::dump::{self, Dump, DumpPass};
 use splatgraph_framework::ir::Run;
 
-/// Room for the barriers before a pass, in points.
+/// Width reserved for the barriers before a pass, in points.
 const GAP: f32 = 16.0;
-/// Least width of a pass, in points.
+/// Minimum width of a pass, in points.
 const LEAST: f32 = 4.0;
-/// Width of a pass that runs once, in points.
+/// Width of a pass of the prologue, in points.
 const ONCE: f32 = 12.0;
 /// Width of the names of the lanes, in points.
 const NAMES: f32 = 152.0;
 /// Height of a lane, in points.
 const LANE: f32 = 20.0;
-/// Heights of the phases, the passes and the barriers above the lanes, in points.
+/// Height of the row of phases, in points.
 const PHASES: f32 = 20.0;
 const PASSES: f32 = 28.0;
 const BARRIERS: f32 = 20.0;
-/// Largest magnification.
+/// Maximum magnification.
 const CLOSEST: f32 = 200.0;
 
 /// The times of a plan's passes.
@@ -35,9 +37,9 @@ const CLOSEST: f32 = 200.0;
 pub struct Times {
     /// Median milliseconds by pass; empty before the first frame of the plan.
     pub passes: Vec<(String, f64)>,
-    /// Median milliseconds of a frame that no pass accounts for.
+    /// Median time of a frame outside of its passes, in milliseconds.
     pub unattributed: Option<f64>,
-    /// True if that is most of it, so that the passes' times say little.
+    /// True if `unattributed` is most of the frame, so that the passes' times are unreliable.
     pub unreliable: bool,
 }
 
@@ -55,9 +57,9 @@ pub struct State {
     offset: f32,
     /// True for passes of equal width.
     equal: bool,
-    /// Text that the shown resources contain.
+    /// Search text for resources.
     filter: String,
-    /// Graph, number of passes and times as they were when the pointer came: nothing moves below it.
+    /// Graph, number of passes and times when the pointer entered: the timeline does not move under the pointer.
     held: Option<(String, usize, Times)>,
 }
 
@@ -73,11 +75,11 @@ struct Column {
     pass: usize,
     left: f32,
     right: f32,
-    /// Barriers before it: number and place.
+    /// Barriers before the pass: number and position.
     barriers: Vec<(u32, f32)>,
 }
 
-/// A row of memory: one resource, or several that share a block one after the other.
+/// A row of memory: one resource, or several that share a block at different times.
 struct Lane<'a> {
     title: String,
     resources: Vec<&'a dump::DumpResource>,
@@ -175,7 +177,7 @@ impl State {
         });
     }
 
-    /// Zooms and pans by the pointer. `plain` is true where the wheel zooms without Ctrl.
+    /// Zooms and pans by the pointer. `plain` is true if the wheel zooms without Ctrl.
     fn navigate(&mut self, ui: &Ui, area: Rect, back: &egui::Response, whole: f32, width: f32, plain: bool) {
         if back.dragged() {
             self.offset -= back.drag_delta().x;
@@ -226,7 +228,7 @@ impl View {
     }
 }
 
-/// Draws the legend: each phase with its colour and number of passes, and the signs.
+/// Draws the legend: each phase with its colour and number of passes, and the symbols.
 fn legend(ui: &mut Ui, dump: &Dump) {
     let palette = Palette::of(ui);
     let mut row = |text: String, sign: &dyn Fn(&Painter, Rect)| {
@@ -263,7 +265,7 @@ fn legend(ui: &mut Ui, dump: &Dump) {
     });
 }
 
-/// Places all passes and barriers; returns them with the whole width.
+/// Computes the positions of all passes and barriers; also returns the total width.
 fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (Vec<Column>, f32) {
     let frame = |pass: &&DumpPass| pass.run == Run::Frame;
     let count = dump.passes.iter().filter(frame).count().max(1) as f32;
@@ -396,7 +398,7 @@ fn draw_head(
     }
 }
 
-/// Draws a bar for each run of passes of one phase, with the phase's name: colours alone say nothing.
+/// Draws a bar for each run of passes of one phase, with the phase's name, since colours alone are not enough.
 fn draw_phases(ui: &Ui, painter: &Painter, dump: &Dump, columns: &[Column], view: &View, grey: bool) {
     let mut start = 0;
     for end in 1..=columns.len() {
@@ -511,7 +513,7 @@ fn describe(pass: &DumpPass, ms: Option<f64>) -> String {
     text + &format!("\n{}:{}", pass.declared.file, pass.declared.line)
 }
 
-/// Draws the memory: a bar over the lifetime of each resource, a circle where it is read, a square where it is written.
+/// Draws the memory: a bar over the lifetime of each resource, a circle at each read, a square at each write.
 #[allow(clippy::too_many_arguments)]
 fn draw_lanes(
     ui: &Ui,
@@ -588,7 +590,7 @@ fn draw_lanes(
     }
 }
 
-/// Height of the timeline with its summary and a few lanes, in points.
+/// Height of the timeline with its summary and six lanes, in points.
 pub const HEIGHT: f32 = ROW + PHASES + PASSES + BARRIERS + 6.0 * LANE + 4.0 * GRID;
 
 #[cfg(test)]

@@ -13,7 +13,8 @@ use splatgraph_framework::dump;
 /// Width of a column of times, in points.
 const COLUMN: f32 = 72.0;
 
-/// Draws the times of one viewport. `window` is the history of the window's graph, `plotted` the phase with plotted passes.
+/// Draws the times of one viewport. `window` is the history of the window's graph; `plotted` is the phase whose passes
+/// are plotted.
 pub fn show<D: Device>(
     ui: &mut Ui,
     viewport: &Viewport<D>,
@@ -88,7 +89,7 @@ fn columns_heading(ui: &mut Ui, frames: usize) {
     );
 }
 
-/// Draws median and 99th percentile in their columns; one that is not a number is left out.
+/// Draws median and 99th percentile in their columns; leaves out values that are not numbers.
 fn numbers(ui: &mut Ui, ms: Option<Quantiles>, grey: bool) {
     match ms {
         Some(Quantiles { median, p99 }) => {
@@ -109,7 +110,7 @@ fn cell(ui: &mut Ui, text: String, grey: bool) {
     });
 }
 
-/// Draws the choice of the plot: all phases, or the passes of one.
+/// Draws the choice of plot: all phases, or the passes of one.
 fn choose(ui: &mut Ui, phases: &[String], plotted: &mut Option<String>) {
     if plotted.as_ref().is_some_and(|phase| !phases.contains(phase)) {
         *plotted = None;

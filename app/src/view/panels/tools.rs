@@ -12,7 +12,7 @@ use egui_tiles::{SimplificationOptions, TileId, Tiles, UiResponse};
 use splatgraph_api::Device;
 
 impl Panels {
-    /// Draws the docked tools and the picture; returns the place of the picture.
+    /// Draws the docked tools and the picture; returns the picture's rectangle.
     pub(super) fn docked<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -146,14 +146,14 @@ enum Act {
     Float,
 }
 
-/// The state that the tiles draw.
+/// The state that the tiles draw and change.
 struct Tools<'a, D: Device> {
     panels: &'a mut Panels,
     viewer: &'a mut Viewer<D>,
     window: &'a History,
-    /// Place of the picture.
+    /// Rectangle of the picture.
     view: Rect,
-    /// True if a border was dragged.
+    /// True if the user dragged a border.
     resized: bool,
     acts: Vec<(Tool, Act)>,
     /// The tile of the picture.

@@ -1,4 +1,4 @@
-//! Draws the bar at the top: scene, camera and graph, the comparison, the tools, and how fast it is.
+//! Draws the bar at the top: scene, camera and graph, the comparison, the tools, and the frame time.
 
 use super::hud;
 use super::layout::Tool;
@@ -17,10 +17,10 @@ use std::path::Path;
 /// Width of a drop-down list, in points.
 const LIST: f32 = 400.0;
 
-/// Width of the buttons with titles of files, in points.
+/// Width of buttons with file titles, in points.
 const TITLE: f32 = 132.0;
 
-/// Room for the time of a frame, and for device and splats beside it, in points.
+/// Width of the frame time, and of device and splats beside it, in points.
 const TIME: f32 = 120.0;
 const DEVICE: f32 = 320.0;
 
@@ -35,7 +35,7 @@ fn drop_down(ui: &mut Ui, text: &str, width: f32, contents: impl FnOnce(&mut Ui)
     button
 }
 
-/// Limits a title in the bar to its end, which tells files apart.
+/// Shortens a title in the bar to its end, which distinguishes files.
 fn short(text: &str) -> String {
     const MOST: usize = 15;
     let count = text.chars().count();
@@ -301,12 +301,12 @@ impl Panels {
     }
 }
 
-/// Returns true if a text contains another, which is in lower case, in any case.
+/// Returns true if `text` contains `wanted`, which is in lower case; ignores case.
 fn contains(text: &str, wanted: &str) -> bool {
     text.to_lowercase().contains(wanted)
 }
 
-/// Names a scene by its file and its folder, which tell `point_cloud.ply` of several captures apart.
+/// Returns a scene's file name with its folder, which distinguishes the `point_cloud.ply` of several captures.
 fn named(scene: &Path) -> String {
     let folder = scene.parent().and_then(Path::file_name).map(|name| name.to_string_lossy());
     let name = file_name(&scene.to_string_lossy());

@@ -1,4 +1,4 @@
-//! Draws the small parts that the panels share: rows, hints beside controls, numbers and sparklines.
+//! Draws small widgets that the panels share: rows, hints beside controls, numbers and sparklines.
 
 use super::controls::Controls;
 use super::theme::{self, Palette, ROW, TEXT};
@@ -7,7 +7,7 @@ use egui::{
     Align, FontId, Layout, Painter, Pos2, Rect, RectAlign, Response, RichText, Stroke, Ui, Vec2, pos2,
 };
 
-/// Sides for a hint; it never covers its control.
+/// Sides on which a hint may appear without covering its control.
 const SIDES: [RectAlign; 6] = [
     RectAlign::RIGHT_START,
     RectAlign::LEFT_START,
@@ -17,7 +17,7 @@ const SIDES: [RectAlign; 6] = [
     RectAlign::TOP_END,
 ];
 
-/// Shows a hint beside a hovered control, on a side where it covers nothing of it.
+/// Shows a hint beside a hovered control, without covering it.
 pub fn hint(response: Response, text: impl Into<egui::WidgetText>) -> Response {
     let mut tooltip =
         if response.enabled() { Tooltip::for_enabled(&response) } else { Tooltip::for_disabled(&response) };
@@ -30,7 +30,7 @@ pub fn hint(response: Response, text: impl Into<egui::WidgetText>) -> Response {
     response
 }
 
-/// Draws a row with one part at its left and one at its right.
+/// Draws a row with a left and a right part.
 pub fn row(ui: &mut Ui, left: impl FnOnce(&mut Ui) -> Response, right: impl FnOnce(&mut Ui)) -> Response {
     ui.horizontal(|ui| {
         ui.set_min_height(ROW - 4.0);
@@ -53,14 +53,14 @@ pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
     });
 }
 
-/// Draws a field for text to look for; returns the text in lower case.
+/// Draws a search field; returns its text in lower case.
 pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> String {
     let field = egui::TextEdit::singleline(text).hint_text("Search").desired_width(180.0);
     controls.see(name, ui.add(field).rect);
     text.trim().to_lowercase()
 }
 
-/// Draws the heading of a part of a panel.
+/// Draws the heading of a panel's section.
 pub fn heading(ui: &mut Ui, text: impl Into<String>) {
     ui.add_space(theme::GRID);
     ui.label(RichText::new(text).family(theme::strong()));
@@ -77,7 +77,7 @@ pub fn time(ms: f64) -> String {
     format!("{} {unit}", three_digits(value))
 }
 
-/// Formats a number with three significant digits, at most three of them behind the point.
+/// Formats a number with three significant digits, and at most three decimals.
 pub fn three_digits(value: f64) -> String {
     match value.abs() {
         v if v >= 99.95 => format!("{value:.0}"),
@@ -120,13 +120,13 @@ pub fn text_in(ui: &Ui, painter: &Painter, rect: Rect, text: &str, colour: egui:
     painter.galley(pos2(rect.left(), top), galley, colour);
 }
 
-/// Draws a diamond around a point: the sign of a barrier.
+/// Draws a diamond around a point: the symbol of a barrier.
 pub fn diamond(painter: &Painter, at: Pos2, radius: f32, fill: egui::Color32, stroke: Stroke) {
     let corners = [Vec2::UP, Vec2::RIGHT, Vec2::DOWN, Vec2::LEFT].map(|side| at + radius * side);
     painter.add(egui::Shape::convex_polygon(corners.to_vec(), fill, stroke));
 }
 
-/// Draws a line between groups of controls in a row, as high as the row.
+/// Draws a vertical divider between groups of controls, as high as the row.
 pub fn divider(ui: &mut Ui) {
     let (rect, _) = ui.allocate_exact_size(egui::vec2(2.0 * theme::GRID, ROW), egui::Sense::hover());
     let stroke = ui.visuals().widgets.noninteractive.bg_stroke;

@@ -1,4 +1,4 @@
-//! The device of a renderer, its loss, and its successor.
+//! Manages a renderer's device, its loss, and its replacement.
 
 use super::Renderer;
 use super::events::{Cause, Failure};
@@ -13,24 +13,24 @@ impl<D: Device> Renderer<D> {
         self.device.device()
     }
 
-    /// Returns the device for changes that concern no plan; `None` while it is lost.
+    /// Returns the device for changes that do not affect a plan; `None` while it is lost.
     pub fn device_mut(&mut self) -> Option<&mut D> {
         self.device.device_mut()
     }
 
-    /// Describes the device, also after its loss.
+    /// Describes the device, even after its loss.
     pub fn info(&self) -> &DeviceInfo {
         &self.info
     }
 
-    /// Returns true if looking at an older frame blocks until newer ones are done.
+    /// Returns true if polling an older frame blocks until newer ones are done.
     ///
-    /// Mesa's Vulkan driver on the CPU waits for everything that was submitted to the device before it returns a timestamp.
+    /// Mesa's Vulkan driver on the CPU waits for all submissions to the device before it returns a timestamp.
     pub(in crate::view) fn reads_block(&self) -> bool {
         self.info.kind == "cpu"
     }
 
-    /// Returns the error that ended the device, or its window, if any did.
+    /// Returns the error that ended the device or its window, if any.
     pub fn lost(&self) -> Option<&BackendError> {
         match &self.device {
             DeviceState::Lost { error, .. } => Some(error),
@@ -38,7 +38,8 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Drops the device with its plan and its frames in flight, whose results are lost. Graph, settings and failures stay.
+    /// Drops the device with its plan and its frames in flight, whose results are lost. Graph, settings and failures
+    /// stay.
     pub fn release(&mut self) {
         self.device = DeviceState::Released;
         self.epoch += 1;
@@ -54,7 +55,7 @@ impl<D: Device> Renderer<D> {
         self.want(Cause::Device, Instant::now());
     }
 
-    /// Returns true if nothing of the dropped device is in use by a build.
+    /// Returns true if no build uses the dropped device.
     pub fn is_released(&mut self) -> bool {
         self.take_builds();
         self.device.device().is_none() && self.jobs.is_empty()
@@ -66,7 +67,7 @@ impl<D: Device> Renderer<D> {
         self.device = DeviceState::Drawing(device);
     }
 
-    /// Builds nothing before a change of files, parameters, graph or scene; `loss` is shown as the reason.
+    /// Suspends builds until files, parameters, graph or scene change; `loss` is shown as the reason.
     pub fn hold(&mut self, loss: &str) {
         self.build = BuildState::Held;
         let attempt = self.state.asked(self.now);

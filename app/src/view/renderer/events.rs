@@ -6,7 +6,7 @@ use splatgraph_api::{BackendError, Recovery};
 use std::fmt;
 use std::path::PathBuf;
 
-/// A cause of a build.
+/// Cause of a build.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cause {
     /// There was no plan.
@@ -29,7 +29,7 @@ pub enum Cause {
     Device,
     /// A frame exceeded the capacity that this parameter sets.
     Room(String),
-    /// The last attempt failed for want of something that may be there by now, such as memory.
+    /// The last attempt failed for lack of something that may be available now, such as memory.
     Retry,
 }
 
@@ -51,9 +51,9 @@ impl fmt::Display for Cause {
     }
 }
 
-/// The causes of a build, each once, in the order of the changes.
+/// Causes of a build without duplicates, in the order of the changes.
 ///
-/// Changes that wait for the end of a build are built together. In JSON, the causes are a list of texts.
+/// Changes during a build are combined into the next build. In JSON, the causes are a list of texts.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Causes(Vec<Cause>);
 
@@ -68,7 +68,7 @@ impl Causes {
         self.0.iter()
     }
 
-    /// Adds the causes of later changes that are built with these.
+    /// Adds the causes of later changes that are built together with these.
     pub(super) fn add(&mut self, later: Causes) {
         for cause in later.0 {
             if !self.contains(&cause) {
@@ -77,7 +77,7 @@ impl Causes {
         }
     }
 
-    /// Returns true if frames need more room, and nothing else changed.
+    /// Returns true if frames need more capacity, and nothing else changed.
     pub(super) fn is_room_alone(&self) -> bool {
         !self.0.is_empty() && self.0.iter().all(|cause| matches!(cause, Cause::Room(_)))
     }
@@ -115,7 +115,7 @@ impl Serialize for Causes {
     }
 }
 
-/// The failure of a build.
+/// Failure of a build.
 #[derive(Debug)]
 pub enum Failure {
     /// The graph or its shaders have errors.
@@ -126,12 +126,12 @@ pub enum Failure {
     Panicked(String),
     /// A newer request replaced the build, which took long.
     Cancelled,
-    /// The device was lost again and again with this graph, which therefore waits for a change.
+    /// The device was lost repeatedly with this graph, which therefore waits for a change.
     Held(String),
 }
 
 impl Failure {
-    /// Formats the failure as for a terminal, with ANSI colours if requested.
+    /// Formats the failure for a terminal, with ANSI colours if requested.
     pub fn text(&self, colour: bool) -> String {
         match self {
             Failure::Graph(errors) => errors.text(colour).trim_end().to_owned(),
@@ -167,16 +167,16 @@ pub struct Swap {
     pub causes: Causes,
     /// Number of passes in its frame.
     pub passes: usize,
-    /// Milliseconds of reading, compiling and solving.
+    /// Milliseconds to read, compile and solve.
     pub plan_ms: f64,
-    /// Milliseconds of preparing the device: memory, pipelines, uploads.
+    /// Milliseconds to prepare the device: memory, pipelines, uploads.
     pub prepare_ms: f64,
-    /// Milliseconds from the change, or the system's notice of it, to the end of the first frame on the device.
+    /// Milliseconds from the change, or the system's notification, to the end of the first frame on the device.
     pub latency_ms: f64,
 }
 
 impl Swap {
-    /// Lists the constants whose change was a cause.
+    /// Lists the constants among the causes.
     pub fn parameters(&self) -> Vec<String> {
         let name = |cause: &Cause| match cause {
             Cause::Parameter(name) => Some(name.clone()),

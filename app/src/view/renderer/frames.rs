@@ -1,4 +1,4 @@
-//! Frames of a renderer in flight: submission, waits that end, and results.
+//! Manages a renderer's frames in flight: submission, bounded waits, and results.
 
 use super::events::{RendererEvent, Swap};
 use super::state::{DeviceState, RETRY};
@@ -8,18 +8,18 @@ use splatgraph_api::{BackendError, Device, FRAMES_IN_FLIGHT, FrameInputs, Recove
 use splatgraph_framework::plan::Plan;
 use std::time::{Duration, Instant};
 
-/// Pauses between looks at a frame that is not done, which bound the delay that waiting adds.
+/// First pause between polls of an unfinished frame, which bounds the delay that polling adds.
 const FIRST_PAUSE: Duration = Duration::from_micros(50);
 const LONGEST_PAUSE: Duration = Duration::from_micros(400);
 
 impl<D: Device> Renderer<D> {
-    /// Draws a frame; returns true if it did. The live parameters in `inputs` are replaced.
+    /// Draws a frame; returns true if one was submitted. The live parameters in `inputs` are replaced.
     ///
-    /// Draws none without a plan, before the next attempt after a [`Renderer::trouble`], and while the device does not finish an
-    /// older frame within the patience.
+    /// Draws none without a plan, before the next attempt after a [`Renderer::trouble`], and while the device does not
+    /// finish an older frame within the patience.
     ///
     /// # Errors
-    /// The device fails. The caller passes the error to [`Renderer::report`], unless it tries again with other inputs.
+    /// The device fails. The caller passes the error to [`Renderer::report`], unless it retries with other inputs.
     pub fn submit(&mut self, inputs: FrameInputs) -> Result<bool, BackendError> {
         let Some(plan) = self.state.good().cloned() else { return Ok(false) };
         let waits = match self.device {
@@ -68,7 +68,7 @@ impl<D: Device> Renderer<D> {
         plan.live_bytes_of(self.controls.iter().map(|control| &control.param))
     }
 
-    /// Takes note of an error of [`Renderer::submit`], and plans the next attempt.
+    /// Records an error of [`Renderer::submit`], and schedules the next attempt.
     pub fn report(&mut self, error: BackendError) {
         self.changes += 1;
         self.redraw = true;
@@ -78,7 +78,7 @@ impl<D: Device> Renderer<D> {
     /// Waits for the frames in flight.
     ///
     /// # Errors
-    /// [`BackendError::Stuck`] if the device is not done within this time, and the errors of the device.
+    /// [`BackendError::Stuck`] if the device is not done within this time, and errors of the device.
     pub fn finish(&mut self, within: Duration) -> Result<(), BackendError> {
         let end = Instant::now() + within;
         while !self.in_flight.is_empty() {
@@ -100,7 +100,7 @@ impl<D: Device> Renderer<D> {
         self.wait_for(self.in_flight.len().saturating_sub(1), patience)
     }
 
-    /// Takes the results of the frames in flight that are done.
+    /// Takes the results of finished frames.
     fn take_results(&mut self) -> Result<(), BackendError> {
         while !self.in_flight.is_empty() && self.wait_for_oldest(Duration::ZERO)? {}
         Ok(())
@@ -126,7 +126,7 @@ impl<D: Device> Renderer<D> {
         Ok(true)
     }
 
-    /// Waits for a frame in flight by its place, and keeps its result there; returns true if it is done.
+    /// Waits for the frame in flight at this index, and stores its result; returns true if it is done.
     fn wait_for(&mut self, index: usize, patience: Duration) -> Result<bool, BackendError> {
         let reads_block = self.reads_block();
         let (Some(device), Some(frame)) = (self.device.device_mut(), self.in_flight.get_mut(index)) else {
@@ -163,17 +163,17 @@ impl<D: Device> Renderer<D> {
         Ok(true)
     }
 
-    /// Returns true once if frames since the last call ended without results.
+    /// Returns true if a frame has ended without results since the last call.
     pub fn take_forgot(&mut self) -> bool {
         std::mem::take(&mut self.forgot)
     }
 }
 
-/// Takes the results of the frames that are done, of all renderers of one device. Returns true if no frame has to be waited for before
-/// another is submitted.
+/// Takes the results of finished frames, of all renderers of one device. Returns true if another frame can be submitted
+/// without a wait.
 ///
-/// Where [reads block](Renderer::reads_block), that is the newest frame of all, which is waited for up to `patience`: a result of an
-/// older one would block as long.
+/// If [reads block](Renderer::reads_block), only the newest frame of all renderers is awaited, for up to `patience`:
+/// reading an older result would block as long.
 pub(in crate::view) fn collect<D: Device>(renderers: &mut [&mut Renderer<D>], patience: Duration) -> bool {
     let newest = renderers.iter_mut().max_by_key(|renderer| renderer.newest());
     if let Some(newest) = newest.filter(|newest| newest.reads_block()) {

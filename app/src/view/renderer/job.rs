@@ -20,7 +20,7 @@ use std::time::Instant;
 pub(super) struct Job<L> {
     pub graph: String,
     pub set: Vec<(String, String)>,
-    /// Least values of the parameters that grow.
+    /// Minimum values of the parameters that grow.
     pub capacities: Capacities,
     /// True to report unknown settings as errors; otherwise they are dropped.
     pub strict: bool,
@@ -45,7 +45,7 @@ pub(super) struct Built<R> {
     pub prepare_ms: f64,
 }
 
-/// Makes the function of the building thread, with its cache of compiled shaders.
+/// Creates the building thread's function, with its cache of compiled shaders.
 pub(super) fn builder<L: Loader>(cancel: Cancel) -> impl FnMut(Job<L>) -> Built<L::Ready> {
     let mut planner = Planner::default();
     planner.set_cancel(cancel.clone());

@@ -1,21 +1,23 @@
 //! Draws with a graph and keeps its plan up to date.
 //!
-//! A [`Renderer`] has a device, the name of a graph, and its settings. When a file of the graph, a constant parameter or the
-//! [`PlanInputs`] change, it builds a new plan on another thread while frames of the current plan go on, and swaps to it
-//! between frames. If the build fails, the current plan stays and the failure is reported. Live parameters need no build: they
-//! go to the device with the next frame.
+//! A [`Renderer`] has a device, the name of a graph, and its settings. When a file of the graph, a constant parameter
+//! or the [`PlanInputs`] change, it builds a new plan on another thread, draws frames of the current plan meanwhile,
+//! and swaps between frames. If the build fails, the current plan stays and the failure is reported. Live parameters
+//! need no build: they reach the device with the next frame.
 //!
-//! One plan is built at a time; changes during a build are combined into the next one, for which a build that takes long is cancelled.
+//! One plan is built at a time. Changes during a build are combined into the next one; a build that takes long is
+//! cancelled for them.
 //!
-//! An incomplete frame, for want of room in a list, is shown as it is, and a plan with more capacity is built like any other
-//! ([`crate::draw::capacity`]). The room stays until another graph or scene is chosen, or the parameter is set by hand. If the device
-//! refuses such a plan, frames stay in part ([`Renderer::crowded`]) until the next change, or the next attempt where it lacked memory.
+//! A frame that overflows a list is incomplete. It is shown as it is, and a plan with more capacity is built like any
+//! other ([`crate::draw::capacity`]). The capacity stays until another graph or scene is chosen, or the user sets the
+//! parameter. If the device refuses such a plan, frames stay incomplete ([`Renderer::crowded`]) until the next change,
+//! or until the next attempt if it lacked memory.
 //!
-//! No error ends a renderer. A frame that cannot be drawn is tried again ([`RETRY`]), as is a build that lacked memory; both are
-//! shown meanwhile. A frame that the device does not finish in time is waited for with the next one ([`Renderer::patience`]). A lost
-//! device is given up with [`Renderer::release`], and its successor comes with [`Renderer::give`].
+//! No error ends a renderer. A frame that cannot be drawn is retried ([`RETRY`]), as is a build that lacked memory;
+//! both are reported meanwhile. A frame that the device does not finish in time is awaited together with the next one
+//! ([`Renderer::patience`]). A lost device is dropped with [`Renderer::release`], and replaced with [`Renderer::give`].
 //!
-//! A renderer draws when it is told to, and does nothing by itself: `Renderer::next` says when it must be polled although nothing
+//! A renderer acts only when called: `Renderer::next` returns the time at which it must be polled even if nothing
 //! called its [`Wake`].
 
 mod device;
@@ -42,21 +44,21 @@ use std::time::{Duration, Instant};
 pub use events::{Cause, Causes, Failure, RendererEvent, Swap};
 pub use state::{PlanInputs, RETRY, Wake};
 
-/// Default of [`Renderer::patience`]. With a longer one, a slow frame would delay the user interface; with none, short frames would
-/// wait for the next look at the device.
+/// Default of [`Renderer::patience`]. A longer wait would let a slow frame delay the user interface; without one, a
+/// short frame would be noticed only at the next poll.
 const PATIENCE: Duration = Duration::from_millis(5);
 
 /// A finished frame.
 pub struct FinishedFrame {
-    /// The device's results.
+    /// Results from the device.
     pub result: FrameResult,
     /// The frame's plan.
     pub plan: Arc<Plan>,
-    /// True for the first frame of the plan.
+    /// True for the first frame of its plan.
     pub first: bool,
     /// The requested inspections.
     pub inspected: Vec<Inspect>,
-    /// Lists that the frame had no room for.
+    /// Lists that overflowed in the frame.
     pub short: Vec<Overflow>,
     /// Number of the frame; see [`Renderer::submitted`].
     pub number: u64,
@@ -69,11 +71,11 @@ struct FrameInFlight {
     plan: Arc<Plan>,
     inspected: Vec<Inspect>,
     first: Option<PendingSwap>,
-    /// The result, once it was waited for.
+    /// The result, once the frame was waited for.
     result: Option<FrameResult>,
 }
 
-/// A swap before the end of its first frame.
+/// A swap whose first frame has not ended yet.
 struct PendingSwap {
     swap: Swap,
     asked: Instant,
@@ -81,33 +83,33 @@ struct PendingSwap {
 
 type Ready<D> = <<D as Device>::Loader as Loader>::Ready;
 
-/// A device with a graph; see the module's documentation.
+/// Draws a graph on a device; see the module's documentation.
 pub struct Renderer<D: Device> {
-    /// The longest wait for a frame before [`Renderer::submit`] gives up for now.
+    /// Maximum wait for a frame in [`Renderer::submit`].
     pub patience: Duration,
-    /// True to draw no frames for now.
+    /// True while drawing is paused.
     pub(super) paused: bool,
     device: DeviceState<D>,
     info: DeviceInfo,
-    /// Counts the devices.
+    /// Number of devices so far, which identifies the current one.
     epoch: u64,
     graph: String,
     set: IndexMap<String, String>,
-    /// Least values of the parameters that grow.
+    /// Minimum values of the parameters that grow.
     capacities: Capacities,
     /// Capacities of the current plan.
     drawn_with: Capacities,
-    /// The reason why nothing grows before another change, or before the next attempt.
+    /// Set if the device refused more capacity: nothing grows before another change or the next attempt.
     crowded: Option<Crowded>,
-    /// True if the newest finished frame of the current plan was whole; `None` before its first one.
+    /// True if the newest finished frame of the current plan was complete; `None` before its first one.
     whole: Option<bool>,
-    /// Counts the plans of other scenes and graphs.
+    /// Number of changes of scene or graph among the plans so far.
     subject: u64,
-    /// Number of frames that were submitted.
+    /// Number of submitted frames.
     submitted: u64,
-    /// A frame is due although nothing that it shows changed.
+    /// True if a frame is due although none of its inputs changed.
     redraw: bool,
-    /// Counts changes of the state that panels show.
+    /// Number of changes of the state that panels show.
     changes: u64,
     strict: bool,
     builder: Rebuilder<Job<D::Loader>, Built<Ready<D>>>,
@@ -123,7 +125,7 @@ pub struct Renderer<D: Device> {
     scene: Option<u64>,
     pending_swap: Option<PendingSwap>,
     in_flight: VecDeque<FrameInFlight>,
-    /// The work that the device did not finish within the patience.
+    /// The pass that the device did not finish within the patience.
     stalled: Option<Running>,
     /// True if a frame ended without results.
     forgot: bool,
@@ -131,7 +133,7 @@ pub struct Renderer<D: Device> {
     events: Vec<RendererEvent>,
     /// The last reported failure.
     failed: Option<String>,
-    /// The device of each build that is not taken yet, in order.
+    /// The device number of each build that is not taken yet, in order.
     jobs: VecDeque<u64>,
     progress: Arc<Mutex<String>>,
 }
@@ -189,7 +191,7 @@ impl<D: Device> Renderer<D> {
         })
     }
 
-    /// Returns the pass that the device was running when a frame was late at the last look.
+    /// Returns the pass that the device was running at the last poll, if a frame was late.
     pub fn stalled(&self) -> Option<&Running> {
         self.stalled.as_ref()
     }
@@ -202,7 +204,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Describes the failures of the newest build and of the last frame, as for a terminal; `None` without any.
+    /// Describes the failures of the newest build and of the last frame, formatted for a terminal; `None` without any.
     pub fn problem(&self, colour: bool) -> Option<String> {
         let mut texts: Vec<String> = self.failure().map(|failure| failure.text(colour)).into_iter().collect();
         texts.extend(self.trouble().map(|error| Failure::Backend(error.clone()).text(colour)));
@@ -245,7 +247,7 @@ impl<D: Device> Renderer<D> {
         self.state.error(self.now)
     }
 
-    /// Returns true while a plan is being built or waits for it.
+    /// Returns true while a build is running or pending.
     pub fn busy(&self) -> bool {
         self.build.is_busy() || self.state.due(self.now).is_some()
     }
@@ -255,32 +257,32 @@ impl<D: Device> Renderer<D> {
         !self.builder.busy()
     }
 
-    /// Returns the number of frames that were submitted so far.
+    /// Returns the number of frames submitted so far.
     pub fn submitted(&self) -> u64 {
         self.submitted
     }
 
-    /// Returns the number of frames whose results were not taken yet.
+    /// Returns the number of frames in flight, whose results were not taken yet.
     pub(super) fn in_flight(&self) -> usize {
         self.in_flight.len()
     }
 
-    /// Counts the plans of other scenes, other graphs and other devices, the first included.
+    /// Counts the changes of scene, graph and device among the plans so far, the first plan included.
     pub fn subject(&self) -> u64 {
         self.subject
     }
 
-    /// Counts the changes of a renderer that panels show, apart from finished frames: builds, failures, plans.
+    /// Counts the changes that panels show, apart from finished frames: builds, failures, plans.
     pub(super) fn changes(&self) -> u64 {
         self.changes
     }
 
-    /// Returns true if a frame is due although nothing that it shows changed.
+    /// Returns true if a frame is due although none of its inputs changed.
     pub(super) fn must_redraw(&self) -> bool {
         self.redraw
     }
 
-    /// Returns the time of the next [`Renderer::poll`] that is needed although nothing wakes the owner.
+    /// Returns the time by which [`Renderer::poll`] must be called even if nothing wakes the owner.
     pub(super) fn next(&self) -> Option<Instant> {
         let rebuild = match self.build {
             BuildState::Retry(time) => Some(time),
@@ -302,7 +304,7 @@ impl<D: Device> Renderer<D> {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Returns the kind of file watching.
+    /// Returns the way in which files are watched.
     pub fn watching(&self) -> WatchKind {
         self.watcher.kind()
     }
@@ -344,7 +346,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Makes `set` the changed parameters; all others return to their defaults. Texts that are no values of a parameter are ignored.
+    /// Replaces the changed parameters by `set`; all others return to their defaults. Invalid values are ignored.
     pub fn replace_set(&mut self, set: &IndexMap<String, String>) {
         let of = |Control { param, .. }: &Control| {
             let value = set.get(&param.name).map(|text| parse_value(text, &param.domain)).transpose();
@@ -359,7 +361,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Requests a build because of changes, the first of them at the time `asked`.
+    /// Requests a build for changes, the first of which occurred at the time `asked`.
     pub fn want(&mut self, causes: impl Into<Causes>, asked: Instant) {
         let (causes, now) = (causes.into(), Instant::now());
         self.changes += 1;
@@ -427,7 +429,7 @@ impl<D: Device> Renderer<D> {
         self.failed = failure;
     }
 
-    /// Takes the finished builds, and drops builds for a lost device.
+    /// Takes finished builds, and drops builds for a lost device.
     fn take_builds(&mut self) {
         while let Some(output) = self.builder.poll() {
             if self.jobs.pop_front() != Some(self.epoch) {

@@ -1,4 +1,4 @@
-//! Grows the parameters of a renderer with the needs of its frames, up to the device's memory.
+//! Increases a renderer's capacities when frames overflow, up to the device's memory.
 
 use super::Renderer;
 use super::events::{Cause, Causes, Failure};
@@ -10,32 +10,32 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl<D: Device> Renderer<D> {
-    /// Returns the reason why the device has no plan with more capacity, if it refused one since the last change.
+    /// Returns the device's reason for refusing a plan with more capacity, if it did since the last change.
     pub fn crowded(&self) -> Option<&str> {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
     }
 
-    /// Returns true before the end of the first frame of a plan that may have to grow, if frames can be drawn.
+    /// Returns true until the first frame of a plan that may need more capacity has ended, if frames can be drawn.
     pub fn may_grow(&self) -> bool {
         self.whole.is_none() && self.trouble().is_none() && self.grows()
     }
 
-    /// Starts with the room that the frames of another renderer needed, which draws the same.
+    /// Starts with the capacities of another renderer that draws the same.
     pub fn take_room_of(&mut self, other: &Renderer<D>) {
         self.capacities = other.capacities.clone();
     }
 
-    /// Returns true for a plan with lists that grow.
+    /// Returns true if the plan has lists that can grow.
     fn grows(&self) -> bool {
         self.plan().is_some_and(|plan| plan.params.iter().any(|param| param.grows.is_some()))
     }
 
-    /// Returns true if frames of the current plan are whole, or lack room that no plan on its way has.
+    /// Returns true if frames of the current plan are complete, or no plan with more capacity is on its way.
     pub fn is_at_best(&self) -> bool {
         !self.grows() || self.whole.is_some_and(|whole| whole || !self.busy())
     }
 
-    /// Records the needs of a finished frame that lacked room, and requests a plan with more.
+    /// Records the capacities that an overflowed frame needed, and requests a plan with them.
     pub(super) fn make_room(&mut self, plan: &Arc<Plan>, result: &FrameResult) -> Vec<Overflow> {
         let short = overflows(plan, &result.stats);
         // What a frame of a previous plan lacked, perhaps of another scene, says nothing about this one; and while another plan is on its
@@ -54,12 +54,12 @@ impl<D: Device> Renderer<D> {
         short
     }
 
-    /// Returns the time from which frames may ask for more room again.
+    /// Returns the time from which frames may request more capacity again.
     pub(super) fn room_again(&self) -> Option<Instant> {
         self.crowded.as_ref()?.retry
     }
 
-    /// Lets frames ask for more room again, if the device may have it by now.
+    /// Lets frames request more capacity again, if the device may have the memory by now.
     pub(super) fn try_room_again(&mut self) {
         if self.room_again().is_some_and(|time| time <= self.now) {
             self.crowded = None;
@@ -68,7 +68,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Takes note of a plan that failed. One whose only change was more room is given up: the frames go on in part.
+    /// Records a plan that failed. If only its capacity had changed, it is abandoned, and frames stay incomplete.
     pub(super) fn refuse(&mut self, causes: &Causes, failure: Failure) {
         let ended = match &failure {
             Failure::Backend(error) => ends_device(error),

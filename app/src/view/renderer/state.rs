@@ -1,4 +1,4 @@
-//! Defines the states of a renderer: of its device, and of its builds.
+//! Defines the states of a renderer's device, and of its builds.
 
 use super::events::{Cause, Causes};
 use splatgraph_api::{BackendError, Recovery};
@@ -8,10 +8,10 @@ use splatgraph_framework::reload::Attempt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Interval of attempts to draw or build again after a failure that may pass, such as a lack of memory.
+/// Interval between attempts to draw or build after a transient failure, such as a lack of memory.
 pub const RETRY: Duration = Duration::from_millis(250);
 
-/// A callback for new content to draw; any thread calls it.
+/// A callback that announces new content to draw; any thread may call it.
 pub type Wake = Arc<dyn Fn() + Send + Sync>;
 
 /// The inputs of a plan besides its files and parameters.
@@ -19,7 +19,7 @@ pub type Wake = Arc<dyn Fn() + Send + Sync>;
 pub struct PlanInputs {
     /// The scene to draw; `None` for a graph that draws no scene, such as the window's.
     pub scene: Option<Arc<Scene>>,
-    /// The imports of graphs.
+    /// Imports that graphs may use.
     pub catalog: Arc<Catalog>,
     /// Size of the picture, in pixels.
     pub size: (u32, u32),
@@ -28,7 +28,7 @@ pub struct PlanInputs {
 }
 
 impl PlanInputs {
-    /// Lists the causes of a new build; none if a plan for `former` fits.
+    /// Lists the causes of a new build; empty if a plan for `former` still fits.
     pub(super) fn differs(&self, former: &PlanInputs) -> Causes {
         let identity = |inputs: &PlanInputs| inputs.scene.as_ref().map(|scene| scene.identity());
         let all = [
@@ -40,15 +40,15 @@ impl PlanInputs {
     }
 }
 
-/// The state of a renderer's device.
+/// State of a renderer's device.
 pub(super) enum DeviceState<D> {
-    /// Frames are drawn.
+    /// The device draws frames.
     Drawing(D),
-    /// The last frame failed. The next is drawn from `retry` on.
+    /// The last frame failed. The next is drawn no earlier than `retry`.
     Failing { device: D, error: BackendError, retry: Instant },
-    /// The device, or its window, is lost. It stays until it is released.
+    /// The device, or its window, is lost. It stays here until it is released.
     Lost { device: D, error: BackendError },
-    /// The device was released, and its successor was not given yet.
+    /// The device was released, and not replaced yet.
     Released,
 }
 
@@ -80,7 +80,7 @@ impl<D> DeviceState<D> {
         }
     }
 
-    /// Takes note of an error: the device is lost, or the next frame waits until `retry`. A loss stays.
+    /// Records an error: the device is lost, or the next frame waits until `retry`. A loss is permanent.
     pub fn fail(&mut self, error: BackendError, retry: Instant) {
         *self = match std::mem::replace(self, DeviceState::Released) {
             DeviceState::Drawing(device) | DeviceState::Failing { device, .. } if ends_device(&error) => {
@@ -93,7 +93,7 @@ impl<D> DeviceState<D> {
         };
     }
 
-    /// Forgets the failure of a frame; returns true if there was one.
+    /// Clears the failure of a frame; returns true if there was one.
     pub fn recover(&mut self) -> bool {
         match std::mem::replace(self, DeviceState::Released) {
             DeviceState::Failing { device, .. } => {
@@ -108,25 +108,25 @@ impl<D> DeviceState<D> {
     }
 }
 
-/// Returns true for the loss of the device and of its window: another device is needed.
+/// Returns true if the device or its window is lost, so that another device is needed.
 pub(super) fn ends_device(error: &BackendError) -> bool {
     let window = matches!(error, BackendError::Unavailable(_) | BackendError::SurfaceLost { .. });
     error.recovery() == Recovery::DeviceEnded || window
 }
 
-/// The state of a renderer's builds.
+/// State of a renderer's builds.
 #[derive(Default)]
 pub(super) enum BuildState {
-    /// The newest plan is built, or cannot be.
+    /// The newest plan is built, or cannot be built.
     #[default]
     Idle,
-    /// The device was lost again and again: nothing is built before a change.
+    /// The device was lost repeatedly: nothing is built before a change.
     Held,
     /// The last build lacked something, such as memory. The next begins at this time.
     Retry(Instant),
-    /// A build is asked for.
+    /// A build is requested.
     Asked(PendingBuild),
-    /// A build runs. The changes since it began wait for its end.
+    /// A build is running. Changes since its start wait for its end.
     Running(Attempt, Option<PendingBuild>),
 }
 
@@ -146,7 +146,7 @@ impl BuildState {
         };
     }
 
-    /// Begins the build that is asked for, if none runs.
+    /// Begins the requested build, unless one is running.
     pub fn begin(&mut self) -> Option<PendingBuild> {
         match std::mem::take(self) {
             BuildState::Asked(build) => {
@@ -160,7 +160,7 @@ impl BuildState {
         }
     }
 
-    /// Ends the running build; returns its attempt. The changes since it began are built next.
+    /// Ends the running build; returns its attempt. Changes since its start are built next.
     pub fn end(&mut self) -> Option<Attempt> {
         match std::mem::take(self) {
             BuildState::Running(attempt, next) => {
@@ -174,7 +174,7 @@ impl BuildState {
         }
     }
 
-    /// Returns true if a build runs, or is asked for.
+    /// Returns true if a build is running or requested.
     pub fn is_busy(&self) -> bool {
         matches!(self, BuildState::Asked(_) | BuildState::Running(..))
     }
@@ -189,17 +189,17 @@ pub(super) struct PendingBuild {
 }
 
 impl PendingBuild {
-    /// Combines this build with that of later changes.
+    /// Combines this build with one for later changes.
     pub fn with(mut self, later: PendingBuild) -> PendingBuild {
         self.causes.add(later.causes);
         PendingBuild { causes: self.causes, asked: self.asked.min(later.asked), attempt: later.attempt }
     }
 }
 
-/// A device that refused a plan with more capacity.
+/// A refusal of a plan with more capacity.
 pub(super) struct Crowded {
     pub reason: String,
-    /// Time of the next attempt, where it may be otherwise by then.
+    /// Time of the next attempt, if the device may accept the plan by then.
     pub retry: Option<Instant>,
 }
 

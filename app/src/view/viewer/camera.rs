@@ -1,7 +1,7 @@
-//! The viewer's camera: who moves it, and where it is kept.
+//! Moves the viewer's camera, saves views, and plays paths.
 //!
-//! The user's input moves it ([`Viewer::navigate`]), or a path that is played, until anything else moves it. Views and keys are in
-//! the world's coordinates; the navigation is in the scene's.
+//! The user's input moves the camera ([`Viewer::navigate`]), or a path that is played, until anything else moves it.
+//! Views and keys are in the world's coordinates; the navigation is in the scene's.
 
 use super::Viewer;
 use crate::draw::camera_path::KeyError;
@@ -14,11 +14,11 @@ use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 use std::path::Path;
 
-/// Size of the camera by which a change is noticed.
+/// Size of the cameras that are compared to detect a change.
 const ANY_SIZE: (u32, u32) = (1, 1);
 
 impl<D: Device> Viewer<D> {
-    /// Returns the camera of the last frame's pictures in the world's coordinates, as files have it, in the pictures' size.
+    /// Returns the camera of the last frame's pictures in the world's coordinates, as in files, at the pictures' size.
     pub fn world_camera(&self) -> Camera {
         self.world_camera_of(self.asked)
     }
@@ -35,8 +35,8 @@ impl<D: Device> Viewer<D> {
 
     /// Returns the camera for a viewport's pictures of this size.
     ///
-    /// It takes the way through the world's coordinates, which round it where the scene is far from the world's origin: a command
-    /// that reads it from a file draws the same picture.
+    /// It is converted to the world's coordinates and back, which rounds it if the scene is far from the world's
+    /// origin. A command that reads it from a file thus draws the same picture.
     pub(super) fn camera_of(&self, id: RendererId, size: (u32, u32)) -> Camera {
         self.world_camera_of(size).relative_to(self.scene_of(id).offset())
     }
@@ -45,9 +45,9 @@ impl<D: Device> Viewer<D> {
         self.navigation.camera(width, height).relative_to(self.scene().offset().map(|v| -v))
     }
 
-    /// Applies the user's input to the camera, or plays the path on; returns true if the camera moved.
+    /// Applies the user's input to the camera, or advances the path; returns true if the camera moved.
     ///
-    /// A playing path is paused by input that moves the camera, and by whatever else moved it since the last call.
+    /// A playing path is paused by input that moves the camera, and by anything else that moved it since the last call.
     pub fn navigate(&mut self, input: &Input) -> bool {
         let now = |viewer: &Self| viewer.navigation.camera(ANY_SIZE.0, ANY_SIZE.1);
         if self.played.take().is_some_and(|shown| self.navigation.is_moving() || shown != now(self)) {
@@ -65,12 +65,13 @@ impl<D: Device> Viewer<D> {
         moved || played.is_some()
     }
 
-    /// Returns true while the camera moves without input: on the way to another camera, or on a path that is played.
+    /// Returns true while the camera moves without input: during a flight to another camera, or along a path that is
+    /// played.
     pub fn is_moving(&self) -> bool {
         self.navigation.is_moving() || self.play.is_playing()
     }
 
-    /// Shows the path at a time, in seconds from its start. If it is played, it continues from there.
+    /// Moves the camera to a time of the path, in seconds from its start. A playing path continues from there.
     pub fn seek_path(&mut self, seconds: f64) {
         self.play.seek(seconds, &self.path);
         if let Some(camera) = self.path.at(self.play.position()) {
@@ -94,7 +95,7 @@ impl<D: Device> Viewer<D> {
         self.views.add(name, camera)
     }
 
-    /// Goes to a saved view.
+    /// Flies to a saved view.
     pub fn look_through_view(&mut self, index: usize) {
         if let Some(view) = self.views.list().get(index) {
             self.navigation.set_camera(&view.relative_to(self.scene().offset()));
@@ -134,7 +135,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Takes cameras that were read: views, or the keys of the path.
+    /// Adds cameras that were read to the saved views, or makes them the keys of the path.
     pub(super) fn take_world_cameras(
         &mut self,
         role: CameraRole,
@@ -160,7 +161,7 @@ impl<D: Device> Viewer<D> {
         Ok(())
     }
 
-    /// Writes the command that draws the picture of a viewport to a file; `None` for one that is not there.
+    /// Returns the command line that draws a viewport's picture to a file; `None` for a viewport that does not exist.
     pub fn render_command(&mut self, id: RendererId, output: &Path) -> Option<String> {
         let camera = self.world_camera();
         let (scene, background) = (self.scene_path_of(id).to_owned(), self.background);

@@ -1,7 +1,7 @@
-//! The comparison of A and B: both pictures are read back, and another thread computes their differences.
+//! Compares A and B: both pictures are read back, and another thread computes their differences.
 //!
-//! It waits until both viewports draw what was requested, and remembers what that was, so that it is known to be of something else
-//! as soon as the camera or a setting has changed.
+//! It waits until both viewports draw the requested state, and records that state, so that the result is known to be
+//! outdated once the camera or a setting has changed.
 
 use super::parts::{Compared, Comparison, ComparisonResult, Side, Step};
 use super::{Viewer, Viewport};
@@ -12,7 +12,7 @@ use crate::view::paint::Mode;
 use splatgraph_api::{Device, Pixels};
 
 impl<D: Device> Viewer<D> {
-    /// Compares the next pictures of A and B; the result is an event, and [`Viewer::comparison`].
+    /// Compares the next pictures of A and B; the result is reported as an event and as [`Viewer::comparison`].
     pub fn measure(&mut self) {
         if self.b.is_some() && self.comparing.step == Step::No {
             self.comparing.step = Step::Waiting;
@@ -29,7 +29,7 @@ impl<D: Device> Viewer<D> {
         self.comparing.newest.as_ref().map(|(found, _)| found)
     }
 
-    /// Returns true if the comparison was made of the pictures that are shown now.
+    /// Returns true if the comparison is of the pictures that are shown now.
     pub fn comparison_is_current(&self) -> bool {
         self.comparing.newest.as_ref().is_some_and(|(_, of)| *of == self.compares_now())
     }
@@ -78,7 +78,7 @@ impl<D: Device> Viewer<D> {
         self.comparing.of = Some(self.compares_now());
     }
 
-    /// Takes the result of the other thread.
+    /// Takes the result from the other thread.
     pub(super) fn take_comparison(&mut self) {
         while let Ok(result) = self.comparing.results.1.try_recv() {
             self.comparing.step = Step::No;
@@ -98,7 +98,7 @@ impl<D: Device> Viewer<D> {
         self.events.push(Event::Problem { text: format!("A and B cannot be compared: {why}") });
     }
 
-    /// Compares both pictures of [`Viewer::measure`] on another thread, once they are read back.
+    /// Compares both pictures of [`Viewer::measure`] on another thread, once they have been read back.
     pub(super) fn compare_pictures(&mut self) {
         if self.comparing.step != Step::Reading {
             return;
@@ -136,7 +136,7 @@ impl<D: Device> Viewer<D> {
     }
 }
 
-/// Computes the differences of two pictures in display-encoded colours from 0 to 1.
+/// Computes the differences of two pictures in display-encoded colours, clamped to 0..1.
 fn differences(a: &Pixels, b: &Pixels) -> ComparisonResult {
     let image = |pixels| image_of(pixels).ok_or("the output has no colours");
     let (a, b) = (image(a)?.clamped(), image(b)?.clamped());

@@ -1,6 +1,6 @@
-//! Measures the device's bandwidth of copies between buffers, which times of passes are compared with.
+//! Measures the device's bandwidth for copies between buffers, with which times of passes are compared.
 //!
-//! A graph makes the copies in frames beside the pictures, which go on meanwhile.
+//! A graph makes the copies in frames of its own, between the frames of the pictures.
 
 use super::parts::CopyLimit;
 use super::{Viewer, Viewport};
@@ -10,12 +10,12 @@ use crate::view::viewport::View;
 use splatgraph_api::Device;
 use std::time::Instant;
 
-/// The graph that copies, and its pass that does.
+/// Name of the graph that copies, and of the pass that does so.
 const GRAPH: &str = "bench/copy";
 const PASS: &str = "copy";
-/// Frames whose median is taken.
+/// Number of frames whose median is taken.
 const FRAMES: u64 = 40;
-/// Size of the pictures that nobody sees, in pixels.
+/// Size of the measurement's pictures, which are not shown, in pixels.
 const SIZE: (u32, u32) = (16, 16);
 
 impl<D: Device> Viewer<D> {
@@ -50,7 +50,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Draws a frame of the measurement, and ends it when there are enough.
+    /// Draws a frame of the measurement, and ends it after enough frames.
     pub(super) fn step_copy(&mut self, now: Instant) {
         let Some(viewport) = self.copy.viewport_mut() else { return };
         let inputs = PlanInputs {
@@ -90,7 +90,7 @@ impl<D: Device> Viewer<D> {
     }
 }
 
-/// Computes the rate of the pass; of the whole frame where the driver's timestamps do not tell passes apart.
+/// Computes the bandwidth of the pass, or of the whole frame if the driver's timestamps do not separate passes.
 fn rate<D: Device>(viewport: &Viewport<D>) -> Option<f64> {
     let plan = viewport.renderer.plan()?;
     let pass = plan.passes.iter().find(|pass| pass.name == PASS)?;

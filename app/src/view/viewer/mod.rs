@@ -1,8 +1,8 @@
 //! Implements the viewer without a window.
 //!
-//! A [`Viewer`] has a scene, a camera, and one or two viewports: A, and B for comparison. [`Viewer::frame`] takes the results of
-//! other threads (plans, scenes, comparisons) and draws the pictures that are due. Windows and tests drive it alike; results are
-//! reported as [`Event`]s.
+//! A [`Viewer`] has a scene, a camera, and one or two viewports: A, and B for comparison. [`Viewer::frame`] takes the
+//! results of other threads (plans, scenes, comparisons) and draws the pictures that are due. Windows and tests call it
+//! in the same way; results are reported as [`Event`]s.
 
 use super::cameras::{CameraFiles, Views};
 use super::events::{Event, RendererId};
@@ -42,7 +42,7 @@ pub enum ViewerError {
     /// Files cannot be watched.
     #[error(transparent)]
     Watch(#[from] WatchError),
-    /// The device is lost, and not opened again yet.
+    /// The device is lost, and not replaced yet.
     #[error("the device is lost")]
     NoDevice,
 }
@@ -55,17 +55,17 @@ pub struct Viewer<D: Device> {
     other: Option<Subject>,
     /// Selectable cameras, in the scene's coordinates.
     pub cameras: Vec<Camera>,
-    /// Index of the camera that was selected last.
+    /// Index of the last selected camera.
     pub camera: Option<usize>,
     /// Position of the camera.
     pub navigation: Navigation,
-    /// The views that were saved.
+    /// Saved views.
     pub views: Views,
     /// The path of the camera, in the world's coordinates.
     pub path: CameraPath,
     /// The player of the path.
     pub play: Playback,
-    /// The camera that the player showed last.
+    /// The last camera that the player showed.
     played: Option<Camera>,
     camera_files: CameraFiles,
     /// The viewport of the picture, or of its left part.
@@ -82,24 +82,24 @@ pub struct Viewer<D: Device> {
     pub background: [f32; 3],
     /// Pixels of the picture per pixel of the window, across and down.
     pub scale: f32,
-    /// True to draw every frame, also while nothing changes.
+    /// True to draw frames continuously, even if nothing changes.
     pub continuous: bool,
-    /// Folder in which files get a name by themselves.
+    /// Folder for files that are named automatically.
     pub folder: PathBuf,
-    /// The splats of the pixel that was picked last; see [`Viewer::pick`].
+    /// The splats of the last picked pixel; see [`Viewer::pick`].
     pub picked: Option<Picked>,
     /// The viewport in which it was picked.
     picked_in: RendererId,
     picker: Picker,
-    /// True if the window's device is another one, so that pictures go there through the memory of the host.
+    /// True if the window uses another device, so that pictures reach it through host memory.
     pub(super) to_host: bool,
-    /// True to draw no pictures for now.
+    /// True while drawing is paused.
     pub(super) rests: bool,
     /// Size of the picture that the last frame requested, in pixels.
     asked: (u32, u32),
     opening: Opening,
     placed: PlacedFiles,
-    /// Number of the request of the cameras, if they were opened by themselves.
+    /// Request number of the cameras, if they were opened separately from a scene.
     cameras_number: u64,
     comparing: Comparing,
     copy: CopyLimit<D>,
@@ -166,8 +166,8 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Returns true while anything is being built, loaded, compared or picked, may have to be built with more capacity, or is not shown
-    /// yet.
+    /// Returns true while anything is being built, loaded, compared or picked, may have to be rebuilt with more
+    /// capacity, or is not shown yet.
     pub fn busy(&self) -> bool {
         self.changes_soon() || self.is_comparing() || self.picker.busy()
     }
@@ -180,7 +180,7 @@ impl<D: Device> Viewer<D> {
         self.shown().any(busy) || self.opening.busy()
     }
 
-    /// Iterates over A, B, and copies while they are measured.
+    /// Iterates over A, B, and the viewport of the copy measurement while it runs.
     fn all(&self) -> impl Iterator<Item = &Viewport<D>> {
         [Some(&self.a), self.b.as_ref(), self.copy.viewport()].into_iter().flatten()
     }
@@ -191,23 +191,23 @@ impl<D: Device> Viewer<D> {
         [Some(&self.a), b, self.copy.viewport()].into_iter().flatten()
     }
 
-    /// Returns true if frames are drawn all the time, because that was requested, or because they differ by themselves.
+    /// Returns true if frames are drawn continuously, on request or because they may differ for equal inputs.
     pub(super) fn is_animated(&self) -> bool {
         self.continuous || self.is_measuring_copy() || self.shown().any(Viewport::is_animated)
     }
 
-    /// Returns true if a frame is due that the device could not take yet.
+    /// Returns true if a due frame could not be submitted yet.
     pub(super) fn waits(&self) -> bool {
         self.shown().any(Viewport::waits)
     }
 
-    /// Counts the changes that panels show: finished frames, and [`Renderer::changes`].
+    /// Returns the number of changes that panels show: finished frames, and [`Renderer::changes`].
     pub(super) fn changes(&self) -> u64 {
         let of = |viewport: &Viewport<D>| viewport.renderer.changes() + viewport.history.frames();
         self.all().map(of).sum()
     }
 
-    /// Returns the time of the next frame that is due although nothing wakes the owner and no frame in flight ends.
+    /// Returns the time of the next frame that is due even if nothing wakes the owner and no frame in flight ends.
     pub(super) fn next(&self) -> Option<Instant> {
         let of = |viewport: &Viewport<D>| {
             let retry = viewport.renderer.retry().filter(|_| viewport.waits());
@@ -231,7 +231,7 @@ impl<D: Device> Viewer<D> {
         ready
     }
 
-    /// Returns the time of the newest submission in flight.
+    /// Returns the submission time of the newest frame in flight.
     pub(super) fn newest(&self) -> Option<Instant> {
         self.all().filter_map(|viewport| viewport.renderer.newest()).max()
     }
@@ -303,7 +303,8 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Replaces the cameras by ones in the scene's coordinates, and selects the first. Their mean direction up becomes the viewer's.
+    /// Replaces the cameras, given in the scene's coordinates, and selects the first. Their mean direction up becomes
+    /// the viewer's.
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
         if let Some(camera) = cameras.first() {
             let up = navigation::mean_up(&cameras).unwrap_or_else(|| self.scene().up().into());
@@ -313,7 +314,7 @@ impl<D: Device> Viewer<D> {
         self.cameras = cameras;
     }
 
-    /// Selects a camera.
+    /// Selects a camera and flies to it.
     pub fn look_through(&mut self, index: usize) {
         if let Some(camera) = self.cameras.get(index) {
             self.camera = Some(index);
@@ -321,10 +322,11 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Looks for the splats at a place of a viewport's picture, in its pixels from the top left corner, on another thread.
+    /// Searches on another thread for the splats at a position in a viewport's picture, in its pixels from the top left
+    /// corner.
     ///
-    /// They are in [`Viewer::picked`] when a later frame has taken them; the newest request replaces all before it. A place outside
-    /// of the picture picks nothing. The rules are those of [`crate::draw::pick`], whatever graph draws.
+    /// A later frame stores them in [`Viewer::picked`]; the newest request replaces all earlier ones. A position
+    /// outside of the picture picks nothing. The rules are those of [`crate::draw::pick`], for every graph.
     pub fn pick(&mut self, id: RendererId, at: [f32; 2]) {
         let (width, height) = self.asked;
         let inside = (0.0..width as f32).contains(&at[0]) && (0.0..height as f32).contains(&at[1]);
@@ -344,12 +346,12 @@ impl<D: Device> Viewer<D> {
         self.picked_in
     }
 
-    /// Returns true while splats are looked for.
+    /// Returns true during a search for splats.
     pub fn is_picking(&self) -> bool {
         self.picker.busy()
     }
 
-    /// Drops the picked splats, and cancels the search for others.
+    /// Drops the picked splats, and cancels the current search.
     pub fn forget_picked(&mut self) {
         self.picker.cancel();
         self.picked = None;
@@ -406,12 +408,12 @@ impl<D: Device> Viewer<D> {
         self.step_copy(now);
     }
 
-    /// Returns the error that ended the device, if any did.
+    /// Returns the error that ended the device, if any.
     pub fn lost(&self) -> Option<&BackendError> {
         self.a.renderer.lost().or_else(|| self.b.as_ref()?.renderer.lost())
     }
 
-    /// Drops the device and all that is on it. The scene stays in the memory of the host.
+    /// Drops the device and everything on it. The scene stays in host memory.
     pub fn release(&mut self) {
         // Another device copies at another rate.
         self.copy = CopyLimit::Unknown;
@@ -420,14 +422,14 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Builds nothing before a change; see [`Renderer::hold`].
+    /// Suspends builds until a change; see [`Renderer::hold`].
     pub fn hold(&mut self, loss: &str) {
         for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
             viewport.renderer.hold(loss);
         }
     }
 
-    /// Returns true if nothing of the dropped device is in use by a build.
+    /// Returns true if no build uses the dropped device.
     pub fn is_released(&mut self) -> bool {
         let b = self.b.as_mut().is_none_or(|b| b.renderer.is_released());
         self.a.renderer.is_released() && b
@@ -456,7 +458,7 @@ impl<D: Device> Viewer<D> {
         self.asked.0 == 0 || self.asked.1 == 0
     }
 
-    /// Returns the pictures for the window, each with a number that tells it from all others.
+    /// Returns the pictures for the window, each with a unique number.
     pub fn pictures(&self) -> [Option<(Shown, u64)>; 2] {
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [self.a.picture(), b.and_then(Viewport::picture)]
@@ -472,7 +474,7 @@ impl<D: Device> Viewer<D> {
         std::mem::take(&mut self.events)
     }
 
-    /// Returns A's device, after everything else is closed; `None` if it is lost.
+    /// Closes everything else, and returns A's device; `None` if it is lost.
     pub fn into_device(self) -> Option<D> {
         let Viewer { a, b, copy, .. } = self;
         drop((b, copy));
@@ -500,7 +502,7 @@ impl<D: Device> Viewer<D> {
         self.a.renderer.is_idle() && self.b.as_ref().is_none_or(|b| b.renderer.is_idle())
     }
 
-    /// Returns the pass that the device was running when a frame was late at the last look.
+    /// Returns the pass that the device was running at the last poll, if a frame was late.
     pub fn stalled(&self) -> Option<&Running> {
         self.a.renderer.stalled().or_else(|| self.b.as_ref()?.renderer.stalled())
     }

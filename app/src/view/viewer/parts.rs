@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// A scene, its file, and its imports for graphs.
+/// A scene with its file and its imports for graphs.
 pub(super) struct Subject {
     pub scene: Arc<Scene>,
     pub path: PathBuf,
@@ -39,9 +39,9 @@ pub struct Comparison {
     pub psnr: f64,
     /// SSIM; `None` for pictures smaller than its window.
     pub ssim: Option<f64>,
-    /// Largest difference of a channel, of 1.
+    /// Largest difference of a channel; 1 is white.
     pub worst: f64,
-    /// Column and row of that pixel.
+    /// Column and row of the pixel with the largest difference.
     pub at: [usize; 2],
     /// Width and height of the pictures, in pixels.
     pub size: [usize; 2],
@@ -75,14 +75,14 @@ pub(super) enum Step {
     Computing,
 }
 
-/// A comparison, or the error.
+/// Result of a comparison, or its error.
 pub(super) type ComparisonResult = Result<Comparison, String>;
 
 /// The running comparison and the newest one.
 pub(super) struct Comparing {
     pub step: Step,
     pub results: (Sender<ComparisonResult>, Receiver<ComparisonResult>),
-    /// The newest comparison, and its inputs.
+    /// The newest comparison, with its inputs.
     pub newest: Option<(Comparison, Compared)>,
     /// Inputs of the running comparison.
     pub of: Option<Compared>,
@@ -94,11 +94,11 @@ impl Default for Comparing {
     }
 }
 
-/// The progress of the measurement.
+/// Progress of the measurement of the copy limit.
 pub(super) enum CopyLimit<D: Device> {
     Unknown,
     Measuring(Box<Viewport<D>>),
-    /// 10^9 bytes per second, read and written.
+    /// Bandwidth in 10^9 bytes per second, read and written.
     Known(f64),
 }
 

@@ -1,24 +1,25 @@
-//! Follows the files that place several scenes: one that changes is loaded again, and the camera stays.
+//! Watches the files that place several scenes: a changed file is loaded again, and the camera stays.
 
 use crate::view::events::RendererId;
 use crate::view::renderer::Wake;
 use splatgraph_framework::reload::{Content, Wanted, WatchError, Watcher};
 use std::path::{Path, PathBuf};
 
-/// The files that are followed.
+/// The watched files.
 #[derive(Default)]
 pub(super) struct PlacedFiles {
-    /// None before the first file.
+    /// Watcher of the files; `None` before the first file.
     watcher: Option<Watcher>,
-    /// Scene files of A and B, with the contents that were read last.
+    /// Scene files of A and B, with the contents that were last read.
     wanted: [Option<Wanted>; 2],
 }
 
 impl PlacedFiles {
-    /// Follows the file of a viewport's scene if it places several scenes, as of now; forgets the one before.
+    /// Watches the file of a viewport's scene from now on, if it places several scenes; stops watching the previous
+    /// one.
     ///
     /// # Errors
-    /// The system starts no thread.
+    /// The system cannot start a thread.
     pub fn follow(&mut self, id: RendererId, path: &Path, wake: &Wake) -> Result<(), WatchError> {
         let places = splatgraph_assets::names_scenes(path);
         let wanted = places.then(|| Wanted { path: path.to_owned(), content: Content::at(path) });

@@ -1,6 +1,6 @@
-//! The viewer's scenes: A's, and B's if it has one of its own.
+//! Manages the viewer's scenes: A's, and B's if it has its own.
 //!
-//! The camera is in the coordinates of A's scene. B looks from the same place of the world.
+//! The camera is in the coordinates of A's scene. B looks from the same place in the world.
 
 use super::Viewer;
 use super::parts::{Subject, at_start};
@@ -48,12 +48,13 @@ impl<D: Device> Viewer<D> {
         self.opening.scene(id)
     }
 
-    /// Loads a scene for A on another thread; the previous one stays until then. Of several, the last is shown.
+    /// Loads a scene for A on another thread; the previous one stays until then. The last of several requests wins.
     pub fn open_scene(&mut self, path: &Path) {
         self.open_scene_in(RendererId::A, path);
     }
 
-    /// Loads a scene for a viewport in the same way. B shares A's scene if it is given the same file, and else has one of its own.
+    /// Loads a scene for a viewport on another thread. If B is given A's file, it shares A's scene; otherwise it has
+    /// its own.
     pub fn open_scene_in(&mut self, id: RendererId, path: &Path) {
         if id == RendererId::B && path == self.scene_path() {
             return self.share_scene();
@@ -64,7 +65,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Follows the file of a viewport's scene, if it places several.
+    /// Watches the file of a viewport's scene, if it places several scenes.
     pub(super) fn follow_scenes(&mut self, id: RendererId, path: &Path) {
         if let Err(error) = self.placed.follow(id, path, &self.wake) {
             self.events.push(Event::Problem { text: format!("changes are not noticed: {error}") });
@@ -83,7 +84,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Has B draw A's scene.
+    /// Makes B draw A's scene.
     pub fn share_scene(&mut self) {
         self.opening.cancel_scene(RendererId::B);
         if self.other.take().is_some() && self.picked_in == RendererId::B {
@@ -91,7 +92,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Exchanges A and B: graphs, parameters and scenes. The camera stays where it is in the world.
+    /// Exchanges A and B: graphs, parameters and scenes. The camera does not move in the world.
     pub fn exchange(&mut self) {
         let Some(b) = &mut self.b else { return };
         std::mem::swap(&mut self.a, b);
@@ -106,7 +107,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Makes a scene A's, and returns the former. The camera and the selectable cameras stay where they are in the world.
+    /// Makes a scene A's, and returns the previous one. The camera and the selectable cameras do not move in the world.
     fn replace_subject(&mut self, subject: Subject) -> Subject {
         let camera = self.world_camera();
         let offset = self.scene().offset();
@@ -119,7 +120,7 @@ impl<D: Device> Viewer<D> {
         former
     }
 
-    /// Brings the selectable cameras from the coordinates of a scene at `former` into those of A's scene.
+    /// Converts the selectable cameras from the coordinates of a scene with its origin at `former` to A's scene.
     fn move_cameras(&mut self, former: [f64; 3]) {
         let moved = DVec3::from(self.scene().offset()) - DVec3::from(former);
         for camera in &mut self.cameras {
@@ -160,7 +161,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Makes a scene A's, and chooses the cameras that can be selected.
+    /// Makes a scene A's, and sets the selectable cameras.
     fn show_scene(&mut self, subject: Subject, cameras: SceneCameras) {
         // A changed file: whoever edits it watches the picture.
         if subject.path == self.subject.path && names_scenes(&subject.path) {
@@ -187,10 +188,10 @@ impl<D: Device> Viewer<D> {
     }
 }
 
-/// The cameras that can be selected once a scene is shown.
+/// The selectable cameras once a scene is shown.
 enum SceneCameras {
-    /// The present cameras, which were opened after the scene.
+    /// The current cameras, which were opened after the scene.
     Kept,
-    /// The file of cameras beside the scene, if it exists, with its cameras or the error.
+    /// File of the cameras beside the scene, if it exists, with the cameras or the error.
     Own(Option<(PathBuf, Result<Vec<Camera>, String>)>),
 }

@@ -1,4 +1,4 @@
-//! Asks for a file with the system's dialog, without holding up the window.
+//! Asks for a file with the system's dialog, without blocking the window.
 
 use crate::view::opening::CameraRole;
 use crate::view::renderer::Wake;
@@ -22,12 +22,12 @@ pub struct Dialog {
 }
 
 impl Dialog {
-    /// Creates a dialog that is closed. `wake` is called when a file was chosen.
+    /// Creates a closed dialog. `wake` is called when a file has been chosen.
     pub fn new(wake: Wake) -> Dialog {
         Dialog { answers: channel(), is_open: false, wake }
     }
 
-    /// Opens the dialog in the folder of `near`, for any file, or for cameras with a use.
+    /// Opens the dialog in the folder of `near`, for any file, or only for cameras with this use.
     pub fn ask(&mut self, window: &winit::window::Window, near: &Path, cameras: Option<CameraRole>) {
         if std::mem::replace(&mut self.is_open, true) {
             return;
@@ -68,7 +68,7 @@ impl Dialog {
     }
 }
 
-/// Unparks a thread.
+/// A waker that unparks a thread.
 struct Unpark(Mutex<Thread>);
 
 impl TaskWake for Unpark {
@@ -77,7 +77,7 @@ impl TaskWake for Unpark {
     }
 }
 
-/// Runs a future to its end on this thread.
+/// Blocks this thread until a future is complete.
 fn block_on<T>(future: impl Future<Output = T>) -> T {
     let waker = Waker::from(Arc::new(Unpark(Mutex::new(std::thread::current()))));
     let mut future = pin!(future);

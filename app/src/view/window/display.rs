@@ -1,8 +1,8 @@
-//! Connects to the display, and outlives its end.
+//! Connects to the display, and survives its loss.
 //!
-//! Winit panics where its connection to an X server breaks, and libX11 ends the process by itself, with code 1 and a line on
-//! standard error. Both are an error of the display here. A panic of this program in a callback of winit is an internal error: see
-//! [`guarded`].
+//! Winit panics if its connection to an X server breaks, and libX11 exits the process with code 1 and a line on
+//! standard error. Both become an error of the display here. A panic of this program in a callback of winit is an
+//! internal error: see [`guarded`].
 
 use anyhow::{Context as _, Result, anyhow};
 use std::cell::{Cell, RefCell};
@@ -12,7 +12,7 @@ use std::sync::{Arc, Once};
 use winit::event_loop::{ActiveEventLoop, EventLoop};
 use winit::window::{Window, WindowAttributes};
 
-/// The share of a display's height that title bars and panels of a desktop leave to a window, about.
+/// Approximate share of a display's height that a desktop's title bars and panels leave to a window.
 const USABLE_HEIGHT: f64 = 0.92;
 
 /// Opens the connection to the display.
@@ -47,13 +47,13 @@ mod wayland {
     use std::os::unix::net::UnixStream;
     use std::path::PathBuf;
 
-    /// Returns true if a compositor accepts connections, as far as that can be found out without being its client.
+    /// Returns true if a compositor accepts connections, as far as can be determined without connecting as a client.
     pub fn answers() -> bool {
         // An inherited connection can be used once.
         is_set("WAYLAND_SOCKET") || socket().is_some_and(|path| UnixStream::connect(path).is_ok())
     }
 
-    /// Returns the compositor's socket: WAYLAND_DISPLAY, in XDG_RUNTIME_DIR unless it is an absolute path.
+    /// Returns the path of the compositor's socket: WAYLAND_DISPLAY, in XDG_RUNTIME_DIR unless it is absolute.
     fn socket() -> Option<PathBuf> {
         let name = std::env::var_os("WAYLAND_DISPLAY").filter(|name| !name.is_empty())?;
         let name = PathBuf::from(name);
@@ -65,18 +65,18 @@ mod wayland {
 }
 
 thread_local! {
-    /// Owner of the code that this thread runs within [`guarded`]; a panic is reported as the owner's.
+    /// Owner of the code that this thread is running within [`guarded`]; a panic is attributed to the owner.
     static RUNNING: Cell<Option<Whose>> = const { Cell::new(None) };
     /// The last panic on this thread.
     static PANIC: RefCell<Option<Panic>> = const { RefCell::new(None) };
 }
 
-/// The code that panics.
+/// Owner of the code that panics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Whose {
-    /// This program, and the libraries that it calls apart from the window library.
+    /// This program, and its libraries except the window library.
     Program,
-    /// The window library, with egui's adapter of it.
+    /// The window library, with egui's adapter for it.
     Library,
 }
 
@@ -86,7 +86,7 @@ enum Whose {
 pub struct Panic {
     whose: Whose,
     message: String,
-    /// File, line and column.
+    /// Source location of the panic: file, line and column.
     place: String,
 }
 
@@ -104,13 +104,13 @@ impl Panic {
     }
 }
 
-/// Runs the event loop, or another part of the window library, up to its end or a panic.
+/// Runs the event loop, or another part of the window library, until it ends or panics.
 ///
-/// Callbacks of the library run in [`own`], calls to the library from there in [`library`]. The innermost of them decides whose
-/// panic it is.
+/// Callbacks of the library run in [`own`], and calls to the library from there in [`library`]. The innermost of them
+/// determines the owner of a panic.
 ///
 /// # Errors
-/// The library panicked: the display, or the connection to it, is gone. Or this program did, which is a bug.
+/// The library panicked: the display, or the connection to it, is gone. Or this program panicked, which is a bug.
 pub fn guarded<T>(work: impl FnOnce() -> T) -> Result<T, Panic> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
@@ -142,7 +142,7 @@ pub fn library<T>(call: impl FnOnce() -> T) -> T {
 }
 
 fn run_as<T>(whose: Whose, work: impl FnOnce() -> T) -> T {
-    /// Restores the previous owner, also when a panic unwinds.
+    /// Restores the previous owner, even if a panic unwinds.
     struct Restore(Option<Whose>);
     impl Drop for Restore {
         fn drop(&mut self) {
@@ -153,7 +153,7 @@ fn run_as<T>(whose: Whose, work: impl FnOnce() -> T) -> T {
     work()
 }
 
-/// A window; every call of it is a call of the window library.
+/// A window. Each call of it runs as a call of the window library.
 pub struct Handle(Arc<Window>);
 
 impl Handle {
@@ -166,12 +166,12 @@ impl Handle {
         Ok(Handle(Arc::new(window)))
     }
 
-    /// Calls the window.
+    /// Runs a call on the window.
     pub fn with<T>(&self, call: impl FnOnce(&Window) -> T) -> T {
         library(|| call(&self.0))
     }
 
-    /// Returns the window for a device to draw in.
+    /// Returns the window for a device to draw to.
     pub fn surface(&self) -> Arc<Window> {
         self.0.clone()
     }
@@ -182,13 +182,14 @@ impl Handle {
     }
 }
 
-/// Devices are open, and a thread may be using one.
+/// True while devices are open, which a thread may be using.
 static OPEN: AtomicBool = AtomicBool::new(false);
 
-/// Notes that devices are open, or closed again.
+/// Records that devices are open, or closed again.
 ///
-/// Exit handlers of drivers and of their layers free what other threads may still use. While devices are open, the process therefore
-/// must end without them: see [`is_left_open`], and for libX11, which ends the process by itself, a handler that comes first.
+/// Exit handlers of drivers and their layers free memory that other threads may still use. While devices are open, the
+/// process must therefore end without them: see [`is_left_open`]. libX11 ends the process by itself, so a handler is
+/// installed that runs first.
 pub fn set_open(open: bool) {
     OPEN.store(open, Ordering::Relaxed);
     #[cfg(unix)]
@@ -205,12 +206,12 @@ pub fn set_open(open: bool) {
     }
 }
 
-/// Returns true if devices were left open, because they are busy or nothing can be closed in order.
+/// Returns true if devices were left open, because they are busy or could not be closed in order.
 pub fn is_left_open() -> bool {
     OPEN.load(Ordering::Relaxed)
 }
 
-/// Returns the largest size up to `size` that fits a display, in pixels.
+/// Returns the largest size up to `size` that fits on a display, in pixels.
 pub fn at_most(target: &ActiveEventLoop, size: (u32, u32)) -> (u32, u32) {
     let monitor = library(|| target.primary_monitor().or_else(|| target.available_monitors().next()));
     let monitor =

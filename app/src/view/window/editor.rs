@@ -1,14 +1,14 @@
-//! Opens a line of a file in the user's editor.
+//! Opens a source location in the user's editor.
 //!
-//! `VISUAL` or `EDITOR` name it. Editors that need a terminal cannot be started from a window, so for these, and without a
-//! variable, a `vscode://` link is opened, which editors besides VS Code also register.
+//! `VISUAL` or `EDITOR` names the editor. Editors that need a terminal cannot be started from a window. For these, and
+//! without a variable, a `vscode://` link is opened, which editors besides VS Code also register.
 
 use splatgraph_framework::ir::Origin;
 use std::env;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Opens the place in an editor.
+/// Opens a source location in an editor.
 ///
 /// # Errors
 /// The file is built into the program, or no program can be started.
@@ -31,7 +31,7 @@ pub fn open(origin: &Origin) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the program that opens a place, with its arguments.
+/// Returns the program that opens a source location, with its arguments.
 fn command(editor: &str, path: &Path, origin: &Origin) -> (String, Vec<String>) {
     let mut words = editor.split_whitespace().map(str::to_owned);
     let program = words.next().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Writes events as JSON lines, with changes of the window's size and of the controls' places.
+//! Writes events as JSON lines, including changes of the window's size and of the controls' positions.
 
 use crate::io::output::Log;
 use crate::view::events::Event;
@@ -49,7 +49,7 @@ impl EventLog {
         self.out.flush();
     }
 
-    /// Adds the changes of the window's size and of the controls' places.
+    /// Adds the changes of the window's size and of the controls' positions.
     fn add_changes(&mut self, all: &mut Vec<Event>, controls: &Controls, request: &FrameRequest) {
         let FrameRequest { size: (width, height), pixels_per_point, .. } = *request;
         let window = Event::Window { width, height, pixels_per_point };

@@ -1,12 +1,12 @@
-//! Opens the window: winit's events go into a [`Shell`], and its frames onto the display.
+//! Opens the window: passes winit's events to a [`Shell`], and presents its frames.
 //!
-//! The window sleeps until an event or the time of the next frame ([`Frame::next`]). While frames are in flight, it looks now and then
-//! whether they are done. While it is minimised or covered, it does not draw.
+//! The window sleeps until an event or the time of the next frame ([`Frame::next`]). While frames are in flight, it
+//! polls them at intervals. While it is minimised or covered, it does not draw.
 //!
 //! [`Frame::next`]: super::shell::Frame::next
 //!
-//! While nothing can be drawn in the window, its title says why: the device was lost, is busy with one pass, or cannot draw the
-//! window itself. Closing never waits for longer than `CLOSING`.
+//! While nothing can be drawn in the window, its title states the reason: the device was lost, is busy with one pass,
+//! or cannot draw the window itself. Closing never waits for longer than `CLOSING`.
 
 mod dialog;
 mod display;
@@ -43,28 +43,29 @@ use winit::window::{Fullscreen, Window, WindowId};
 /// Interval of checks for a hidden window to reappear.
 const IDLE: Duration = Duration::from_millis(100);
 
-/// Interval of attempts to draw while the device is opened again.
+/// Interval between attempts to draw while the device is being reopened.
 const REOPENING: Duration = Duration::from_millis(50);
 
-/// Least and greatest interval of looks at a frame in flight.
+/// Minimum and maximum interval between polls of a frame in flight.
 const LOOKS: (Duration, Duration) = (Duration::from_millis(1), Duration::from_millis(50));
 
-/// Share of a frame's age that the interval of looks may have, and add to it.
+/// Divisor of a frame's age that gives the interval between polls, and so bounds the added delay.
 const LOOK: u32 = 16;
 
-/// The longest wait, when the window closes, for the device and for a build. What still runs then ends with the process.
+/// Maximum wait for the device and for a build when the window closes. Anything still running then ends with the
+/// process.
 const CLOSING: Duration = Duration::from_secs(3);
 
-/// The time after which the program ends if the window's own graph never had enough memory.
+/// Time after which the program ends if the window's own graph never had enough memory.
 const BLIND: Duration = Duration::from_secs(3);
 
-/// The time of one pass after which the window's title names it.
+/// Duration of one pass after which the window's title names it.
 const SLOW: Duration = Duration::from_secs(1);
 
-/// Frames after which a view without pixels stays so.
+/// Number of frames after which a view without pixels is assumed to stay so.
 const MANY: u64 = 30;
 
-/// A function that sets the initial state of the shell in a window of this size.
+/// A function that sets the initial state of the shell, for a window of this size.
 pub type Setup = Box<dyn FnOnce(&mut Shell<Backend>, (u32, u32)) -> Result<()>>;
 
 /// The options of the window.
@@ -79,25 +80,25 @@ pub struct WindowOptions {
     pub cameras: Vec<Camera>,
     /// Size of the window's content, in pixels. The window is smaller if the display is.
     pub size: (u32, u32),
-    /// True for this size on any display.
+    /// True to use this size on any display.
     pub exact_size: bool,
-    /// The API of the device.
+    /// Graphics API of the device.
     pub backend: Api,
-    /// The device, and its validation.
+    /// Selection of the device, and its validation.
     pub device: Options,
     /// True to wait for the display's refresh.
     pub vsync: bool,
-    /// True to draw all the time, also while nothing changes. A number of frames and a screenshot imply it.
+    /// True to draw continuously, even if nothing changes. A number of frames or a screenshot implies it.
     pub continuous: bool,
-    /// File that keeps the arrangement from one start to the next; `None` to start anew.
+    /// File that keeps the arrangement between starts; `None` to start with the default.
     pub kept: Option<PathBuf>,
-    /// Sets the initial state of the shell.
+    /// Callback that sets the initial state of the shell.
     pub setup: Setup,
     /// Destination of events, one JSON object per line.
     pub events: Option<Log>,
     /// File for the window's picture, saved once everything is built; the window then closes.
     pub screenshot: Option<PathBuf>,
-    /// Least number of frames before that; without a screenshot, the number of frames after which the window closes.
+    /// Minimum number of frames before the screenshot; without one, the number of frames after which the window closes.
     pub frames: Option<u64>,
 }
 
@@ -136,13 +137,13 @@ struct Running {
     input: egui_winit::State,
     window: display::Handle,
     covered: bool,
-    /// True for a minimised window, and the time of that check; not every window system reports changes.
+    /// True for a minimised window, and the time of the last check; not every window system reports changes.
     minimised: (bool, Instant),
-    /// An event asks for a frame.
+    /// True if an event requires a frame.
     asked: bool,
-    /// The window system has lost the window's content.
+    /// True if the window system has lost the window's content.
     redraw: bool,
-    /// Time of the next frame, and of the next look at frames in flight.
+    /// Time of the next frame, and of the next poll of frames in flight.
     next: Option<Instant>,
     look: Option<Instant>,
     frames: u64,
@@ -150,9 +151,9 @@ struct Running {
     log: Option<EventLog>,
     /// The window's title.
     title: String,
-    /// Start of a time in which the window's own graph could not be built.
+    /// Start of the period in which the window's own graph could not be built.
     blind: Option<Instant>,
-    /// The pass that the last event of a slow one named.
+    /// The pass named by the last event about a slow pass.
     slow: Option<String>,
     /// File that keeps the arrangement.
     kept: Option<PathBuf>,
@@ -241,7 +242,7 @@ impl App {
         Ok(())
     }
 
-    /// Ends the program, with an error or without.
+    /// Ends the event loop, with or without an error.
     fn end(&mut self, target: &ActiveEventLoop, result: Result<()>) {
         let messages = self.running.take().map(|running| running.close()).unwrap_or_default();
         self.outcome = result.map(|()| messages);
@@ -343,7 +344,7 @@ impl Running {
         hidden || width == 0 || height == 0
     }
 
-    /// Draws a frame if one is due, and looks at frames in flight; returns true if the window must close.
+    /// Draws a frame if one is due, and polls frames in flight; returns true if the window must close.
     fn turn(&mut self) -> Result<bool> {
         let now = Instant::now();
         let is_due = |time: Option<Instant>| time.is_some_and(|time| time <= now);
@@ -365,7 +366,7 @@ impl Running {
         Ok(closes)
     }
 
-    /// Returns the time at which something is to be done; `None` if only an event gives something to do.
+    /// Returns the time at which work is due; `None` if only an event causes work.
     fn wakes(&self) -> Option<Instant> {
         let asked = self.asked.then(Instant::now);
         [asked, self.next, self.look].into_iter().flatten().min()
@@ -457,10 +458,10 @@ impl Running {
         }
     }
 
-    /// Names in the title the pass or error that keeps the window from showing a new picture.
+    /// Shows in the title which pass or error keeps the window from showing a new picture.
     ///
     /// # Errors
-    /// The window's own graph cannot be drawn, and never was.
+    /// The window's own graph cannot be drawn, and never could.
     fn show_state(&mut self) -> Result<()> {
         if let Some(failure) = self.shell.is_blind() {
             let since = *self.blind.get_or_insert_with(Instant::now);
@@ -537,7 +538,7 @@ impl Running {
         }
     }
 
-    /// Asks for a file, beside the scene.
+    /// Opens the dialog for a file, in the scene's folder.
     fn ask(&mut self, cameras: Option<CameraRole>) {
         let near = self.shell.viewer.scene_path();
         self.window.with(|window| self.open.ask(window, near, cameras));
@@ -557,7 +558,8 @@ impl Running {
         saved
     }
 
-    /// Closes the device, and returns the validation messages. What does not end in time is left to the end of the process.
+    /// Closes the device, and returns the validation messages. Anything that does not end in time ends with the
+    /// process.
     fn close(mut self) -> Vec<String> {
         if let Some(path) = &self.kept
             && let Err(error) = kept::keep(path, &self.shell.panels, self.shell.context().theme())
@@ -587,7 +589,7 @@ fn title(scene: &Path) -> String {
     format!("{} - splatgraph", one_line(&scene.file_name().unwrap_or_default().to_string_lossy()))
 }
 
-/// Finds the first of `NAME-1.png`, `NAME-2.png`, ... that does not exist.
+/// Returns the first name of `NAME-1.png`, `NAME-2.png`, ... that does not exist.
 fn fresh_name(stem: &str, extension: &str) -> PathBuf {
     let name = |number: u32| PathBuf::from(format!("{stem}-{number}.{extension}"));
     (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))
