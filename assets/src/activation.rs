@@ -1,7 +1,7 @@
 //! Converts stored values of splats to activated values, and back.
 //!
 //! Files store a scale as its logarithm and an opacity as its logit, and quaternions of any length. Everything is
-//! computed in f64 and rounded once, so that a file gives equal splats with every platform's math library.
+//! computed in f64 and rounded once, so that a file gives the same splats on every platform.
 
 use std::cmp::Ordering;
 
@@ -16,7 +16,7 @@ pub(crate) fn exponential(logarithm: f32) -> f32 {
     if logarithm.is_finite() { f64::from(logarithm).exp() as f32 } else { f32::NAN }
 }
 
-/// Computes the natural logarithm, at least -104, where its exponential rounds to 0 in f32.
+/// Computes the natural logarithm, clamped from below to -104, where its exponential rounds to 0 in f32.
 pub(crate) fn logarithm(scale: f32) -> f32 {
     f64::from(scale).ln().max(-104.0) as f32
 }
@@ -43,7 +43,7 @@ pub(crate) fn unit(raw: [f64; 4]) -> ([f32; 4], f64) {
     (raw.map(|c| if norm > 0.0 { (c / norm) as f32 } else { c as f32 }), norm)
 }
 
-/// Completes a unit quaternion with its largest component, at index `omitted`; the `others` are in ascending order of
+/// Completes a unit quaternion with its largest component, at index `omitted`. The `others` are in ascending order of
 /// index.
 #[inline]
 pub(crate) fn with_omitted(omitted: usize, others: [f64; 3]) -> [f64; 4] {
@@ -55,8 +55,8 @@ pub(crate) fn with_omitted(omitted: usize, others: [f64; 3]) -> [f64; 4] {
     })
 }
 
-/// Finds the component with the largest absolute value. Returns its index, and the quaternion with the sign that makes
-/// it positive.
+/// Finds the component with the largest absolute value. Returns its index, and the quaternion, negated if that
+/// component is negative.
 pub(crate) fn largest_positive(quaternion: [f32; 4]) -> (usize, [f64; 4]) {
     let larger = |best: usize, at: usize| {
         if quaternion[at].abs() > quaternion[best].abs() { at } else { best }

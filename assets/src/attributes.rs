@@ -9,12 +9,12 @@ use crate::scene::{CHUNK, Scene, sh_floats};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The memory layout of an attribute.
+/// Memory layout of an attribute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AttributeInfo {
     /// Bytes per splat and plane.
     pub stride: u64,
-    /// Number of planes with data: 1, except for `scene.sh`, which has as many as the stored degree needs.
+    /// Number of planes with data: 1; for `scene.sh`, as many as the stored degree needs.
     pub planes: u32,
 }
 
@@ -43,12 +43,12 @@ impl Scene {
         Some(AttributeInfo { stride, planes })
     }
 
-    /// Writes a piece of one plane of an attribute: the bytes from `offset` on that fill `out`.
+    /// Writes a part of one plane of an attribute: the bytes from `offset` on that fill `out`.
     ///
-    /// A plane has `stride` times [`Scene::count`] bytes; a piece has whole entries of it.
+    /// A plane has `stride` times [`Scene::count`] bytes; a part consists of whole entries.
     ///
     /// # Errors
-    /// The name, the plane or the piece is invalid; the text tells which.
+    /// The name, the plane or the part is invalid; the text says which.
     pub fn write_attribute(&self, name: &str, plane: u32, offset: u64, out: &mut [u8]) -> Result<(), String> {
         let info = self.attribute(name).ok_or_else(|| {
             let near = nearest(name, ATTRIBUTES).map(|n| format!("; did you mean {n}?")).unwrap_or_default();
@@ -108,7 +108,7 @@ impl Scene {
         });
     }
 
-    /// Hashes everything that can be drawn. Equal scenes have equal hashes, whatever their files. Computed once.
+    /// Hashes everything that can be drawn, once. Equal scenes have equal hashes, regardless of their files.
     pub fn identity(&self) -> u64 {
         *self.identity.get_or_init(|| {
             let c = &self.columns;

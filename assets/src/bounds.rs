@@ -1,4 +1,4 @@
-//! Axis-aligned boxes, exact and robust.
+//! Computes axis-aligned boxes: around all points, and around the central quantiles.
 
 use rayon::prelude::*;
 use serde::Serialize;

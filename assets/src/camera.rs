@@ -1,8 +1,8 @@
-//! A pinhole camera, as in the `cameras.json` of the 3DGS reference implementation.
+//! Defines a pinhole camera, as in the `cameras.json` of the 3DGS reference implementation.
 //!
-//! A camera is a position, a rotation, a focal length and an image size; its principal point is the image's centre. Position
-//! and rotation are camera-to-world, and the columns of the rotation are the camera's axes in the world: x right, y down,
-//! z forward. [`Dataset`](crate::Dataset) reads camera files.
+//! A camera is a position, a rotation, a focal length and an image size; its principal point is the image's centre.
+//! Position and rotation are camera-to-world, and the columns of the rotation are the camera's axes in the world: x
+//! right, y down, z forward. [`Dataset`](crate::Dataset) reads camera files.
 
 use crate::bounds::Bounds;
 use crate::scene::{FileNotes, Scene};
@@ -68,10 +68,10 @@ impl Camera {
         }
     }
 
-    /// Makes a camera that frames the bulk of a scene.
+    /// Makes a camera that frames most of a scene.
     ///
-    /// It looks along +z and 12 degrees down (+y), turned so that [`Scene::up`] is up, from where the box [`Scene::robust_bounds`] fits with a margin of 8 %.
-    /// The field of view is 60 degrees across the longer side.
+    /// It looks along +z and 12 degrees down (+y), rotated so that [`Scene::up`] is up, from a distance at which the
+    /// box [`Scene::robust_bounds`] fits with a margin of 8 %. The field of view is 60 degrees across the longer side.
     pub fn framing(scene: &Scene, width: u32, height: u32) -> Self {
         /// Downward slope of the view, in degrees.
         const PITCH: f64 = 12.0;
@@ -100,13 +100,12 @@ impl Camera {
         camera
     }
 
-    /// Translates the camera into coordinates with this `origin`, from the world's into those of a scene with that
-    /// [`Scene::offset`].
+    /// Translates the camera from the world's coordinates to those of a scene whose [`Scene::offset`] is `origin`.
     pub fn relative_to(&self, origin: [f64; 3]) -> Self {
         Self { position: std::array::from_fn(|axis| self.position[axis] - origin[axis]), ..self.clone() }
     }
 
-    /// Returns the camera's axes in the world: right, down and forward.
+    /// Returns the camera's axes in world coordinates: right, down and forward.
     pub fn axes(&self) -> [[f64; 3]; 3] {
         std::array::from_fn(|axis| std::array::from_fn(|row| self.rotation[row][axis]))
     }
@@ -124,25 +123,26 @@ impl Camera {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(near, far), z| (near.min(z), far.max(z)))
     }
 
-    /// Returns the camera with another image size; the vertical field of view stays.
+    /// Returns the camera with another image size and the same vertical field of view.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let factor = f64::from(height) / f64::from(self.height);
         Self { width, height, fx: self.fx * factor, fy: self.fy * factor, ..self.clone() }
     }
 
-    /// Returns the camera with another image size; the whole view stays, so pixels may be stretched.
+    /// Returns the camera with another image size and the same view, so pixels may not be square.
     pub fn stretched(&self, width: u32, height: u32) -> Self {
         let [x, y] =
             [(width, self.width), (height, self.height)].map(|(to, from)| f64::from(to) / f64::from(from));
         Self { width, height, fx: self.fx * x, fy: self.fy * y, ..self.clone() }
     }
 
-    /// Describes the first reason that makes the camera unusable: its numbers are inconsistent, or exceed f32, the
+    /// Describes the first reason that the camera is unusable: its numbers are inconsistent, or exceed f32, the
     /// renderers' precision.
     pub fn fault(&self) -> Option<String> {
         /// Maximum deviation of the rotation from orthonormal: files have as few as three decimals.
         const TOLERANCE: f64 = 0.01;
-        /// Minimum focal length, in pixels. Times 2^32 pixels, neither it nor its inverse leaves the range of f32.
+        /// Minimum focal length, in pixels. Multiplied by 2^32 pixels, neither it nor its inverse exceeds the range of
+        /// f32.
         const LEAST: f64 = 1e-20;
         /// Maximum coordinate, in world units. The squared distance between two of them is within f32.
         const FARTHEST: f64 = 1e18;

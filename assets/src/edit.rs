@@ -7,7 +7,7 @@ use crate::scene::{FileNotes, Scene};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-/// A rotation, a uniform scaling and a translation of the world: `p` goes to `scale * rotation * p + translation`.
+/// A rotation, a uniform scale and a translation of the world: maps `p` to `scale * rotation * p + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
     /// The rotation, of unit length.
@@ -107,7 +107,7 @@ impl Scene {
     /// The copy does not fit in memory, or there are more than 2^32 splats.
     ///
     /// # Panics
-    /// Panics without a scene.
+    /// Panics if `scenes` is empty.
     pub fn joined(scenes: &[Self]) -> Result<Self, SceneMemoryError> {
         let degree = scenes.iter().map(Self::stored_degree).max().unwrap_or(0);
         let total: u64 = scenes.iter().map(|scene| u64::from(scene.count())).sum();

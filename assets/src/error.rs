@@ -1,4 +1,4 @@
-//! Errors of scene files. Each message tells what was expected, what was found, and where.
+//! Defines the errors of scene files. Each message states what was expected, what was found, and where.
 
 use crate::memory::SceneMemoryError;
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ pub enum SceneError {
     #[error("expected a scene, found an empty file")]
     Empty,
 
-    /// The bytes are those of no scene format.
+    /// The bytes belong to no scene format.
     #[error("expected a scene (.ply, .spz, .splat, .ksplat, .sog, .glb), found {found}")]
     NotScene {
         /// The likely kind of the file.
@@ -47,7 +47,7 @@ pub enum SceneError {
     /// A field of a binary file is damaged, or has a value that the format or this reader does not allow.
     #[error("byte {at}, `{field}`: {message}")]
     Field {
-        /// Offset of the field, in the file or in its unpacked data.
+        /// Offset of the field, in the file or in its decompressed data.
         at: u64,
         /// The field's name in the format's description.
         field: String,
@@ -58,7 +58,7 @@ pub enum SceneError {
     /// A file of an archive is missing or damaged, or has an invalid value.
     #[error("`{part}`: {message}")]
     Part {
-        /// The file's name in the archive, perhaps with the value's name.
+        /// Name of the file in the archive, and of the value if one is wrong.
         part: String,
         /// Expected and found values, as a sentence.
         message: String,
@@ -220,7 +220,7 @@ pub enum SceneError {
     /// A number in the text of a composition gives no valid transform.
     #[error("{message}")]
     Scenes {
-        /// The scene, and what was expected and found.
+        /// Name of the scene, and the expected and found values.
         message: String,
     },
 

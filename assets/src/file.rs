@@ -1,7 +1,7 @@
 //! Opens files that a user names: only regular files, up to a size limit.
 //!
-//! Opening a FIFO blocks until it has a writer, and a device such as `/dev/zero` never ends. Paths are therefore checked
-//! before they are opened, and a file is read only up to a limit, whatever its length claims.
+//! Opening a FIFO blocks until it has a writer, and a device such as `/dev/zero` never ends. Paths are therefore
+//! checked before they are opened, and a file is read only up to a limit, regardless of its reported length.
 
 use std::fs::{File, FileType};
 use std::io::{Error, ErrorKind, Read, Result};

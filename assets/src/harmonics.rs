@@ -1,10 +1,10 @@
 //! Evaluates and fits real spherical harmonics, in the basis and with the signs of the 3DGS reference implementation.
 //!
-//! A splat's colour in direction `d` (unit, from the camera to the splat) is `max(0, 0.5 + sum_k c_k Y_k(d))` per channel.
-//! Coefficient 0 is band 0, 1 to 3 band 1, 4 to 8 band 2, 9 to 15 band 3.
+//! A splat's colour in direction `d` (unit, from the camera to the splat) is `max(0, 0.5 + sum_k c_k Y_k(d))` per
+//! channel. Coefficient 0 is band 0, 1 to 3 band 1, 4 to 8 band 2, 9 to 15 band 3.
 //!
-//! A *lobe*, a function that is symmetric about an axis, needs only a polynomial in the cosine to that axis: the addition
-//! theorem of spherical harmonics turns its Legendre coefficients into all sixteen coefficients (see [`Zonal`]).
+//! A *lobe*, a function that is symmetric about an axis, is a polynomial in the cosine to that axis. The addition
+//! theorem of spherical harmonics converts its Legendre coefficients to all sixteen coefficients (see [`Zonal`]).
 
 use glam::{DQuat, DVec3};
 use std::f64::consts::{PI, TAU};
@@ -45,20 +45,20 @@ pub fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
     ]
 }
 
-/// Turns spherical harmonics with the world.
+/// A rotation of spherical harmonics, as a matrix.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Turn {
-    /// Row `j` gives coefficient `j` of the turned function.
+    /// Row `j` gives coefficient `j` of the rotated function.
     matrix: [[f64; 16]; 16],
 }
 
 impl Turn {
     /// Computes the matrix of a rotation.
     ///
-    /// Its elements are the integrals of `Y_j(d) Y_k(R^-1 d)` over the sphere. The product is a polynomial of degree 6 at most, which
-    /// four nodes of Gauss and Legendre along z and eight around it integrate exactly.
+    /// Its elements are the integrals of `Y_j(d) Y_k(R^-1 d)` over the sphere. The product is a polynomial of degree 6
+    /// at most, which four Gauss-Legendre nodes along z and eight equal steps around it integrate exactly.
     pub(crate) fn new(rotation: DQuat) -> Self {
-        /// Nodes and weights of the quadrature on -1 to 1, each also with a negative node.
+        /// Positive nodes on -1 to 1 with their weights; each node also counts with the opposite sign.
         const NODES: [(f64, f64); 2] = [
             (0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
             (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
@@ -81,7 +81,7 @@ impl Turn {
         Self { matrix }
     }
 
-    /// Turns the harmonics of a splat to `degree`.
+    /// Rotates the harmonics of a splat, up to `degree`.
     pub(crate) fn apply(&self, sh: &mut [f32; 48], degree: u32) {
         let (before, coefficients) = (*sh, (degree + 1) * (degree + 1));
         for (j, row) in self.matrix.iter().enumerate().take(coefficients as usize) {
@@ -94,7 +94,7 @@ impl Turn {
     }
 }
 
-/// Bounds a colour from every direction: none is above it, in any channel, and none is further below 0.
+/// Bounds a splat's colour over all directions: no channel is above the bound, or further below 0.
 ///
 /// `sh` holds the coefficients of a splat, with the channels of each coefficient together. By the addition theorem
 /// (Unsöld), the squared functions of band `l` sum to (2l+1)/(4 pi) in every direction, so a band is at most the root
@@ -112,15 +112,15 @@ pub fn brightest(sh: &[f32]) -> f64 {
     (0..3).map(channel).fold(0.0, f64::max)
 }
 
-/// A function of the cosine to an axis: coefficients of the Legendre polynomials P0 to P3.
+/// A function of the cosine to an axis: the coefficients of the Legendre polynomials P0 to P3.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zonal(pub [f64; 4]);
 
 impl Zonal {
     /// Fits a smooth highlight, `exp(sharpness * (cos - 1))`, which is 1 on the axis.
     ///
-    /// Its bands are damped by Lanczos' sigma factors. That widens the lobe a little and prevents ringing from the cut
-    /// at degree 3, which would give dark bands.
+    /// Its bands are damped by Lanczos' sigma factors. These widen the lobe slightly, and prevent ringing from the
+    /// truncation at degree 3, which would cause dark bands.
     pub fn lobe(sharpness: f64) -> Self {
         const SAMPLES: usize = 256;
         let mut coefficients = [0.0; 4];

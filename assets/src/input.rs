@@ -1,4 +1,4 @@
-//! Code shared by readers: access to the bytes, memory limits, parallel conversion, and the end of a load.
+//! Provides readers with access to the bytes, memory limits, parallel conversion, and the final checks of a load.
 //!
 //! [`Source`] reads pieces at given offsets, from several threads at once; [`Input::allocate`] checks a scene against
 //! the available memory; [`fill`] converts tables of rows; [`finish`] creates the scene.
@@ -24,16 +24,16 @@ use std::time::{Duration, SystemTime};
 /// Bytes of rows that a thread reads at a time; at least one row.
 const PIECE: usize = 1 << 20;
 
-/// A callback for the progress of a load: bytes of splats converted, and bytes in total.
+/// A callback for the progress of a load: bytes of splats converted, and total bytes.
 ///
-/// Several threads call it, so the first number is not always ascending. `Break` cancels the load, which ends with
-/// [`SceneError::Cancelled`] as soon as every thread has noticed.
+/// Several threads call it, so the first number may decrease between calls. `Break` cancels the load, which returns
+/// [`SceneError::Cancelled`] once every thread has stopped.
 pub type Progress<'a> = &'a (dyn Fn(u64, u64) -> ControlFlow<()> + Sync);
 
 /// Ignores the progress of a load.
 pub const QUIET: Progress<'static> = &|_, _| ControlFlow::Continue(());
 
-/// The contents of a scene file's header.
+/// Contents of a scene file's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SceneHeader {
     /// Number of splats; some may not be drawable.
@@ -52,8 +52,8 @@ pub(crate) struct Input<'a> {
 }
 
 impl Input<'_> {
-    /// Allocates the arrays of a scene. Fails if they, `beside` more bytes, and a buffer of rows of `stride` bytes per
-    /// thread exceed the available memory. `wide` positions have more precision than f32.
+    /// Allocates the arrays of a scene. Fails if the available memory is less than the arrays, `beside` more bytes, and
+    /// a buffer per thread for rows of `stride` bytes. Positions that are `wide` have more precision than f32.
     pub(crate) fn allocate(
         &self,
         count: u64,
@@ -140,7 +140,7 @@ pub(crate) fn fill<const N: usize>(
     })
 }
 
-/// Sums the progress of parallel chunks, and stops all of them when the load is cancelled.
+/// Sums the progress of parallel chunks, and stops all of them if the load is cancelled.
 pub(crate) struct Done<'a> {
     done: AtomicU64,
     of: u64,
@@ -155,7 +155,7 @@ impl<'a> Done<'a> {
         Ok(begun)
     }
 
-    /// Continues after `done` reported bytes.
+    /// Continues the progress after `done` bytes.
     pub(crate) fn after(done: u64, of: u64, tell: Progress<'a>) -> Self {
         Self { done: AtomicU64::new(done), of, tell, cancelled: AtomicBool::new(false) }
     }
@@ -261,7 +261,7 @@ pub(crate) struct OpenFile {
     modified: Option<SystemTime>,
 }
 
-/// Age at which a modification time certainly differs from the time of a change now: file system clocks tick at least
+/// Age from which a file's modification time certainly differs from the current time: file system clocks tick at least
 /// every 10 ms.
 const SETTLED: Duration = Duration::from_millis(20);
 

@@ -42,7 +42,7 @@ fn float(bytes: &[u8], at: usize) -> f32 {
     f32::from_bits(word(bytes, at))
 }
 
-/// Returns true if the bytes can begin a file: the format has a version and no magic number.
+/// Returns true if the bytes may begin a file: the format has a version, but no magic number.
 pub(crate) fn is_plausible(head: &[u8]) -> bool {
     head.len() >= HEADER
         && head[0] == 0
@@ -63,7 +63,7 @@ struct Header {
 
 /// A section's parsed header.
 struct Section {
-    /// Number of splats, and index of the first.
+    /// Number of splats of the section.
     count: usize,
     first: usize,
     /// Offset of the first row.
@@ -116,7 +116,7 @@ impl Header {
         Ok(Self { level: level.into(), sections, count, range: [bound(36, -1.5), bound(40, 1.5)] })
     }
 
-    /// Returns the bytes of a row before its harmonics.
+    /// Returns the number of bytes of a row before its harmonics.
     fn plain(&self) -> usize {
         10 * VALUE[self.level] + 4
     }

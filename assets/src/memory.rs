@@ -131,10 +131,10 @@ fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
     least
 }
 
-/// Allocates `count` zeros of a column; `None` if there is no memory for them.
+/// Allocates a column of `count` zeros; `None` if there is not enough memory.
 ///
 /// The system provides zero pages on first touch, by the thread that fills them. `try_reserve` followed by a fill on
-/// one thread would touch them all there.
+/// one thread would touch all of them there.
 pub(crate) fn zeroed<T: bytemuck::Zeroable>(count: usize) -> Option<Vec<T>> {
     let layout = Layout::array::<T>(count).ok()?;
     if layout.size() == 0 {

@@ -1,13 +1,13 @@
 //! Recognises the format of a scene file by its first bytes, and describes files that are not scenes.
 //!
-//! Users pass the wrong file, a packed one, or a Git LFS pointer. The first bytes usually identify it, and "this is a
-//! gzip file" helps more than "bad magic".
+//! Users pass the wrong file, a compressed one, or a Git LFS pointer. The first bytes usually identify it, and "this is
+//! a gzip file" helps more than "bad magic".
 
 use crate::error::SceneError;
 use crate::{gltf, ksplat, sog, splat, spz};
 use std::path::Path;
 
-/// Leading bytes of well-known files, with a description.
+/// First bytes of well-known files, with descriptions.
 const MAGIC: &[(&[u8], &str)] = &[
     (b"\x89PNG", "a PNG image"),
     (b"\xFF\xD8\xFF", "a JPEG image"),
@@ -30,7 +30,7 @@ const MAGIC: &[(&[u8], &str)] = &[
     (b"\xEF\xBB\xBFply", "a PLY file behind a byte order mark (save it without one)"),
 ];
 
-/// Number of leading bytes that determine the format.
+/// Number of first bytes that are needed to recognise a format.
 pub(crate) const HEAD: usize = 4096;
 
 /// A format of scene files.
@@ -61,7 +61,7 @@ impl SceneFormat {
     pub const ALL: [Self; 7] =
         [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Sog, Self::Ksplat, Self::Gltf];
 
-    /// Returns the extension of file names, without the first dot.
+    /// Returns the file extension, without the first dot.
     pub fn extension(self) -> &'static str {
         match self {
             Self::Ply => "ply",
@@ -97,7 +97,7 @@ impl SceneFormat {
         found.or_else(|| name.ends_with(".gltf").then_some(Self::Gltf))
     }
 
-    /// Returns true if the format keeps a tag, by the name of [`FileNotes::tags`](crate::FileNotes::tags).
+    /// Returns true if the format stores a tag, given by its name in [`FileNotes::tags`](crate::FileNotes::tags).
     pub fn keeps_tag(self, tag: &str) -> bool {
         match self {
             Self::Ply | Self::CompressedPly => matches!(tag, "low_pass" | "up"),
@@ -107,7 +107,7 @@ impl SceneFormat {
         }
     }
 
-    /// Describes what the format loses of a scene with harmonics of `degree`, a phrase per kind of value.
+    /// Describes the losses of a scene with harmonics of `degree` in this format, one phrase per kind of value.
     pub fn losses(self, degree: u32) -> Vec<&'static str> {
         let mut losses = match self {
             Self::Ply | Self::Ksplat | Self::Gltf => vec![],

@@ -1,7 +1,7 @@
 //! Reports the flaws of a scene that affect rendering.
 //!
-//! Captured scenes have flaws that explain many later problems: values that are not numbers, floaters far outside the
-//! bulk that use up the bits of a depth key, splats as large as the scene. The report counts them. It does not change
+//! Captured scenes have flaws that explain many later problems: values that are not numbers, floaters far from most
+//! splats that waste the bits of a depth key, splats as large as the scene. The report counts them. It does not change
 //! the scene. Splats that cannot be drawn were dropped on load, and are counted here as well.
 
 use crate::bounds::{Bounds, quantile};
@@ -31,7 +31,7 @@ pub struct Report {
     pub stored_sh_degree: u32,
     /// Highest band that is not zero in every splat.
     pub effective_sh_degree: u32,
-    /// Highest band that is not zero in every splat that can be visible.
+    /// Highest band that is not zero in every splat whose opacity is above the alpha floor.
     pub shown_sh_degree: u32,
     /// Lengths of the quaternions before normalisation.
     pub quaternions: QuaternionNorms,
@@ -84,12 +84,12 @@ pub struct PlaceReport {
     pub outliers: u64,
 }
 
-/// View depths of the splats in front of a camera's near plane ([`NEAR`]), inside the image or not.
+/// View depths of the splats in front of a camera's near plane ([`NEAR`]), whether inside the image or not.
 ///
 /// A sort by depth processes all of them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DepthReport {
-    /// The camera's name, or its number.
+    /// Name of the camera, or its number.
     pub camera: String,
     /// Number of splats in front of the near plane.
     pub in_front: u64,
@@ -108,11 +108,11 @@ pub struct DepthRange {
     pub robust_near: f64,
     /// 99th percentile.
     pub robust_far: f64,
-    /// Bits of a key linear in depth that are lost to outliers.
+    /// Bits that outliers cost a key linear in depth.
     ///
-    /// This is log2 of the whole range over the robust range: a 16-bit key has this many fewer bits for the bulk.
+    /// This is log2 of the whole range over the robust range: a 16-bit key has this many fewer bits for most splats.
     pub linear_bits_lost: f64,
-    /// The bits lost for a key linear in the logarithm of depth.
+    /// Bits that outliers cost a key linear in the logarithm of depth.
     pub logarithmic_bits_lost: f64,
 }
 

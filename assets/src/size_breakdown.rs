@@ -1,6 +1,6 @@
 //! Accounts for every byte of a scene file: header, fields and separators, which sum to the file's size.
 //!
-//! A splat of degree 3 has 62 floats, 45 of which are its view-dependent colour; the breakdown shows that at a glance.
+//! For example, it shows that 45 of the 62 floats of a splat of degree 3 are its view-dependent colour.
 
 use serde::Serialize;
 use std::fmt;

@@ -1,11 +1,11 @@
-//! Takes arrays of numpy, and of whatever numpy takes, and gives numpy's.
+//! Converts numpy arrays, and objects that numpy converts, to Rust values, and back.
 
 use pyo3::buffer::{Element, PyBuffer};
 use pyo3::prelude::*;
 
-/// A number that arrays hold.
+/// An element type of arrays.
 pub trait Number: Element {
-    /// numpy's name of the type.
+    /// Name of the type in numpy.
     const NAME: &str;
 }
 
@@ -23,13 +23,14 @@ impl Number for f64 {
 
 /// The values of an array, the last index fastest.
 pub struct Array<T> {
-    /// All of them.
+    /// Values, the last index fastest.
     pub values: Vec<T>,
-    /// The lengths along each index.
+    /// Length of each dimension.
     pub shape: Vec<usize>,
 }
 
-/// Copies an array of `shape`, in which `None` is any length. Python converts what is not one: see `splatgraph/_arrays.py`.
+/// Copies an array of `shape`, in which `None` is any length. Python converts other objects: see
+/// `splatgraph/_arrays.py`.
 ///
 /// # Errors
 /// `TypeError` or `ValueError` with the argument's name.
@@ -41,10 +42,10 @@ pub fn take<T: Number>(value: &Bound<'_, PyAny>, name: &str, shape: &[Option<usi
     Ok(Array { values: buffer.to_vec(py)?, shape: buffer.shape().to_vec() })
 }
 
-/// Makes numpy's array of values.
+/// Makes a numpy array of values.
 ///
 /// # Errors
-/// numpy's, such as `MemoryError`.
+/// Errors of numpy, such as `MemoryError`.
 pub fn give<'py, T: Number>(py: Python<'py>, values: &[T], shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
     let array = py.import("numpy")?.call_method1("empty", (shape.to_vec(), T::NAME))?;
     PyBuffer::<T>::get(&array)?.copy_from_slice(py, values)?;

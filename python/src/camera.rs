@@ -69,9 +69,10 @@ impl Camera {
         checked(camera)
     }
 
-    /// Makes a camera at `eye` that looks at `target`, both in world units. `fov` is the horizontal field of view, in degrees.
+    /// Makes a camera at `eye` that looks at `target`, both in world units. `fov` is the horizontal field of view, in
+    /// degrees.
     ///
-    /// The picture is upright where the world's `up` points; most scenes have y downwards.
+    /// The direction `up` of the world is up in the picture; most scenes have y downwards.
     #[staticmethod]
     #[pyo3(signature = (eye, target, fov = 60.0, size = (960, 540), up = [0.0, -1.0, 0.0], name = String::new()))]
     fn look_at(
@@ -86,7 +87,7 @@ impl Camera {
         checked(assets::Camera { img_name: name, ..camera })
     }
 
-    /// Makes a camera that sees the bulk of a scene.
+    /// Makes a camera that frames most of a scene.
     #[staticmethod]
     #[pyo3(signature = (scene, size = (960, 540)))]
     fn framing(scene: &Bound<'_, Scene>, size: (u32, u32)) -> Camera {
@@ -95,7 +96,7 @@ impl Camera {
         Camera(camera.relative_to(scene.offset().map(|v| -v)))
     }
 
-    /// Loads cameras: a `cameras.json`, a `transforms.json`, or a folder of COLMAP's.
+    /// Loads cameras: a `cameras.json`, a `transforms.json`, or a COLMAP folder.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Vec<Camera>> {
         let cameras = wait::run(py, move || assets::Camera::load(path))?;
@@ -103,7 +104,7 @@ impl Camera {
         Ok(cameras.into_iter().map(Camera).collect())
     }
 
-    /// Makes the camera of the same view in another size, in pixels; the vertical field of view stays.
+    /// Returns the camera with another picture size, in pixels, and the same vertical field of view.
     fn resized(&self, width: u32, height: u32) -> PyResult<Camera> {
         checked(self.0.resized(width, height))
     }

@@ -1,8 +1,8 @@
-//! Owns a device on a thread of its own, which draws what all of Python's threads ask for.
+//! Owns a device on its own thread, which draws for all of Python's threads.
 //!
-//! A request is a camera ([`Engine::submit`], whose [`Pending`] is waited for) or a call with the session. The thread draws
-//! cameras in the order of their requests and keeps as many frames in flight as the device allows, so that it is busy while there are
-//! requests. A call waits for the frames before it.
+//! A request is a camera ([`Engine::submit`], which returns a [`Pending`] picture) or a call on the session. The thread
+//! draws cameras in the order of their requests and keeps as many frames in flight as the device allows, so that the
+//! device stays busy. A call waits for the frames before it.
 
 use crate::arrays::give;
 use crate::camera::Camera;
@@ -31,7 +31,7 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
 
-/// Work on the session, in its thread.
+/// A call on the session, run on its thread.
 type Work = Box<dyn FnOnce(&mut Session<Backend>) + Send>;
 
 /// A request to the thread.
@@ -44,19 +44,19 @@ enum Request {
 struct Draw {
     camera: assets::Camera,
     background: [f32; 3],
-    /// Nobody waits for it any more.
+    /// True once the caller no longer waits.
     abandoned: Arc<AtomicBool>,
     reply: Sender<Result<Drawn, SessionError>>,
 }
 
-/// A picture with the outputs that were asked for, and their cost.
+/// A picture with the requested outputs, and its statistics.
 struct Drawn {
     pixels: Option<Pixels>,
     outputs: Vec<Output>,
     stats: CameraStats,
 }
 
-/// The thread and the way to it.
+/// The drawing thread and the channel of its requests.
 struct Thread {
     requests: Sender<Request>,
     handle: JoinHandle<()>,
@@ -65,9 +65,9 @@ struct Thread {
 /// A device that draws a scene with a graph. Any thread may use it.
 #[pyclass(frozen, module = "splatgraph._native")]
 pub struct Engine {
-    /// `None` once closed.
+    /// The thread; `None` once closed.
     thread: Mutex<Option<Thread>>,
-    /// The statistics of the last picture that was taken, as JSON.
+    /// Statistics of the last picture that was taken, as JSON.
     last: Arc<Mutex<Option<String>>>,
 }
 
@@ -114,7 +114,7 @@ impl Engine {
         Ok(engine)
     }
 
-    /// Asks for a picture; `background` is display-encoded.
+    /// Requests a picture; `background` is display-encoded.
     #[pyo3(signature = (camera, background = [0.0; 3]))]
     fn submit(&self, camera: &Bound<'_, Camera>, background: [f32; 3]) -> PyResult<Pending> {
         let (reply, receiver) = channel();
@@ -124,7 +124,7 @@ impl Engine {
         Ok(Pending { receiver: Mutex::new(Some(receiver)), abandoned, last: self.last.clone() })
     }
 
-    /// Changes the graph and its parameters. After an error, everything is as before.
+    /// Changes the graph and its parameters. After an error, the previous ones stay.
     fn set_graph(
         &self,
         py: Python<'_>,
@@ -135,7 +135,7 @@ impl Engine {
         self.ask(py, move |session| session.change_graph(&pipeline, &params, size))
     }
 
-    /// Draws another scene from now on.
+    /// Draws another scene from the next request on.
     fn set_scene(&self, py: Python<'_>, scene: &Bound<'_, Scene>) -> PyResult<()> {
         let scene = scene.get().0.clone();
         self.ask(py, move |session| {
@@ -144,7 +144,7 @@ impl Engine {
         })
     }
 
-    /// Asks for outputs of the graph besides its pictures, such as `depth`, from now on.
+    /// Requests outputs of the graph besides the picture, such as `depth`, from the next request on.
     fn set_outputs(&self, py: Python<'_>, names: Vec<String>) -> PyResult<()> {
         self.ask(py, move |session| {
             session.set_outputs(&names);
@@ -152,27 +152,27 @@ impl Engine {
         })
     }
 
-    /// Lists the graph's parameters for pictures of a size: a list of dicts.
+    /// Lists the graph's parameters for a picture size, as a list of dicts.
     #[pyo3(signature = (size = DEFAULT_SIZE))]
     fn params<'py>(&self, py: Python<'py>, size: (u32, u32)) -> PyResult<Bound<'py, PyAny>> {
         let controls: Json = self.controls(py, size)?.iter().map(control).collect();
         errors::from_json(py, &controls.to_string())
     }
 
-    /// Builds the plan for pictures of a size.
+    /// Builds the plan for a picture size.
     #[pyo3(signature = (size = DEFAULT_SIZE))]
     fn plan(&self, py: Python<'_>, size: (u32, u32)) -> PyResult<Plan> {
         self.ask(py, move |session| session.plan_for(size)).map(Plan)
     }
 
-    /// The statistics of the last picture that was taken: a dict, or `None`.
+    /// Statistics of the last picture that was taken: a dict, or `None`.
     #[getter]
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let last = self.last.lock().unwrap_or_else(PoisonError::into_inner).clone();
         last.map(|json| errors::from_json(py, &json)).transpose()
     }
 
-    /// The device: a dict with its name, driver, kind and limits.
+    /// Description of the device: a dict with its name, driver, kind and limits.
     #[getter]
     fn device<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let info = self.ask(py, |session| Ok(session.device().info().clone()))?;
@@ -180,7 +180,7 @@ impl Engine {
         errors::from_json(py, &info.to_string())
     }
 
-    /// Ends the thread and closes the device, after the pictures that were asked for.
+    /// Ends the thread and closes the device, after the requested pictures are done.
     fn close(&self, py: Python<'_>) {
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(Thread { requests, handle }) = thread {
@@ -221,10 +221,10 @@ impl Engine {
     }
 }
 
-/// A picture that was asked for.
+/// A requested picture.
 #[pyclass(frozen, module = "splatgraph._native")]
 pub struct Pending {
-    /// `None` once taken.
+    /// The result; `None` once taken.
     receiver: Mutex<Option<Receiver<Result<Drawn, SessionError>>>>,
     abandoned: Arc<AtomicBool>,
     last: Arc<Mutex<Option<String>>>,
@@ -271,7 +271,7 @@ impl Drop for Pending {
     }
 }
 
-/// Answers requests until there can be no more.
+/// Answers requests until the channel is closed.
 fn serve(session: &mut Session<Backend>, requests: &Receiver<Request>) {
     let mut flying = VecDeque::new();
     loop {
@@ -298,7 +298,7 @@ fn serve(session: &mut Session<Backend>, requests: &Receiver<Request>) {
     }
 }
 
-/// Submits a frame, after whatever must be done before.
+/// Submits a frame, after the steps that it requires, such as building the plan.
 fn start(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>, draw: Draw) {
     if draw.abandoned.load(Ordering::Relaxed) {
         return;

@@ -1,4 +1,4 @@
-//! Defines the exceptions, and turns the library's errors into them.
+//! Defines the exceptions, and converts the library's errors to them.
 
 use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -26,7 +26,7 @@ Attributes:
     errors (list[dict]): each error: file, line, column, end_line, end_column, severity, message, label, help."
 );
 
-/// Makes the exception of an error of a session.
+/// Converts an error of a session to an exception.
 pub fn session(py: Python<'_>, error: &SessionError) -> PyErr {
     match error {
         SessionError::Graph(errors) => graph(py, errors),
@@ -35,7 +35,7 @@ pub fn session(py: Python<'_>, error: &SessionError) -> PyErr {
     }
 }
 
-/// Makes the exception of an error of a study: that of its innermost cause which has one of its own.
+/// Converts an error of a study to the exception of its innermost cause that has its own type.
 pub fn study(py: Python<'_>, error: &StudyError) -> PyErr {
     match error {
         StudyError::Session(error) => session(py, error),
@@ -46,12 +46,12 @@ pub fn study(py: Python<'_>, error: &StudyError) -> PyErr {
     }
 }
 
-/// Makes the exception of an error of a device.
+/// Converts an error of a device to an exception.
 pub fn device(error: &BackendError) -> PyErr {
     DeviceError::new_err(error.to_string())
 }
 
-/// Makes the exception of a graph's errors, with where they are.
+/// Converts a graph's errors to an exception, with their source locations.
 pub fn graph(py: Python<'_>, errors: &GraphErrors) -> PyErr {
     let text = errors.text(false).trim_end().to_owned();
     let exception = GraphError::new_err(text.clone());
@@ -85,7 +85,7 @@ pub fn with_causes(error: &impl std::fmt::Display) -> String {
     format!("{error:#}")
 }
 
-/// Makes Python's values of JSON.
+/// Converts JSON to Python values.
 pub fn from_json<'py>(py: Python<'py>, json: &str) -> PyResult<Bound<'py, PyAny>> {
     py.import("json")?.call_method("loads", (json,), None::<&Bound<'_, PyDict>>)
 }

@@ -1,4 +1,4 @@
-//! Wraps a command's views, which a cluster's workers do.
+//! Wraps a command's views, for the workers of a cluster.
 
 use crate::errors::{Error, with_causes};
 use pyo3::exceptions::PyValueError;
@@ -7,17 +7,17 @@ use splatgraph::cli;
 use std::ffi::OsString;
 use std::sync::{Mutex, PoisonError};
 
-/// Views that were done, views that were there, and views that failed with the reason.
+/// Indices of views done now, indices of views done before, and failed views with the reason.
 type Ran = (Vec<usize>, Vec<usize>, Vec<(usize, String)>);
 
 /// The views of a command line: `render`, `trade`, `sweep` or `evaluate` with its arguments.
 ///
-/// The scene is loaded and the device opened with the first views, and both stay for the next ones.
+/// The first views load the scene and open the device; later views reuse both.
 #[pyclass(frozen, module = "splatgraph._native")]
 pub struct Job {
-    /// `None` once closed.
+    /// The job; `None` once closed.
     job: Mutex<Option<cli::Job>>,
-    /// The views' file names, without extension.
+    /// File names of the views, without extension.
     #[pyo3(get)]
     views: Vec<String>,
 }
@@ -32,7 +32,7 @@ impl Job {
         Ok(Job { views: job.views().to_vec(), job: Mutex::new(Some(job)) })
     }
 
-    /// Does views, by index, unless their files are there.
+    /// Does views, by index, unless their files exist.
     fn run(&self, py: Python<'_>, views: Vec<usize>) -> PyResult<Ran> {
         if let Some(view) = views.iter().find(|view| **view >= self.views.len()) {
             return Err(PyValueError::new_err(format!(

@@ -1,12 +1,13 @@
 //! Defines `splatgraph._native`, the extension module of the Python package `splatgraph`.
 //!
-//! It wraps the application's library in a few classes; the package beside it (`splatgraph/*.py`) is what people call. Whatever takes
-//! time runs on a thread of its own ([`wait`]): Python's lock is free meanwhile, and Ctrl-C ends the call.
+//! It wraps the application's library in a few classes; the package beside it (`splatgraph/*.py`) is the public
+//! interface. Long operations run on their own threads ([`wait`]): they release the interpreter's lock, and Ctrl-C ends
+//! the call.
 //!
 //! - [`errors`]: the exceptions;
 //! - [`wait`]: waiting for other threads;
 //! - [`arrays`]: numpy's arrays;
-//! - [`scene`], [`camera`]: what is drawn;
+//! - [`scene`], [`camera`]: the inputs of a picture;
 //! - [`plan`]: plans as text, JSON and pages;
 //! - [`engine`]: a thread that owns a device and draws;
 //! - [`job`]: a command's views, for the workers of a cluster;
@@ -32,27 +33,28 @@ mod scene;
 mod studies;
 mod wait;
 
-/// The interpreter and the file of this module.
+/// Paths of the interpreter and of this module.
 static PROCESS: OnceLock<(PathBuf, PathBuf)> = OnceLock::new();
 
-/// Loads the extension module by its path alone, which then serves as the compiler.
+/// Python code that loads the extension module by its path, so that the process serves as the shader compiler.
 const SERVE: &str = "import sys, importlib.util as u
 s = u.spec_from_file_location('_native', sys.argv[1])
 s.loader.exec_module(u.module_from_spec(s))";
 
-/// Returns the program that compiles shaders: the interpreter with this module. `None` where Python is part of another program.
+/// Returns the program that compiles shaders: the interpreter with this module. `None` if Python is embedded in another
+/// program.
 fn worker() -> Option<Worker> {
     let (python, module) = PROCESS.get()?;
     let arguments = ["-I", "-S", "-c", SERVE].map(OsString::from).into_iter().chain([module.into()]);
     Some(Worker { arguments: arguments.collect(), ..Worker::new(python) })
 }
 
-/// Returns the cache of compiled shaders, those of this module's compiler.
+/// Returns the cache of shaders compiled by this module.
 fn shader_cache() -> Option<ShaderCache> {
     PROCESS.get().and_then(|(_, module)| ShaderCache::of_user(module))
 }
 
-/// Sets up planners. Called before the first plan, and not at import: the command line has settings of its own.
+/// Sets up planners. Called before the first plan, not at import: the command line has its own settings.
 fn configure() {
     let store = shader_cache().map(|cache| Arc::new(cache) as Arc<_>);
     planner::configure(planner::Settings { worker: worker(), store, include_roots: Vec::new() });
@@ -86,7 +88,7 @@ mod _native {
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 
-    /// Says which interpreter and which file of this module other processes can start from.
+    /// Sets the interpreter and the file of this module, from which other processes can be started.
     #[pyfunction]
     fn _set_process(python: PathBuf, module: PathBuf) {
         splatgraph::io::program::set(module.clone());

@@ -8,11 +8,11 @@ use pyo3::types::PyBytes;
 use splatgraph::io::image::Image;
 use splatgraph::studies::metrics;
 
-/// Measures the difference between two pictures, float32 [height, width, 3], display-encoded, of which 0 is black and 1 white.
+/// Measures the difference between two pictures, float32 [height, width, 3], display-encoded, with 0 for black and 1
+/// for white.
 ///
-/// Returns:
-///     A dict: psnr_db (dB, None for an error of 0), ssim (1 for equal ones, None below 11 x 11 pixels), worst (difference, x, y) and
-///     identical.
+/// Returns: A dict: psnr_db (dB, None for an error of 0), ssim (1 for equal ones, None below 11 x 11 pixels), worst
+/// (difference, x, y) and identical.
 #[pyfunction]
 pub fn compare<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     let py = a.py();
@@ -23,7 +23,7 @@ pub fn compare<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Bo
     errors::from_json(py, &json)
 }
 
-/// Returns a picture, float32 [height, width, 3], display-encoded, as the bytes of a PNG file of 8 bits.
+/// Encodes a picture, float32 [height, width, 3], display-encoded, as the bytes of an 8-bit PNG file.
 #[pyfunction]
 pub fn png<'py>(picture: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyBytes>> {
     let py = picture.py();

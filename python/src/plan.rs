@@ -1,4 +1,4 @@
-//! Wraps plans: what a graph becomes.
+//! Wraps plans: the result of building a graph.
 
 use crate::errors;
 use crate::scene::Scene;
@@ -22,7 +22,7 @@ impl Plan {
         &self.0.name
     }
 
-    /// The names of the passes, those that run once first.
+    /// Names of the passes; passes that run once are first.
     #[getter]
     fn passes(&self) -> Vec<String> {
         self.0.passes.iter().map(|pass| pass.name.clone()).collect()
@@ -38,7 +38,7 @@ impl Plan {
         dump::html(&dump::dump(&self.0))
     }
 
-    /// Returns a picture of passes and dependencies, for Graphviz.
+    /// Returns the passes and dependencies as a Graphviz graph.
     fn dot(&self) -> String {
         dump::dot(&dump::dump(&self.0))
     }

@@ -11,13 +11,14 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A 3D Gaussian Splatting scene: its splats, activated. Scenes do not change; renderers share them.
+/// A 3D Gaussian Splatting scene: its splats, activated. Scenes are immutable; renderers share them.
 #[pyclass(frozen, module = "splatgraph")]
 pub struct Scene(pub Arc<assets::Scene>);
 
 #[pymethods]
 impl Scene {
-    /// Loads a scene file: .ply, .compressed.ply, .spz, .splat, .sog, .ksplat, .glb or .gltf, which its bytes tell.
+    /// Loads a scene file, in a format recognised by its bytes: .ply, .compressed.ply, .spz, .splat, .sog, .ksplat,
+    /// .glb or .gltf.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
         let loaded = wait::run(py, move || assets::Scene::load(path, &|_, _| ControlFlow::Continue(())))?;
@@ -77,7 +78,8 @@ impl Scene {
         made.map(|scene| Scene(Arc::new(scene))).map_err(|error| Error::new_err(error.to_string()))
     }
 
-    /// Writes the scene in the format of the file's extension: .ply, .compressed.ply, .spz or .splat. All but .ply round.
+    /// Writes the scene in the format of the file's extension: .ply, .glb, .compressed.ply, .spz, .splat or .sog. All but
+    /// the first two round the values.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let Some(format) = SceneFormat::of_name(&path).filter(|format| SceneFormat::WRITTEN.contains(format))
         else {
@@ -126,26 +128,26 @@ impl Scene {
         give(py, self.0.sh(), &[self.0.count() as usize, bases, 3])
     }
 
-    /// The highest band of spherical harmonics that is not 0 in every splat.
+    /// Highest band of spherical harmonics that is not 0 in every splat.
     #[getter]
     fn sh_degree(&self) -> u32 {
         self.0.effective_degree()
     }
 
-    /// The origin's world coordinates, float64. 0 unless the file's coordinates have more digits than float32 holds.
+    /// World coordinates of the origin, float64. 0 unless the file's coordinates exceed the precision of float32.
     #[getter]
     fn offset(&self) -> [f64; 3] {
         self.0.offset()
     }
 
-    /// The box of all centres: its least and its greatest corner, in world units relative to `offset`.
+    /// Box of all centres: its minimum and its maximum corner, in world units relative to `offset`.
     #[getter]
     fn bounds(&self) -> ([f32; 3], [f32; 3]) {
         let bounds = self.0.bounds();
         (bounds.min, bounds.max)
     }
 
-    /// The number of splats of the file or the arrays that cannot be drawn, and were left out.
+    /// Number of splats of the file or the arrays that were dropped because they cannot be drawn.
     #[getter]
     fn dropped(&self) -> u64 {
         self.0.dropped().total()

@@ -1,4 +1,4 @@
-//! Runs the studies of the library: each on a thread of its own, which tells of its progress and can be cancelled.
+//! Runs the library's studies, each on its own thread, with progress and cancellation.
 
 use crate::arrays::take;
 use crate::camera::Camera;
@@ -22,17 +22,17 @@ use std::sync::mpsc::Sender;
 use std::sync::{Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-/// Studies that were cancelled and finish their last step. The process waits for them: they use a driver.
+/// Threads of cancelled studies that finish their last step. The process waits for them, since they use a driver.
 static CANCELLED: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
 
-/// News of a study.
+/// A message from a study's thread.
 enum News<T> {
     Progress(String, u64, u64, String),
     Message(String),
     Done(T),
 }
 
-/// Sends a study's news; a receiver that is gone cancels it.
+/// Sends a study's messages; dropping the receiver cancels the study.
 struct Reporter<T>(Sender<News<T>>);
 
 impl<T> Listener for Reporter<T> {
@@ -49,10 +49,12 @@ impl<T> Listener for Reporter<T> {
     }
 }
 
-/// Runs a study on a thread of its own; returns its result and its messages. `progress` is called with task, done, of and step.
+/// Runs a study on its own thread; returns its result and its messages. `progress` is called with task, done, of and
+/// step.
 ///
 /// # Errors
-/// The exception of `progress` or of a signal handler, such as `KeyboardInterrupt`: the study then ends after its present step.
+/// The exception of `progress` or of a signal handler, such as `KeyboardInterrupt`: the study then ends after its
+/// current step.
 fn run<T: Send + 'static>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
@@ -82,7 +84,7 @@ fn run<T: Send + 'static>(
     found.map(|found| (found, messages))
 }
 
-/// Waits for studies that were cancelled, at the end of the process.
+/// Waits for cancelled studies, at the end of the process.
 #[pyfunction]
 pub fn _join_studies(py: Python<'_>) {
     let threads = std::mem::take(&mut *CANCELLED.lock().unwrap_or_else(PoisonError::into_inner));
@@ -90,7 +92,7 @@ pub fn _join_studies(py: Python<'_>) {
     py.detach(|| threads.into_iter().for_each(|thread| drop(thread.join())));
 }
 
-/// The device of a study, and the numbers of frames.
+/// The device of a study, and the numbers of frames and rounds.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Effort {
@@ -211,7 +213,7 @@ pub fn advise<'py>(
     errors::from_json(py, &all.to_string())
 }
 
-/// Moves cameras into a scene, with a name of its own for each.
+/// Converts cameras to a scene's coordinates, and gives each a unique name.
 fn of_study(scene: &assets::Scene, cameras: &[Bound<'_, Camera>]) -> PyResult<Vec<assets::Camera>> {
     if cameras.is_empty() {
         return Err(PyValueError::new_err("cameras: expected at least one, found none"));
@@ -229,7 +231,7 @@ fn of_study(scene: &assets::Scene, cameras: &[Bound<'_, Camera>]) -> PyResult<Ve
     Ok(cameras)
 }
 
-/// Takes the true picture of each camera.
+/// Converts the true picture of each camera from its array.
 fn pictures(truths: &[Bound<'_, PyAny>], cameras: &[assets::Camera]) -> PyResult<Vec<Image>> {
     if truths.len() != cameras.len() {
         return Err(PyValueError::new_err(format!(

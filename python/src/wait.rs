@@ -1,4 +1,4 @@
-//! Waits for other threads so that Ctrl-C ends the wait.
+//! Waits for other threads, interruptibly by Ctrl-C.
 
 use crate::errors::Error;
 use pyo3::prelude::*;
@@ -6,13 +6,14 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::Builder;
 use std::time::Duration;
 
-/// Interval of asking Python for signals.
+/// Interval at which Python is polled for signals.
 const ASK_EVERY: Duration = Duration::from_millis(50);
 
-/// Runs `work` on a thread of its own and returns its result.
+/// Runs `work` on its own thread and returns its result.
 ///
 /// # Errors
-/// `KeyboardInterrupt` or another exception of a signal handler; the thread then ends when its work is done, and nobody learns of it.
+/// `KeyboardInterrupt` or another exception of a signal handler; the thread then finishes its work, and its result is
+/// dropped.
 pub fn run<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 'static) -> PyResult<T> {
     let (sender, mut receiver) = channel();
     Builder::new().name("splatgraph".into()).spawn(move || {
@@ -25,7 +26,7 @@ pub fn run<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 
 /// Receives a thread's answer.
 ///
 /// # Errors
-/// As [`run`], and where the thread ended without an answer.
+/// See [`run`]; or the thread ended without an answer.
 pub fn receive<T: Send>(py: Python<'_>, receiver: &mut Receiver<T>) -> PyResult<T> {
     loop {
         let receiver = &mut *receiver;

@@ -1,4 +1,4 @@
-//! Errors of reading cameras.
+//! Defines the errors of reading and writing cameras.
 
 use std::path::PathBuf;
 
@@ -76,7 +76,7 @@ pub enum CameraError {
         wanted: String,
         /// Number of cameras in the file.
         count: usize,
-        /// The first names in the file.
+        /// Names of the first cameras in the file.
         names: Vec<String>,
     },
     /// The list is empty.

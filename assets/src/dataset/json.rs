@@ -114,7 +114,7 @@ struct Fields {
     file_path: Option<String>,
     /// Camera-to-world, row by row.
     transform_matrix: Option<[[f64; 4]; 4]>,
-    /// The photographs reserved for tests, in nerfstudio's files.
+    /// Photographs reserved for tests, in nerfstudio's files.
     test_filenames: Option<Vec<String>>,
 }
 
@@ -130,7 +130,7 @@ impl Fields {
     }
 }
 
-/// Returns the value of a field, of the frame if it has one, else of the file.
+/// Returns a field's value from the frame if it has one, else from the file.
 macro_rules! either {
     ($name:ident of $frame:expr, $file:expr) => {
         $frame.$name.or($file.$name)
@@ -196,7 +196,7 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
     Ok(View { camera, photograph: photograph.to_owned(), test })
 }
 
-/// Reads a `transforms.json` in two passes: the file's values may follow its frames.
+/// Reads a `transforms.json` in two passes, because the file's values may follow its frames.
 fn transforms(text: &str, path: &Path, reached: &Cell<Option<usize>>) -> serde_json::Result<Dataset> {
     let file: Fields = serde_json::from_str(text)?;
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();

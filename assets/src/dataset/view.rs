@@ -1,4 +1,4 @@
-//! The views of a dataset.
+//! Defines the views of a dataset.
 
 use crate::camera::Camera;
 use std::path::PathBuf;
@@ -8,9 +8,9 @@ use std::path::PathBuf;
 pub struct View {
     /// The camera. Its `img_name` is `photograph` without extension.
     pub camera: Camera,
-    /// The photograph's path, relative to [`Dataset::photographs`], perhaps without extension.
+    /// Path of the photograph, relative to [`Dataset::photographs`]; its extension may be missing.
     pub photograph: String,
-    /// True for a test view; `None` if the dataset's files do not tell.
+    /// True for a test view; `None` if the dataset does not specify it.
     pub test: Option<bool>,
 }
 
@@ -19,7 +19,7 @@ pub struct View {
 pub struct Dataset {
     /// The views, in the order of their files.
     pub views: Vec<View>,
-    /// The folder that the photographs' paths are relative to, if the dataset tells.
+    /// Folder that the photographs' paths are relative to, if the dataset specifies it.
     pub photographs: Option<PathBuf>,
     /// Largest distance of a principal point from its image's centre, in pixels along an axis.
     pub off_center: f64,

@@ -1,4 +1,4 @@
-//! Loads and writes scene files: recognises the format by the bytes, and calls its reader.
+//! Loads and writes scene files: recognises the format from the bytes, and calls its reader.
 
 use crate::composition::{self, Placed};
 use crate::edit::Similarity;
@@ -15,7 +15,7 @@ use std::path::Path;
 #[cfg(test)]
 mod tests;
 
-/// Recognises the format of the bytes; `path` helps to describe a file that is not a scene.
+/// Recognises the format of the bytes. `path` is used to describe a file that is not a scene.
 fn recognise(source: &Source, path: Option<&Path>) -> Result<SceneFormat, SceneError> {
     recognise::format(path, &source.head(HEAD)?, source.length())
 }
@@ -31,7 +31,7 @@ fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
     }
 }
 
-/// The contents of a file that [`Scene::load`] accepts.
+/// Content of a file that [`Scene::load`] accepts.
 enum Content<T> {
     /// One scene.
     One(T),
@@ -182,7 +182,8 @@ impl Scene {
 
     /// Writes the scene in a format, in the world's coordinates.
     ///
-    /// All formats but [`SceneFormat::Ply`] and [`SceneFormat::Gltf`] round the values: [`SceneFormat::losses`] says how.
+    /// All formats but [`SceneFormat::Ply`] and [`SceneFormat::Gltf`] round the values: [`SceneFormat::losses`]
+    /// describes how.
     ///
     /// # Errors
     /// The writer fails, or the format is not in [`SceneFormat::WRITTEN`].

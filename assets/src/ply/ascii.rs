@@ -9,7 +9,7 @@ use std::ops::Range;
 /// Bytes read at a time.
 const PIECE: usize = 256 << 10;
 
-/// Maximum bytes of a line. A splat's line has some hundreds.
+/// Maximum length of a line, in bytes. A splat's line has a few hundred.
 pub(crate) const LONGEST_LINE: usize = 16 << 20;
 
 /// A line's position in a file.
@@ -28,11 +28,11 @@ pub(crate) struct Line<'a> {
     pub text: &'a [u8],
     /// Its number, counted from 1 over the file.
     pub number: u64,
-    /// True if the line ended with the file and not with a line feed: the file may have been truncated.
+    /// True if the line ended at the end of the file, without a line feed: the file may be truncated.
     pub cut: bool,
 }
 
-/// A cursor over the lines with rows. It keeps a piece of the file in memory, including the whole current line.
+/// A cursor over the lines with rows. It buffers a piece of the file that contains the whole current line.
 pub(crate) struct Lines<'a> {
     source: &'a Source<'a>,
     place: Place,
@@ -63,7 +63,8 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// Finds the next line. Returns its range in the buffer without the line feed, and true if the file's end cut it.
+    /// Finds the next line. Returns its range in the buffer without the line feed, and true if the file ended before a
+    /// line feed.
     fn next_line(&mut self) -> Result<Option<(Range<usize>, bool)>, SceneError> {
         let mut searched = 0;
         loop {

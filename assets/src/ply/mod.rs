@@ -13,9 +13,9 @@
 //! | `f_dc_0..2` | spherical harmonics, band 0, red green blue |
 //! | `f_rest_*` | bands 1 to the degree, channel-major: all of red's coefficients, then green's, then blue's |
 //!
-//! [`header`] reads the text, [`layout`] finds the splat's properties in it, [`binary`] and [`ascii`] read the rows, [`tags`] knows its comments, [`origin`]
-//! moves distant scenes near their origin, [`read`] joins all into a [`crate::Scene`], [`write`] is the way back. [`packed`] reads
-//! PlayCanvas's compressed layout, and [`pack`] writes it.
+//! [`header`] parses the text, [`layout`] finds the splat's properties in it, [`binary`] and [`ascii`] parse the rows,
+//! [`tags`] interprets comments, [`origin`] moves distant scenes near their origin, [`read`] combines these into a
+//! [`crate::Scene`], and [`write`] writes one. [`packed`] reads PlayCanvas's compressed layout, and [`pack`] writes it.
 
 pub(crate) mod ascii;
 pub(crate) mod binary;

@@ -9,13 +9,13 @@
 
 use super::layout::Layout;
 
-/// Spacing of the origins, in world units. At half of it, f32 resolves a ten-thousandth.
+/// Spacing of the origins, in world units. At half this distance, f32 resolves 1/10,000 of a unit.
 pub(super) const STEP: f64 = 1024.0;
 
-/// Maximum number of rows for the median.
+/// Maximum number of sampled rows.
 const SAMPLES: u64 = 1000;
 
-/// Rows of positions from which the origin is chosen.
+/// A sample of positions from which the origin is chosen.
 pub(super) struct Sample {
     /// Sampling stride, in rows.
     pub every: u64,

@@ -9,7 +9,7 @@ use crate::scene::{FileNotes, Scene, sh_floats};
 use std::f64::consts::SQRT_2;
 use std::io::{Result, Write};
 
-/// Limit of a scale's logarithm, of either sign, as in the reference writer.
+/// Maximum absolute value of a scale's logarithm, as in the reference writer.
 const SCALE_LIMIT: f64 = 20.0;
 
 /// The values of a splat that are stored relative to bounds: position, logarithms of the scale, and colour.

@@ -20,7 +20,7 @@ use crate::scene::{Scene, Splat};
 use crate::size_breakdown::SizeBreakdown;
 use std::f64::consts::SQRT_2;
 
-/// Splats that share bounds.
+/// Number of splats that share bounds.
 pub(super) const CHUNK_SPLATS: usize = 256;
 
 /// Properties of `vertex`.
@@ -118,7 +118,7 @@ impl Packed {
         })
     }
 
-    /// Parses the rows.
+    /// Parses the rows of a file.
     pub(super) fn parse(&self, input: &Input, header: &Header) -> Result<Scene, SceneError> {
         let mut elements = Vec::new();
         let (mut chunks, mut vertex, mut sh) = (None, None, Table { start: 0, stride: 0 });
@@ -217,7 +217,7 @@ impl Packed {
     }
 }
 
-/// Returns true if a property becomes part of a splat.
+/// Returns true if the reader uses a property.
 fn used(element: &str, property: &Property) -> bool {
     let name = property.name.as_str();
     match element {
@@ -259,8 +259,7 @@ fn quaternion(word: u32) -> [f64; 4] {
     activation::with_omitted((word >> 30) as usize, others)
 }
 
-/// Converts the byte of a coefficient above band 0; the smallest and the largest byte are the ends of the range, -4 to
-/// 4.
+/// Converts the byte of a coefficient above band 0; the extreme bytes are the ends of the range, -4 and 4.
 fn harmonic(byte: u8) -> f32 {
     let part = match byte {
         0 => 0.0,

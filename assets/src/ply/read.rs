@@ -1,11 +1,11 @@
 //! Reads a scene file: parses the header, then converts the rows in parallel.
 //!
-//! The file is read in pieces ([`crate::input`]), so that at most one piece per thread is in memory. Binary rows have
-//! a fixed length, so every chunk of splats is read and converted into the scene's arrays independently. ASCII rows
-//! vary in length, so a first pass finds the start of each chunk.
+//! The file is read in pieces ([`crate::input`]), so that at most one piece per thread is in memory. Binary rows have a
+//! fixed length, so every chunk of splats is read and converted into the scene's arrays independently. ASCII rows vary
+//! in length, so a first pass finds the start of each chunk.
 //!
 //! The header's counts are checked against the file's length and the available memory before anything is allocated. A
-//! file that was modified during the read is an error, never a mixture of two scenes.
+//! file that is modified during the read is an error, and never loaded as a mixture of two scenes.
 
 use super::header::{Element, Encoding, HEADER_LIMIT, Header};
 use super::layout::{Layout, MAX_SLOTS};
@@ -26,7 +26,7 @@ enum Stored {
     Packed(Packed),
 }
 
-/// Reads the header, finds the splats' properties, and checks the number of rows. Returns the number of splats as well.
+/// Reads the header, finds the splats' properties, and checks the number of rows. Also returns the number of splats.
 fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
     // One byte more than the limit, to distinguish a header that is too long from one that is cut off.
     let header = Header::parse(&source.head(HEADER_LIMIT + 1)?)?;
@@ -99,7 +99,7 @@ struct File<'a> {
     layout: &'a Layout,
 }
 
-/// The splats, their statistics, and the origin of their coordinates in the file's.
+/// The splats, their statistics, and the origin of their coordinates.
 struct Splats {
     columns: Columns,
     gathered: Gathered,

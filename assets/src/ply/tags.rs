@@ -11,11 +11,11 @@
 use crate::error::SceneError;
 use crate::scene::{FileNotes, Filter};
 
-/// The axes' names and the directions up that they mean.
+/// Names of the axes, and the direction up that each implies.
 const AXES: [(&str, [f64; 3]); 3] =
     [("x", [1.0, 0.0, 0.0]), ("y", [0.0, -1.0, 0.0]), ("z", [0.0, 0.0, -1.0])];
 
-/// Reads the words of a comment. Comments that are no tags are ignored.
+/// Reads the words of a comment. Comments that are not tags are ignored.
 ///
 /// # Errors
 /// The splats are those of 2DGS.
@@ -34,7 +34,7 @@ pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<(), SceneE
     Ok(())
 }
 
-/// Formats the comments of the tags that PLY has: none for a scene without tags.
+/// Formats the comments for the tags that PLY can store; empty for a scene without tags.
 pub(super) fn comments(notes: FileNotes) -> String {
     let filter = match notes.low_pass {
         Filter::Dilated => "",

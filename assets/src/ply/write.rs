@@ -76,8 +76,8 @@ impl Scene {
 
     /// Writes the scene as a PLY file in the reference layout, with its stored degree, in the world's coordinates.
     ///
-    /// Logarithms and logits are rounded to f32, so a scene read back agrees to about 1e-6, not to the bit. An opacity
-    /// of 0 or 1 and a scale of 0 are written as the nearest finite value that reads back as the same.
+    /// Logarithms and logits are rounded to f32, so a scene read back agrees to about 1e-6, but is not bit-identical.
+    /// An opacity of 0 or 1 and a scale of 0 are written as the nearest finite value that reads back as the same.
     ///
     /// # Errors
     /// The file cannot be created or written.

@@ -10,12 +10,12 @@ use rayon::prelude::*;
 pub(crate) struct Columns {
     pub degree: u32,
     pub position: Vec<[f32; 3]>,
-    /// The remainders of `position` below f32 precision; empty if none matters.
+    /// Remainders of `position` below f32 precision; empty if all are negligible.
     pub low: Vec<[f32; 3]>,
     pub scale: Vec<[f32; 3]>,
     pub rotation: Vec<[f32; 4]>,
     pub opacity: Vec<f32>,
-    /// [`sh_floats`] per splat.
+    /// Coefficients of the harmonics, [`sh_floats`] per splat.
     pub sh: Vec<f32>,
 }
 
@@ -23,11 +23,11 @@ pub(crate) struct Columns {
 pub(crate) struct Rows<'a> {
     /// Index of the first splat.
     first: usize,
-    /// Number of splats stored so far; dropped ones leave no gap.
+    /// Number of splats stored so far; dropped splats leave no gap.
     kept: usize,
     degree: u32,
     position: &'a mut [[f32; 3]],
-    /// Empty where positions are floats.
+    /// Remainders below f32 precision; empty if positions are floats.
     low: &'a mut [[f32; 3]],
     scale: &'a mut [[f32; 3]],
     rotation: &'a mut [[f32; 4]],
@@ -41,7 +41,7 @@ impl Rows<'_> {
         self.first
     }
 
-    /// Returns the number of splats in the chunk; each is pushed once.
+    /// Returns the number of splats in the chunk, each of which must be pushed once.
     pub(crate) fn len(&self) -> usize {
         self.opacity.len()
     }
@@ -52,7 +52,7 @@ impl Rows<'_> {
         self.push_wide(splat, splat.position.map(f64::from), norm);
     }
 
-    /// Stores a splat with a position beyond f32 precision; [`Splat::position`] is not read.
+    /// Stores a splat with a position beyond f32 precision; [`Splat::position`] is ignored.
     #[inline]
     pub(crate) fn push_wide(&mut self, splat: &Splat, position: [f64; 3], norm: f64) {
         let floats = sh_floats(self.degree);
@@ -86,7 +86,7 @@ impl Columns {
     /// Bytes of the remainder of a position.
     pub(crate) const LOW_BYTES: u64 = size_of::<[f32; 3]>() as u64;
 
-    /// Computes the bytes of a splat in all arrays.
+    /// Computes the bytes per splat in all arrays.
     pub(crate) const fn bytes_per_splat(degree: u32) -> u64 {
         (size_of::<[f32; 3]>() * 2 + size_of::<[f32; 4]>() + size_of::<f32>() * (1 + sh_floats(degree)))
             as u64
@@ -117,7 +117,7 @@ impl Columns {
     /// Allocates the remainders of positions with more precision than f32.
     ///
     /// # Errors
-    /// It does not fit in memory.
+    /// They do not fit in memory.
     pub(crate) fn widen(&mut self) -> Result<(), SceneMemoryError> {
         let count = self.position.len();
         self.low = memory::zeroed(count).ok_or_else(|| SceneMemoryError {

@@ -96,7 +96,7 @@ pub struct QuaternionNorms {
 }
 
 impl QuaternionNorms {
-    /// The difference from 1 that counts as far.
+    /// Difference from 1 above which a length counts as far.
     pub const FAR: f64 = 0.1;
 
     const NONE: Self = Self { min: f64::INFINITY, max: 0.0, far_from_unit: 0 };

@@ -1,9 +1,9 @@
 //! Stores the splats of a scene as a structure of arrays.
 //!
-//! A splat is an anisotropic 3D Gaussian: a centre, a standard deviation along each of three axes, the rotation of these
-//! axes, an opacity at the centre, and a view-dependent colour, as real spherical harmonics. All values here are
-//! *activated*: scales are standard deviations and not logarithms, opacities are 0 to 1 and not logits, quaternions are
-//! unit. A scene is immutable, so derived values are computed once.
+//! A splat is an anisotropic 3D Gaussian: a centre, a standard deviation along each of three axes, the rotation of
+//! these axes, an opacity at the centre, and a view-dependent colour, as real spherical harmonics. All values here are
+//! *activated*: scales are standard deviations, not logarithms; opacities are 0 to 1, not logits; quaternions have unit
+//! length. A scene is immutable, so derived values are computed once.
 
 mod columns;
 mod gathered;
@@ -29,7 +29,8 @@ use std::sync::OnceLock;
 /// Opacity below which the reference rasteriser never draws a splat.
 pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
 
-/// Maximum rounding error of positions to ignore, in standard deviations: below the rounding of the picture, at 100 dB.
+/// Rounding error of positions that is ignored, in standard deviations: its effect is below the picture's rounding, at
+/// 100 dB.
 const INVISIBLE: f32 = 1.0 / 16_384.0;
 
 /// The range of a scene's colours, which storage formats must cover.
@@ -197,12 +198,12 @@ impl Scene {
         self.notes
     }
 
-    /// Returns the world's direction up: that of the file, or -y.
+    /// Returns the world's direction up: the file's, or -y.
     pub fn up(&self) -> [f64; 3] {
         self.notes.up.unwrap_or(FileNotes::UP)
     }
 
-    /// Removes the tags that change how a scene is drawn: it is drawn by the published rules.
+    /// Removes the tags that change how a scene is drawn, so that it is drawn by the published rules.
     pub fn without_tags(self) -> Self {
         let notes = FileNotes { cut_degree: self.notes.cut_degree, ..FileNotes::default() };
         self.with_notes(notes)
@@ -227,7 +228,7 @@ impl Scene {
         &self.columns.position
     }
 
-    /// Returns true if positions have more precision than [`Scene::positions`], as with two distant clouds.
+    /// Returns true if positions need more precision than [`Scene::positions`] has, as for two distant clouds.
     pub fn is_wide(&self) -> bool {
         !self.columns.low.is_empty()
     }

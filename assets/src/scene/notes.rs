@@ -1,4 +1,4 @@
-//! Defines the tags of scene files: rules by which the splats were trained, beside their numbers.
+//! Defines the tags of scene files: the rules by which the splats were trained.
 
 use serde::{Serialize, Serializer};
 
@@ -8,7 +8,8 @@ pub enum Filter {
     /// 0.3 square pixels are added to covariances, as in the published rasteriser.
     #[default]
     Dilated,
-    /// The same, and opacities are lowered in proportion: gsplat's `antialiased`, and the mark of SPZ and SOG.
+    /// Covariances as for `Dilated`, and opacities lowered in proportion: gsplat's `antialiased`, and the flag of SPZ
+    /// and SOG.
     Compensated,
     /// The 2D filter of Mip-Splatting: 0.1 square pixels, and lower opacities. Brush calls it `mip`.
     Mip,
@@ -61,7 +62,7 @@ impl Serialize for SortKey {
     }
 }
 
-/// Holds the tags of a file.
+/// Tags of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct FileNotes {
     /// The filter of the training.
@@ -83,7 +84,7 @@ impl FileNotes {
         self.low_pass != Filter::Dilated
     }
 
-    /// Lists the tags that the file has, each as the name and the value of what it sets.
+    /// Lists the file's tags, each with the name and the value of the parameter that it sets.
     pub fn tags(&self) -> Vec<(&'static str, String)> {
         let mut tags = Vec::new();
         if self.low_pass != Filter::default() {
@@ -98,7 +99,7 @@ impl FileNotes {
         tags
     }
 
-    /// Keeps the tags that both files have; others become those of a file without tags.
+    /// Keeps the tags that both files share; others are reset to those of a file without tags.
     pub(crate) fn common(self, other: Self) -> Self {
         fn both<T: PartialEq + Default>(a: T, b: T) -> T {
             if a == b { a } else { T::default() }

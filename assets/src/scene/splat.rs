@@ -1,4 +1,4 @@
-//! A splat, and the sizes of its values.
+//! Defines a splat, and the sizes of its values.
 
 /// Number of splats that one task of a parallel loop converts.
 pub(crate) const CHUNK: usize = 8192;
@@ -8,7 +8,7 @@ pub const fn sh_floats(degree: u32) -> usize {
     3 * ((degree + 1) * (degree + 1)) as usize
 }
 
-/// One splat, activated.
+/// A splat with activated values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Splat {
     /// Centre, in world units, relative to [`Scene::offset`](super::Scene::offset).

@@ -5,24 +5,24 @@ use crate::scene::Splat;
 use glam::DQuat;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
 
-/// A change of axes: signs, then perhaps a quarter of a turn about x.
+/// A change of axes: signs, optionally followed by a quarter turn about x.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Frame {
     axes: [f32; 3],
     /// Sign of each spherical-harmonics coefficient.
     sh: [f32; 16],
-    /// From right, front, up to right, down, front: (x, y, z) goes to (x, -z, y).
+    /// Quarter turn from right, front, up to right, down, front: (x, y, z) becomes (x, -z, y).
     turn: Option<Turn>,
 }
 
 impl Frame {
-    /// Right, up, back: the axes of SPZ.
+    /// Number of the coordinate system right, up, back, which SPZ uses by default.
     pub(super) const RUB: u32 = 4;
 
     /// Makes the change from a coordinate system to the scene's axes.
     ///
-    /// A number is 1 and, added, 1 for right, 2 for up and 4 for front instead of left, down and back. From 9 on, the second axis is
-    /// the one along the view, and the third the vertical one. `None` for other numbers.
+    /// A number is 1 plus a sum of flags: 1 for right, 2 for up and 4 for front instead of left, down and back. From 9
+    /// on, the second axis is the one along the view, and the third the vertical one. `None` for other numbers.
     pub(super) fn new(system: u32) -> Option<Self> {
         let bits = system.checked_sub(1).filter(|bits| *bits < 16)?;
         let sign = |same: bool| if same { 1.0 } else { -1.0 };
@@ -38,7 +38,7 @@ impl Frame {
         Some(Self { axes, sh, turn })
     }
 
-    /// Converts a splat with harmonics of `degree`. Without a turn, the way back is the same.
+    /// Converts a splat with harmonics of `degree`. Without a quarter turn, the change is its own inverse.
     pub(super) fn apply(&self, splat: &mut Splat, degree: u32) {
         let [x, y, z] = self.axes;
         splat.position.iter_mut().zip(self.axes).for_each(|(value, sign)| *value *= sign);
@@ -59,7 +59,7 @@ impl Frame {
     }
 }
 
-/// Exchanges left and right, and up and down: from the axes of glTF, left, up and front, to those of a scene, or back.
+/// Negates x and y: converts between the axes of glTF (left, up, front) and those of a scene.
 pub(crate) fn flip(splat: &mut Splat, degree: u32) {
     Frame::new(7).expect("it is a number of a coordinate system").apply(splat, degree);
 }

@@ -1,6 +1,7 @@
-//! Parses the header of SPZ, and limits the unpacked data to the sizes that it declares.
+//! Parses the header of SPZ, and limits the decompressed data to the sizes that it declares.
 //!
-//! An unpacked array is at most as long as the header's number of splats requires, and grows only as its bytes arrive.
+//! A decompressed array is at most as long as the header's number of splats requires, and grows only as its bytes
+//! arrive.
 
 use super::layout::HEADER;
 use crate::error::SceneError;
@@ -31,7 +32,7 @@ pub(super) fn field(at: u64, field: &str, message: String) -> SceneError {
 }
 
 impl Header {
-    /// Parses the header of a file of `length` bytes, of any of `versions`.
+    /// Parses the header of a file of `length` bytes; its version must be in `versions`.
     pub(super) fn parse(
         bytes: &[u8; HEADER],
         length: u64,
@@ -122,7 +123,7 @@ pub(super) struct Unpacked {
     pub records: (Vec<u8>, u64),
 }
 
-/// Refuses a file whose arrays and scene together exceed the available memory.
+/// Refuses a file if its arrays and the scene together exceed the available memory.
 pub(super) fn check_memory(header: &Header, input: &Input) -> Result<(), SceneError> {
     let (count, degree) = (u64::from(header.count), header.degree.min(3));
     let needed = Scene::host_bytes(count, degree).saturating_add(count * header.stride());

@@ -1,15 +1,15 @@
-//! The sizes and tags of SPZ files.
+//! Defines the sizes and tags of SPZ files.
 
 /// First bytes of the header.
 pub(crate) const MAGIC: &[u8; 4] = b"NGSP";
 
-/// Bytes of the header to version 3.
+/// Size of the header up to version 3, in bytes.
 pub(super) const HEADER: usize = 16;
 
-/// Bytes of the header of version 4.
+/// Size of the header of version 4, in bytes.
 pub(super) const LONG_HEADER: usize = 32;
 
-/// Bytes of an entry of the table of contents of version 4.
+/// Size of an entry of version 4's table of contents, in bytes.
 pub(super) const ENTRY: usize = 16;
 
 /// A version of SPZ to write.

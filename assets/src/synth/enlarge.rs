@@ -1,7 +1,7 @@
 //! Enlarges a scene, for measurements at sizes beyond any capture.
 //!
-//! Copies lie inside their original splats, distributed like their Gaussians, and all shrink so that the covered area
-//! stays. The image and the number of splats per pixel then grow as in a finer capture of the scene.
+//! Copies lie inside their original splats, distributed like their Gaussians, and all splats shrink so that the covered
+//! area is preserved. The image and the number of splats per pixel then behave as in a finer capture of the scene.
 
 use super::random::splitmix64;
 use crate::memory::SceneMemoryError;

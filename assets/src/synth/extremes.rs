@@ -7,7 +7,7 @@ use crate::camera::Camera;
 use crate::memory::SceneMemoryError;
 use crate::scene::{Scene, Splat};
 
-/// A generated scene.
+/// A generated scene, or an error.
 pub(super) type Made = Result<Scene, SceneMemoryError>;
 
 /// Makes a camera at the origin that looks along +z, so that view depth is exactly z.
@@ -236,7 +236,7 @@ pub(super) fn harmonics(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Makes layer `i` across the whole view, close behind the one before it.
+/// Makes layer `i` across the whole view, close behind the previous one.
 fn layer(i: usize, color: [f64; 3]) -> Splat {
     Splat {
         position: [0.0, 0.0, 2.0 + i as f32 / 1024.0],
@@ -267,7 +267,7 @@ pub(super) fn layers_faint(count: u32, seed: u64) -> Made {
     layers(count, seed, 0.0045)
 }
 
-/// Generates layers across the view that hide everything behind them and emit no light.
+/// Generates black layers across the view that hide everything behind them.
 pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let opacity = 0.0045 * Random::new(seed, i as u64).range(0.99, 1.01);
@@ -301,7 +301,7 @@ pub(super) fn bright(count: u32, seed: u64) -> Made {
     })
 }
 
-/// The direction in which [`crossing_camera`] looks, across the plates of [`crossing`].
+/// Direction in which [`crossing_camera`] looks, across the plates of [`crossing`].
 const CROSSING: [f64; 3] = [0.0, 0.939_692_620_785_908_4, 0.342_020_143_325_668_7];
 
 /// Generates six plates, close behind one another, and twelve points far in front of and behind them.
@@ -338,7 +338,7 @@ pub(super) fn crossing_camera() -> Camera {
     Camera { img_name: "across".into(), ..Camera::looking_at(position, [0.0; 3], 60.0, (960, 540)) }
 }
 
-/// The place of [`remote`], in world units.
+/// Centre of [`remote`], in world units.
 const REMOTE: [f64; 3] = [1e4, -1e4, 1e4];
 
 /// Generates a cloud with details of a hundredth of a unit, ten thousand units from the origin, in floats.
@@ -355,7 +355,7 @@ pub(super) fn remote_camera() -> Camera {
     Camera { img_name: "remote".into(), ..camera().relative_to(REMOTE.map(|v| -v - 0.012_345_678_9)) }
 }
 
-/// Generates the cloud of [`remote`] ten million units from the origin; a file of it has positions in `double`.
+/// Generates the cloud of [`remote`] ten million units from the origin; its file stores positions as `double`.
 pub(super) fn surveyed(count: u32, seed: u64) -> Made {
     let scene = Scene::try_generate(count, 0, |i| small_cloud(&mut Random::new(seed, i as u64), count))?;
     // A multiple of 1,024, which a reader of the file finds again.
@@ -376,22 +376,22 @@ pub(super) fn two_clouds(count: u32, seed: u64) -> Made {
     Ok(scene)
 }
 
-/// The place of the smaller of [`two_clouds`], in world units.
+/// Centre of the smaller cloud of [`two_clouds`], in world units.
 const TWO_CLOUDS: [f64; 3] = [-5_000_000.123_456_789, 0.123_456_789, 0.1];
 
-/// Makes a camera that looks at the smaller of [`two_clouds`].
+/// Makes a camera that looks at the smaller cloud of [`two_clouds`].
 pub(super) fn two_clouds_camera() -> Camera {
     Camera { img_name: "smaller".into(), ..camera().relative_to(TWO_CLOUDS.map(|v| -v)) }
 }
 
-/// Returns a camera that fills its picture with a ball of this radius, from far away.
+/// Returns a distant camera whose picture is filled by a ball of this radius.
 pub(super) fn telephoto_camera(distance: f64, radius: f64) -> Camera {
     let degrees = 3.0 * (radius / distance).atan().to_degrees();
     let eye = [0.28 * distance, -0.3 * distance, -0.911_921 * distance];
     Camera { img_name: "telephoto".into(), ..Camera::looking_at(eye, [0.0; 3], degrees, (960, 540)) }
 }
 
-/// Generates a ball of a millionth of a unit.
+/// Generates a ball with a radius of a millionth of a unit.
 pub(super) fn millionth(count: u32, seed: u64) -> Made {
     let ball = uniform(count, seed)?;
     Scene::try_generate(count, 3, |i| {
@@ -422,7 +422,7 @@ pub(super) fn askew(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates a splat of [`cloud`], scaled to three tenths in size and distance.
+/// Generates a splat of [`cloud`], scaled to 0.3 in size and distance.
 fn small_cloud(random: &mut Random, count: u32) -> Splat {
     let mut splat = cloud(random, count);
     splat.position = splat.position.map(|v| 0.3 * v);

@@ -17,7 +17,7 @@ use splatgraph_framework::plan::Plan;
 /// Range in powers of ten above which a slider is logarithmic.
 const DECADES: f64 = 2.0;
 
-/// Width of a number, in points.
+/// Width of a number field, in points.
 const NUMBER: f32 = 80.0;
 
 /// Width of the button that resets a value, in points.

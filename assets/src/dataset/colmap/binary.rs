@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
-/// Longest name of a photograph, in bytes.
+/// Maximum length of a photograph's name, in bytes.
 const LONGEST_NAME: usize = 4096;
 
 /// A file read field by field.
@@ -133,7 +133,7 @@ pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
 
 /// Reads `images.bin` into a dataset.
 pub(super) fn images(path: &Path, lenses: &Lenses, dataset: &mut Dataset) -> Result<(), CameraError> {
-    /// Bytes of an image's point: its two coordinates, and the number of the point in space.
+    /// Size of an image's point, in bytes: two coordinates, and the number of the 3D point.
     const POINT: u64 = 24;
     let mut fields = Fields::open(path)?;
     for _ in 0..fields.count("num_images", 64 + 1 + 8)? {

@@ -1,4 +1,4 @@
-//! COLMAP's lenses, and the views of its images.
+//! Defines COLMAP's lenses, and converts its images to views.
 
 use crate::camera::Camera;
 use crate::dataset::error::{CameraError, MOST_CAMERAS};
@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// A lens: the entry of a camera without its pose.
+/// A lens: an entry of `cameras`, without a pose.
 #[derive(Clone, Copy)]
 pub(super) struct Lens {
     width: u32,
@@ -20,7 +20,7 @@ pub(super) struct Lens {
     off_center: f64,
 }
 
-/// The lenses of a model by their numbers.
+/// Lenses of a model, by their numbers.
 pub(super) type Lenses = HashMap<u32, Lens>;
 
 /// A lens model: the names of its parameters, in order.
@@ -58,7 +58,7 @@ pub(super) const MODELS: [Model; 11] = [
     },
 ];
 
-/// The advice for a lens that is not a pinhole.
+/// Advice for a lens that is not a pinhole.
 pub(in crate::dataset) const UNDISTORT: &str =
     "undistort the photographs first, for instance with `colmap image_undistorter`";
 

@@ -23,7 +23,7 @@ fn line(s: f64) -> DVec3 {
     glam::DQuat::from_rotation_y(0.42) * glam::DQuat::from_rotation_x(0.22) * p + CENTER
 }
 
-/// Evaluates the surface of the rope: u along it, v around it.
+/// Evaluates the surface of the rope: u runs along it, v around it.
 fn rope(uv: DVec2) -> DVec3 {
     const H: f64 = 1e-3;
     let (before, here, after) = (line(uv.x - H), line(uv.x), line(uv.x + H));

@@ -7,14 +7,14 @@ use crate::synth::random::Random;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
-/// A ring of petals, from the outside in.
+/// A ring of petals; rings are listed from the outside in.
 struct Ring {
     petals: usize,
     length: f64,
     width: f64,
     /// Slope at the root and at the tip, in degrees above the water.
     rise: (f64, f64),
-    /// Turn of the first petal, in petals.
+    /// Rotation of the first petal, in petals.
     turn: f64,
 }
 
@@ -50,14 +50,14 @@ fn petals_of(random: &mut Random) -> Vec<Petal> {
     petals
 }
 
-/// Evaluates a petal's half width at `u` of its length, 1 at the widest. It ends in a point.
+/// Evaluates a petal's half width at length `u` (0 to 1), relative to the widest. It ends in a point.
 fn outline(u: f64) -> f64 {
     let u = u.clamp(0.0, 1.0);
     (0.16 + 0.84 * (PI * u.powf(1.15)).sin().max(0.0).powf(0.75)) * (1.0 - u.powi(6)).max(0.0).powf(0.7)
 }
 
 impl Petal {
-    /// Evaluates a point of the petal: u along it, v across, both 0 to 1.
+    /// Evaluates a point of the petal: u runs along it, v across, both 0 to 1.
     fn point(&self, uv: DVec2) -> DVec3 {
         const STEPS: usize = 12;
         let ring = &RINGS[self.ring];

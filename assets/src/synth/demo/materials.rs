@@ -24,18 +24,19 @@ const GLOW_COLOR: DVec3 = DVec3::new(1.0, 0.55, 0.28);
 
 static TIGHT: LazyLock<Zonal> = LazyLock::new(|| Zonal::lobe(9.0));
 static BROAD: LazyLock<Zonal> = LazyLock::new(|| Zonal::lobe(2.2));
-/// Light at a grazing angle: Schlick's approximation with a lower power, because degree 3 carries no higher one.
+/// Reflection at grazing angles: Schlick's approximation with a lower power, because degree 3 cannot represent a higher
+/// one.
 static RIM: LazyLock<Zonal> = LazyLock::new(|| Zonal::fit(-0.2, |t| (1.0 - t.clamp(0.0, 1.0)).powi(3)));
 static FILM_COS: LazyLock<Zonal> = LazyLock::new(|| film(f64::cos));
 static FILM_SIN: LazyLock<Zonal> = LazyLock::new(|| film(f64::sin));
 
-/// Fits the interference colours of a thin film, whose phase runs from facing to grazing.
+/// Fits the interference colours of a thin film, whose phase changes from facing to grazing views.
 fn film(wave: fn(f64) -> f64) -> Zonal {
     const TURNS: f64 = 0.75;
     Zonal::fit(-0.05, |t| wave(std::f64::consts::TAU * TURNS * (1.0 - t)))
 }
 
-/// Encodes linear light for the display: a shoulder that keeps colours below white, then gamma.
+/// Encodes linear light for the display: a soft shoulder that keeps colours below white, then gamma.
 pub(super) fn display(linear: DVec3) -> DVec3 {
     let exposed = linear.max(DVec3::ZERO);
     (exposed / (exposed + 0.75) * 1.15).min(DVec3::ONE).map_each(|c| c.powf(1.0 / 2.2))
@@ -57,10 +58,10 @@ pub(super) fn blend(from: DVec3, to: DVec3, t: f64) -> DVec3 {
     from.lerp(to, t.clamp(0.0, 1.0))
 }
 
-/// Computes the linear light that a surface reflects in all directions alike.
+/// Computes the diffusely reflected linear light.
 ///
-/// `wrap` is how far light reaches around the surface, and `through` is the share that passes to the other side: leaves and
-/// petals glow against the sun.
+/// `wrap` is how far light reaches around the surface, and `through` is the share that passes to the other side: leaves
+/// and petals glow against the sun.
 pub(super) fn diffuse(
     at: DVec3,
     normal: DVec3,
@@ -130,13 +131,13 @@ impl Material {
         self
     }
 
-    /// Adds light along the outline.
+    /// Adds light along the silhouette.
     pub(super) fn rim(mut self, normal: DVec3, color: DVec3) -> Self {
         self.add(&RIM, normal, color);
         self
     }
 
-    /// Adds colours that run through the spectrum as the surface turns away, from `phase` (in turns) on.
+    /// Adds interference colours that vary as the surface turns away; `phase` is in turns.
     pub(super) fn film(mut self, normal: DVec3, phase: f64, strength: f64) -> Self {
         let turn = |offset: f64| std::f64::consts::TAU * (phase + offset);
         let phases = DVec3::new(turn(0.0), turn(0.36), turn(0.64));

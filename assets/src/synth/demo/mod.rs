@@ -1,12 +1,13 @@
 //! Generates the demo scene: a lotus on a pond at dusk, and an iridescent knot above it.
 //!
 //! It shows the strengths of splats and the difficulties of drawing them. The knot and the petals are thin, elongated
-//! splats that follow a surface, with gloss that moves with the view (bands 1 to 3 of the harmonics). Reeds are needles.
-//! Mist, water and glow are large and nearly transparent, so a pixel has many layers. The reflection in the water is made of
-//! splats mirrored below the surface, with mirrored harmonics.
+//! splats that follow a surface, with gloss that moves with the view (bands 1 to 3 of the harmonics). Reeds are
+//! needles. Mist, water and glow are large and nearly transparent, so a pixel has many layers. The reflection in the
+//! water consists of splats mirrored below the surface, with mirrored harmonics.
 //!
-//! [`materials`] turns light into harmonics and [`surface`] makes splats of parametric surfaces; [`knot`], [`lotus`], [`pond`]
-//! and [`particles`] make the objects. Water is at y = 0 and up is -y; the sun sets behind, at +z and to the left.
+//! [`materials`] converts light to harmonics and [`surface`] covers parametric surfaces with splats; [`knot`],
+//! [`lotus`], [`pond`] and [`particles`] make the objects. Water is at y = 0 and up is -y; the sun sets behind, at +z
+//! and to the left.
 
 mod knot;
 mod lotus;
@@ -46,7 +47,8 @@ const PARTS: [Part; 12] = [
     Part { share: 22, make: particles::sky, mirrored: true },
 ];
 
-/// Generates the scene. Shares are proportional to `count`; surfaces are covered at any count, more finely with more.
+/// Generates the scene. Shares are proportional to `count`. Any count covers the surfaces; larger ones do so more
+/// finely.
 pub(super) fn demo(count: u32, seed: u64) -> Result<Scene, SceneMemoryError> {
     // The splats, the mirrored ones, and the part being generated.
     let needed = u64::from(count) * (3 * size_of::<Splat>() as u64) + Scene::host_bytes(count.into(), 3);
@@ -71,7 +73,7 @@ pub(super) fn demo(count: u32, seed: u64) -> Result<Scene, SceneMemoryError> {
     Scene::try_generate(count as u32, 3, |index| splats[index])
 }
 
-/// Makes four views of the demo scene, 960 x 540: the whole, the knot, the lotus, and from behind.
+/// Makes four views of the demo scene, 960 x 540: the whole scene, the knot, the lotus, and a view from behind.
 pub fn demo_cameras() -> Vec<Camera> {
     let view = |id, name: &str, eye, target, fov| Camera {
         id,

@@ -16,7 +16,7 @@ fn towards(azimuth: f64, elevation: f64) -> DVec3 {
     DVec3::new(cos * elevation.cos(), -elevation.sin(), sin * elevation.cos())
 }
 
-/// Computes 1 towards the sun along the horizon, 0 away from it.
+/// Computes the horizontal alignment with the sun: 1 towards it, 0 away from it.
 fn sunward(direction: DVec3) -> f64 {
     let flat = |v: DVec3| DVec3::new(v.x, 0.0, v.z).normalize_or(DVec3::Z);
     0.5 + 0.5 * flat(direction).dot(flat(*SUN))
@@ -81,7 +81,7 @@ pub(super) fn sky(random: &mut Random, count: usize) -> Vec<Splat> {
     splats
 }
 
-/// Generates three ridges, each paler than the one before it.
+/// Generates three ridges, each paler than the previous one.
 pub(super) fn hills(random: &mut Random, count: usize) -> Vec<Splat> {
     const RIDGES: usize = 3;
     (0..count)

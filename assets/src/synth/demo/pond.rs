@@ -60,7 +60,7 @@ pub(super) fn water(random: &mut Random, count: usize) -> Vec<Splat> {
         .collect()
 }
 
-/// A lily pad.
+/// A leaf of a water lily.
 struct Pad {
     center: DVec2,
     radius: f64,
@@ -68,7 +68,7 @@ struct Pad {
     curl: f64,
 }
 
-/// Places leaves around the lotus, without overlaps.
+/// Places lily pads around the lotus, without overlaps.
 fn pads(random: &mut Random) -> Vec<Pad> {
     let mut pads: Vec<Pad> = Vec::new();
     for _ in 0..4000 {
@@ -126,7 +126,7 @@ pub(super) fn lily_pads(random: &mut Random, count: usize) -> Vec<Splat> {
 pub(super) fn reeds(random: &mut Random, count: usize) -> Vec<Splat> {
     const BLADES: usize = 950;
     const CLUMPS: f64 = 14.0;
-    /// Half of the opening in front of the first camera, in radians.
+    /// Half angle of the gap in front of the first camera, in radians.
     const OPEN: f64 = 0.62;
     let blades = BLADES.min(count);
     let mut splats = Vec::with_capacity(count);
@@ -190,11 +190,11 @@ pub(super) fn reflection(random: &mut Random, splats: &[Splat], count: usize) ->
         .collect()
 }
 
-/// Mirrors a splat at y = 0, dims it, and moves it with the ripples.
+/// Mirrors a splat at y = 0, dims it, and displaces it with the ripples.
 ///
 /// `growth` scales the splat, to compensate for omitted splats.
 fn mirror(splat: &Splat, growth: f64, random: &mut Random) -> Splat {
-    /// Basis functions that are odd in y, and change sign in the mirror.
+    /// Basis functions that are odd in y, and change sign when mirrored.
     const ODD: [usize; 6] = [1, 4, 5, 9, 10, 11];
     let [x, y, z] = splat.position.map(f64::from);
     // The higher an object, the farther its reflection sways.

@@ -16,7 +16,7 @@ pub(super) struct Patch {
     pub at: DVec3,
     /// Unit normal, in the direction of `du x dv`.
     pub normal: DVec3,
-    /// Derivatives by the two parameters.
+    /// Derivatives with respect to both parameters.
     pub du: DVec3,
     pub dv: DVec3,
 }
@@ -73,7 +73,7 @@ pub(super) fn flat(
     }
 }
 
-/// Returns a round splat of one material.
+/// Returns a spherical splat of one material.
 pub(super) fn ball(at: DVec3, size: f64, opacity: f64, material: &Material) -> Splat {
     flat(at, DVec3::X, DVec3::Y, DVec3::splat(size), opacity, material)
 }
