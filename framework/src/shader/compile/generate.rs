@@ -35,8 +35,10 @@ pub(super) struct Key {
 /// The reason why there is no SPIR-V.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum Failure {
-    /// The log of glslang.
+    /// The log of glslang, or the limit that it exceeded.
     Log(String),
+    /// The compiler ended without an answer, which may not happen again.
+    Crash(String),
     /// Includes that cannot be followed.
     Includes(Vec<IncludeFailure>),
     /// The build was cancelled.

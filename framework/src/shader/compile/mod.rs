@@ -50,7 +50,7 @@ const MOST_CACHED: usize = 1024;
 /// [`Glslang::in_worker`] compiles in another process.
 #[derive(Debug, Default)]
 pub struct Glslang {
-    cache: HashMap<Arc<Key>, Compiled>,
+    cache: HashMap<Arc<Key>, Result<Compiled, Failure>>,
     store: Option<Arc<dyn SpirvStore>>,
     compiled: usize,
     worker: Option<worker::Parent>,
@@ -112,25 +112,26 @@ impl ShaderCompiler for Glslang {
             texts: sources.units.iter().map(|u| scan::to_ascii(&u.text)).collect(),
             includes: includes.collect(),
         });
-        if let Some(compiled) = self.cache.get(&key) {
-            return Ok(compiled.clone());
+        match self.cache.get(&key) {
+            Some(Ok(compiled)) => return Ok(compiled.clone()),
+            Some(Err(failure)) => return Err(failure.diagnose(files, request, &sources)),
+            None => {}
         }
         let followed = sources.follow(&key.defines);
         if let Some((unit, place)) = followed.as_ref().and_then(|followed| followed.undefined.clone()) {
             return Err(vec![sources.undefined(files, request, unit, place)]);
         }
-        let spirv = self.stored_or_generated(&key).map_err(|failure| match failure {
-            Failure::Cancelled => {
-                let span = Span { file: request.file, start: 0, end: 0 };
-                vec![Diagnostic::new(CANCELLED, span, "")]
+        let spirv = match self.stored_or_generated(&key) {
+            Ok(spirv) => spirv,
+            Err(failure) => {
+                let diagnostics = failure.diagnose(files, request, &sources);
+                // A plan asks for a shader several times, and one that exceeds a limit takes seconds each time.
+                if failure.is_lasting() {
+                    self.remember(key, Err(failure));
+                }
+                return Err(diagnostics);
             }
-            Failure::Log(log) => log::diagnose(files, request, &sources, &log),
-            Failure::Includes(failures) => failures
-                .iter()
-                .take(log::MOST_DIAGNOSTICS)
-                .map(|f| f.diagnose(files, request, &sources))
-                .collect(),
-        })?;
+        };
         let reflection = reflect(&spirv).map_err(|problem| {
             let span = sources.find_quoted(files, request, &problem);
             vec![Diagnostic::new(problem, span, "")]
@@ -139,10 +140,7 @@ impl ShaderCompiler for Glslang {
         let declared = Arc::new(sources.bindings);
         let defines = key.defines.clone();
         let compiled = Compiled { spirv: Arc::new(spirv), defines, reached, reflection, declared };
-        if self.cache.len() >= MOST_CACHED {
-            self.cache.clear();
-        }
-        self.cache.insert(key, compiled.clone());
+        self.remember(key, Ok(compiled.clone()));
         Ok(compiled)
     }
 
@@ -155,7 +153,37 @@ impl ShaderCompiler for Glslang {
     }
 }
 
+impl Failure {
+    /// Returns whether compiling the same texts again would fail again.
+    fn is_lasting(&self) -> bool {
+        matches!(self, Failure::Log(_) | Failure::Includes(_))
+    }
+
+    /// Returns the diagnostics to show, at least one.
+    fn diagnose(&self, files: &mut SourceMap, request: &ShaderRequest, sources: &Sources) -> Vec<Diagnostic> {
+        match self {
+            Failure::Cancelled => {
+                let span = Span { file: request.file, start: 0, end: 0 };
+                vec![Diagnostic::new(CANCELLED, span, "")]
+            }
+            Failure::Log(log) | Failure::Crash(log) => log::diagnose(files, request, sources, log),
+            Failure::Includes(failures) => failures
+                .iter()
+                .take(log::MOST_DIAGNOSTICS)
+                .map(|f| f.diagnose(files, request, sources))
+                .collect(),
+        }
+    }
+}
+
 impl Glslang {
+    fn remember(&mut self, key: Arc<Key>, outcome: Result<Compiled, Failure>) {
+        if self.cache.len() >= MOST_CACHED {
+            self.cache.clear();
+        }
+        self.cache.insert(key, outcome);
+    }
+
     fn stored_or_generated(&mut self, key: &Key) -> Result<Vec<u32>, Failure> {
         // A key that cannot be serialised is not stored.
         let stored = self.store.clone().and_then(|store| Some((store, serde_json::to_vec(key).ok()?)));
@@ -174,7 +202,7 @@ impl Glslang {
         match &mut self.worker {
             Some(worker) => worker.generate(key, &self.cancel),
             None => serve::on_large_stack(|| generate::generate(key))
-                .unwrap_or_else(|| Err(Failure::Log("ERROR: cannot start a thread to compile on".into()))),
+                .unwrap_or_else(|| Err(Failure::Crash("ERROR: cannot start a thread to compile on".into()))),
         }
     }
 }

@@ -383,6 +383,9 @@ fn a_shader_that_takes_too_much_memory_or_time_is_an_error() {
     let mut bench = bench.in_worker(short);
     let error = next(&mut bench, &bomb(40)).unwrap_err();
     assert!(error.contains("the compiler ran out of its 1.5 s on this shader"), "{error}");
+    let before = bench.compiler.compiled_count();
+    assert_eq!(next(&mut bench, &bomb(40)).unwrap_err(), error, "the same error, without compiling again");
+    assert_eq!(bench.compiler.compiled_count(), before);
     next(&mut bench, SOUND).expect("the next one is compiled");
 }
 

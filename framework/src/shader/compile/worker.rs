@@ -132,7 +132,7 @@ impl Parent {
                     Ok(process) => (process, true),
                     Err(error) => {
                         let program = self.worker.program.display();
-                        return Err(Failure::Log(format!(
+                        return Err(Failure::Crash(format!(
                             "ERROR: the compiler's process {program} cannot be started ({error})"
                         )));
                     }
@@ -175,7 +175,10 @@ impl Parent {
                 _ => return None,
             },
             Lost::Silent => {
-                format!("the compiler gave no answer for {} s and was stopped", PATIENCE.as_secs())
+                let seconds = PATIENCE.as_secs();
+                return Some(Failure::Crash(format!(
+                    "ERROR: the compiler gave no answer for {seconds} s and was stopped"
+                )));
             }
             Lost::Cancelled => return Some(Failure::Cancelled),
         };
@@ -184,7 +187,7 @@ impl Parent {
 }
 
 fn crashed() -> Failure {
-    Failure::Log(
+    Failure::Crash(
         "ERROR: the compiler crashed on this shader (a name that is declared twice does that, and so does a low limit on the memory of processes)"
             .into(),
     )
