@@ -1,4 +1,4 @@
-//! The plan: the input of a backend, as plain data.
+//! Defines the plan: the input of a backend, as plain data.
 //!
 //! A [`Plan`] lists every resource with its size and memory, every pass with its bindings, and two sequences of passes:
 //! the prologue, which runs once after the plan or the scene changes, and the frame, which runs every time.
@@ -297,7 +297,7 @@ impl Resource {
     }
 }
 
-/// Orders an access of a later pass after an access of an earlier pass, and makes its writes visible.
+/// A requirement that an access of a later pass runs after an access of an earlier pass and sees its writes.
 ///
 /// A read depends on the last write. A write depends on all reads since the last write, or on that write if there are
 /// none. All other order follows from chains of dependencies.
@@ -311,7 +311,7 @@ pub struct Dependency<P = PassId, R = ResourceId> {
     /// The later pass.
     #[serde(skip)]
     pub second: P,
-    /// Which run of the earlier pass.
+    /// The run of the earlier pass.
     pub since: Since,
     /// The resource that the later pass accesses.
     pub resource: R,
@@ -327,7 +327,7 @@ pub struct Dependency<P = PassId, R = ResourceId> {
     pub masks: Masks,
 }
 
-/// Gives one reason for a command of an API that orders passes: accesses of `before` conflict with accesses of `after`.
+/// A reason for a command of an API that orders passes: accesses of `before` conflict with accesses of `after`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cause<P = PassId, R = ResourceId> {
     /// The kind of conflict.

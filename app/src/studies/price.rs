@@ -21,7 +21,7 @@ pub struct Price {
     pub bytes: u64,
     /// Bytes of the file per splat.
     pub bytes_per_splat: f64,
-    /// Milliseconds to read the file from memory: the least of [`LOADS`] times.
+    /// Milliseconds to read the file from memory: the least of three times.
     pub load_ms: f64,
     /// Lowest PSNR of a view, in decibels; `None` if all pictures are equal.
     pub least_psnr_db: Option<f64>,

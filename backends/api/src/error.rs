@@ -1,4 +1,4 @@
-//! Errors of backends, classified by how to recover.
+//! Defines the errors of backends, classified by how to recover.
 
 use std::fmt;
 

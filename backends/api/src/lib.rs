@@ -1,4 +1,4 @@
-//! The interface between applications and backends: a device that loads a plan and renders frames of it.
+//! Defines the interface between applications and backends: a device that loads a plan and renders frames of it.
 //!
 //! A backend executes [`splatgraph_framework::plan::Plan`]s. It owns the device, the plan's memory and pipelines, and
 //! the uploads of the scene. It takes the order of accesses from the plan's dependencies, and looks for no conflicts
@@ -149,7 +149,7 @@ pub trait SceneData: Sync {
     fn identity(&self) -> u64;
 }
 
-/// No scene, for plans that import no attributes.
+/// A scene without attributes, for plans that import none.
 pub struct NoScene;
 
 impl SceneData for NoScene {
@@ -378,7 +378,7 @@ pub trait Loader: Send + 'static {
 /// }
 /// ```
 pub trait Device: Sized {
-    /// See [`Device::loader`].
+    /// The type of [`Device::loader`].
     type Loader: Loader;
 
     /// Describes the physical device.

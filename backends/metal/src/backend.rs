@@ -1,4 +1,4 @@
-//! Metal as the runtime's graphics API.
+//! Implements the runtime's graphics API with Metal.
 
 use crate::capture;
 use crate::descriptors::ArgumentTables;
@@ -193,7 +193,7 @@ impl Gpu for MetalGpu {
         Ok(swapchain.acquire())
     }
 
-    /// The draw is recorded at submission, when the frame's fences are known.
+    /// Stores the draw: it is recorded at submission, when the frame's fences are known.
     fn record_blit(
         &self,
         show: Show<Self>,
@@ -205,7 +205,7 @@ impl Gpu for MetalGpu {
         Ok(())
     }
 
-    /// Does nothing more: the draw's command buffer presents.
+    /// Does nothing: the draw's command buffer presents the drawable.
     fn present(&self, _: Show<Self>) -> Result<Presented, BackendError> {
         capture::end();
         Ok(Presented::Shown)

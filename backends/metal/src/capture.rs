@@ -1,4 +1,4 @@
-//! A frame of the window for Xcode, as a `.gputrace`.
+//! Captures a frame of the window for Xcode, as a `.gputrace`.
 //!
 //! The capture begins with the first commands recorded after the request, and ends when the window's next frame is
 //! submitted. Metal writes documents only for programs started with `METAL_CAPTURE_ENABLED=1` (or by Xcode).
@@ -10,7 +10,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 enum State {
     Idle,
-    /// The next commands begin a capture into this document.
+    /// A capture into this document is requested; the next commands begin it.
     Asked(PathBuf),
     Running,
 }
@@ -21,7 +21,7 @@ fn state() -> MutexGuard<'static, State> {
     STATE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Captures the next frame of the window into the document `path`, which does not exist.
+/// Captures the next frame of the window into the document `path`, which must not exist.
 ///
 /// # Errors
 /// The program was started without support for captures, or a capture is running.

@@ -1,4 +1,4 @@
-//! Argument tables: the bindings of a plan's passes.
+//! Implements argument tables: the bindings of a plan's passes.
 //!
 //! Metal has no descriptor sets: each argument is set in the encoder before its command. The tables are therefore
 //! host-side lists of the arguments to set.

@@ -1,4 +1,4 @@
-//! The machine's GPUs: their properties, and their facts for graphs.
+//! Lists the machine's GPUs, with their properties and their facts for graphs.
 
 use crate::features::{self, Told};
 use crate::objc;

@@ -1,4 +1,4 @@
-//! The encoders of a plan in its dump, with names in place of numbers.
+//! Adds the encoders of a plan to its dump, with names in place of numbers.
 
 use crate::sync::{self, *};
 use splatgraph_framework::dump::{self, Declared, Dump, DumpEncoder, DumpEncoders, EncoderTotals};

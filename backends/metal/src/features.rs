@@ -1,4 +1,4 @@
-//! The limits and shader features of an Apple GPU.
+//! Determines the limits and shader features of an Apple GPU.
 //!
 //! Metal reports few numbers; the others hold for whole families of GPUs. They are from Apple's "Metal Feature Set
 //! Tables" for family Apple 7, the first on Macs (M1); later families only exceed them.
@@ -6,7 +6,7 @@
 use splatgraph_framework::ir::{Features, Format, Msl};
 use splatgraph_runtime::{FormatSupport, Limits, SubgroupLimits};
 
-/// The numbers that a device reports.
+/// Limits that a device reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Told {
     /// `maxBufferLength`
@@ -22,7 +22,7 @@ pub struct Told {
 }
 
 impl Told {
-    /// The minimum of a Mac of family Apple 7, for plans built without a device.
+    /// Limits of the smallest Mac of family Apple 7, for plans built without a device.
     pub const LEAST: Told = Told {
         max_buffer_bytes: 4 << 30,
         threadgroup_bytes: 32 << 10,

@@ -1,4 +1,4 @@
-//! The open device, and the state that its executors share.
+//! Holds the open device, and the state that its executors share.
 //!
 //! Metal's objects are reference-counted, and command buffers own what their commands use: nothing is destroyed while
 //! the GPU uses it. Resources are untracked, so Metal orders nothing by itself. Frames of several executors are ordered
@@ -52,7 +52,8 @@ pub(crate) struct Submission {
 }
 
 impl Submission {
-    /// Returns true once it has completed or failed. A failed one signals nothing, so the host signals its event.
+    /// Returns true once it has completed or failed. A failed submission signals nothing, so the host signals its
+    /// event.
     pub fn is_done(&self) -> bool {
         let signalled = self.event.signaled_value() >= self.value;
         let status = objc::status(&self.last);
@@ -120,7 +121,7 @@ fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
 /// The backend's own pipelines.
 pub(crate) struct Builtin {
     pub fill_words: ComputePipelineState,
-    /// A word for writes without effect.
+    /// A word that absorbs writes without effect.
     pub scratch: Buffer,
     pub clear_floats: ComputePipelineState,
     pub clear_words: ComputePipelineState,

@@ -4,12 +4,12 @@
 //! compiled and tested everywhere:
 //!
 //! - [`features`]: the limits of a device, from the few numbers that Metal reports;
-//! - [`sync`]: the passes divided into encoders with fences between them, and the model of Metal's rules that checks
-//!   them;
+//! - [`sync`]: the division of passes into encoders with fences between them, and the model of Metal's rules that
+//!   checks it;
 //! - [`dump`]: the encoders for `splatgraph dump`;
 //! - [`lower`]: pipelines, arguments, usages and copies;
 //! - [`walk`]: when to open, order and close each encoder, as the passes of a frame are announced;
-//! - [`error`]: converts Metal's failures to errors.
+//! - [`error`]: conversion of Metal's failures to errors.
 //!
 //! The other half, only for Apple's systems, creates the objects and follows this data. Its files are named after the
 //! Vulkan backend's: `surface` and `device`; `gpu`; `memory`, `pipelines`, `descriptors` (argument tables), `queue`,

@@ -1,4 +1,4 @@
-//! The plan in Metal's terms, as plain data.
+//! Lowers the plan to Metal's terms, as plain data.
 //!
 //! Everything here is a pure function of the plan. Formats, blends and usages become Metal's, passes share a pipeline
 //! if they can, and the bindings of each pass get their indices in the argument tables, as in the translated shaders.
@@ -14,7 +14,7 @@ use splatgraph_api::{BackendError, LimitExceeded, Unit};
 use splatgraph_framework::{ir::*, plan::*};
 use std::sync::Arc;
 
-/// The state of a pipeline. Passes with equal states share a pipeline.
+/// State of a pipeline. Passes with equal states share a pipeline.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PipelineState {
     /// `MTLComputePipelineDescriptor`
@@ -97,7 +97,7 @@ pub struct ArgumentSlot {
     pub texture: bool,
     /// The index in the table.
     pub index: u32,
-    /// True if the shader needs the buffer's size; it has this index in the words of sizes.
+    /// True if the shader needs the buffer's size, which is the word of sizes at the same index.
     pub sized: bool,
 }
 
@@ -255,7 +255,7 @@ pub fn clear_groups((width, height): (u32, u32)) -> [u32; 2] {
     [width.div_ceil(CLEAR_THREADS[0]), height.div_ceil(CLEAR_THREADS[1])]
 }
 
-/// Returns true if a picture is interpolated when it is shown in another size.
+/// Returns true if a picture is interpolated when it is shown at another size.
 pub fn interpolates(format: Format, same_size: bool, filters_floats: bool) -> bool {
     let filtered = match format {
         Format::Rgba8Unorm | Format::Rgba16Float => true,

@@ -1,4 +1,4 @@
-//! Buffers, images and their memory.
+//! Allocates buffers, images and their memory.
 //!
 //! Device memory is a placement heap with its objects at the start: several, if the plan lets them alias. Host-visible
 //! memory is a single buffer, which is the object itself. Everything is untracked.
@@ -28,7 +28,7 @@ enum Backing {
     Buffer(Buffer),
 }
 
-/// No Metal object requires a dedicated allocation.
+/// Memory requirements; no Metal object requires a dedicated allocation.
 pub(crate) type Requirements = splatgraph_runtime::Requirements<()>;
 
 impl Memory {

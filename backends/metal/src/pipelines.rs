@@ -1,4 +1,4 @@
-//! Pipelines, fences and the encoders of a plan, created once per plan.
+//! Creates the pipelines, fences and encoders of a plan, once per plan.
 
 use crate::features::LANES;
 use crate::gpu::{self, MetalGpu};
@@ -32,11 +32,11 @@ pub struct Pipelines {
     pub(crate) order: Arc<Order>,
 }
 
-/// The order of a plan's frames: its encoders and their fences. Encoders hold it until their submission is recorded in
-/// it.
+/// Order of a plan's frames: its encoders and their fences. A recording holds a reference until its submission is
+/// entered here.
 pub(crate) struct Order {
     walked: Mutex<Walked>,
-    /// The fences of both divisions: merged, and by pass.
+    /// The fences of both divisions: merged, and one encoder per pass.
     fences: [Vec<Fence>; 2],
     /// The pass that makes the output readable by copies.
     pub export: Option<PassId>,

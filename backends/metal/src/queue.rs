@@ -1,4 +1,4 @@
-//! Submissions, waits for them, and times.
+//! Submits commands, waits for submissions, and reads timestamps.
 
 use crate::error;
 use crate::gpu::{MetalGpu, Submission};
@@ -11,14 +11,14 @@ use splatgraph_api::BackendError;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Interval at which a wait for the whole queue looks for failed submissions.
+/// Interval between checks for failed submissions during a wait for the whole queue.
 const SLICE: Duration = Duration::from_millis(50);
 
 /// The condition for a submission's commands to start.
 pub(crate) struct After<'a> {
-    /// The event that they wait for, and its value.
+    /// Event that the commands wait for, and its value.
     pub event: (&'a SharedEventRef, u64),
-    /// True if it covers all earlier submissions, not only what was published.
+    /// True if the event covers all earlier submissions, not only published ones.
     pub all: bool,
 }
 

@@ -1,4 +1,4 @@
-//! The layer of a window, which shows Metal's drawables.
+//! Attaches a layer to a window, which shows Metal's drawables.
 
 use crate::objc;
 use metal::{MTLPixelFormat, MetalLayer};

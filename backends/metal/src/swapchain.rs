@@ -1,8 +1,8 @@
-//! Drawables of a window's layer, and the draw of a frame's output into them.
+//! Acquires drawables of a window's layer, and draws a frame's output into them.
 //!
-//! A layer has three drawables, which go back and forth between it and the program. A triangle draws the output over
-//! the whole drawable, scaled if the sizes differ. The draw has its own command buffer, so the frame does not wait for
-//! the window.
+//! A layer has three drawables, which alternate between the layer and the program. A triangle draws the output over the
+//! whole drawable, scaled if the sizes differ. The draw has its own command buffer, so the frame does not wait for the
+//! window.
 
 use crate::error::no_object;
 use crate::gpu::MetalGpu;
@@ -13,7 +13,7 @@ use splatgraph_api::BackendError;
 use splatgraph_framework::ir::Format;
 use splatgraph_runtime::{Acquired, Image};
 
-/// The drawables of a window's layer in one size.
+/// Drawables of a window's layer, in one size.
 pub struct Swapchain {
     layer: MetalLayer,
     size: (u32, u32),
@@ -21,7 +21,7 @@ pub struct Swapchain {
     output: Option<Output>,
 }
 
-/// The output to draw.
+/// Output to draw.
 struct Output {
     texture: Texture,
     format: Format,

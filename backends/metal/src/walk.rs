@@ -1,9 +1,9 @@
-//! The walk over a plan's encoders while a frame is recorded.
+//! Walks over a plan's encoders while a frame is recorded.
 //!
 //! The runtime announces passes one by one. A walk answers with [`Move`]s: close this encoder, open that one, wait for
-//! its fences, barrier. It handles what depends on the frame: passes of the prologue, which only the first frame runs;
-//! copies of inspected resources in the middle of an encoder; and fences that nothing has updated yet, which nothing
-//! waits for.
+//! its fences, record a barrier. It handles what depends on the frame: passes of the prologue, which only the first
+//! frame runs; copies of inspected resources in the middle of an encoder; and fences that nothing has updated yet,
+//! which are not waited for.
 //!
 //! Every encoder with an announced pass is opened, even if the pass is skipped: dependencies may pass through it from
 //! one encoder to another.
@@ -22,9 +22,9 @@ pub struct Walked {
 #[derive(Debug)]
 struct Divided {
     encoders: Encoders,
-    /// The encoder of each pass, counted through prologue and frame, and the pass's position in it.
+    /// Encoder of each pass, numbered across prologue and frame, and the pass's position in it.
     places: Vec<Option<(usize, usize)>>,
-    /// By fence: true if a submitted frame has updated it.
+    /// For each fence, true if a submitted frame has updated it.
     updated: Vec<bool>,
 }
 
@@ -84,7 +84,7 @@ pub enum Move {
 #[derive(Clone, Debug, Default)]
 pub struct Walk {
     division: Option<Division>,
-    /// The encoder of the pass announced last, and true if it is open.
+    /// Encoder of the last announced pass, and true if it is open.
     current: Option<(usize, bool)>,
     updated: Vec<bool>,
 }
@@ -148,7 +148,7 @@ impl Walk {
         self.interrupt(walked, moves);
     }
 
-    /// Closes the open encoder. It updates its fences even if it is opened again, and then updates them again.
+    /// Closes the open encoder, and updates its fences; if it is opened again, it updates them again.
     fn close(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
         let (Some(division), Some((index, true))) = (self.division, self.current) else { return };
         for update in &walked.of(division).encoding(index).updates {

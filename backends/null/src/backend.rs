@@ -1,4 +1,4 @@
-//! The null device as the runtime's graphics API.
+//! Implements the runtime's graphics API with the null device.
 
 use crate::encoder::Encoder;
 use crate::fault::Point;

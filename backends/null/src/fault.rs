@@ -1,6 +1,6 @@
-//! Fault injection: calls that fail on purpose.
+//! Injects faults: calls that fail on purpose.
 
-/// A call that fails, once.
+/// A single call that fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// The kind of call.
@@ -46,7 +46,7 @@ pub enum Point {
 }
 
 impl Point {
-    /// Every kind.
+    /// Every kind of call.
     pub const ALL: [Point; 15] = [
         Point::Allocate,
         Point::Create,

@@ -1,4 +1,4 @@
-//! A device that executes nothing, and its objects.
+//! Implements a device that executes nothing, and its objects.
 
 use crate::fault::{Fault, Point};
 use crate::journal::{Journal, Object, Owned};
@@ -18,13 +18,13 @@ pub struct Config {
     pub limits: Limits,
     /// The size of the window in pixels, if there is one.
     pub window: Option<(u32, u32)>,
-    /// Bytes of device memory that the driver reports as allocatable; it grants more.
+    /// Device memory that the driver reports as available, in bytes; allocations may exceed it.
     pub budget: Option<u64>,
     /// The calls that fail.
     pub faults: Vec<Fault>,
-    /// See [`splatgraph_api::Options::patience`].
+    /// Time limit of one pass; see [`splatgraph_api::Options::patience`].
     pub patience: Duration,
-    /// See [`splatgraph_api::Options::compile_patience`].
+    /// Time limit of one pipeline; see [`splatgraph_api::Options::compile_patience`].
     pub compile_patience: Duration,
     /// The word returned for everything that the host reads: statistics, pictures and inspections.
     pub read: u32,
@@ -142,7 +142,7 @@ impl NullGpu {
     }
 }
 
-/// Memory; mapped unless it is device-only.
+/// An allocation; mapped unless it is device-only.
 pub struct Memory {
     pub(crate) bytes: u64,
     pub(crate) mapped: Vec<u8>,

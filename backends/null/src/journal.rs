@@ -1,4 +1,4 @@
-//! The journal: every call, the live objects, and the submissions in flight.
+//! Records every call, the live objects, and the submissions in flight.
 
 use crate::fault::{Fault, Point};
 use splatgraph_framework::ir::{DescriptorKind, Layout};
@@ -169,7 +169,7 @@ struct State {
     in_flight: Vec<InFlight>,
     /// True if the device executes nothing that is submitted.
     hangs: bool,
-    /// The number of hanging compilers.
+    /// Number of hanging compilers.
     compilers: u64,
     lost: bool,
 }

@@ -1,4 +1,4 @@
-//! A backend that executes nothing and records every call.
+//! Records every call of the runtime, and executes nothing.
 //!
 //! [`Null`] runs plans through the runtime that every other backend uses, in microseconds and on any machine. Its
 //! [`Journal`] records every call of the runtime in order, and counts live objects. It also checks the runtime's

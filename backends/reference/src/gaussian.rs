@@ -1,4 +1,4 @@
-//! Splats as input of the reference: one at a time, in f64.
+//! Defines splats as input of the reference: one at a time, in f64.
 
 use splatgraph_assets::Scene;
 
@@ -26,7 +26,7 @@ pub trait Splats: Sync {
     /// Returns splat `index`, which is below [`Splats::count`].
     fn get(&self, index: usize) -> Gaussian;
 
-    /// Returns true if f32 cannot hold the positions, so that depths need f64 positions.
+    /// Returns true if positions exceed the precision of f32, so that depths must be computed from f64 positions.
     fn is_wide(&self) -> bool {
         false
     }

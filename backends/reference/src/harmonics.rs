@@ -1,4 +1,4 @@
-//! View-dependent colour: real spherical harmonics up to degree 3.
+//! Evaluates view-dependent colour: real spherical harmonics up to degree 3.
 
 use crate::rules::{Rules, ShDirection};
 use splatgraph_assets::harmonics::basis;

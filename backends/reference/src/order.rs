@@ -1,4 +1,4 @@
-//! Sorts splats by depth, and counts how far a given order deviates.
+//! Sorts splats by depth, and counts the pairs that a given order has wrong.
 
 use crate::gaussian::Splats;
 use crate::rules::{Depth, KeyOf, Rules, Ties};
@@ -51,7 +51,7 @@ impl View {
         }
     }
 
-    /// Computes the distance that decides about the order, of a splat at view depth `depth`.
+    /// Computes the sort key of a splat at view depth `depth`: the depth or the distance, by the rules.
     pub(crate) fn key(&self, p: [f64; 3], depth: f64, rules: &Rules) -> f64 {
         let distance = || (0..3).map(|i| (p[i] - self.eye[i]).powi(2)).sum::<f64>().sqrt();
         match (rules.key_of, rules.depth) {
@@ -62,7 +62,7 @@ impl View {
     }
 }
 
-/// Sorts by depth, near to far; equal depths by the rule for ties.
+/// Sorts by `key`, near to far; equal keys by the rule for ties.
 pub(crate) fn sort<T: Send>(items: &mut [T], rules: &Rules, key: impl Fn(&T) -> (f64, u32) + Sync) {
     items.par_sort_unstable_by(|a, b| {
         let ((a_depth, a_index), (b_depth, b_index)) = (key(a), key(b));

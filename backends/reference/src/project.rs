@@ -23,7 +23,7 @@ pub(crate) const TILE: u32 = 16;
 pub(crate) struct Ellipse {
     /// Index among the splats.
     pub index: u32,
-    /// View depth, or by another rule the distance, for sorting.
+    /// View depth for sorting, or the distance: see [`Rules::key_of`].
     pub depth: f64,
     /// Tiles that it touches: first column, first row, and the exclusive end column and row.
     pub tiles: [u32; 4],

@@ -1,4 +1,4 @@
-//! The rules of the exact renderer, each with a name for changing it.
+//! Defines the rules of the exact renderer, each with a name for changing it.
 //!
 //! [`Rules::PUBLISHED`] is the behaviour of the rasteriser (graphdeco-inria/diff-gaussian-rasterization, commit
 //! 59f5f77). The table [`RULES`] lists names, published values and sources; [`Rules::set`] changes a rule by its name.
@@ -28,7 +28,7 @@ pub struct Rules {
     pub color_floor: Option<f64>,
     /// Maximum of each channel of a splat's colour.
     pub color_ceiling: Option<f64>,
-    /// The distance that decides about the order.
+    /// The distance by which splats are sorted.
     pub key_of: KeyOf,
     /// The precision of the depth for culling and sorting.
     pub depth: Depth,
@@ -63,7 +63,7 @@ impl Rules {
         stop: Some(1e-4f32 as f64),
     };
 
-    /// Returns the published rules, with those that the tags of a scene's file change.
+    /// Returns the published rules, changed by the tags of a scene's file.
     pub fn of(scene: &Scene) -> Rules {
         let mut rules = Rules::PUBLISHED;
         let notes = scene.notes();
@@ -195,7 +195,7 @@ pub enum ShDirection {
     ToCamera,
 }
 
-/// The distance that splats are sorted by, and that the outputs of depth have.
+/// The distance by which splats are sorted, and which the depth outputs contain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum KeyOf {
     /// The view depth.

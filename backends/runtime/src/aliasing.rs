@@ -1,4 +1,4 @@
-//! Memory aliasing: transient resources that share memory.
+//! Creates transient resources that share memory.
 //!
 //! The members of a block are never alive at once. If the device allows it, all of them are bound to the start of one
 //! allocation, as large as the largest member. Aliasing is optional: if the members need different memory types, or one

@@ -1,4 +1,4 @@
-//! Planes of the scene's attributes, shared by all plans of a device.
+//! Shares the planes of the scene's attributes among all plans of a device.
 //!
 //! A plane is uploaded once and never written again, so any number of plans and executors can read it. The
 //! [`AttributeCache`] finds the planes that some plan still holds. A plane enters the cache when its upload is
@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 /// The key of one plane of scene data.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct PlaneKey {
-    /// [`splatgraph_api::SceneData::identity`].
+    /// Identity of the scene; see [`splatgraph_api::SceneData::identity`].
     pub identity: u64,
     pub attribute: String,
     pub plane: u32,

@@ -1,4 +1,4 @@
-//! The bindings of a plan's passes, and when each is written.
+//! Creates the bindings of a plan's passes, and decides when each is written.
 //!
 //! A pass that binds a per-frame resource has one copy of its bindings per frame in flight; any other pass has one.
 //! Bindings are written at creation. Bindings of host buffers are the exception: their contents come with the frames,

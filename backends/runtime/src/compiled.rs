@@ -1,4 +1,4 @@
-//! A compiled plan: all objects of a plan that do not belong to a single frame.
+//! Creates a compiled plan: all objects of a plan that do not belong to a single frame.
 //!
 //! It is created on any thread ([`CompiledPlan::new`]) while frames of another plan are drawn. It becomes the current
 //! plan when it [follows](CompiledPlan::follow) the previous one. Only then are the previous plan's histories known.
@@ -115,8 +115,8 @@ impl<G: Gpu> CompiledPlan<G> {
         })
     }
 
-    /// Makes this the plan of this number, continuing from `histories`, the previous plan's after its last frame. No
-    /// frame of this plan has been submitted.
+    /// Makes this the current plan, with this number, and continues from `histories`, the previous plan's after its
+    /// last frame. No frame of this plan has been submitted.
     pub fn follow(&mut self, gpu: &G, number: u64, histories: &[History<G>]) {
         self.number = number;
         for id in self.ids() {

@@ -1,4 +1,4 @@
-//! The choice of a device among the machine's.
+//! Chooses a device among the machine's.
 
 use splatgraph_api::{BackendError, DeviceInfo};
 

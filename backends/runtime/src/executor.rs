@@ -1,4 +1,4 @@
-//! The executor: a device, the plan that it executes, and its frames in flight.
+//! Implements the executor: a device, the plan that it executes, and its frames in flight.
 
 use crate::check::invalid;
 use crate::compiled::CompiledPlan;
@@ -248,7 +248,8 @@ impl<G: Gpu> Device for Executor<G> {
         }
     }
 
-    /// Continues from the histories of the plan that is current now, not of the one when the loader was taken.
+    /// Swaps to a prepared plan. It continues from the histories of the plan that is current now, not of the one when
+    /// the loader was taken.
     fn swap(&mut self, ready: Ready<G>) -> Result<(), BackendError> {
         self.shared.check_lost()?;
         let Ready { mut compiled, executor } = ready;
@@ -365,7 +366,7 @@ impl<G: Gpu> Device for Executor<G> {
     }
 }
 
-/// Without a window, nothing is presented.
+/// Presents frames; without a window, nothing is presented.
 ///
 /// [`Device::submit`] of a presented frame waits until the window has a free image: with vsync, until the display's
 /// refresh. After two seconds the frame is drawn without being presented, because some window systems give a hidden

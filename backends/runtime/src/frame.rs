@@ -1,4 +1,4 @@
-//! Frames in flight: submission, completion and results.
+//! Submits frames, and collects their results.
 //!
 //! Each frame in flight has a slot: a reused encoder, and (with the plan, in [`crate::compiled`]) timestamps, readback
 //! memory and host buffers. Frame `n` uses slot `n % FRAMES_IN_FLIGHT`.
@@ -27,7 +27,7 @@ pub(crate) struct Slot<G: Gpu> {
 /// A submitted frame, until its results are collected.
 pub(crate) struct Pending<G: Gpu> {
     pub frame: FrameId,
-    /// [`CompiledPlan::number`] of its plan.
+    /// Number of its plan; see [`CompiledPlan::number`].
     pub plan: u64,
     /// The passes that it runs, in order.
     pub passes: Arc<[PassId]>,

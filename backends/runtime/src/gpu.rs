@@ -1,4 +1,4 @@
-//! The trait that a graphics API implements, and the objects that it creates.
+//! Defines the trait that a graphics API implements, and the objects that it creates.
 //!
 //! [`Gpu`] is an open device. It creates objects, submits the commands recorded by an [`Encoder`], and presents images
 //! to a window. This crate decides everything above that, for every API: the objects a plan needs, frames in flight,
@@ -33,8 +33,7 @@ impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
 
 /// An open device of one graphics API.
 ///
-/// It can be used from several threads at a time: executors take turns on its one queue, and plans are prepared on
-/// their own threads.
+/// Several threads can use it concurrently: executors share its one queue, and plans are prepared on their own threads.
 pub trait Gpu: Sized + Send + Sync + 'static {
     /// A device memory allocation, freed when it is dropped.
     type Memory: Memory;
@@ -333,7 +332,7 @@ pub enum MemoryKind<D> {
 /// A buffer to create.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BufferDesc<'a> {
-    /// Appears in captures and errors.
+    /// Name in captures and errors.
     pub name: &'a str,
     /// The size, at least one byte.
     pub bytes: u64,
@@ -344,7 +343,7 @@ pub struct BufferDesc<'a> {
 /// An image to create: two-dimensional, with one mip level.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageDesc<'a> {
-    /// Appears in captures and errors.
+    /// Name in captures and errors.
     pub name: &'a str,
     /// The format of its pixels.
     pub format: Format,
@@ -373,7 +372,7 @@ pub struct Buffer<G: Gpu> {
     pub raw: G::Buffer,
     /// The size.
     pub bytes: u64,
-    /// The uses it was created for.
+    /// Uses that it was created for.
     pub usage: Usage,
     // Dropped after the buffer.
     pub(crate) memory: Arc<G::Memory>,
@@ -424,7 +423,7 @@ pub struct Image<G: Gpu> {
     pub format: Format,
     /// Width and height in pixels.
     pub size: (u32, u32),
-    /// The uses it was created for.
+    /// Uses that it was created for.
     pub usage: Usage,
     // Dropped after the image.
     pub(crate) memory: Arc<G::Memory>,
@@ -566,6 +565,6 @@ pub trait Encoder<G: Gpu>: Send {
     /// Resets the first `count` timestamps.
     fn reset_timestamps(&mut self, timestamps: &G::Timestamps, count: u32);
 
-    /// Writes a timestamp once everything before it has completed.
+    /// Writes a timestamp once all earlier commands have completed.
     fn timestamp(&mut self, timestamps: &G::Timestamps, index: u32);
 }

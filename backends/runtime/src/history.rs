@@ -1,4 +1,4 @@
-//! Histories: resources whose contents continue from one plan to the next.
+//! Continues the contents of resources from one plan to the next: histories.
 //!
 //! If a plan and its predecessor both have a history of the same name and shape, for the same scene, they share the
 //! buffer or image. The new plan then skips the [`Work::ClearHistory`] that would have zeroed it. A history continues
@@ -18,7 +18,7 @@ use splatgraph_framework::{ir::*, plan::*};
 pub(crate) struct History<G: Gpu> {
     pub name: String,
     pub shape: Shape,
-    /// The scene's identity; see [`splatgraph_api::SceneData::identity`].
+    /// Identity of the scene; see [`splatgraph_api::SceneData::identity`].
     pub identity: u64,
     /// For an image, its layout after the last frame.
     pub layout: Layout,

@@ -1,4 +1,5 @@
-//! Host buffers: buffers whose contents come with each frame ([`Source::HostBuffer`](splatgraph_framework::ir::Source::HostBuffer)).
+//! Manages host buffers, whose contents come with each frame
+//! ([`Source::HostBuffer`](splatgraph_framework::ir::Source::HostBuffer)).
 //!
 //! A plan holds one per frame in flight. Host bytes are copied to a mapped buffer that grows on demand, to a power of
 //! two so that a slowly growing length does not reallocate every frame. Bytes that are already there are not copied
@@ -20,7 +21,7 @@ use std::sync::Arc;
 
 /// A host buffer's contents for the frame in one slot.
 pub(crate) struct HostBuffer<G: Gpu> {
-    /// For host bytes; created with the first ones.
+    /// Mapped buffer for host bytes; created with the first ones.
     own: Option<Buffer<G>>,
     /// The bytes in `own`. Holding the `Arc` keeps them unchanged.
     bytes: Option<Arc<Vec<u8>>>,
@@ -36,7 +37,7 @@ pub(crate) struct HostBuffer<G: Gpu> {
 enum Contents {
     #[default]
     Nothing,
-    /// This many bytes of `own`.
+    /// A prefix of `own` of this many bytes.
     Bytes(u64),
     /// A byte range of the shared output with this id. (Ids are never reused, so an equal id is the same buffer.)
     Output(u64, Range<u64>),

@@ -1,4 +1,4 @@
-//! The inputs of a frame: uniform blocks and host buffers.
+//! Applies the inputs of a frame: uniform blocks and host buffers.
 
 use crate::check::invalid;
 use crate::compiled::CompiledPlan;

@@ -1,4 +1,4 @@
-//! Inspection: checks which resources can be read back after which pass, and creates the readback buffers.
+//! Checks which resources can be read back after which pass, and creates the readback buffers.
 
 use crate::check::invalid;
 use crate::compiled::CompiledPlan;

@@ -1,37 +1,37 @@
-//! Device limits that plans can exceed.
+//! Defines the device limits that plans can exceed.
 
 use splatgraph_framework::ir::{DeviceFacts, Features};
 
 /// The limits of a device.
 #[derive(Clone, Debug, Default)]
 pub struct Limits {
-    /// Bytes of a storage binding.
+    /// Maximum size of a storage binding, in bytes.
     pub max_storage_bytes: u64,
-    /// Bytes of a uniform block.
+    /// Maximum size of a uniform block, in bytes.
     pub max_uniform_bytes: u64,
-    /// Bytes of a buffer.
+    /// Maximum size of a buffer, in bytes.
     pub max_buffer_bytes: u64,
-    /// Bytes of push constants.
+    /// Maximum size of push constants, in bytes.
     pub max_push_bytes: u32,
-    /// Workgroups of a dispatch in x, y and z.
+    /// Maximum number of workgroups of a dispatch in x, y and z.
     pub max_groups: [u32; 3],
-    /// Invocations of a workgroup in x, y and z.
+    /// Maximum number of invocations of a workgroup in x, y and z.
     pub max_local_size: [u32; 3],
-    /// Total invocations of a workgroup.
+    /// Maximum total number of invocations of a workgroup.
     pub max_invocations: u32,
-    /// Bytes of shared memory of a workgroup.
+    /// Maximum shared memory of a workgroup, in bytes.
     pub shared_bytes: u32,
-    /// Pixels of an image in x and in y.
+    /// Maximum width and height of an image, in pixels.
     pub max_image_size: u32,
-    /// Colour targets of a draw.
+    /// Maximum number of colour targets of a draw.
     pub max_targets: u32,
-    /// Storage buffers per shader stage.
+    /// Maximum number of storage buffers per shader stage.
     pub max_storage_buffers: u32,
-    /// Uniform blocks per shader stage.
+    /// Maximum number of uniform blocks per shader stage.
     pub max_uniform_buffers: u32,
-    /// Storage images per shader stage.
+    /// Maximum number of storage images per shader stage.
     pub max_storage_images: u32,
-    /// Bytes of the largest device-local heap.
+    /// Size of the largest device-local heap, in bytes.
     pub heap_bytes: u64,
     /// A bit for each memory type that is device-local.
     pub device_memory_types: u32,
@@ -66,7 +66,7 @@ pub struct SubgroupLimits {
     pub max_size: u32,
     /// True if a compute pipeline can request a subgroup size.
     pub selectable: bool,
-    /// Maximum subgroups per workgroup when a size is requested.
+    /// Maximum number of subgroups per workgroup if a size is requested.
     pub max_per_group: u32,
 }
 

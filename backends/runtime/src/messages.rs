@@ -1,4 +1,4 @@
-//! Validation messages, collected until they are taken.
+//! Collects validation messages until they are taken.
 
 use std::sync::{Mutex, PoisonError};
 

@@ -1,5 +1,5 @@
-//! Buffers that only the prologue uses. Most planes of the scene are such buffers: prologue passes pack them, and
-//! frames read the packed data.
+//! Manages buffers that only the prologue uses. Most planes of the scene are such buffers: prologue passes pack them,
+//! and frames read the packed data.
 //!
 //! They are freed once the prologue's frame has completed. If the device has no room for them beside everything else,
 //! they are placed in host memory, which the device reads more slowly. If a plan reuses the results of passes, the
@@ -24,7 +24,7 @@ pub(crate) struct UsedOnce {
 }
 
 impl UsedOnce {
-    /// Finds them in a plan that skips the passes `skipped`.
+    /// Finds these buffers in a plan that skips the passes `skipped`.
     pub fn new(plan: &Plan, skipped: &[PassId]) -> UsedOnce {
         let runs = plan.prologue.iter().copied().filter(|pass| !skipped.contains(pass));
         let used: BTreeSet<ResourceId> = runs.flat_map(|pass| plan.pass(pass).resources()).collect();

@@ -1,4 +1,4 @@
-//! Shared outputs: one executor's output, readable by plans of other executors on the device.
+//! Shares one executor's output with plans of other executors on the device.
 //!
 //! To share a frame, an executor copies its output to a buffer on the device at the end of the frame. It has one such
 //! buffer: the next shared frame overwrites it, and only another size or format creates a new one. Plans of other

@@ -42,12 +42,12 @@ pub(crate) struct Compilers {
 
 /// A plan whose compilation was abandoned.
 struct Abandoned {
-    /// Only the thread holds it, until it ends.
+    /// The plan; only the thread holds it, until it ends.
     plan: Weak<Plan>,
     current: Option<NextPipeline>,
-    /// When that pipeline was started.
+    /// Time at which its current pipeline was started.
     begun: Instant,
-    /// The error reported when the driver exceeded the patience.
+    /// Error reported when the driver exceeded the patience.
     told: Option<BackendError>,
 }
 
@@ -67,7 +67,7 @@ impl Drop for AbandonedThread {
     }
 }
 
-/// True once a thread is over; and its entry in the count, if it was abandoned before that.
+/// True once a thread has ended; and its entry in the count, if it was abandoned before.
 #[derive(Default)]
 struct End {
     over: bool,
@@ -155,8 +155,8 @@ impl Compilers {
         Ok(())
     }
 
-    /// Refuses a plan that is still being compiled in vain, and any plan if too many threads hang. Returns true if
-    /// another may begin.
+    /// Refuses a plan that an abandoned thread is still compiling, and any plan if too many threads hang. Returns true
+    /// if another thread may start.
     fn has_room(&self, plan: &Plan, patience: Duration) -> Result<bool, BackendError> {
         let mut abandoned = self.abandoned();
         abandoned.retain(|former| former.plan.strong_count() > 0);
@@ -179,7 +179,7 @@ impl Compilers {
     }
 }
 
-/// Creates the pipelines while a receiver listens.
+/// Creates the pipelines, as long as a receiver listens.
 fn work<G: Gpu>(gpu: &Arc<G>, plan: &Plan, sender: &Sender<Message<G::Pipelines>>) {
     let mut next = |next| sender.send(Message::Next(next)).map_err(|_| BackendError::Cancelled);
     let made = gpu.create_pipelines(plan, &mut next);

@@ -1,4 +1,4 @@
-//! The buffers and images of one plan.
+//! Creates the buffers and images of one plan.
 //!
 //! A transient exists once, in the memory of its block. A uniform block that the host writes exists once per frame in
 //! flight and stays mapped; so does the readback memory for statistics. A host buffer is created when its contents
@@ -23,7 +23,7 @@ enum Held<G: Gpu> {
     Plane(Arc<Buffer<G>>),
     PerFrame([Buffer<G>; FRAMES_IN_FLIGHT]),
     HostBuffer([HostBuffer<G>; FRAMES_IN_FLIGHT]),
-    /// Not used by any pass that still runs; see [`crate::once`].
+    /// A resource that no remaining pass uses; see [`crate::once`].
     Freed,
 }
 
@@ -90,7 +90,7 @@ impl<G: Gpu> Resources<G> {
     /// Returns the buffer of a resource for the frame in this slot.
     ///
     /// # Panics
-    /// As [`Resources::part`].
+    /// See [`Resources::part`].
     pub fn buffer(&self, id: ResourceId, slot: usize) -> &Buffer<G> {
         self.part(id, slot).0
     }
@@ -120,7 +120,7 @@ impl<G: Gpu> Resources<G> {
     /// Returns the binding target of a resource for the frame in this slot.
     ///
     /// # Panics
-    /// As [`Resources::part`], except on images.
+    /// See [`Resources::part`]; images do not panic.
     pub fn binding_target(&self, id: ResourceId, slot: usize) -> BindingTarget<'_, G> {
         match self.image(id) {
             Some(image) => BindingTarget::Image(image),

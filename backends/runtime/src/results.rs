@@ -1,4 +1,4 @@
-//! Shared results of prologues: buffers that one plan has computed once and other plans reuse.
+//! Shares results of prologues: buffers that one plan has computed once and other plans reuse.
 //!
 //! Most results of passes with `run: Once` (covariances, packed coefficients) do not change when a window is resized or
 //! a constant is set. A [`Recipe`] is everything that such a result depends on: the passes that lead to it, in order,
@@ -57,7 +57,8 @@ pub(crate) fn recipes(plan: &Plan, identity: u64) -> Recipes {
     results.filter_map(|&id| Some((id, Arc::new(prologue.recipe(id, identity)?)))).collect()
 }
 
-/// Returns the prologue's passes that need not run: all that they write is `taken`, or used only by such passes.
+/// Returns the prologue's passes that need not run: every resource that they write is `taken`, or used only by such
+/// passes.
 ///
 /// Removes from `taken` the results that a remaining pass computes anyway.
 pub(crate) fn skipped<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Vec<PassId> {

@@ -1,4 +1,4 @@
-//! The state shared by all executors of a device.
+//! Holds the state shared by all executors of a device.
 
 use crate::attributes::AttributeCache;
 use crate::gpu::{Buffer, Gpu};
@@ -38,7 +38,7 @@ impl<G: Gpu> Shared<G> {
         })
     }
 
-    /// Drops objects once the device is found idle; it may be busy now, and may never become idle.
+    /// Drops objects once the device is idle; until then, which may be never, they are kept.
     pub fn abandon(&self, objects: impl Send + 'static) {
         self.abandoned().push(Box::new(objects));
     }

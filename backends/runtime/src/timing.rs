@@ -1,4 +1,4 @@
-//! Timestamps of frames, and where a lost device stopped.
+//! Evaluates the timestamps of frames, and locates the pass in which a lost device stopped.
 
 use crate::gpu::Gpu;
 use splatgraph_api::{BackendError, FrameId};
@@ -11,7 +11,7 @@ pub(crate) fn queries(passes: usize) -> u32 {
 
 /// A frame's timestamps; see [`queries`] for their order.
 pub(crate) struct Times {
-    /// Empty if the queue has no timer; `None` for a timestamp that was not written.
+    /// Ticks of the timestamps. Empty if the queue has no timer; `None` for a timestamp that was not written.
     ticks: Vec<Option<u64>>,
     bits: u32,
     /// Nanoseconds per tick.

@@ -1,4 +1,4 @@
-//! Uploads of the scene, in chunks through staging memory.
+//! Uploads the scene in chunks, through staging memory.
 //!
 //! The staging memory has two halves: the scene writes one while the device copies from the other. For any size of
 //! scene, at most two [`CHUNK`]s are mapped, nothing else is allocated, and progress is reported after every chunk.

@@ -1,4 +1,4 @@
-//! The uses for which buffers and images are created.
+//! Determines the uses for which buffers and images are created.
 
 use splatgraph_framework::ir::{Shape, Source, Usage};
 use splatgraph_framework::plan::Resource;

@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The longest wait between two looks.
+/// Maximum wait between two looks.
 const SLICE: Duration = Duration::from_millis(50);
 
 /// The submissions of a device that are not known to be complete.
@@ -29,16 +29,16 @@ pub(crate) struct Watch<G: Gpu> {
 struct State<G: Gpu> {
     /// The number of the next submission.
     next: u64,
-    /// By number, which is the queue order.
+    /// Submissions by number, which is the queue order.
     submitted: BTreeMap<u64, Submission<G>>,
-    /// The point that the device had reached at the last look, and when it was first seen there.
+    /// The point that the device had reached at the last look, and the time when it was first seen there.
     reached: Option<(Point, Instant)>,
 }
 
 /// A submission's number, and how many of its passes are done.
 type Point = (u64, usize);
 
-/// The description of a submission.
+/// A submission, as the watch sees it.
 pub(crate) struct Submission<G: Gpu> {
     /// The frame; `None` for an upload.
     pub frame: Option<Frame<G>>,
@@ -121,7 +121,7 @@ pub(crate) fn stuck(running: Running) -> BackendError {
 }
 
 impl<G: Gpu> State<G> {
-    /// Finds the first unfinished submission, `own` at the latest, and describes how far the device is in it.
+    /// Finds the first unfinished submission, at the latest `own`, and describes the device's progress in it.
     fn first_unfinished(&self, gpu: &G, own: u64) -> (Point, String) {
         let live = gpu.limits().live_timestamps;
         for (&number, submission) in self.submitted.range(..=own).filter(|_| live) {

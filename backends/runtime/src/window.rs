@@ -1,8 +1,8 @@
 //! Presents frames in a window.
 //!
-//! A swapchain's images go back and forth between the window system and the program. To show a frame, its output is
-//! blitted to an acquired image, and the image is presented. The blit is submitted right after the frame: the frame
-//! itself never waits for the window, and its timestamps do not include such a wait.
+//! A swapchain's images alternate between the window system and the program. To show a frame, its output is blitted to
+//! an acquired image, and the image is presented. The blit is submitted right after the frame: the frame itself never
+//! waits for the window, and its timestamps do not include such a wait.
 //!
 //! A swapchain becomes *stale* when the window is resized or vsync is switched. The next frame to be shown then creates
 //! a new one. A window without pixels has no swapchain and shows nothing.
@@ -15,7 +15,7 @@ use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The longest wait for the device before a swapchain is replaced.
+/// Maximum wait for the device before a swapchain is replaced.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The swapchain of a window, and the state that decides when to replace it.
@@ -53,7 +53,7 @@ impl<G: Gpu> Swapchain<G> {
         Ok(swapchain)
     }
 
-    /// See [`splatgraph_api::Windowed::resize_window`].
+    /// Sets the window's size; see [`splatgraph_api::Windowed::resize_window`].
     pub fn resize(&mut self, size: (u32, u32)) {
         if size != self.told {
             (self.stale, self.is_best) = (true, false);
@@ -61,7 +61,7 @@ impl<G: Gpu> Swapchain<G> {
         self.told = size;
     }
 
-    /// See [`splatgraph_api::Windowed::set_vsync`].
+    /// Enables or disables vsync; see [`splatgraph_api::Windowed::set_vsync`].
     pub fn set_vsync(&mut self, vsync: bool) {
         if vsync != self.vsync {
             (self.stale, self.is_best) = (true, false);

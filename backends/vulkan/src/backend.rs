@@ -1,4 +1,4 @@
-//! Vulkan as the runtime's graphics API.
+//! Implements the runtime's graphics API with Vulkan.
 
 use crate::descriptors::DescriptorSets;
 use crate::encoder::Encoder;

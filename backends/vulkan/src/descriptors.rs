@@ -1,4 +1,4 @@
-//! Descriptor sets: the bindings of a plan's passes.
+//! Allocates descriptor sets: the bindings of a plan's passes.
 
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};

@@ -1,4 +1,4 @@
-//! Physical devices: their properties, their facts for graphs, and the choice of one.
+//! Lists physical devices with their properties and facts for graphs, and chooses one.
 //!
 //! A device is described once, as plain data: a [`DeviceInfo`] for users and graphs, and the [`Limits`] that plans are
 //! checked against. The logical device is created with the features that [`create`] lists, and one queue that supports

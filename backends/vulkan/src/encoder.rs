@@ -1,4 +1,4 @@
-//! The recording of commands into a command buffer.
+//! Records commands into a command buffer.
 
 use crate::descriptors::DescriptorSets;
 use crate::gpu::{Owned, VulkanGpu};
@@ -276,8 +276,8 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
         unsafe { self.gpu.device.reset_query_pool(**timestamps, 0, count) };
     }
 
-    /// Writes at the end of the pipeline. The difference of two timestamps is the time that the commands between them
-    /// add, even if passes overlap.
+    /// Writes a timestamp at the end of the pipeline. The difference of two timestamps is the time that the commands
+    /// between them add, even if passes overlap.
     fn timestamp(&mut self, timestamps: &Owned<vk::QueryPool>, index: u32) {
         let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
         // SAFETY: the command buffer is being recorded outside of rendering, and the query was reset.

@@ -1,4 +1,4 @@
-//! Optional device features: those that are enabled if present, and what they allow shaders to do.
+//! Selects the optional device features to enable, and lists what they allow shaders to do.
 
 use crate::instance::{Instance, offers};
 use ash::{ext, vk};
@@ -9,7 +9,7 @@ pub(crate) struct OptionalFeatures {
     pub core: vk::PhysicalDeviceFeatures,
     pub vulkan11: vk::PhysicalDeviceVulkan11Features<'static>,
     pub vulkan12: vk::PhysicalDeviceVulkan12Features<'static>,
-    /// `None` without the extension.
+    /// Features of `VK_EXT_shader_atomic_float`; `None` without the extension.
     pub atomic_float: Option<vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT<'static>>,
     subgroup_operations: vk::SubgroupFeatureFlags,
     subgroup_stages: vk::ShaderStageFlags,

@@ -1,4 +1,4 @@
-//! The open device, and objects that are destroyed on drop.
+//! Holds the open device, and defines objects that are destroyed on drop.
 //!
 //! Every object holds its device by an [`Arc<VulkanGpu>`], so the device outlives it in any drop order. Objects that
 //! the GPU may still be using are not guarded here: the owner of frames in flight ([`splatgraph_runtime::Executor`])
@@ -30,7 +30,7 @@ pub struct VulkanGpu {
     pub(crate) physical: vk::PhysicalDevice,
     /// True if it has `VK_EXT_memory_budget`.
     pub(crate) budget: bool,
-    /// Kept across loads: a rebuilt plan reuses the pipelines that did not change.
+    /// Pipeline cache, kept across loads: a rebuilt plan reuses the pipelines that did not change.
     pub(crate) pipeline_cache: vk::PipelineCache,
     /// `None` once the device is being destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,

@@ -1,4 +1,4 @@
-//! The Vulkan instance: the loader, the validation layer and the messenger that collects its messages.
+//! Creates the Vulkan instance: opens the loader, enables the validation layer, and collects its messages.
 //!
 //! The loader is opened at run time, so that the program starts on a machine without Vulkan and can report what is
 //! missing. Only an instance created for a window enables a window system's extensions.

@@ -1,4 +1,4 @@
-//! The plan in Vulkan's terms, as plain data.
+//! Lowers the plan to Vulkan's terms, as plain data.
 //!
 //! Everything here is a pure function of the plan. Formats, blends and usages become Vulkan's, bindings become
 //! descriptor set layouts, and passes share a pipeline if they can. Nothing calls the API, so the lowering can be

@@ -1,4 +1,4 @@
-//! Buffers, images and their memory.
+//! Allocates buffers, images and their memory.
 //!
 //! `gpu-allocator` suballocates memory, and dropping frees it. Creation has two steps, because several objects may
 //! share memory: create the object without memory, which gives its requirements, then bind it.

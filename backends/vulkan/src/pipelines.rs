@@ -1,4 +1,4 @@
-//! Pipelines and their layouts, created once per plan.
+//! Creates pipelines and their layouts, once per plan.
 //!
 //! The lists come from [`crate::lower`]. An interface is a descriptor set layout with a pipeline layout; each pipeline
 //! names its interface.

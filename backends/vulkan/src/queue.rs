@@ -1,4 +1,4 @@
-//! Command pools, fences, semaphores and submissions, for uploads and frames.
+//! Submits uploads and frames, with their command pools, fences and semaphores.
 
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
@@ -84,8 +84,8 @@ pub(crate) struct Blit {
 
 /// Submits a frame, followed by the blit of its output; `fence` is signalled when both complete.
 ///
-/// They are two batches. Drivers wait for a semaphore before they begin a batch, whatever stage the wait names, and the
-/// frame need not wait for the window.
+/// They are two batches: drivers wait for a semaphore before they begin a batch, regardless of the stage that the wait
+/// names, and the frame need not wait for the window.
 pub(crate) fn submit_and_blit(
     gpu: &VulkanGpu,
     commands: vk::CommandBuffer,

@@ -1,4 +1,4 @@
-//! Robustness features: the bounds of accesses beyond the ends of buffers and images.
+//! Queries robustness features: the bounds of accesses beyond the ends of buffers and images.
 
 use crate::instance::{Instance, offers};
 use ash::{ext, vk};

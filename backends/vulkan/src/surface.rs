@@ -1,4 +1,4 @@
-//! The surface of a window, and queries of its properties.
+//! Creates the surface of a window, and queries its properties.
 //!
 //! A surface belongs to an instance, not to a device. It is queried for the devices that can present to the window, the
 //! formats, and the present modes. The decisions from these ([`format()`], [`present_mode`], [`extent`] and others) are
@@ -128,7 +128,7 @@ pub(crate) fn present_mode(offered: &[vk::PresentModeKHR], vsync: bool) -> vk::P
 }
 
 /// Returns the size of the window's images; `None` while the window has no pixels. On some window systems the images
-/// determine the window's size; there it is the size that the program was `told`.
+/// determine the window's size; there it is the size `told`, last reported to the program.
 pub(crate) fn extent(capabilities: &vk::SurfaceCapabilitiesKHR, told: vk::Extent2D) -> Option<vk::Extent2D> {
     const ANY: vk::Extent2D = vk::Extent2D { width: u32::MAX, height: u32::MAX };
     let (least, most) = (capabilities.min_image_extent, capabilities.max_image_extent);

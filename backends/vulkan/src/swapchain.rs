@@ -1,4 +1,4 @@
-//! Swapchains: the images of a window, and the blit into them.
+//! Creates swapchains, and blits frames into a window's images.
 //!
 //! The blit has its own command buffer, submitted right after the frame's. Output and image may differ in size and
 //! format. Colours are already display-encoded and are not converted. The runtime decides when to create and replace a
@@ -21,8 +21,8 @@ use splatgraph_framework::ir::Stages;
 use splatgraph_runtime::{Acquired, Image, Presented};
 use std::sync::Arc;
 
-/// The longest wait for an image, in nanoseconds. Some window systems return no image while the window is hidden,
-/// without reporting that it is; the program must go on.
+/// Maximum wait for an image, in nanoseconds. Some window systems return no image while the window is hidden, without
+/// reporting that it is; the program must go on.
 const PATIENCE: u64 = 2_000_000_000;
 
 /// The images of a window and their objects. The device must be idle when it is dropped.
@@ -145,7 +145,7 @@ impl Swapchain {
     }
 
     /// Records the blit of `output` into an acquired image. The export leaves `output` in the transfer-source layout.
-    /// `waiting` are the stages of later work that waits for the blit.
+    /// `waiting` are the stages of later work that must wait for the blit.
     pub(crate) fn record_blit(
         &self,
         gpu: &VulkanGpu,
@@ -239,7 +239,7 @@ const BEFORE: Around = Around {
 
 /// Returns the barriers after the blit: the next frame waits for it as for the export's copies.
 ///
-/// A semaphore hands over the window's image, so its barrier needs no second half.
+/// A semaphore hands over the window's image, so no barrier is needed on the presentation side.
 fn after(waiting: Stages) -> Around {
     Around { output: [AFTER.output[0], (commands::stages(waiting), vk::AccessFlags2::NONE)], ..AFTER }
 }

@@ -153,7 +153,7 @@ fn arrow(change: &PropertyChange) -> String {
     format!("{} -> {}", text(&change.a), text(&change.b))
 }
 
-/// Removes the indices: `sort.scan[3]` becomes `sort.scan[]`.
+/// Removes the iteration indices: `sort.scan[3]` becomes `sort.scan[]`.
 fn without_indices(line: &str) -> String {
     let mut out = String::new();
     let mut inside = false;

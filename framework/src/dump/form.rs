@@ -1,4 +1,4 @@
-//! The types of a dump: the plan with names in place of numbers.
+//! Defines the types of a dump: the plan with names in place of numbers.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! Converts a plan to its dump: names for numbers, sums, lifetimes.
+//! Converts a plan to its dump: replaces numbers by names, and computes sums and lifetimes.
 
 use super::form::{
     DUMP_VERSION, Declared, Define, Dump, DumpBlock, DumpParameter, DumpPass, DumpPhase, DumpPush,

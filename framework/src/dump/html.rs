@@ -1,4 +1,4 @@
-//! The dump as an HTML page: a single file for any browser, without network access.
+//! Formats a dump as an HTML page: a single file for any browser, without network access.
 //!
 //! The page embeds the dump's JSON unchanged, and a script (`page/page.js`) draws the timeline from it. Nothing is
 //! computed here, so the page can show nothing beyond the JSON.

@@ -193,7 +193,7 @@ fn when(since: Since) -> &'static str {
     }
 }
 
-/// Formats the resource: `color in the memory of depth`.
+/// Formats the resource of a dependency: `color in the memory of depth`.
 fn subject_of(dependency: &Dependency<Declared, Declared>) -> String {
     let alias = dependency.alias.as_ref().map(|alias| format!(" in the memory of {}", alias.name));
     format!("{}{}", dependency.resource.name, alias.unwrap_or_default())
@@ -272,7 +272,7 @@ pub fn cause_line(barrier: &DumpBarrier, cause: &DumpCause) -> String {
     format!("{line}: {masks}")
 }
 
-/// `read after write on keys#1, after sort.scatter[0] of the frame before`.
+/// Formats a conflict: `read after write on keys#1, after sort.scatter[0] of the frame before`.
 pub(super) fn conflict_line(conflict: &Cause<Declared, Declared>) -> String {
     let mut line = format!("{} on {}", hazard_words(conflict.hazard), conflict.resource.name);
     if let Some(alias) = &conflict.alias {

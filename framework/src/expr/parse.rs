@@ -35,7 +35,7 @@ enum Token {
     End,
 }
 
-/// Longer ones first, so that `<<` is not read as two `<`.
+/// Operators and brackets, the longer ones first, so that `<<` is not read as two `<`.
 const SYMBOLS: [&str; 21] = [
     "<<", ">>", "==", "!=", "<=", ">=", "&&", "||", "+", "-", "*", "/", "%", "<", ">", "!", "?", ":", "(",
     ")", ",",
@@ -66,7 +66,7 @@ struct Parser<'a> {
     end: usize,
     /// The end of the previous token.
     last_end: usize,
-    /// The number of open parentheses, arguments, choices, `-` and `!`.
+    /// Nesting depth: open parentheses, arguments, choices, `-` and `!`.
     depth: usize,
 }
 

@@ -1,4 +1,4 @@
-//! The tree of an expression, its errors, and the scope that it is evaluated in.
+//! Defines the tree of an expression, its errors, and the scope that it is evaluated in.
 
 use std::collections::BTreeMap;
 use std::ops::Range;

@@ -1,7 +1,7 @@
-//! Pipeline stages, memory accesses, image layouts and hazards.
+//! Defines pipeline stages, memory accesses, image layouts and hazards.
 //!
-//! Names and meanings follow Vulkan's synchronization2, which is finer than Metal's model. Dependencies of a plan use them.
-//! Vulkan maps them one to one, Metal to the two stages of a draw.
+//! Names and meanings follow Vulkan's synchronization2, which is finer than Metal's model. Dependencies of a plan use
+//! them. Vulkan maps them one to one, Metal to the two stages of a draw.
 
 use std::fmt;
 
@@ -132,7 +132,7 @@ pub enum Hazard {
     LayoutChange,
 }
 
-/// Holds the stages and accesses on both sides of a dependency or a barrier.
+/// Stages and accesses on both sides of a dependency or a barrier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Masks {
     /// The stages that are waited for.
@@ -146,7 +146,7 @@ pub struct Masks {
 }
 
 impl Masks {
-    /// Joins two sides, each with stages and accesses.
+    /// Combines two sides, each with stages and accesses.
     pub fn new(source: (Stages, Accesses), target: (Stages, Accesses)) -> Masks {
         Masks {
             source_stages: source.0,
@@ -166,7 +166,7 @@ impl Masks {
         Masks { source_stages: Stages::empty(), source_accesses: Accesses::empty(), ..self }
     }
 
-    /// Adds the bits of another.
+    /// Adds the bits of another mask.
     pub fn add(&mut self, bits: Masks) {
         self.source_stages |= bits.source_stages;
         self.source_accesses |= bits.source_accesses;
@@ -174,13 +174,13 @@ impl Masks {
         self.target_accesses |= bits.target_accesses;
     }
 
-    /// Returns the bits of both.
+    /// Returns the union with another mask.
     pub fn with(mut self, bits: Masks) -> Masks {
         self.add(bits);
         self
     }
 
-    /// Returns the bits that another lacks.
+    /// Returns the bits that another mask lacks.
     pub fn without(self, bits: Masks) -> Masks {
         Masks {
             source_stages: self.source_stages - bits.source_stages,

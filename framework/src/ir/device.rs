@@ -1,4 +1,4 @@
-//! Facts of the device that graphs and the linker use.
+//! Defines the facts of the device that graphs and the linker use.
 
 use serde::{Serialize, Serializer};
 

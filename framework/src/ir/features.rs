@@ -1,4 +1,4 @@
-//! Optional features of a device that shaders can use.
+//! Defines the optional features of a device that shaders can use.
 
 use bitflags::bitflags;
 use std::fmt;

@@ -1,4 +1,4 @@
-//! Formats of images and fixed-function state of draws.
+//! Defines formats of images and the fixed-function state of draws.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! Indices into the lists of a plan.
+//! Defines indices into the lists of a plan.
 
 macro_rules! id {
     ($(#[$doc:meta])* $name:ident) => {

@@ -1,4 +1,4 @@
-//! Places in graph files.
+//! Defines positions in graph files.
 
 use serde::{Deserialize, Serialize};
 

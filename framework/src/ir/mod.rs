@@ -1,4 +1,4 @@
-//! Plain types shared by all steps of the compiler, the backends and the application.
+//! Defines plain types shared by all steps of the compiler, the backends and the application.
 //!
 //! The rest of this crate imports this module, which imports nothing of the crate. It contains almost no logic. The
 //! compiler turns a [`Request`] into a [`Plan`](crate::plan::Plan), and both consist of the [values](Value),

@@ -1,4 +1,4 @@
-//! Parameters of a graph: their values, their path to the shaders, and their effects on the plan.
+//! Defines the parameters of a graph: their values, their path to the shaders, and their effects on the plan.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,7 @@ use super::{Origin, PassId, Reason, Value};
 /// Binding number of the generated block of live parameters.
 pub const LIVE_BINDING: u32 = 31;
 
-/// The generated block of live parameters.
+/// Name of the generated block of live parameters.
 pub const LIVE_BLOCK: &str = "Live";
 
 /// A parameter of the graph, with its value.

@@ -1,16 +1,16 @@
-//! Passes: one dispatch, draw, fill or export each.
+//! Defines passes: one dispatch, draw, fill or export each.
 //!
-//! Lowering names the shaders of a pass (`S`) and counts invocations (`G`); linking replaces both by ids and workgroups, the defaults. A
-//! dump has names in place of the resources (`R`).
+//! Lowering names the shaders of a pass (`S`) and counts invocations (`G`); linking replaces both by ids and
+//! workgroups, the defaults. A dump has names in place of the resources (`R`).
 
 use serde::{Deserialize, Serialize};
 
 use super::{Accesses, Blend, Layout, Load, Origin, ResourceId, ShaderId, Stages, Topology};
 
-/// The pass at the end of a frame that makes the output readable by copies.
+/// Name of the pass at the end of a frame that makes the output readable by copies.
 pub const EXPORT: &str = "export";
 
-/// The pass after the frame in which the host reads the statistics.
+/// Name of the pass after the frame in which the host reads the statistics.
 pub const HOST: &str = "host";
 
 /// The frequency of a pass: once, or in every frame.
@@ -160,7 +160,7 @@ pub enum DrawCall {
     },
 }
 
-/// Describes a colour attachment.
+/// A colour attachment of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Target<R = ResourceId> {
     /// The image.
@@ -178,7 +178,7 @@ impl<R> Target<R> {
     }
 }
 
-/// Binds a resource to a shader's block or image.
+/// A resource bound to a shader's block or image.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Binding<R = ResourceId> {
     /// The name of the GLSL block or image.
@@ -206,7 +206,7 @@ impl<R> Binding<R> {
     }
 }
 
-/// Names the type of a descriptor.
+/// Type of a descriptor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DescriptorKind {
     /// A storage buffer.
@@ -217,7 +217,7 @@ pub enum DescriptorKind {
     StorageImage,
 }
 
-/// Describes a pass's accesses to a resource in one set of stages.
+/// A pass's accesses to a resource in one set of stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Use<R = ResourceId> {
     /// The resource.

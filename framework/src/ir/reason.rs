@@ -1,4 +1,4 @@
-//! Reasons: the values that explain a parameter's value or an unmet requirement.
+//! Defines reasons: the values that explain a parameter's value or an unmet requirement.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -1,10 +1,10 @@
-//! The input of a build: a graph's name, parameters, facts and importable data.
+//! Defines the input of a build: a graph's name, parameters, facts and importable data.
 
 use std::collections::BTreeMap;
 
 use super::{DeviceFacts, Value};
 
-/// The prefix of facts that request outputs besides the picture, such as `outputs.depth`. A missing one is false.
+/// Prefix of facts that request outputs besides the picture, such as `outputs.depth`. A missing fact is false.
 pub const OUTPUTS: &str = "outputs.";
 
 /// Values that expressions can use.
@@ -30,7 +30,7 @@ impl From<DeviceFacts> for Facts {
     }
 }
 
-/// The data that a graph can import, by full name.
+/// Data that a graph can import, by full name.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Catalog {
     /// Attributes of the scene.

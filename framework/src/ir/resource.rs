@@ -1,4 +1,4 @@
-//! Shapes, owners and uses of buffers and images.
+//! Defines shapes, owners and uses of buffers and images.
 
 use bitflags::bitflags;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Compiled shaders, with their declarations and accesses.
+//! Defines compiled shaders, with their declarations and accesses.
 
 use std::sync::Arc;
 
@@ -59,7 +59,7 @@ impl Msl {
     pub const MOST_PUSH_BYTES: u32 = 4095;
 }
 
-/// The place of a binding in an argument table.
+/// Location of a binding in an argument table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MslArgument {
     /// Number of the binding in set 0.

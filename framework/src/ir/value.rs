@@ -1,4 +1,4 @@
-//! Values of parameters, facts and expressions.
+//! Defines the values of parameters, facts and expressions.
 
 use std::fmt;
 

@@ -144,7 +144,7 @@ impl Linker<'_> {
         self.errors.push(diagnostic.with_nearest(&bind.block, blocks.iter().copied(), otherwise));
     }
 
-    /// Returns the kind of descriptor for a block, or `None` after an error.
+    /// Checks the resources bound to a block, and returns the kind of descriptor; `None` after an error.
     fn fits(
         &mut self,
         shader: ShaderId,

@@ -1,4 +1,4 @@
-//! The linked passes, and the linker's state.
+//! Defines the linked passes, and the linker's state.
 
 use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
@@ -22,7 +22,7 @@ pub struct Linked {
     pub passes: Vec<LinkedPass>,
 }
 
-/// Holds a pass with its accesses.
+/// A pass with its accesses.
 #[derive(Clone, Debug)]
 pub struct LinkedPass {
     /// The pass.
@@ -46,7 +46,7 @@ pub struct PassParams {
     pub skipped: ParamSet,
 }
 
-/// Maximum number of shader compilations of a graph: far beyond any use, but less than minutes of work.
+/// Maximum number of shader compilations of a graph: far beyond any real graph, but at most minutes of work.
 pub(super) const MOST_COMPILATIONS: usize = 500;
 
 pub(super) type Defines = Vec<(String, String)>;

@@ -1,4 +1,4 @@
-//! Linking: compiles the shaders of each pass and checks the graph against them.
+//! Links a graph: compiles the shaders of each pass and checks the graph against them.
 //!
 //! Every block that a shader uses must be bound, every entry of `bind` and `push` must exist in a shader, and kinds,
 //! strides, sizes and formats must match. Linking also derives the accesses of each pass ([`Use`]) from the compiled

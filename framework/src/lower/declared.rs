@@ -1,4 +1,4 @@
-//! The parameters of a graph: its own, and the exposed parameters of included graphs.
+//! Lists the parameters of a graph: its own, and the exposed parameters of included graphs.
 //!
 //! An exposed parameter belongs to the includer, as if declared after the includer's own; the included graph uses its
 //! value. Its expressions can name parameters of the included graph: exposed ones have the includer's value, and those
@@ -23,8 +23,8 @@ pub(super) struct Declared {
     graph: Rc<Graph>,
     /// The declaration.
     pub place: Place,
-    /// Replaces the declared default: a value from an included graph's preset, or from the includer's `set`. Comes with
-    /// the number of includes in `around` outside of which it was written.
+    /// Replacement for the declared default: a value from an included graph's preset, or from the includer's `set`.
+    /// Comes with the number of includes in `around` that enclose the place where it was written.
     pub default: Option<(Setting, usize)>,
     /// The include that exposes it; `None` for the graph's own.
     pub part: Option<String>,

@@ -1,4 +1,4 @@
-//! Preprocessor defines for a graph's constants.
+//! Makes the preprocessor defines for a graph's constants.
 
 use std::collections::BTreeMap;
 

@@ -71,7 +71,7 @@ struct Follow<'a> {
     files: &'a mut SourceMap,
     /// Presets and choices on the path, each with the place where it names the next.
     chain: Vec<(FileId, Span)>,
-    /// Graphs so far.
+    /// Number of graphs found so far.
     found: usize,
 }
 

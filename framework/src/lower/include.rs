@@ -1,4 +1,4 @@
-//! Includes: lowers another graph's passes with the includer's resources and parameters.
+//! Lowers another graph's passes with the includer's resources and parameters.
 
 use indexmap::IndexMap;
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use crate::ir::{Param, ParamSet, Value};
 use crate::schema::{Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Place};
 
-/// The name of an included graph's output.
+/// Name of an included graph's output.
 const PICTURE: &str = "picture";
 
 /// Returns the error for a name in an included graph that collides with its output.
@@ -167,7 +167,7 @@ impl Lowering<'_> {
         Ok(())
     }
 
-    /// Gives the includer the names of an included graph's resources: `include.resource`.
+    /// Adds the names of an included graph's resources to the includer: `include.resource`.
     ///
     /// Names have their meaning at the end of the included graph: the front of a ping-pong buffer is the half left in
     /// front. A constant that holds the name of a resource works as well, and the output is `picture`.

@@ -1,4 +1,4 @@
-//! The result of lowering: numbered resources, and a flat list of passes with their places in the files.
+//! Defines the result of lowering: numbered resources, and a flat list of passes with their places in the files.
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -62,7 +62,7 @@ impl Lowered {
     }
 }
 
-/// Describes the declaration of a resource.
+/// The declaration of a resource.
 #[derive(Clone, Debug)]
 pub struct Declaration {
     /// Its place in the file.
@@ -119,7 +119,7 @@ pub struct RemovedPass {
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
-/// Holds a dispatch, a draw or a fill, and its places in the file.
+/// A dispatch, a draw or a fill, with its places in the file.
 #[derive(Clone, Debug)]
 pub struct LoweredPass {
     /// The pass. Linking adds its bindings, push constants and uses.

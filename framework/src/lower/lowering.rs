@@ -1,4 +1,4 @@
-//! The state of the walk over the passes, and of each graph file on it.
+//! Defines the state of the walk over the passes, and of each graph file on it.
 
 use indexmap::IndexMap;
 use std::collections::BTreeMap;
@@ -15,7 +15,8 @@ use crate::plan::Plan;
 use crate::schema::Graph;
 use crate::source::{Diagnostic, Place, SourceMap};
 
-/// Maximum number of passes after repeats: far beyond any use, but few enough that a typing error cannot exhaust memory.
+/// Maximum number of passes after repeats: far beyond any real graph, but few enough that a typing error cannot exhaust
+/// memory.
 pub(super) const MAX_PASSES: usize = 20_000;
 
 /// Maximum work of the walk: declarations with their entries, and iterations of repeats.

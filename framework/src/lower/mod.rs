@@ -1,4 +1,4 @@
-//! Lowering: turns the tree of a graph file into a flat list of passes.
+//! Lowers a graph: converts the tree of a graph file to a flat list of passes.
 //!
 //! A graph may be a preset of another, include graphs, repeat passes, omit passes and swap ping-pong resources.
 //! Lowering walks the tree once, in file order, and resolves all of these. The result ([`Lowered`]) has only

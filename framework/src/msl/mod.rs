@@ -30,14 +30,14 @@ use spirv_cross2::{Compiler, Module, spirv::ExecutionModel};
 use crate::ir::{Msl, MslArgument, ReflectedKind, Reflection, Shader, ShaderStage, Value};
 use crate::plan::Plan;
 
-/// The version of the language, major and minor. All GPUs of family Apple 7 and later support it since macOS 12.
+/// Version of the language, major and minor. All GPUs of family Apple 7 and later support it since macOS 12.
 pub const VERSION: (u32, u32) = (2, 4);
 
 /// A shader that cannot be translated to Metal's language.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the shader `{shader}` cannot be translated to Metal's language: {problem}")]
 pub struct MslError {
-    /// The path as the graph names it.
+    /// Path of the shader, as in the graph.
     pub shader: String,
     /// The reason.
     pub problem: String,

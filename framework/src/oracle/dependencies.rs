@@ -10,7 +10,7 @@ use crate::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Stages};
 use crate::plan::{Dependency, LayoutChange, Plan, Since};
 use std::collections::HashSet;
 
-/// Number of frames listed: enough for a frame whose predecessor has a predecessor.
+/// Number of frames to list: enough that a frame's predecessor has a predecessor.
 const FRAMES: u32 = 3;
 
 /// A mistake in a plan's dependencies or layout changes.
@@ -188,8 +188,8 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Demands a dependency on the preceding accesses: for a read the last write; for a write the reads since it, or
-    /// else that write.
+    /// Demands a dependency on the preceding accesses: for a read, on the last write; for a write, on the reads since
+    /// the last write, or on that write if there are none.
     fn look_back(&mut self, cell: usize, now: Occurrence, target: &'a Access) {
         let mut pairs = Vec::new();
         let events = self.cells[cell].iter().rev();

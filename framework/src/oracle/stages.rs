@@ -1,4 +1,4 @@
-//! The logical order of pipeline stages, and the accesses that each performs.
+//! Defines the logical order of pipeline stages, and the accesses that each performs.
 //!
 //! Vulkan 1.3, 7.1.2 "Pipeline Stages": a source stage mask includes the logically earlier stages, and a target stage
 //! mask the logically later ones, but only for the execution dependency. Memory accesses are in a barrier's scope only
@@ -21,11 +21,11 @@ pub fn with_later(stages: Stages) -> Stages {
     scope
 }
 
-/// Returns the stages whose presence in a source mask covers a command's work at `stage`: that stage, and the later
+/// Returns the stages that cover a command's work at `stage` if a source mask names them: that stage, and the later
 /// ones of the command's own pipeline.
 ///
 /// `INDIRECT` is the only stage of two pipelines. The specification says that a later stage covers an earlier one of
-/// the pipeline that a command runs. Whether `COMPUTE` covers reading a draw's arguments is open: a driver with
+/// the pipeline that a command runs. It leaves open whether `COMPUTE` covers reading a draw's arguments: a driver with
 /// separate queues for dispatches and draws (PanVK) does not wait for it. So it does not count here.
 pub fn stood_for_by(stage: Stages, dispatch: bool) -> Stages {
     match stage {

@@ -1,4 +1,4 @@
-//! The graph as written: the typed tree that serde builds from a RON file.
+//! Defines the graph as written: the typed tree that serde builds from a RON file.
 //!
 //! Nothing is resolved here: numbers may be expressions ([`Number`]), names may be wrong, and an included graph is a
 //! name. Lowering resolves them.

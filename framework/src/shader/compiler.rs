@@ -1,4 +1,4 @@
-//! The shader compiler's interface for linking: requests, results and cancellation.
+//! Defines the shader compiler's interface for linking: requests, results and cancellation.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -86,7 +86,8 @@ pub const CANCELLED: &str = "the build was cancelled";
 pub struct Cancel(Option<Arc<dyn Fn() -> bool + Send + Sync>>);
 
 impl Cancel {
-    /// Creates a cancellation. `wanted_no_more` is called often, from any thread.
+    /// Creates a cancellation. `wanted_no_more` returns true once the build should end; it is called often, from any
+    /// thread.
     pub fn new(wanted_no_more: impl Fn() -> bool + Send + Sync + 'static) -> Cancel {
         Cancel(Some(Arc::new(wanted_no_more)))
     }

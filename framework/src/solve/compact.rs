@@ -1,7 +1,8 @@
-//! Compaction: drops the resources and shaders that no pass uses, numbers the others anew, in the same order, and collects the uses of
+//! Drops the resources and shaders that no pass uses, renumbers the others in the same order, and collects the uses of
 //! each resource.
 //!
-//! The previous frame's contents become the resource itself: the order of the passes already accounts for the difference.
+//! The previous frame's contents become the resource itself: the order of the passes already accounts for the
+//! difference.
 
 use crate::ir::{Accesses, DescriptorKind, ResourceId, ShaderId, Usage};
 use crate::link::LinkedPass;
@@ -31,7 +32,7 @@ pub(super) fn compact(lowered: Lowered, passes: &[&LinkedPass]) -> Plan {
     plan
 }
 
-/// Counts up over the used ones; the numbers of the others mean nothing.
+/// Assigns consecutive numbers to the used items; the numbers of unused ones are meaningless.
 fn number(used: &[bool]) -> Vec<u32> {
     let mut next = 0;
     let number = |used: &bool| {

@@ -1,4 +1,4 @@
-//! Effects: the parts of the plan that depend on each parameter, or the reason why none does.
+//! Finds the parts of the plan that depend on each parameter, or the reason why none does.
 //!
 //! Lowering and linking found the parameters behind each pass and each resource of the graph. This module collects them
 //! for the passes of the plan. The accesses of a culled pass count as well: it still separates the passes before and
@@ -21,7 +21,7 @@ pub(super) struct Causes {
     resources: BTreeMap<String, ParamSet>,
     /// As [`Effect::shape`].
     shape: ParamSet,
-    /// For each parameter, where it would have an effect.
+    /// For each parameter, a phrase that says where it would have an effect.
     hints: Vec<Option<String>>,
 }
 
@@ -95,7 +95,7 @@ impl Causes {
     }
 }
 
-/// Names a culled pass that uses the parameter.
+/// Makes the hint that names a culled pass which uses the parameter.
 fn unread_hint<'a>(mut passes: impl Iterator<Item = &'a LinkedPass>) -> Option<String> {
     let first = passes.next()?;
     let (others, those) =
@@ -103,7 +103,7 @@ fn unread_hint<'a>(mut passes: impl Iterator<Item = &'a LinkedPass>) -> Option<S
     Some(format!("it is used by `{}`{others}, and nothing reads what {those}", first.pass.name))
 }
 
-/// Names the condition that would have to hold.
+/// Makes the hint that names the condition which would have to hold.
 fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> String {
     let origin = files.origin(removed.when);
     let values = values(&removed.decided, params);
@@ -115,7 +115,7 @@ fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> S
     format!("it is used where `{}` ({}:{}){here}", removed.condition, origin.file, origin.line)
 }
 
-/// Names the expression that did not read the parameter, and the values that decided it.
+/// Makes the hint that names the expression which did not read the parameter, and the values that decided it.
 fn unreached_hint(found: &SkippedUse, params: &[Param], files: &SourceMap) -> String {
     let origin = files.origin(found.span);
     let text = format!("`{}` ({}:{}) leaves it out", found.name, origin.file, origin.line);

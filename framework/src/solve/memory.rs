@@ -1,13 +1,13 @@
-//! Memory sharing: places transient resources with disjoint lifetimes in one block.
+//! Places transient resources with disjoint lifetimes in shared blocks of memory.
 //!
 //! A resource is alive from its first use in the frame to its last; its contents are undefined before and unused after.
 //! A resource that outlives the frame (written by a `Once` pass, or with a history) has its own block. Resources share
 //! whole blocks rather than offsets into one heap, because only the device knows the size of an image: a block is as
 //! large as its largest alias.
 //!
-//! Sharing must not cost time. The next alias waits for the previous one, which would add a barrier call if there is
-//! none between the two anyway. An alias therefore only follows one whose last pass is on a lower level; the level of a
-//! pass is the length of the longest chain of dependent passes before it.
+//! Sharing must not cost time. The next alias waits for the previous one, which would add a barrier call unless there
+//! is one between the two anyway. An alias therefore only follows one whose last pass is on a lower level; the level of
+//! a pass is the length of the longest chain of dependent passes before it.
 //!
 //! The packing is greedy: the largest resource first, each into the smallest block that is free for its lifetime (first
 //! fit by decreasing size, as in register allocation over intervals; optimal packing is NP-hard).

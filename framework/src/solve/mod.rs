@@ -1,4 +1,4 @@
-//! The solver: turns linked passes into a plan with an order, memory and dependencies.
+//! Solves for a plan: gives the linked passes an order, memory and dependencies.
 //!
 //! Each step has a file. `order` builds the dependency graph (petgraph; read-after-write, write-after-read and
 //! write-after-write), culls passes whose results are unused, and sorts the rest. Ties follow the order of the file, so

@@ -257,7 +257,7 @@ impl Sources {
         Sources { writers, carried, followed }
     }
 
-    /// Adds to `open` the writers of what `pass` reads, in this frame or, if `last`, in the previous one.
+    /// Adds to `open` the writers whose data `pass` reads, in this frame or, if `last`, in the previous one.
     fn found_by(
         &mut self,
         pass: usize,

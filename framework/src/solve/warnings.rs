@@ -1,4 +1,4 @@
-//! Warnings about constructs that are allowed but probably unintended.
+//! Warns about constructs that are allowed but probably unintended.
 //!
 //! A pass that modifies a resource in place finds undefined contents if nothing wrote the resource before. And the work
 //! of an included graph may be culled: if it leaves its result in the half of a ping-pong buffer that no pass reads,

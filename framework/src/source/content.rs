@@ -1,4 +1,4 @@
-//! Content hashes of paths, to tell later whether a build would read the same contents.
+//! Hashes the contents of paths, to detect later whether a build would read the same contents.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::hash::{DefaultHasher, Hasher};
@@ -51,13 +51,13 @@ impl Content {
         read.unwrap_or(Content::Unusable)
     }
 
-    /// Returns true for a missing or empty file, which editors leave for a moment while they save.
+    /// Returns true for a missing or empty file, which editors leave briefly while they save.
     pub fn is_empty(self) -> bool {
         matches!(self, Content::Missing | Content::Bytes { length: 0, .. })
     }
 }
 
-/// The entry at a path, links followed.
+/// Entry at a path, with links followed.
 pub(super) enum Found {
     /// Nothing, or a folder, which does not end a search.
     Nothing,

@@ -1,4 +1,4 @@
-//! Errors with places and suggestions.
+//! Defines errors with places and suggestions.
 
 use std::fmt;
 
@@ -69,11 +69,12 @@ impl fmt::Display for Diagnostic {
 
 impl std::error::Error for Diagnostic {}
 
-/// Maximum length of names to compare: a longer one is no typing mistake, and comparing it would take long.
+/// Maximum length of names to compare, in bytes: a longer name is no typing mistake, and comparing it would take long.
 const LONGEST_NAME: usize = 256;
 
 /// Returns the candidate that `name` was probably meant to be: one that differs only in case, or else the nearest by
-/// Damerau-Levenshtein distance (changes, insertions, deletions and transpositions count one), the first of several.
+/// Damerau-Levenshtein distance (changes, insertions, deletions and transpositions count one); of equally near ones,
+/// the first.
 ///
 /// `None` if more than a third of the name, and more than one character, would have to change, or if no character would
 /// stay.

@@ -1,4 +1,4 @@
-//! Source texts of graphs and shaders, and diagnostics that point into them.
+//! Reads the source texts of graphs and shaders, and makes diagnostics that point into them.
 //!
 //! Everything that this crate reads (graphs, presets, shaders and their includes) is text, and every error has a place
 //! in such a text. This module has four parts:

@@ -1,7 +1,7 @@
-//! Byte spans of every element of a RON text.
+//! Finds the byte span of every element of a RON text.
 //!
-//! `serde` and the `ron` crate turn the text into typed values, with places for syntax errors only. The outline parses the
-//! text again, into a tree of spans without values, in which a [`Place`](super::Place) is an element.
+//! `serde` and the `ron` crate turn the text into typed values, with places for syntax errors only. The outline parses
+//! the text again, into a tree of spans without values, in which a [`Place`](super::Place) is an element.
 
 use indexmap::IndexMap;
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! Places: elements of a RON text, for errors about them.
+//! Locates elements of a RON text, for errors about them.
 
 use std::ops::Range;
 use std::rc::Rc;
@@ -69,8 +69,8 @@ impl Place {
         self.outline.span(node.key.clone().filter(|_| self.exists).unwrap_or(node.inside()))
     }
 
-    /// Like [`Place::span`], but for a struct, a variant or a list only the name or the bracket that it starts with, to point at when
-    /// something is missing in it.
+    /// Like [`Place::span`], but for a struct, a variant or a list only the name or the bracket at its start, for
+    /// errors about a missing part.
     pub fn head(&self) -> Span {
         self.outline.span(self.node().shallow())
     }

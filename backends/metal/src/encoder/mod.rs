@@ -130,7 +130,7 @@ impl Encoder {
         }
     }
 
-    /// Closes the open encoder, of the plan or of copies outside of it.
+    /// Closes the open encoder, whether it belongs to the plan or to copies outside of it.
     fn interrupt(&mut self) {
         if let Some(order) = self.order.clone() {
             self.walk.interrupt(&order.walked(), &mut self.moves);
@@ -366,8 +366,8 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         self.times = Some(timestamps.clone());
     }
 
-    /// A pass's two timestamps are samples of its encoder, which its first command opens; the first timestamp names
-    /// both.
+    /// Stores the sample's index: a pass's two timestamps are samples of its encoder, which its first command opens.
+    /// The first timestamp names both.
     fn timestamp(&mut self, _: &Timestamps, index: u32) {
         if let (Some(sample), Some(_)) = (lower::sample(index), self.next)
             && sample.is_multiple_of(2)
@@ -378,7 +378,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
 }
 
 impl Drop for Encoder {
-    /// Metal requires encoders to end before they are released.
+    /// Ends the open encoder, as Metal requires before its release.
     fn drop(&mut self) {
         objc::pool(|| self.close());
     }

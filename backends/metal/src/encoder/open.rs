@@ -178,7 +178,7 @@ impl Encoder {
                 if let (Some((buffer, first)), Some(samples)) =
                     (&samples, descriptor.sample_buffer_attachments().object_at(0))
                 {
-                    /// `MTLCounterDontSample`
+                    /// Metal's `MTLCounterDontSample`.
                     const NONE: u64 = u64::MAX;
                     samples.set_sample_buffer(buffer);
                     samples.set_start_of_vertex_sample_index(*first);
@@ -195,7 +195,7 @@ impl Encoder {
     }
 }
 
-/// Lowers the stages of a fence; `usual` if the plan names none.
+/// Lowers the stages of a fence; returns `usual` if the plan names none.
 fn stages(fence: FenceUse, usual: MTLRenderStages) -> MTLRenderStages {
     match fence.stages {
         Some(RenderStages::Vertex) => MTLRenderStages::Vertex,

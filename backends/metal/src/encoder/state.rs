@@ -1,4 +1,4 @@
-//! The state of a recording: a command buffer, the open encoder, and the next command's pipeline and arguments.
+//! Defines the state of a recording: a command buffer, the open encoder, and the next command's pipeline and arguments.
 
 use crate::descriptors::{Argument, Table};
 use crate::gpu::MetalGpu;
@@ -32,22 +32,22 @@ pub struct Encoder {
     pub(super) midst: (Event, u64),
     /// Signalled when the work that all commands wait for has completed; see [`submit`](crate::queue::submit).
     pub(super) others: (SharedEvent, u64),
-    /// True if they wait for all earlier submissions, not only for published ones.
+    /// True if all commands wait for all earlier submissions, not only for published ones.
     pub(super) after_all: bool,
-    /// True if all later submissions wait for them.
+    /// True if all later submissions wait for these commands.
     pub(super) publishes: bool,
     pub(super) walk: Walk,
     pub(super) order: Option<Arc<Order>>,
     pub(super) moves: Vec<Move>,
     /// The open encoder.
     pub(super) open: Open,
-    /// The encoder that the next command opens; it then waits for its fences.
+    /// Kind of the encoder that the next command opens; it then waits for its fences.
     pub(super) next: Option<EncoderKind>,
     pub(super) waits: Vec<FenceUse>,
     pub(super) bound: Bound,
     /// The frame's timestamps.
     pub(super) times: Option<Timestamps>,
-    /// The first of two samples of the next encoder.
+    /// Index of the first of the next encoder's two samples.
     pub(super) sample: Option<u32>,
     pub(super) label: String,
     /// Number of debug groups open in the encoder.

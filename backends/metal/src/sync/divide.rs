@@ -36,7 +36,8 @@ fn kind(work: &Work) -> Option<EncoderKind> {
     }
 }
 
-/// Returns true if a draw keeps the targets of the earlier draws, and has no other dependency on them.
+/// Returns true if a draw has the same targets as the group's draws, keeps their contents, and has no other dependency
+/// on them.
 fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     let targets = |pass: PassId| match &plan.pass(pass).work {
         Work::Draw { targets, .. } => targets.as_slice(),
@@ -57,7 +58,8 @@ fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
         && ordering(plan, pass).filter(inner).all(blends)
 }
 
-/// Lists the dependencies of a pass. Layout changes do not count, and the host waits for the whole command buffer.
+/// Lists a pass's dependencies that affect encoders: not layout changes, and not the host's, which waits for the whole
+/// command buffer.
 pub(super) fn ordering(plan: &Plan, pass: PassId) -> impl Iterator<Item = &Dependency> {
     let of_device = |dependency: &&Dependency| plan.pass(dependency.second).work != Work::Host;
     let dependencies = plan.dependencies_of(pass).iter();

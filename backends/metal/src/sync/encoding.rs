@@ -1,32 +1,32 @@
-//! The encoders of a plan with their fences and barriers, and the reasons for these.
+//! Defines the encoders of a plan with their fences and barriers.
 
 use splatgraph_framework::{ir::*, plan::*};
 
-/// Lists the encoders of a plan.
+/// The encoders of a plan.
 ///
-/// The fences hold if an executor keeps these rules:
+/// The fences are valid if an executor follows these rules:
 ///
-/// - It opens every encoder, in this order. An encoder without work still waits for its fences and updates them, because other
-///   encoders rely on the order through it.
-/// - Reads of the plan's output after the frame (copies to the host, to a window, to another plan) belong to the encoder of
-///   [`Work::Export`], before its updates.
+/// - It opens every encoder, in this order. An encoder without work still waits for its fences and updates them,
+///   because other encoders rely on the order through it.
+/// - Reads of the plan's output after the frame (copies to the host, to a window, to another plan) belong to the
+///   encoder of [`Work::Export`], before its updates.
 /// - Fences belong to one plan in one [`Division`]. A frame after a frame of another plan or division waits for
 ///   everything before it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Encoders {
-    /// Run once after the plan or the scene changed. All commands submitted later wait for all of them (see
-    /// [`handover`](Encoders::handover)).
+    /// Encoders that run once after the plan or the scene changed. All commands submitted later wait for all of them
+    /// (see [`handover`](Encoders::handover)).
     pub prologue: Vec<Encoding>,
-    /// True if the first frame waits for the whole prologue, by an event: some pass of the frame accesses memory that the prologue
-    /// accessed.
+    /// True if the first frame waits for the whole prologue, by an event: a pass of the frame accesses memory that the
+    /// prologue accessed.
     pub handover: bool,
-    /// Run every frame. Only the fences order frames.
+    /// Encoders that run every frame. Only the fences order frames.
     pub frame: Vec<Encoding>,
-    /// The number of fences. The prologue and the frame use the same ones.
+    /// Number of fences. The prologue and the frame use the same ones.
     pub fences: u32,
 }
 
-/// Describes one encoder, with passes of one kind.
+/// An encoder, with passes of one kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Encoding {
     /// The kind of its commands.
@@ -39,10 +39,11 @@ pub struct Encoding {
     pub updates: Vec<FenceUse>,
 }
 
-/// Classifies encoders by their commands.
+/// Kind of an encoder, by its commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum EncoderKind {
-    /// Dispatches. Fills and clears are dispatches of built-in kernels. They may run at the same time (`MTLDispatchTypeConcurrent`).
+    /// Dispatches, which may run concurrently (`MTLDispatchTypeConcurrent`). Fills and clears are dispatches of
+    /// built-in kernels.
     Compute,
     /// Draws into the same targets, in order.
     Render,
@@ -50,16 +51,16 @@ pub enum EncoderKind {
     Blit,
 }
 
-/// Names a fence that an encoder waits for or updates.
+/// A fence that an encoder waits for or updates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FenceUse {
-    /// Its number, below [`Encoders::fences`].
+    /// Number of the fence, below [`Encoders::fences`].
     pub fence: u32,
     /// The stage of draws that waits, or that the update follows; `None` in other encoders.
     pub stages: Option<RenderStages>,
 }
 
-/// Names stages of a draw, in order. Any other pass begins at the first and ends at the last.
+/// Stages of a draw, in order. Any other pass begins at the first and ends at the last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum RenderStages {
     /// Reading of indirect arguments, and vertex shaders.
@@ -84,7 +85,7 @@ impl RenderStages {
     }
 }
 
-/// Holds a pass, and the barrier before it.
+/// A pass, and the barrier before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EncodedPass {
     /// Orders the earlier passes of the encoder before this pass and the later ones.
@@ -93,12 +94,12 @@ pub struct EncodedPass {
     pub pass: PassId,
 }
 
-/// Describes a memory barrier within an encoder of dispatches.
+/// A memory barrier within an encoder of dispatches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct MemoryBarrier {
-    /// For buffers.
+    /// True if the scope includes buffers.
     pub buffers: bool,
-    /// For textures.
+    /// True if the scope includes textures.
     pub textures: bool,
 }
 
@@ -120,36 +121,36 @@ impl MemoryBarrier {
     }
 }
 
-/// Chooses between few encoders and times of passes.
+/// Division of passes into encoders: as few as possible, or one per pass for timestamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Division {
     /// As few encoders as the kinds of passes allow.
     Merged,
-    /// An encoder for each pass: Apple's GPUs take times at the boundaries of encoders alone.
+    /// One encoder per pass: Apple's GPUs take timestamps only at the boundaries of encoders.
     Passes,
 }
 
 impl Division {
-    /// Both.
+    /// Both divisions.
     pub const ALL: [Division; 2] = [Division::Merged, Division::Passes];
 }
 
-/// Locates synchronization among the encoders of a plan.
+/// Position of synchronization among the encoders of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum At {
-    /// At this point of this encoder of [`Encoders::prologue`].
+    /// At a point of the encoder with this index in [`Encoders::prologue`].
     Prologue(usize, Point),
     /// Between the prologue and the first frame.
     Handover,
-    /// At this point of this encoder of [`Encoders::frame`].
+    /// At a point of the encoder with this index in [`Encoders::frame`].
     Frame(usize, Point),
 }
 
-/// Locates synchronization in an encoder.
+/// Position of synchronization in an encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Point {
-    /// The wait of this index.
+    /// The wait with this index.
     Wait(usize),
-    /// The barrier before the pass of this index.
+    /// The barrier before the pass with this index.
     Barrier(usize),
 }

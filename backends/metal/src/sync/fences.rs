@@ -1,9 +1,10 @@
-//! Numbers the fences. One fence serves a chain of encoders.
+//! Numbers the fences, one for each chain of encoders.
 //!
 //! An encoder that waits for a fence may update it again ("Reuse a fence by waiting first and updating second",
-//! `mtlblitcommandencoder/waitforfence(_:)`), if all other waits for the earlier update come before: a wait is for the last update. So a
-//! chain of encoders, each of which waits for the previous one, needs one fence, even if the first waits for the last of the previous
-//! frame. A chain covers at most one frame, so that the next frame can reuse its fences.
+//! `mtlblitcommandencoder/waitforfence(_:)`), provided that all other waits for the earlier update come before: a wait
+//! is for the last update. So a chain of encoders, each of which waits for the previous one, needs one fence, even if
+//! the first waits for the last of the previous frame. A chain covers at most one frame, so that the next frame can
+//! reuse its fences.
 
 use super::encoding::RenderStages;
 use std::cmp::Ordering;
@@ -12,13 +13,13 @@ use std::cmp::Ordering;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wait {
     pub source: usize,
-    /// True if it ran in the previous frame.
+    /// True if the source ran in the previous frame.
     pub previous: bool,
     pub after: RenderStages,
     pub before: RenderStages,
 }
 
-/// The fences and stages of the waits and of the updates of an encoder.
+/// Fences of an encoder's waits and of its updates, with their stages.
 pub(super) type Uses = (Vec<(u32, RenderStages)>, Vec<(u32, RenderStages)>);
 
 /// The end of a stage, for which other encoders wait.
@@ -30,7 +31,8 @@ struct Source {
     fence: Option<u32>,
 }
 
-/// Numbers the fences of encoders with these waits, and counts them. `turn` is the number of encoders if they repeat.
+/// Numbers the fences for the waits of all encoders, and counts the fences. `turn` is the number of encoders per frame
+/// if they repeat.
 pub(super) fn number(waits: &[Vec<Wait>], turn: Option<usize>) -> (Vec<Uses>, u32) {
     let mut sources: Vec<Source> = Vec::new();
     for (encoder, waits) in waits.iter().enumerate() {

@@ -1,15 +1,16 @@
-//! Turns dependencies into fences between encoders and barriers within them.
+//! Lowers dependencies to fences between encoders and barriers within them.
 //!
-//! The walk covers the prologue and two frames. The second frame follows a frame like itself, as every later frame does, so its waits
-//! and barriers hold for every frame.
+//! The walk covers the prologue and two frames. The second frame follows a frame like itself, as every later frame
+//! does, so its waits and barriers are valid for every frame.
 //!
-//! **Barriers.** A dependency within an encoder needs a barrier between its passes. Barriers are placed as late as possible, before the
-//! first pass that needs one; no other placement has fewer. If only the scope of an existing barrier is too small, the last such
-//! barrier gets the scope as well.
+//! **Barriers.** A dependency within an encoder needs a barrier between its passes. Barriers are placed as late as
+//! possible, before the first pass that needs one; no other placement has fewer. If an existing barrier lacks only a
+//! part of the scope, the last such barrier is extended.
 //!
-//! **Fences.** An encoder waits for the encoders that it depends on, unless another wait implies it: the waits are the transitive
-//! reduction, which is unique. Draws begin and end twice, for vertices and for fragments. Fragments wait for everything that their
-//! vertices wait for, and a wait for fragments includes their vertices. Vertices can otherwise run ahead.
+//! **Fences.** An encoder waits for the encoders that it depends on, unless another wait implies it: the waits are the
+//! transitive reduction, which is unique. Draws begin and end twice, for vertices and for fragments. Fragments wait for
+//! everything that their vertices wait for, and a wait for fragments includes their vertices. Vertices can otherwise
+//! run ahead.
 
 use super::divide::{Group, ordering};
 use super::encoding::*;
@@ -19,10 +20,10 @@ use splatgraph_framework::{ir::*, plan::*};
 /// A dependency between two encoders, or within one.
 struct Need<'a> {
     dependency: &'a Dependency,
-    /// The instance of the encoder that is waited for, and the index of the pass in it.
+    /// Instance of the earlier encoder, and the index of the earlier pass in it.
     instance: usize,
     position: usize,
-    /// The end of the stage that is waited for, and the stage that waits.
+    /// End of the stage to wait for, and the stage that waits.
     after: RenderStages,
     before: RenderStages,
     scope: MemoryBarrier,
@@ -40,17 +41,17 @@ struct Walk<'a> {
     plan: &'a Plan,
     /// Last instance of each pass's encoder, and the pass's index in it.
     places: Vec<Option<(usize, usize)>>,
-    /// By instance of an encoder: in the prologue, the first frame and the second.
+    /// Waits of each instance of an encoder: in the prologue, the first frame and the second.
     waits: Vec<Vec<Edge>>,
-    /// The last search that came by, for the end of each stage; and the number of searches.
+    /// Number of the last search that visited the end of each stage; and the number of searches.
     seen: Vec<u32>,
     searches: u32,
 }
 
-/// The outcome for one encoder.
+/// Waits and barriers of one encoder, with their reasons.
 struct Ordered<'a> {
     barriers: Vec<Option<MemoryBarrier>>,
-    /// With the waits that they are reasons for, by index; of barriers, with positions.
+    /// Reasons for waits, with the wait's index; for barriers, with the barrier's position.
     waits: Vec<(usize, &'a Dependency)>,
     inner: Vec<(usize, &'a Dependency)>,
     handover: Vec<&'a Dependency>,
@@ -181,7 +182,7 @@ impl<'a> Walk<'a> {
         ordering(self.plan, pass).filter_map(need).collect()
     }
 
-    /// Chooses the waits of an encoder: the needs that no other wait implies.
+    /// Chooses the waits of an encoder: those that no other wait implies.
     fn reduce(&mut self, needs: &[Need], instance: usize) -> Vec<Edge> {
         let edge = |need: &Need| Edge { source: need.instance, after: need.after, before: need.before };
         let mut all: Vec<Edge> = needs.iter().map(edge).collect();
@@ -203,7 +204,7 @@ impl<'a> Walk<'a> {
         edges
     }
 
-    /// Returns true if the end of a stage is the end of another, or comes before it.
+    /// Returns true if the end of a stage equals or precedes the end of another.
     fn reaches(&mut self, first: (usize, RenderStages), last: (usize, RenderStages)) -> bool {
         self.searches += 1;
         self.seen.resize(2 * self.waits.len(), 0);
@@ -256,7 +257,7 @@ fn add_reasons(reasons: &mut Vec<(At, Cause)>, encoder: &Ordered, at: impl Fn(Po
 
 /// Adds a dependency to the reasons.
 ///
-/// It joins one that differs in the passes that are waited for alone, if there is one.
+/// Merges it with a reason that differs only in the earlier passes, if there is one.
 fn add_reason(reasons: &mut Vec<(At, Cause)>, at: At, dependency: &Dependency) {
     let Dependency { hazard, first, second, since, resource, alias, .. } = *dependency;
     let previous_frame = since == Since::PreviousFrame;

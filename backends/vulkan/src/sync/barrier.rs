@@ -1,28 +1,28 @@
-//! The barriers of a plan, as plain data.
+//! Defines the barriers of a plan, as plain data.
 
 use splatgraph_framework::ir::{Masks, PassId, Stages, Work};
 use splatgraph_framework::plan::{Cause, Plan, Transition};
 
-/// Lists the barriers of a plan. Those before one pass are recorded as one call.
+/// The barriers of a plan. The barriers before one pass are recorded as one call.
 ///
-/// A call has at most one barrier on all memory, which comes first, and one for each image that changes its layout. Barriers of one
-/// call do not form chains with each other.
+/// A call has at most one barrier on all memory, which comes first, and one for each image that changes its layout.
+/// Barriers of one call do not form chains with each other.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Barriers {
     /// The barriers before each pass, indexed by [`PassId`].
     pub before: Vec<Vec<Barrier>>,
-    /// Recorded once, between the prologue and the first frame: makes the prologue's writes visible to frames, and transitions images
-    /// to their layouts between frames.
+    /// Barriers recorded once, between the prologue and the first frame: they make the prologue's writes visible to
+    /// frames, and transition images to their layouts between frames.
     pub handover: Vec<Barrier>,
 }
 
 impl Barriers {
-    /// Returns the barriers before a pass; those of the handover for `None`.
+    /// Returns the barriers before a pass; for `None`, the handover's.
     pub fn at(&self, at: Option<PassId>) -> &Vec<Barrier> {
         at.map_or(&self.handover, |pass| &self.before[pass.index()])
     }
 
-    /// Returns the barriers of a call, to be changed.
+    /// Returns the barriers of a call, mutably.
     pub fn at_mut(&mut self, at: Option<PassId>) -> &mut Vec<Barrier> {
         match at {
             Some(pass) => &mut self.before[pass.index()],
@@ -30,8 +30,8 @@ impl Barriers {
         }
     }
 
-    /// Lists the calls of the first frame with their barriers, the handover between prologue and frame. Passes without barriers have
-    /// an empty one.
+    /// Lists the calls of the first frame with their barriers, with the handover between prologue and frame. Passes
+    /// without barriers have an empty call.
     pub fn calls<'a>(&'a self, plan: &'a Plan) -> impl Iterator<Item = (Option<PassId>, &'a Vec<Barrier>)> {
         let passes = |ids: &'a [PassId]| ids.iter().copied().map(Some);
         let all = passes(&plan.prologue).chain([None]).chain(passes(&plan.frame));
@@ -55,14 +55,14 @@ impl Barriers {
     }
 }
 
-/// Orders earlier commands, at the source, before later ones, at the target, and their memory accesses with them.
+/// A barrier: orders earlier commands (the source) and their memory accesses before later ones (the target).
 ///
-/// All earlier work of the source stages and of stages before them happens before all later work
-/// of the target stages and of stages after them, for all resources. Barriers with overlapping scopes form chains.
-/// Writes by the source accesses in the source stages themselves are made available. Available writes (from here, or
-/// from earlier in the chain) become visible to the target accesses in the target stages themselves. Without an image,
-/// availability and visibility apply to all memory, otherwise only to accesses through that image.
-/// (Vulkan 1.3, chapter 7, "Synchronization and Cache Control".)
+/// All earlier work of the source stages and of stages before them happens before all later work of the target stages
+/// and of stages after them, for all resources. Barriers with overlapping scopes form chains. Writes by the source
+/// accesses in the source stages themselves are made available. Available writes (from here, or from earlier in the
+/// chain) become visible to the target accesses in the target stages themselves. Without an image, availability and
+/// visibility apply to all memory, otherwise only to accesses through that image. (Vulkan 1.3, chapter 7,
+/// "Synchronization and Cache Control".)
 #[derive(Clone, Debug, PartialEq)]
 pub struct Barrier {
     /// The image whose layout changes. The change is a write that happens between source and target, and is visible to the
@@ -70,8 +70,8 @@ pub struct Barrier {
     pub image: Option<Transition>,
     /// Stages to wait for, writes to make available, stages that wait, and accesses that the writes become visible to.
     pub masks: Masks,
-    /// The conflicts that it resolves, one entry per resource, each with the masks that it alone requires: never empty in what
-    /// [`barriers`](super::barriers) returns.
+    /// Conflicts that it resolves, one entry per resource, each with the masks that it alone requires. Never empty in
+    /// the result of [`barriers`](super::barriers).
     pub causes: Vec<(Cause, Masks)>,
 }
 

@@ -1,8 +1,8 @@
-//! Barriers in Vulkan's terms, as plain data.
+//! Lowers barriers to Vulkan's structures, as plain data.
 //!
-//! The barriers that are recorded as one call become the contents of one `VkDependencyInfo`: a barrier on all memory a
-//! `VkMemoryBarrier2`, a barrier on an image a `VkImageMemoryBarrier2` with exactly the layouts that it names. The runtime's own
-//! barriers have the same form. Nothing here calls the API.
+//! The barriers that are recorded as one call become the contents of one `VkDependencyInfo`: a barrier on all memory
+//! becomes a `VkMemoryBarrier2`, and a barrier on an image a `VkImageMemoryBarrier2` with exactly its layouts. The
+//! runtime's own barriers have the same form. Nothing here calls the API.
 
 use super::barrier::Barrier;
 use ash::vk;
@@ -16,7 +16,7 @@ pub(crate) struct Scope {
     pub accesses: vk::AccessFlags2,
 }
 
-/// Every command of the queue, and all that it does to memory.
+/// All commands of the queue, with all their memory accesses.
 pub(crate) const ANYTHING: Scope = Scope {
     stages: vk::PipelineStageFlags2::ALL_COMMANDS,
     accesses: vk::AccessFlags2::from_raw(
@@ -24,7 +24,7 @@ pub(crate) const ANYTHING: Scope = Scope {
     ),
 };
 
-/// Every command of the queue, and the copies that it writes.
+/// All commands of the queue, with the writes of copies.
 pub(crate) const BEFORE_COPIES: Scope =
     Scope { stages: vk::PipelineStageFlags2::ALL_COMMANDS, accesses: vk::AccessFlags2::TRANSFER_WRITE };
 
@@ -32,7 +32,7 @@ pub(crate) const BEFORE_COPIES: Scope =
 pub(crate) const COPIES: Scope =
     Scope { stages: vk::PipelineStageFlags2::COPY, accesses: vk::AccessFlags2::TRANSFER_WRITE };
 
-/// Every read of the queue's commands.
+/// All reads by commands of the queue.
 pub(crate) const READERS: Scope =
     Scope { stages: vk::PipelineStageFlags2::ALL_COMMANDS, accesses: vk::AccessFlags2::MEMORY_READ };
 
@@ -62,23 +62,24 @@ pub(crate) struct ImageBarrier {
 pub(crate) struct Dependency {
     pub memory: Vec<MemoryBarrier>,
     pub images: Vec<ImageBarrier>,
-    /// The orders of image barriers, which count for all memory.
+    /// The execution dependencies of image barriers, which apply to all memory.
     orders: Vec<MemoryBarrier>,
 }
 
 impl Dependency {
-    /// Removes all barriers, and keeps the memory for the next.
+    /// Removes all barriers, and keeps the allocated capacity.
     pub fn clear(&mut self) {
         self.memory.clear();
         self.images.clear();
         self.orders.clear();
     }
 
-    /// Lowers the barriers of one call. An image barrier that comes without its image orders what it orders, and changes nothing.
+    /// Lowers the barriers of one call. An image barrier without its image keeps its execution dependency, but changes
+    /// no layout.
     ///
-    /// Image barriers order everything, not the image alone (Vulkan 1.3, chapter 7), and plans count on that. Older validation
-    /// layers (1.3.239) apply such an order to the image alone, so it is repeated for them in barriers without any access on all
-    /// memory, unless the call's barrier on all memory has it already.
+    /// The execution dependency of an image barrier applies to everything, not only to the image (Vulkan 1.3, chapter
+    /// 7), and plans rely on that. Older validation layers (1.3.239) apply it only to the image. For them it is
+    /// repeated in barriers on all memory without accesses, unless the call's barrier on all memory covers it already.
     pub fn lower<'a>(&mut self, barriers: impl Iterator<Item = (&'a Barrier, Option<vk::Image>)>) {
         self.clear();
         for (barrier, image) in barriers {
@@ -107,8 +108,9 @@ impl Dependency {
     }
 }
 
-/// Lowers stages. `CLEAR` is the stage of fills. The specification counts `vkCmdFillBuffer` among the clear commands; validation layers
-/// before 1.3.280 counted it among the copies. Naming both stages costs nothing, as both run in the same place.
+/// Lowers stages. `CLEAR` is the stage of fills. The specification counts `vkCmdFillBuffer` among the clear commands;
+/// validation layers before 1.3.280 counted it among the copies. Naming both stages costs nothing, as both run in the
+/// same stage of the hardware.
 pub(crate) fn stages(stages: Stages) -> vk::PipelineStageFlags2 {
     const TABLE: [(Stages, vk::PipelineStageFlags2); 8] = [
         (Stages::INDIRECT, vk::PipelineStageFlags2::DRAW_INDIRECT),

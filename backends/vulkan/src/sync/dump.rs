@@ -1,4 +1,4 @@
-//! The barriers of a plan in its dump, with names in place of numbers.
+//! Adds the barriers of a plan to its dump, with names in place of numbers.
 
 use super::barrier::{Barrier, Barriers};
 use splatgraph_api::BackendError;
@@ -6,7 +6,7 @@ use splatgraph_framework::dump::{Declared, Dump, DumpBarrier, DumpCause, DumpWar
 use splatgraph_framework::ir::{Masks, PassId};
 use splatgraph_framework::plan::{Cause, Plan};
 
-/// Adds the barriers of a plan to its dump, or a warning if there are none that hold.
+/// Adds the barriers of a plan to its dump, or a warning if no valid barriers were found.
 pub fn add_barriers(mut dump: Dump, plan: &Plan, barriers: Result<&Barriers, &BackendError>) -> Dump {
     let barriers = match barriers {
         Ok(barriers) => barriers,

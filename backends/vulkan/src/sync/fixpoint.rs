@@ -1,8 +1,9 @@
-//! Barriers for frames whose walk does not reach a fixpoint.
+//! Finds barriers for frames whose walk does not reach a fixpoint.
 //!
-//! A barrier can be required in one round only because another was absent in the round before, in a cycle of odd length; then no
-//! list of barriers reproduces itself. A sufficient list without needless bits still exists: the barriers of two rounds together
-//! are sufficient, since more barriers never remove order, and every bit that can go is then removed.
+//! A barrier can be required in one round only because another was absent in the round before, in a cycle of odd
+//! length; then no list of barriers reproduces itself. A sufficient list without needless bits still exists: the
+//! barriers of two rounds together are sufficient, since more barriers never remove order, and every bit that can go is
+//! then removed.
 
 use super::barrier::{Barrier, Step};
 use super::needs;

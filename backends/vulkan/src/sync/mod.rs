@@ -1,15 +1,16 @@
-//! Vulkan's barriers, from the dependencies of a plan: a walk over the passes that tracks the effect of the barriers so far.
+//! Lowers a plan's dependencies to Vulkan's barriers, by a walk over the passes that tracks the effect of the barriers
+//! so far.
 //!
-//! A barrier is placed as late as possible, immediately before the pass that requires it, with as few bits as suffice. If all
-//! causes of a requirement precede the last call, that call gets the bits instead, so that there are as few calls as possible.
-//! For each pass the walk finds the requirements that the barriers so far do not meet: `needs` represents a requirement, `state`
-//! tracks the passes and the layouts, and `scopes` tracks the effect of the barriers. The module does not look at accesses: the
-//! plan lists the conflicts and the layout changes. A dependency on an access before a layout change counts as a dependency on the
-//! change, which waited for that access.
+//! A barrier is placed as late as possible, immediately before the pass that requires it, with as few bits as suffice.
+//! If all causes of a requirement precede the last call, that call gets the bits instead, so that there are as few
+//! calls as possible. For each pass the walk finds the requirements that the barriers so far do not meet: `needs`
+//! represents a requirement, `state` tracks the passes and the layouts, and `scopes` tracks the effect of the barriers.
+//! The module does not look at accesses: the plan lists the conflicts and the layout changes. A dependency on an access
+//! before a layout change counts as a dependency on the change, which waited for that access.
 //!
-//! Every frame records the same barriers, and follows such a frame. The walk over the frame is therefore repeated until the list of
-//! barriers is a fixpoint; usually two rounds find it and a third confirms it. Additional requirements of the first frame, which
-//! follows the prologue, are met once, by the handover between them.
+//! Every frame records the same barriers, and follows such a frame. The walk over the frame is therefore repeated until
+//! the list of barriers is a fixpoint; usually two rounds find it and a third confirms it. Additional requirements of
+//! the first frame, which follows the prologue, are met once, by the handover between them.
 
 mod barrier;
 pub(crate) mod commands;
@@ -36,7 +37,7 @@ const MOST_ROUNDS: usize = 8;
 /// Lowers the dependencies of a plan to barriers.
 ///
 /// # Errors
-/// [`BackendError::Invalid`] if none were found that hold, which would be a mistake in here.
+/// [`BackendError::Invalid`] if no valid barriers were found, which would be a bug in this module.
 pub fn barriers(plan: &Plan) -> Result<Barriers, BackendError> {
     let none = || {
         let text = "no list of barriers was found that suits every frame of the plan: please report this mistake with the graph";
@@ -102,12 +103,12 @@ fn handover(start: &SyncState, frame: &[Step], inputs: &Inputs) -> Option<Vec<Ba
     Some(call.barriers())
 }
 
-/// The handover while it is being made.
+/// The handover under construction.
 struct Handover {
     memory: Masks,
     /// The requirements that `memory` meets.
     needs: Vec<Requirement>,
-    /// Each with the first pass that accesses the image.
+    /// Layout changes, each with its masks, its requirements and the first pass that accesses the image.
     images: Vec<(Transition, Masks, Vec<Requirement>, PassId)>,
 }
 
@@ -149,7 +150,7 @@ impl Handover {
         frame.iter().flat_map(|step| state.replay(step.pass, &step.barriers, inputs)).collect()
     }
 
-    /// Adds what `need` requires to the call; returns false if it was already there.
+    /// Adds the bits that `need` requires to the call; returns false if they were already there.
     fn add(&mut self, need: &Requirement) -> bool {
         let mut target = need.least_target();
         let before = (self.memory, self.images.iter().map(|i| i.1).collect::<Vec<_>>());

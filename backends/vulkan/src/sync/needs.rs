@@ -1,4 +1,4 @@
-//! Requirements of a pass on the barriers before it, and the smallest barrier that meets one.
+//! Defines requirements of a pass on the barriers before it, and finds the smallest barrier that meets one.
 
 use super::scopes::{Time, with_later};
 use splatgraph_framework::ir::{Accesses, Hazard, Masks, PassId, ResourceId, Stages};
@@ -51,7 +51,7 @@ impl Requirement {
         target && self.source_is_met_by(masks)
     }
 
-    /// The source's half of [`Self::is_met_by`].
+    /// Returns true if the masks' source meets it; see [`Self::is_met_by`].
     pub fn source_is_met_by(&self, masks: &Masks) -> bool {
         let flushes = !self.flush.is_empty()
             && masks.source_stages.contains(self.from)
@@ -152,7 +152,7 @@ pub(super) fn causes(needs: &[Requirement]) -> Vec<(Cause, Masks)> {
     causes
 }
 
-/// Creates a reason that no pass is behind yet.
+/// Creates a reason without earlier passes.
 pub(super) fn cause(hazard: Hazard, before: PassId, resource: ResourceId) -> Cause {
     Cause { hazard, before, resource, after: Vec::new(), previous_frame: false, alias: None }
 }

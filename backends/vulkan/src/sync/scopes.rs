@@ -1,8 +1,8 @@
-//! Execution order, availability and visibility established by barriers.
+//! Tracks the execution order, availability and visibility that barriers establish.
 //!
-//! [`Scopes`] follows Vulkan's model (see [`Barrier`](super::Barrier)) for all resources at once: it tracks only stages and
-//! times. This suffices because a barrier applies to everything before it: whether a write is visible depends only on the stage
-//! and the time of the write. So the cost of a barrier does not depend on the size of the graph.
+//! [`Scopes`] follows Vulkan's model (see [`Barrier`](super::Barrier)) for all resources at once: it tracks only stages
+//! and times. This suffices because a barrier applies to everything before it: whether a write is visible depends only
+//! on the stage and the time of the write. So the cost of a barrier does not depend on the size of the graph.
 
 use splatgraph_framework::ir::{Accesses, Masks, Stages};
 
@@ -81,7 +81,7 @@ pub(super) fn write_access(stage: Stages) -> Accesses {
     }
 }
 
-/// See the module's documentation.
+/// Effect of the barriers so far; see the module's documentation.
 #[derive(Clone, Debug)]
 pub(super) struct Scopes {
     /// `ordered[to][from]`: work of `from` up to this time happens before later work of `to`.

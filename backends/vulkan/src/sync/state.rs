@@ -1,4 +1,4 @@
-//! The state of the walk: effect of the barriers so far, time of each pass, and pending layout changes.
+//! Tracks the walk: the effect of the barriers so far, the time of each pass, and pending layout changes.
 
 use super::barrier::{Barrier, Step};
 use super::needs::{self, Reason, Requirement};
@@ -9,7 +9,7 @@ use splatgraph_framework::plan::{Dependency, LayoutChange, Plan, Transition};
 /// Inputs of the walk that do not change.
 pub(super) struct Inputs<'a> {
     pub plan: &'a Plan,
-    /// Layout changes before each pass, without those of the handover.
+    /// Layout changes before each pass, except the handover's.
     changes: Vec<Vec<LayoutChange>>,
 }
 

@@ -40,9 +40,9 @@ pub const MOVING: Duration = Duration::from_secs(1);
 pub const GONE: Duration = Duration::from_secs(1);
 /// Maximum delay of a change while other files are changing, so that files saved together are one change.
 pub const GATHER: Duration = Duration::from_millis(100);
-/// Interval of looking at all files, with events.
+/// Interval between looks at all files while the system sends events.
 pub const ROUNDS: Duration = Duration::from_secs(2);
-/// Interval of looking at all files, without events.
+/// Interval between looks at all files if the system sends no events.
 pub const POLLING: Duration = Duration::from_millis(200);
 
 /// Files that changed since they were built or reported.
@@ -189,7 +189,7 @@ impl Watcher {
         Some(FileChange { files: files.into_keys().collect(), first_seen })
     }
 
-    /// Returns how changes are currently noticed.
+    /// Returns the mechanism by which changes are currently noticed.
     pub fn kind(&self) -> WatchKind {
         lock(&self.shared).kind.clone()
     }
@@ -234,7 +234,7 @@ fn reason(error: &notify::Error) -> String {
     }
 }
 
-/// Runs on the watcher's thread.
+/// The state of the watcher's thread.
 struct LookOut<Wake> {
     patience: Patience,
     /// `None` while polling.
@@ -352,7 +352,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         matters
     }
 
-    /// Looks at all files.
+    /// Checks the contents of all files.
     fn look(&mut self, noticed: Instant) {
         self.watch_folders();
         let now = Instant::now();

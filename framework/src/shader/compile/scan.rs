@@ -1,4 +1,4 @@
-//! A small lexer for GLSL.
+//! Splits GLSL into tokens, with a small lexer.
 //!
 //! It finds the identifiers of a text (a define that no text mentions need not be passed), its includes, its language
 //! version, and the token that a compiler error refers to. It handles comments, line continuations and strings. It
@@ -44,7 +44,7 @@ const OPERATORS: [&str; 22] = [
     "%=", "&=", "|=", "^=", "##",
 ];
 
-/// Every token of a text, in order.
+/// Lists every token of a text, in order.
 pub(super) fn lex(text: &str) -> Vec<Token> {
     let bytes = text.as_bytes();
     let word = |b: u8| b.is_ascii_alphanumeric() || b == b'_';

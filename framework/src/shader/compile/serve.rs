@@ -1,4 +1,4 @@
-//! The worker's side of [`super::worker`]: a loop over compilations, and a thread that enforces the limits.
+//! Implements the worker's side of [`super::worker`]: a loop over compilations, and a thread that enforces the limits.
 
 use std::io::{self, Write};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -12,7 +12,7 @@ use super::worker::{Limits, MAGIC, OUT_OF_MEMORY, OUT_OF_TIME, Reply, VARIABLE, 
 /// a sum; the first size suffices for the longest text. Only used pages take memory.
 pub(super) const STACK_BYTES: [usize; 3] = [256 << 20, 64 << 20, 8 << 20];
 
-/// Bytes that the process needs beyond the limit, for its program and its stacks.
+/// Bytes of address space that the process needs beyond the limit, for its program and its stacks.
 const BESIDES: u64 = 1 << 30;
 
 /// Interval at which memory and time are checked during a compilation.

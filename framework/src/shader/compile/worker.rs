@@ -31,9 +31,9 @@ pub(super) const OUT_OF_MEMORY: i32 = 81;
 /// Exit code of a worker that took too much time.
 pub(super) const OUT_OF_TIME: i32 = 82;
 
-/// A worker that does not answer for this long is killed; its own limit should have stopped it.
+/// Time after which a worker that does not answer is killed; its own limit should have stopped it.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// A program that does not identify itself as a worker within this time is not one.
+/// Time within which a program must identify itself as a worker.
 const START: Duration = Duration::from_secs(20);
 /// Interval between checks for cancellation.
 const ASK_EVERY: Duration = Duration::from_millis(20);

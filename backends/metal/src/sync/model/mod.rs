@@ -1,25 +1,29 @@
-//! A model of Metal's rules: replays the encoders of a plan, and reports dependencies that they do not enforce.
+//! Models Metal's rules: replays the encoders of a plan, and reports dependencies that they do not enforce.
 //!
-//! The model submits the prologue and a few frames, encoder by encoder, and records which encoders are complete when each begins. An
-//! update stores this set in a fence, and a wait adds the stored set. Otherwise encoders and frames may overlap. The model then checks
-//! every dependency in every frame: in different encoders, the earlier pass must be complete; in one encoder, a barrier must
-//! be between the two. The framework's [`oracle`](splatgraph_framework::oracle) checks that the dependencies are complete. The model
-//! shares no code with the lowering, so that a mistake must be made twice to go unnoticed.
+//! The model submits the prologue and a few frames, encoder by encoder, and records which encoders are complete when
+//! each begins. An update stores this set in a fence, and a wait adds the stored set. Otherwise encoders and frames may
+//! overlap. The model then checks every dependency in every frame: in different encoders, the earlier pass must be
+//! complete; in one encoder, a barrier must be between the two. The framework's
+//! [`oracle`](splatgraph_framework::oracle) checks that the dependencies are complete. The model shares no code with
+//! the lowering, so a mistake goes unnoticed only if it is made twice.
 //!
 //! The rules are listed in [`crate::sync`]. Where they leave a choice, the model assumes the worst:
 //!
 //! - copies of one encoder may run at the same time;
-//! - a barrier orders accesses to buffers among each other, or to textures, or both with one another if it is for both;
-//! - a wait is for the last update submitted before it, not for earlier updates of the fence; without an update, it blocks nothing;
-//! - the vertices of a draw wait only for fences before vertices, and an update after vertices does not include fragments;
-//! - draws of one encoder are ordered only where they blend into its targets.
+//! - a barrier orders accesses to buffers, accesses to textures, or, if its scope has both, all of them;
+//! - a wait is for the last update submitted before it, not for earlier updates of the fence; without an update, it
+//!   blocks nothing;
+//! - the vertices of a draw wait only for fences before vertices, and an update after vertices does not include
+//!   fragments;
+//! - draws of one encoder are ordered only by their blending into its targets.
 //!
 //! [`mutate`] removes one wait, update, barrier or part of one at a time: the model must object each time.
 //!
-//! # Where the model stops
+//! # Limits of the model
 //!
-//! It has no caches: in Metal, order implies visibility. It does not check that memory was written before it is read; the model of the Vulkan
-//! backend does. It does not cover commands of an executor besides the plan (inspection, window).
+//! It has no caches: in Metal, order implies visibility. It does not check that memory was written before it is read;
+//! the model of the Vulkan backend does. It does not cover an executor's commands outside of the plan (inspection,
+//! window).
 
 use crate::sync::*;
 use splatgraph_framework::{ir::*, plan::*};
@@ -29,28 +33,28 @@ pub mod mutate;
 #[cfg(test)]
 mod tests;
 
-/// Frames that are replayed: enough for each to follow a frame that followed one.
+/// Number of frames to replay, so that a frame's predecessor also has a predecessor.
 const FRAMES: u32 = 3;
 
-/// Describes a mistake in a list of encoders.
+/// A mistake in a list of encoders.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Objection {
     /// Two accesses may run at the same time.
     Unordered {
-        /// The one that was submitted first.
+        /// The access that was submitted first.
         first: Actor,
-        /// The one that does not wait for it.
+        /// The access that does not wait for it.
         second: Actor,
-        /// The resource that the second accesses.
+        /// The resource that `second` accesses.
         resource: ResourceId,
-        /// The resource that the first accesses, if it is another one in the same memory.
+        /// The resource that `first` accesses, if it is another one in the same memory.
         through: Option<ResourceId>,
     },
-    /// The encoders do not fit the plan; a sentence.
+    /// The encoders do not match the plan; a sentence.
     Malformed(String),
 }
 
-/// Locates a pass in time.
+/// A pass in one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Actor {
     /// The pass.
@@ -100,7 +104,7 @@ impl fmt::Display for Actor {
     }
 }
 
-/// Names a part of a pass. Only draws have two.
+/// A part of a pass. Only draws have two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Part {
     /// Vertices, and the arguments of the draw.
@@ -109,27 +113,27 @@ enum Part {
     Rest,
 }
 
-/// A dependency between one part of a pass and one of another.
+/// A dependency of a part of one pass on a part of another.
 struct Pair<'a> {
     dependency: &'a Dependency,
     parts: [Part; 2],
-    /// The barrier that it takes between them in an encoder of dispatches.
+    /// Scope of the barrier that must be between them within an encoder of dispatches.
     scope: MemoryBarrier,
     /// True if both access a target of draws, which one encoder keeps in order.
     blend: bool,
 }
 
-/// Judges the encoders of a plan.
+/// Checks the encoders of a plan.
 pub struct Model<'a> {
     plan: &'a Plan,
     pairs: Vec<Pair<'a>>,
 }
 
-/// Records an encoder that was submitted.
+/// A submitted encoder.
 struct Submitted<'a> {
     encoding: &'a Encoding,
     frame: Option<u32>,
-    /// The parts that are complete when its vertices begin, and when the rest begins, as bits.
+    /// Parts that are complete when its vertices begin, and when the rest begins, as bits.
     over: [Vec<u64>; 2],
 }
 
@@ -154,7 +158,7 @@ impl<'a> Model<'a> {
         Model { plan, pairs }
     }
 
-    /// Lists the mistakes in these encoders.
+    /// Lists the mistakes in a list of encoders.
     pub fn objections(&self, encoders: &Encoders) -> Vec<Objection> {
         let mut found = self.malformed(encoders);
         self.replay(encoders, |objection| {
@@ -327,7 +331,7 @@ fn add(known: &mut [u64], more: &[u64]) {
     known.iter_mut().zip(more).for_each(|(known, more)| *known |= more);
 }
 
-/// Returns the parts of a pass that have some of these stages.
+/// Returns the parts of a pass that contain any of these stages.
 fn parts(plan: &Plan, pass: PassId, stages: Stages) -> Vec<Part> {
     let draws = matches!(plan.pass(pass).work, Work::Draw { .. });
     let early = Stages::INDIRECT | Stages::VERTEX;
@@ -341,7 +345,7 @@ fn scope(plan: &Plan, resource: ResourceId) -> MemoryBarrier {
     MemoryBarrier { buffers: !textures, textures }
 }
 
-/// Reports the mistakes in one encoder by itself.
+/// Reports mistakes within one encoder.
 fn malformed(plan: &Plan, encoding: &Encoding, fences: u32, mut say: impl FnMut(String)) {
     let Encoding { kind, waits, passes, updates } = encoding;
     if passes.is_empty() {

@@ -1,40 +1,40 @@
-//! Takes away synchronization from encoders, a little at a time: nothing is to be needless.
+//! Removes synchronization from encoders, one piece at a time, to test that every piece is needed.
 
 use super::Model;
 use crate::sync::*;
 use splatgraph_framework::plan::Plan;
 
-/// Locates an encoder.
+/// Position of an encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum At {
-    /// By its index in [`Encoders::prologue`].
+    /// Index in [`Encoders::prologue`].
     Prologue(usize),
-    /// By its index in [`Encoders::frame`].
+    /// Index in [`Encoders::frame`].
     Frame(usize),
 }
 
-/// Removes or weakens one thing.
+/// A removal or weakening of one piece of synchronization.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mutation {
     /// The event between the prologue and the first frame.
     Handover,
     /// A wait, by its index.
     Wait(At, usize),
-    /// A wait before vertices, which then waits before fragments.
+    /// A wait before vertices, weakened to a wait before fragments.
     LaterWait(At, usize),
     /// An update, by its index.
     Update(At, usize),
-    /// An update after fragments, which then comes after vertices.
+    /// An update after fragments, moved to after vertices.
     EarlierUpdate(At, usize),
-    /// The barrier before a pass, by its index.
+    /// The barrier before a pass, by the pass's index.
     Barrier(At, usize),
-    /// The scope for buffers of a barrier for both.
+    /// The buffers in the scope of a barrier for both.
     Buffers(At, usize),
-    /// The scope for textures of a barrier for both.
+    /// The textures in the scope of a barrier for both.
     Textures(At, usize),
 }
 
-/// Lists everything that can be taken away, one at a time.
+/// Lists every possible removal, one at a time.
 pub fn mutations(encoders: &Encoders) -> Vec<Mutation> {
     let mut all: Vec<Mutation> = encoders.handover.then_some(Mutation::Handover).into_iter().collect();
     let prologue = encoders.prologue.iter().enumerate().map(|(index, e)| (At::Prologue(index), e));
@@ -96,14 +96,14 @@ fn encoding(encoders: &mut Encoders, at: At) -> &mut Encoding {
     }
 }
 
-/// Lists the mutations after which everything is still in order. The encoders themselves must be without objection.
+/// Lists the mutations after which everything is still in order. The unchanged encoders must have no mistakes.
 pub fn needless(model: &Model, encoders: &Encoders) -> Vec<Mutation> {
     let unnoticed = |mutation: &Mutation| !model.finds_unordered(&apply(encoders, *mutation));
     mutations(encoders).into_iter().filter(unnoticed).collect()
 }
 
 impl Mutation {
-    /// Describes what is taken away, for instance "the wait for fence 1 of the encoder of `compose` in the frame".
+    /// Describes the removal, for instance "the wait for fence 1 of the encoder of `compose` in the frame".
     pub fn describe(self, plan: &Plan, encoders: &Encoders) -> String {
         let of = |at: At, what: &dyn Fn(&Encoding) -> String| {
             let (encoding, part) = match at {

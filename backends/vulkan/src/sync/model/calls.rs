@@ -1,8 +1,8 @@
-//! Puts down the calls of barriers, for cells that pass through them later.
+//! Stores the barrier calls of a replay, for cells that pass through them later.
 //!
-//! A barrier concerns all memory, and a graph may have thousands of calls and of cells. But most calls are like others, and what
-//! they give to a record only ever grows, so that few calls change it. So equal calls are of one kind, and a cell that passes
-//! through many calls goes from one that changes it to the next.
+//! A barrier applies to all memory, and a graph may have thousands of calls and of cells. But most calls equal others,
+//! and a call only ever adds to a record's sets, so few calls change a record. Equal calls are therefore grouped into
+//! kinds, and a cell that passes through many calls skips from one that changes it to the next.
 
 use std::collections::HashMap;
 
@@ -14,7 +14,7 @@ use splatgraph_framework::plan::Transition;
 /// The masks of a call's barriers.
 type Key = Vec<(Option<Transition>, Masks)>;
 
-/// Holds the calls of a replay so far.
+/// The calls of a replay so far.
 #[derive(Default)]
 pub struct Calls {
     /// The kind of each call.
@@ -25,11 +25,12 @@ pub struct Calls {
 
 struct Kind {
     scopes: Vec<Scope>,
-    /// The calls of this kind, in order.
+    /// Calls of this kind, in order.
     calls: Vec<u32>,
 }
 
-/// Calls that a cell passes through one by one: looking for those that change it would take longer.
+/// Number of calls up to which a cell passes through them one by one: a search for the calls that change it would take
+/// longer.
 const FEW: usize = 8;
 
 impl Calls {
@@ -48,14 +49,14 @@ impl Calls {
         self.calls.push(kind);
     }
 
-    /// Forgets all but the first calls.
+    /// Removes all but the first `len` calls.
     pub fn truncate(&mut self, len: usize) {
         for kind in self.calls.drain(len..) {
             self.kinds[kind as usize].calls.pop();
         }
     }
 
-    /// Lets a cell pass through the calls that it has not passed through yet.
+    /// Applies to a cell the calls that it has not passed through yet.
     pub fn pass(&self, cell: &mut Cell, passed: &mut u32) {
         let end = self.calls.len() as u32;
         if cell.reads.is_empty() && cell.writes.is_empty() {

@@ -1,11 +1,11 @@
 //! Records accesses to a few bytes, and applies barriers to the records.
 //!
-//! A [`Cell`] is a run of bytes that are always touched together. It remembers the accesses that a later one may
-//! still conflict with: the writes of the last pass that wrote, and the reads since. Each record carries the stages
-//! that are ordered after it, and a write also the stages to which its data is visible. A barrier adds to these sets; an
+//! A [`Cell`] is a range of bytes that are always accessed together. It records the accesses that a later one may still
+//! conflict with: the writes of the last pass that wrote, and the reads since. Each record has the stages that are
+//! ordered after it; a write also has the stages to which its data is visible. A barrier adds to these sets; a later
 //! access must be in them.
 //!
-//! Dropped records are implied by those that are kept. A write that is properly ordered after an older access stands for
+//! Dropped records are implied by the remaining ones. A write that is properly ordered after an older access replaces
 //! it: any chain that starts at the newer one extends the older one's. So does a read for an older read at the same
 //! stage. (If it was not properly ordered, the violation is already reported.)
 
@@ -16,10 +16,11 @@ use crate::sync::barrier::Barrier;
 use splatgraph_framework::ir::{Accesses, Masks, ResourceId, Stages};
 use splatgraph_framework::plan::Transition;
 
-/// Expands the masks of a barrier.
+/// The expanded masks of a barrier.
 pub struct Scope {
     pub image: Option<Transition>,
-    /// The source stages of the mask, which count for memory, and those with all earlier ones, which count for chains.
+    /// Source stages named by the mask, which count for memory; and these with all earlier stages, which count for
+    /// chains.
     source: Stages,
     source_reach: Stages,
     source_accesses: Accesses,
@@ -45,8 +46,8 @@ impl Scope {
         self.image.filter(|image| image.old != image.new)
     }
 
-    /// Returns true if an access that `named_by` stand for, ordered before `ordered`, is in the source scope: itself, or by a
-    /// chain.
+    /// Returns true if an access is in the source scope, directly or by a chain. `named_by` are the stages that cover
+    /// it in a source mask; `ordered` are the stages ordered after it.
     fn waits_for(&self, named_by: Stages, ordered: Stages) -> bool {
         self.source.intersects(named_by) || self.source_reach.intersects(ordered)
     }
@@ -63,20 +64,21 @@ impl Scope {
             && self.source_accesses.intersects(write.access)
     }
 
-    /// Returns true if the write is available when the target starts, made so here or earlier in the chain.
+    /// Returns true if the write is available when the target starts, through this barrier or an earlier one in the
+    /// chain.
     fn finds_available(&self, write: &Write) -> bool {
         self.names(write) || self.source_reach.intersects(write.chain)
     }
 }
 
-/// Records a read at one stage.
+/// A read at one stage.
 #[derive(Clone)]
 pub struct Read {
     pub actor: Actor,
     pub resource: ResourceId,
     pub time: u32,
     pub stage: Stages,
-    /// Stages that stand for it in a source mask.
+    /// Stages that cover it in a source mask.
     pub named_by: Stages,
     /// Stages whose later accesses are ordered after this one.
     pub ordered: Stages,
@@ -95,7 +97,7 @@ impl Read {
     }
 }
 
-/// Records a write of one kind at one stage, a layout change, or a write of the host.
+/// A write of one kind at one stage, a layout change, or a write of the host.
 #[derive(Clone)]
 pub struct Write {
     pub actor: Actor,
@@ -104,11 +106,11 @@ pub struct Write {
     /// Empty for a layout change and a write of the host, which no source mask can name.
     pub stage: Stages,
     pub access: Accesses,
-    /// As in [`Read`].
+    /// Stages whose later accesses are ordered after this write.
     pub ordered: Stages,
     /// Stages whose later accesses are ordered after the write became available. Empty until then.
     pub chain: Stages,
-    /// Accesses that see it through any resource, and through the resource that it was written through.
+    /// Accesses to which it is visible: through any resource, and through the resource that it was written through.
     pub visible: Pairs,
     pub visible_through_own: Pairs,
 }
@@ -135,7 +137,7 @@ impl Write {
             != (before.ordered, before.chain, before.visible, before.visible_through_own)
     }
 
-    /// Returns the first guarantee that an access lacks towards this write.
+    /// Returns the first guarantee about this write that an access lacks.
     fn lacks(&self, stage: Stages, access: Accesses, through: ResourceId) -> Option<Missing> {
         let visible = self.visible.has(stage, access)
             || through == self.resource && self.visible_through_own.has(stage, access);
@@ -151,11 +153,11 @@ impl Write {
     }
 }
 
-/// Tells which contents the bytes hold.
+/// State of the bytes' contents.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contents {
     pub state: State,
-    /// The access that brought them into this state; `None` before the first frame's prologue.
+    /// The access that caused this state; `None` before the first frame's prologue.
     pub by: Option<Actor>,
 }
 
@@ -170,14 +172,14 @@ pub enum State {
 impl Contents {
     pub const NEVER: Contents = Contents { state: State::Never, by: None };
 
-    /// Returns true if a read through `resource` finds data written through it, in frame `fresh` if that is given.
+    /// Returns true if a read through `resource` finds data written through it; with `fresh`, in that frame.
     pub fn hold(&self, resource: ResourceId, fresh: Option<When>) -> bool {
         let now = fresh.is_none_or(|when| self.by.is_some_and(|by| by.when() == when));
         self.state == State::Written(resource) && now
     }
 }
 
-/// Describes a conflict of a new access with a record: kind, the record's actor and resource, the missing guarantee.
+/// A conflict of a new access with a record: kind, the record's actor and resource, the missing guarantee.
 pub type Conflict = (ViolationKind, Actor, ResourceId, Missing);
 
 #[derive(Clone)]
@@ -254,7 +256,8 @@ impl Cell {
 
     /// Checks a layout change, which happens between a barrier's two scopes and sees all available data.
     ///
-    /// A change of the frame is the same in the first frame, which may follow another write, of the prologue.
+    /// A change in the frame's barriers is recorded in the first frame as well, where it may follow a different write,
+    /// by the prologue.
     pub fn check_transition(
         &self,
         scope: &Scope,
@@ -284,7 +287,7 @@ impl Cell {
         }
     }
 
-    /// Records a write. It replaces older records, but for those of the same pass.
+    /// Records a write. It replaces older records, except those of the same pass.
     pub fn record_write(&mut self, write: Write) {
         if self.writes.first().is_none_or(|old| old.time != write.time) {
             self.reads.clear();

@@ -1,10 +1,10 @@
-//! Walks the prologue, the handover and the frames, as they are submitted to one queue.
+//! Replays the prologue, the handover and the frames, in the order of their submission to one queue.
 //!
 //! An access that violates the model still takes place, so that each mistake is reported once.
 //!
-//! A replay is a walk over [`At`]s. It can be left at any of them for a trial of another plan and taken up again, so that a mutant
-//! shares the walk up to its mutation. Barriers concern all memory, so they are put down in a history ([`Calls`]), and a cell is
-//! brought up to date when it is next touched.
+//! A replay is a walk over [`At`]s. It can be interrupted at any position for a trial of other barriers and then
+//! continued, so that a mutant shares the walk up to its mutation. Barriers apply to all memory, so they are stored in
+//! a history ([`Calls`]), and a cell is brought up to date when it is next accessed.
 
 use super::calls::Calls;
 use super::cell::{Cell, Conflict, Contents, Read, Scope, State, Write};
@@ -17,26 +17,26 @@ use splatgraph_framework::oracle::trace::{Access, Clash, Trace};
 use splatgraph_framework::plan::{Plan, Transition};
 use std::collections::HashSet;
 
-/// Holds the state of all memory and of all image layouts during a replay.
+/// The state of all memory and of all image layouts during a replay.
 pub struct MemoryState {
     cells: Vec<Cell>,
-    /// The calls of barriers so far, and of each cell, how many it has passed through.
+    /// Barrier calls so far, and for each cell, the number of calls that it has passed through.
     calls: Calls,
     passed: Vec<u32>,
-    /// The cells that a trial has touched, as they were before, and those that it has touched.
+    /// Cells that the current trial has touched, with their state before it.
     before_trial: Option<BeforeTrial>,
     rules: Rules,
     /// The layout of each resource; meaningless for buffers.
     layouts: Vec<Layout>,
     /// Passes that are skipped because an earlier plan did their work.
     skipped: Vec<PassId>,
-    /// Counts passes, calls of barriers and preparations by the host.
+    /// Number of passes, barrier calls and preparations by the host so far.
     time: u32,
     copies: u32,
     pub findings: Findings,
 }
 
-/// The state that a trial returns to.
+/// State to which a trial returns.
 struct BeforeTrial {
     cells: Vec<(usize, Cell, u32)>,
     touched: HashSet<usize>,
@@ -51,7 +51,7 @@ pub enum At {
     /// Before a step of the prologue.
     Prologue(usize),
     Handover,
-    /// Before a frame, whose first is number 0.
+    /// Before a frame; the first has number 0.
     Begin(u32),
     /// Before a step of a frame.
     Frame(u32, usize),
@@ -73,7 +73,7 @@ impl At {
     }
 }
 
-/// Carries a resource with a history over to the next plan.
+/// A resource with a history that the next plan continues from.
 pub struct Carried {
     name: String,
     shape: Shape,
@@ -102,7 +102,7 @@ impl MemoryState {
         memory
     }
 
-    /// Returns a cell that has passed through all calls so far, to be looked at or changed.
+    /// Returns a cell after it has passed through all calls so far.
     fn cell(&mut self, number: usize) -> &mut Cell {
         let (cell, passed) = (&mut self.cells[number], &mut self.passed[number]);
         if let Some(before) = &mut self.before_trial
@@ -114,7 +114,8 @@ impl MemoryState {
         cell
     }
 
-    /// Runs another plan from `at` on, up to its first violation, and returns whether there is one. The state is the same after it.
+    /// Replays another plan from `at` to its first violation, and returns true if there is one. Restores the state
+    /// afterwards.
     pub fn trial(
         &mut self,
         (plan, barriers): (&Plan, &Barriers),
@@ -153,8 +154,8 @@ impl MemoryState {
         }
     }
 
-    /// Adopts the resources that a previous plan carries over. They need no records: the barrier on everything between the two
-    /// plans orders all and makes it visible.
+    /// Adopts the resources of a previous plan. They need no records: the barrier between the two plans orders
+    /// everything and makes it visible.
     pub fn adopt(&mut self, plan: &Plan, trace: &Trace, carried: &[Carried]) {
         for (index, resource) in plan.resources.iter().enumerate() {
             let id = ResourceId(index as u32);
@@ -198,7 +199,7 @@ impl MemoryState {
         carried
     }
 
-    /// Runs the replay, up to the first violation if one is enough.
+    /// Runs the replay, to the first violation if one is enough.
     pub fn run(&mut self, (plan, barriers): (&Plan, &Barriers), trace: &Trace, replay: &Replay) {
         let mut next = Some(self.start(plan, trace, replay));
         while let Some(at) = next.filter(|_| !self.findings.enough()) {
@@ -207,7 +208,7 @@ impl MemoryState {
         }
     }
 
-    /// Prepares the first frame, with which the prologue is submitted, and returns where to begin.
+    /// Prepares the first frame, with which the prologue is submitted, and returns the first position.
     pub fn start(&mut self, plan: &Plan, trace: &Trace, replay: &Replay) -> At {
         self.copies = replay.copies.max(1);
         self.prepare(trace, replay, 0);
@@ -244,7 +245,7 @@ impl MemoryState {
         when.frame() % self.copies
     }
 
-    /// Waits for the fence of an earlier frame and writes the uniform blocks, as the host. The submission makes them
+    /// Waits, as the host, for the fence of an earlier frame, and writes the uniform blocks. The submission makes them
     /// visible to the device (Vulkan 1.3, 7.9 "Host Write Ordering Guarantees").
     fn prepare(&mut self, trace: &Trace, replay: &Replay, frame: u32) {
         self.time += 1;
@@ -326,7 +327,7 @@ impl MemoryState {
         }
     }
 
-    /// Checks layout changes of one call against each other: they are not ordered.
+    /// Checks a layout change against others of the same call, which are unordered.
     fn check_siblings(&mut self, trace: &Trace, others: &[Scope], image: Transition, actor: Actor) {
         let own = trace.resource(image.image).cells(0);
         for other in others.iter().filter_map(Scope::transition) {
@@ -363,7 +364,7 @@ impl MemoryState {
         self.spoil_layouts(trace, change.image);
     }
 
-    /// Forgets the layouts of the images that share a written resource's memory.
+    /// Invalidates the layouts of the images that share a written resource's memory.
     fn spoil_layouts(&mut self, trace: &Trace, written: ResourceId) {
         for image in &trace.resource(written).alias_images {
             self.layouts[image.index()] = Layout::Undefined;
@@ -487,7 +488,8 @@ impl MemoryState {
     }
 }
 
-/// Returns true if the prologue writes a resource, other than by zeroing it: a plan starts such a history anew.
+/// Returns true if the prologue writes a resource, other than by zeroing it: the plan then does not continue its
+/// history.
 fn writes_once(plan: &Plan, id: ResourceId) -> bool {
     let passes = plan.prologue.iter().map(|pass| plan.pass(*pass));
     let writers = passes.filter(|pass| !matches!(pass.work, Work::ClearHistory { .. }));

@@ -1,35 +1,36 @@
-//! A model of Vulkan's rules: replays a plan with its barriers on memory that records every access, and reports each access that Vulkan
-//! leaves undefined.
+//! Models Vulkan's rules: replays a plan with its barriers on memory that records every access, and reports each access
+//! that Vulkan leaves undefined.
 //!
-//! The lowering in [`crate::sync`] places barriers by reasoning about the whole plan. The model does not reason: it walks through the
-//! prologue, the handover and a few frames in the order of submission, records every access to every byte, applies
-//! each barrier to these records as chapter 7 of the Vulkan 1.3 specification defines it, and checks each access
-//! against the records of the same bytes. The two share nothing but the plan,
-//! so that a mistake has to be made twice to go unnoticed.
+//! The lowering in [`crate::sync`] places barriers by reasoning about the whole plan. The model does not reason: it
+//! walks through the prologue, the handover and a few frames in the order of submission, records every access to every
+//! byte, applies each barrier to these records as chapter 7 of the Vulkan 1.3 specification defines it, and checks each
+//! access against the records of the same bytes. The two share nothing but the plan, so a mistake goes unnoticed only
+//! if it is made twice.
 //!
-//! Four things are kept apart, because a barrier can provide one and lack another:
+//! Four guarantees are tracked separately, because a barrier can provide one and lack another:
 //!
 //! - **order**: the earlier access is finished before the later one starts;
 //! - **availability**: the written data has left the caches of the writing stage;
 //! - **visibility**: it has reached the accessing stage, for each stage and each kind of access separately;
 //! - **layout**: an image is in the layout that the access requires.
 //!
-//! And one thing that no barrier provides: **contents**. Bytes that were never written, that a discard destroyed, that
-//! another resource in the same memory overwrote or that are left over from an earlier frame must not be read.
+//! No barrier provides a fifth one, **contents**: bytes must not be read if they were never written, if a discard
+//! destroyed them, if another resource in the same memory overwrote them, or if they are left over from an earlier
+//! frame.
 //!
 //! [`mutate`] tests the opposite: a barrier, or one bit of it, is needless if the replay without it shows no violation.
-//! Together, over all mutations of every preset and of 100,000 random graphs, this is strong testing; it is no proof.
+//! Together, over all mutations of every preset and of 100,000 random graphs, this is strong evidence, but no proof.
 //!
-//! The files: `stages` holds the logical order of pipeline stages; the framework's `trace` lists the accesses
-//! of each pass by their bytes; `cell` holds the records of a few bytes, and how barriers and accesses change them; `calls` puts the barriers down until a
-//! cell is next touched; `memory_state` walks the plan.
+//! The files: `stages` defines the logical order of pipeline stages; the framework's `trace` lists the accesses of each
+//! pass by their bytes; `cell` records the accesses to a few bytes, and how barriers change these records; `calls`
+//! stores the barriers until a cell is next accessed; `memory_state` walks the plan.
 //!
-//! # Where the model stops
+//! # Limits of the model
 //!
-//! A shader that writes a resource is taken to write all of it. Within one stage of one pass, accesses to the same
-//! resource never conflict: shaders synchronise themselves. (Those of two stages do, unless both are atomics, and so do the
-//! arguments of a command and what it writes itself.) A fence orders only what exists once per frame in flight,
-//! so that barriers have to hold whatever the pace of the host.
+//! A shader that writes a resource is assumed to write all of it. Within one stage of one pass, accesses to the same
+//! resource never conflict: shaders synchronise themselves. (Accesses at two stages do conflict, unless both are
+//! atomics, and so do the arguments of a command and its own writes.) A fence orders only resources with a copy per
+//! frame in flight, so that barriers must suffice at any pace of the host.
 
 use crate::sync::barrier::Barriers;
 use splatgraph_framework::oracle::trace::Trace;
@@ -49,10 +50,10 @@ use memory_state::MemoryState;
 pub use rules::{Replay, Rules};
 pub use violation::{Actor, Missing, Violation, ViolationKind, When};
 
-/// Replays a plan and returns its violations. One that recurs between the same two passes, for instance in every frame, is
-/// reported once.
+/// Replays a plan and returns its violations. A violation that recurs between the same two passes, for instance in
+/// every frame, is reported once.
 ///
-/// The ids in the plan must be valid, as they are in every plan that was solved.
+/// The ids in the plan must be valid, as in every solved plan.
 pub fn replay(plan: &Plan, barriers: &Barriers, replay: &Replay) -> Vec<Violation> {
     let trace = Trace::new(plan, replay.copies);
     let mut memory = MemoryState::new(&trace, Rules::HAZARDS, false);
@@ -60,12 +61,13 @@ pub fn replay(plan: &Plan, barriers: &Barriers, replay: &Replay) -> Vec<Violatio
     memory.findings.violations
 }
 
-/// Replays plans that follow one another, each for its number of frames, two of them in flight.
+/// Replays successive plans, each for its number of frames, with two frames in flight.
 ///
 /// Between two plans the backend records one barrier from everything to everything. Resources with a
-/// [history](splatgraph_framework::plan::Resource::history) of the same name and shape are kept: their
-/// [`Work::ClearHistory`](splatgraph_framework::ir::Work::ClearHistory) is left out together with the barrier on its image, and the image is brought
-/// into the layout that it would have left behind. All else in the new plan is fresh memory.
+/// [history](splatgraph_framework::plan::Resource::history) of the same name and shape continue: their
+/// [`Work::ClearHistory`](splatgraph_framework::ir::Work::ClearHistory) is omitted together with the barrier on its
+/// image, and the image is transitioned to the layout that the pass would have left. All other resources of the new
+/// plan are fresh memory.
 pub fn replay_swap(plans: &[(&Plan, &Barriers, u32)]) -> Vec<Violation> {
     let mut violations = Vec::new();
     let mut carried = Vec::new();
@@ -82,7 +84,7 @@ pub fn replay_swap(plans: &[(&Plan, &Barriers, u32)]) -> Vec<Violation> {
     violations
 }
 
-/// Returns true if four frames show a violation. Stops at the first.
+/// Returns true if four frames show a violation; stops at the first one.
 pub fn has_violation(plan: &Plan, barriers: &Barriers) -> bool {
     has_violation_by(plan, barriers, Rules::HAZARDS)
 }

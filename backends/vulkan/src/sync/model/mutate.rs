@@ -7,17 +7,17 @@ use splatgraph_framework::ir::{Masks, PassId};
 use splatgraph_framework::oracle::trace::Trace;
 use splatgraph_framework::plan::Plan;
 
-/// Removes a little synchronization.
+/// A removal of a barrier, or of one bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mutation {
-    /// The whole barrier, with the layout change of its image.
+    /// Removes a whole barrier, with the layout change of its image.
     Remove {
         /// The pass after its call; `None` in the handover.
         at: Option<PassId>,
         /// Index in the call, from 0.
         barrier: usize,
     },
-    /// One bit; a mask that loses its last is empty, which is Vulkan's `NONE`.
+    /// Clears one bit; an empty mask is Vulkan's `NONE`.
     Clear {
         /// The pass after its call; `None` in the handover.
         at: Option<PassId>,
@@ -97,7 +97,7 @@ pub fn apply(barriers: &Barriers, mutation: &Mutation) -> Barriers {
     mutant
 }
 
-/// Applies a mutation, and returns the barrier as it was.
+/// Applies a mutation, and returns the original barrier.
 fn take_away(barriers: &mut Barriers, mutation: &Mutation) -> Barrier {
     let (at, number) = mutation.at();
     let call = barriers.at_mut(at);
@@ -121,13 +121,14 @@ fn put_back(barriers: &mut Barriers, mutation: &Mutation, before: Barrier) {
     }
 }
 
-/// Returns the mutations that cause no violation within four frames, by the rules of [`Rules::NECESSARY`]. The barriers themselves
-/// must cause none.
+/// Returns the mutations that cause no violation within four frames, by the rules of [`Rules::NECESSARY`]. The
+/// unchanged barriers must cause none.
 pub fn needless(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
     needless_by(plan, barriers, Rules::NECESSARY)
 }
 
-/// Returns the mutations that cause no violation within four frames, by these rules. The barriers themselves must cause none.
+/// Returns the mutations that cause no violation within four frames, by these rules. The unchanged barriers must cause
+/// none.
 pub fn needless_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> Vec<Mutation> {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);
@@ -159,7 +160,7 @@ pub fn needless_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> Vec<Mutati
 }
 
 impl Mutation {
-    /// Returns true if it clears a write among the accesses that a barrier makes writes visible to.
+    /// Returns true if the mutation clears a write access in a barrier's target.
     pub fn clears_a_written_target(&self) -> bool {
         matches!(self, Mutation::Clear { what, .. } if what.target_accesses.writes())
     }

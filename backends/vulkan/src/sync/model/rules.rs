@@ -1,40 +1,41 @@
-//! The length of a replay, and the rules by which it is judged.
+//! Defines the length of a replay, and the rules by which it is judged.
 
-/// Sets the length of a replay and its frames in flight.
+/// Length of a replay, and its frames in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Replay {
-    /// Frames after the prologue and the handover.
+    /// Number of frames after the prologue and the handover.
     pub frames: u32,
-    /// The host prepares frame `n` when frame `n - in_flight` is finished.
+    /// Number of frames in flight: the host prepares frame `n` when frame `n - in_flight` is finished.
     pub in_flight: u32,
-    /// Copies of what the host touches: frame `n` uses copy `n % copies`. With fewer than `in_flight` the host writes
-    /// what the device is still reading.
+    /// Number of copies of resources that the host accesses: frame `n` uses copy `n % copies`. With fewer than
+    /// `in_flight`, the host writes data that the device is still reading.
     pub copies: u32,
 }
 
 impl Default for Replay {
-    /// Four frames, two of them in flight: each copy of what the host touches is used twice.
+    /// Four frames, two of them in flight: each copy of the host's resources is used twice.
     fn default() -> Self {
         Replay { frames: 4, in_flight: 2, copies: 2 }
     }
 }
 
-/// Chooses among readings of the specification, and among the reasons for a bit.
+/// Choices among interpretations of the specification, and among the reasons for a bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
-    /// A write after a write needs the first to be visible to the second, as validation has it. Otherwise it is enough that the
-    /// first is available, as in the memory model (Vulkan 1.3, appendix B).
+    /// If true, a write after a write requires the first to be visible to the second, as in validation. Otherwise
+    /// availability of the first suffices, as in the memory model (Vulkan 1.3, appendix B).
     pub writes_see_writes: bool,
-    /// A layout change names the write before it in its own source, if nothing has read that since, also where an earlier barrier
-    /// made it available. The specification does not ask for this; validation layers do.
+    /// If true, a layout change names the preceding write in its own source, unless something has read the image since,
+    /// even if an earlier barrier made the write available. Validation layers require this; the specification does not.
     pub changes_name_writes: bool,
 }
 
 impl Rules {
-    /// The rules by which a plan is judged.
+    /// Rules by which a plan is judged.
     pub const HAZARDS: Rules = Rules { writes_see_writes: true, changes_name_writes: false };
-    /// The rules by which a part of a barrier is needed: the lowering places bits for layout changes that only layers ask for.
+    /// Rules by which a part of a barrier counts as needed: the lowering adds bits to layout changes that only
+    /// validation layers require.
     pub const NECESSARY: Rules = Rules { writes_see_writes: true, changes_name_writes: true };
-    /// The same, with availability alone for writes after writes.
+    /// Like [`Rules::NECESSARY`], but a write after a write requires only availability.
     pub const AVAILABILITY: Rules = Rules { writes_see_writes: false, changes_name_writes: true };
 }

@@ -1,8 +1,8 @@
-//! The stages that a mask stands for, and sets of (stage, access) pairs.
+//! Expands stage masks to the stages that they cover, and defines sets of (stage, access) pairs.
 //!
-//! Vulkan 1.3, 7.1.2 "Pipeline Stages": a source stage mask also stands for the logically earlier stages and a target
-//! stage mask for the logically later ones, but only for the order of execution. Memory accesses are in a barrier's
-//! scope only at stages that it names.
+//! Vulkan 1.3, 7.1.2 "Pipeline Stages": a source stage mask also covers the logically earlier stages, and a target
+//! stage mask the logically later ones, but only for the execution dependency. Memory accesses are in a barrier's scope
+//! only at stages that it names.
 
 use splatgraph_framework::ir::{Accesses, Stages};
 pub use splatgraph_framework::oracle::stages::with_later;
@@ -22,7 +22,7 @@ pub fn with_earlier(stages: Stages) -> Stages {
     scope
 }
 
-/// Holds a set of (stage, access) pairs: 16 bits of accesses for each of 8 stages.
+/// A set of (stage, access) pairs: 16 bits of accesses for each of 8 stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pairs(u128);
 

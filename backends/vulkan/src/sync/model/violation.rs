@@ -1,4 +1,4 @@
-//! Describes violations: accesses that Vulkan leaves undefined.
+//! Defines violations: accesses that Vulkan leaves undefined.
 
 use std::fmt;
 use std::ops::Range;
@@ -6,7 +6,7 @@ use std::ops::Range;
 use splatgraph_framework::ir::{Accesses, Layout, PassId, ResourceId, Stages};
 use splatgraph_framework::plan::Plan;
 
-/// One access that Vulkan leaves undefined.
+/// An access that Vulkan leaves undefined.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Violation {
     /// Kind of conflict.
@@ -23,11 +23,11 @@ pub struct Violation {
     pub range: Range<u64>,
     /// Guarantee that `second` lacks.
     pub missing: Missing,
-    /// Which of the plans that were replayed one after another; 0 where there was one.
+    /// Index of the plan in a replay of several; otherwise 0.
     pub plan: usize,
 }
 
-/// Classifies a violation.
+/// Kind of a violation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ViolationKind {
     /// A read of bytes without synchronization with their earlier write.
@@ -38,11 +38,11 @@ pub enum ViolationKind {
     WriteAfterWrite,
     /// An access or a transition expects another layout than the image is in.
     Layout,
-    /// A read of bytes that hold nothing of the resource, or nothing of this frame.
+    /// A read of bytes that hold no contents of the resource, or none of this frame.
     Unwritten,
 }
 
-/// Names the first guarantee that the later access lacks.
+/// The first guarantee that the later access lacks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Missing {
     /// The earlier access may still be running.
@@ -62,7 +62,7 @@ pub enum Missing {
     Contents,
 }
 
-/// Locates an access in time. The prologue and the handover are submitted with frame 0.
+/// Part of the run. The prologue and the handover are submitted with frame 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum When {
     /// The passes that run once, before the handover.
@@ -74,7 +74,7 @@ pub enum When {
 }
 
 impl When {
-    /// Returns the frame with which it was submitted.
+    /// Returns the frame with which this part was submitted.
     pub(super) fn frame(self) -> u32 {
         match self {
             When::Prologue | When::Handover => 0,
@@ -83,7 +83,7 @@ impl When {
     }
 }
 
-/// Names the source of an access.
+/// Source of an access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Actor {
     /// A pass of the plan.
@@ -117,7 +117,7 @@ impl Actor {
         }
     }
 
-    /// The same actor in another frame.
+    /// Returns true if both are the same actor, regardless of the frame.
     fn recurs_as(self, other: Actor) -> bool {
         match (self, other) {
             (Actor::Pass { pass, .. }, Actor::Pass { pass: other, .. }) => pass == other,
@@ -156,7 +156,7 @@ impl fmt::Display for When {
 }
 
 impl Violation {
-    /// The same complaint, perhaps in another frame or about other bytes.
+    /// Returns true if both are the same violation, regardless of the frame and the bytes.
     fn recurs_as(&self, other: &Violation) -> bool {
         let same_first = match (self.first, other.first) {
             (Some(first), Some(other)) => first.recurs_as(other),
