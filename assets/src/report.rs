@@ -272,7 +272,6 @@ impl fmt::Display for Report {
         line(f, "centre", format!("({:.3}, {:.3}, {:.3})", p.center[0], p.center[1], p.center[2]))?;
         line(f, "outliers", format!("{} beyond ten times that box", grouped(p.outliers)))?;
         for depth in &self.depth {
-            let what = format!("depth, {}", depth.camera);
             let text = match &depth.range {
                 None => "no splat in front of the camera".into(),
                 Some(r) => format!(
@@ -281,7 +280,7 @@ impl fmt::Display for Report {
                     r.near, r.far, r.robust_near, r.robust_far, r.linear_bits_lost, r.logarithmic_bits_lost
                 ),
             };
-            line(f, &what, text)?;
+            line(f, "depth", format!("{}: {text}", depth.camera))?;
         }
         Ok(())
     }
