@@ -1,9 +1,10 @@
 //! Defines the command line, one file per command.
 //!
-//! A command is a struct of arguments, whose documentation is the help text, and a function `run`. Results go to standard
-//! output, everything else to standard error. The exit code is 0 for success, 1 for a failure, 2 for an invalid command line, and
-//! 128 and the signal's number after a signal. It says whether the work was done, not whether its lines could be written.
-//! An output that would overwrite an input or another output is an invalid command line, found before anything is drawn.
+//! A command is a struct of arguments, whose documentation is the help text, and a function `run`. Results go to
+//! standard output, everything else to standard error. The exit code is 0 for success, 1 for a failure, 2 for an
+//! invalid command line, and 128 plus the signal's number after a signal. It reports whether the work was done, not
+//! whether its lines could be written. An output that would overwrite an input or another output is an invalid command
+//! line, detected before anything is drawn.
 
 mod advise;
 mod bench;
@@ -76,7 +77,7 @@ const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a 
   splatgraph params                                 # what --set can change
   splatgraph dump splat --format dot | dot -Tsvg > splat.svg";
 
-/// Returns the examples of the whole program; `view` is first where there is one.
+/// Returns the examples of the whole program; the first uses `view` if it is available.
 fn examples() -> String {
     let view = match cfg!(feature = "window") {
         true => "  splatgraph view                                   # a window on the demo scene\n",
@@ -147,7 +148,7 @@ impl Command {
         shard.map(|shard| (shard, validate))
     }
 
-    /// Returns the views of a command, for several processes.
+    /// Returns the views of a command, which several processes can share.
     fn work(self) -> anyhow::Result<Box<dyn Work>> {
         Ok(match self {
             Command::Render(args) => Box::new(render::Views::new(args)?),
@@ -159,10 +160,10 @@ impl Command {
     }
 }
 
-/// Makes the job of a command line, of which the first word is the command, for a process that gives it views.
+/// Makes the job of a command line, whose first word is the command, for a process that chooses the views.
 ///
 /// # Errors
-/// The command has no views to share, or its arguments are wrong.
+/// The command has no views to share, or its arguments are invalid.
 pub fn job(arguments: &[OsString]) -> anyhow::Result<Job> {
     let words = [OsString::from("splatgraph")].into_iter().chain(arguments.iter().cloned());
     let cli = Cli::try_parse_from(words)?;
@@ -180,9 +181,9 @@ pub fn main() -> ExitCode {
     ExitCode::from(run(std::env::args_os().collect(), worker, store))
 }
 
-/// Runs the program with `arguments`, of which the first is its name, and returns the exit code.
+/// Runs the program with `arguments`, whose first is the program's name, and returns the exit code.
 ///
-/// `worker` compiles shaders, and `store` keeps them.
+/// `worker` compiles shaders, and `store` keeps them between runs.
 pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<ShaderCache>) -> u8 {
     output::signals::end_cleanly();
     let parsed = command(&arguments)
@@ -276,7 +277,7 @@ fn command(arguments: &[OsString]) -> clap::Command {
         })
 }
 
-/// Lists the built-in graphs, for help.
+/// Lists the built-in graphs, for the help text.
 fn preset_list() -> String {
     let groups = builtin::groups();
     let rows = |title: &str| {

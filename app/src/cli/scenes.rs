@@ -1,4 +1,4 @@
-//! The scenes of a picture or a film: one, or several in one sort.
+//! Loads the scenes of a picture or a film: one, or several in one sort.
 
 use super::look_at::point;
 use super::options;
@@ -25,7 +25,7 @@ pub struct ScenesArgs {
 }
 
 impl ScenesArgs {
-    /// Checks the numbers of options, and adds the scenes to the inputs.
+    /// Checks the number of `--at` options, and adds the scenes to the inputs.
     pub fn claim(&self, guard: &mut OutputGuard) -> Result<(), Usage> {
         if let Some(path) = &self.scene {
             guard.input("the scene", path)?;
@@ -46,10 +46,11 @@ impl ScenesArgs {
             .try_for_each(|path| fit::check_header(path, device, &drawing.pipeline, &drawing.set))
     }
 
-    /// Loads the scenes, moves the further ones, and joins all. The camera is the demo scene's.
+    /// Loads the scenes, moves the further ones, and joins all. Also returns the demo scene's camera if that scene is
+    /// drawn.
     ///
     /// # Errors
-    /// A scene cannot be loaded, or all of them do not fit in memory.
+    /// A scene cannot be loaded, or all of them together do not fit in memory.
     pub fn load(&self) -> Result<(Scene, Option<Camera>)> {
         let (first, _, camera) = options::scene_or_demo(self.scene.as_deref())?;
         if self.more.is_empty() {

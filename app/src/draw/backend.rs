@@ -1,7 +1,7 @@
 //! Chooses the graphics backend. No other module of the application names one.
 //!
-//! A [`Backend`] is a device of whichever API was chosen, and hands every call on. The program has those that its system can have;
-//! `--backend` chooses among them.
+//! A [`Backend`] is a device of the chosen API, and forwards every call to it. The program contains the APIs that its
+//! system supports; `--backend` chooses among them.
 
 use splatgraph_api::{
     BackendError, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap, Picture,
@@ -23,19 +23,19 @@ pub use splatgraph_metal::dump::add_encoders as add_metal_encoders;
 pub use splatgraph_runtime::{Window, abandoned_compilers};
 pub use splatgraph_vulkan::sync;
 
-/// Returns the dump of a plan with Vulkan's barriers, the finer of the APIs' commands.
+/// Returns the dump of a plan with Vulkan's barriers, which are finer than Metal's commands.
 ///
-/// If none hold, the dump has a warning instead, and loading the plan fails.
+/// If no valid barriers are found, the dump has a warning instead, and loading the plan fails.
 pub fn dump(plan: &Plan) -> Dump {
     sync::dump::add_barriers(dump::dump(plan), plan, sync::barriers(plan).as_ref())
 }
 
-/// Names a graphics API.
+/// A graphics API.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Api {
-    /// Vulkan 1.3, on all systems that have a driver.
+    /// Vulkan 1.3, on every system with a driver.
     Vulkan,
-    /// Metal, on Apple's.
+    /// Metal, on Apple's systems.
     #[cfg(target_vendor = "apple")]
     Metal,
     /// A device that executes nothing.
@@ -60,28 +60,28 @@ impl Api {
         }
     }
 
-    /// Finds the API of this name.
+    /// Finds an API by its name.
     ///
     /// # Errors
-    /// The names that there are, and why `metal` is not among them where it is not.
+    /// The name is unknown. The error lists the valid names, and why `metal` is not one of them.
     pub fn parse(name: &str) -> Result<Api, String> {
         Api::find(name).ok_or_else(|| Api::refusal(name, &[]))
     }
 
-    /// Finds the API of this name.
+    /// Finds an API by its name.
     pub fn find(name: &str) -> Option<Api> {
         Api::ALL.into_iter().find(|api| api.name() == name)
     }
 
-    /// Writes the error for a name that is neither an API's nor in `others`.
+    /// Makes the error for a name that is neither an API's nor one of `others`.
     pub fn refusal(name: &str, others: &[&str]) -> String {
         refusal(name, &[&Api::ALL.map(Api::name), others].concat())
     }
 
-    /// Finds the API of this name, for comparisons of pictures: not [`Api::Null`], which draws none.
+    /// Finds an API by its name, for comparisons of pictures: not [`Api::Null`], which draws none.
     ///
     /// # Errors
-    /// Names of the APIs that draw.
+    /// The name is unknown. The error lists the APIs that draw.
     pub fn parse_drawing(name: &str) -> Result<Api, String> {
         let draws = |api: &Api| *api != Api::Null;
         Api::find(name).filter(draws).ok_or_else(|| {
@@ -90,7 +90,7 @@ impl Api {
         })
     }
 
-    /// Lists the devices.
+    /// Lists the machine's devices.
     ///
     /// # Errors
     /// The API is not installed.
@@ -104,7 +104,7 @@ impl Api {
     }
 }
 
-/// Writes the error for an API that is not in `names`, with the reason if it is known.
+/// Makes the error for an API that is not in `names`, with the reason if it is known.
 fn refusal(name: &str, names: &[&str]) -> String {
     let why = match name {
         "metal" => ": Metal is on Apple's systems alone",
@@ -114,7 +114,7 @@ fn refusal(name: &str, names: &[&str]) -> String {
     format!("expected {}, found {name}{why}", alternatives(names))
 }
 
-/// Joins names as in `vulkan, null or reference`.
+/// Joins names: `vulkan, null or reference`.
 fn alternatives(names: &[&str]) -> String {
     match names {
         [first @ .., last] if !first.is_empty() => format!("{} or {last}", first.join(", ")),
@@ -134,18 +134,18 @@ impl fmt::Display for Api {
     }
 }
 
-/// An opened device, and the plan that it executes.
+/// An opened device and the plan that it executes.
 pub enum Backend {
     /// Runs on Vulkan.
     Vulkan(Vulkan),
     /// Runs on Metal.
     #[cfg(target_vendor = "apple")]
     Metal(Metal),
-    /// Executes nothing. Nobody reads the journal of its calls.
+    /// Executes nothing. The journal of its calls is not read.
     Null(Null, Journal),
 }
 
-/// Makes plans ready for one [`Backend`].
+/// Prepares plans for one [`Backend`].
 pub enum Loader {
     /// Runs on Vulkan.
     Vulkan(<Vulkan as Device>::Loader),
@@ -156,7 +156,7 @@ pub enum Loader {
     Null(<Null as Device>::Loader),
 }
 
-/// A plan that was made ready for one [`Backend`].
+/// A plan prepared for one [`Backend`].
 pub enum Ready {
     /// Runs on Vulkan.
     Vulkan(ReadyOf<Vulkan>),
@@ -169,7 +169,7 @@ pub enum Ready {
 
 type ReadyOf<D> = <<D as Device>::Loader as splatgraph_api::Loader>::Ready;
 
-/// Hands a call on to the device.
+/// Forwards a call to the device.
 macro_rules! each {
     ($backend:expr, $device:ident => $call:expr) => {
         match $backend {
@@ -185,7 +185,8 @@ impl Backend {
     /// Opens a device.
     ///
     /// # Errors
-    /// [`BackendError::Unavailable`], with what to install, where a driver, the validation or a fit device is missing.
+    /// [`BackendError::Unavailable`], with installation advice, if a driver, the validation layer or a suitable device
+    /// is missing.
     pub fn open(api: Api, options: &Options) -> Result<Backend, BackendError> {
         match api {
             Api::Vulkan => Vulkan::open(options).map(Backend::Vulkan),
@@ -195,7 +196,8 @@ impl Backend {
         }
     }
 
-    /// Opens a device that shows its frames in `window`, which has `size` pixels now. Call it on the main thread.
+    /// Opens a device that presents its frames in `window`, whose current size is `size` pixels. Call it on the main
+    /// thread.
     ///
     /// # Errors
     /// See [`Backend::open`]; [`BackendError::Unavailable`] if the device cannot present in the window.
@@ -213,10 +215,11 @@ impl Backend {
         }
     }
 
-    /// Opens a device whose frames, such as a window's, do not delay the frames of this device.
+    /// Opens a device whose frames, such as a window's, do not delay this device's frames.
     ///
-    /// On a GPU it is another context of this device. A CPU's driver has one queue, and threads that all devices of a Vulkan instance
-    /// share, so that a pass of one delays the frames of the others: there, the device gets its own instance.
+    /// On a GPU, it is another context of this device. A CPU's driver has one queue, and threads that all devices of a
+    /// Vulkan instance share, so a pass on one delays the frames of the others. There, the device gets its own
+    /// instance.
     ///
     /// # Errors
     /// See [`Backend::open`].
@@ -230,12 +233,12 @@ impl Backend {
         }
     }
 
-    /// Closes the device, and returns the validation messages that were not taken, including messages about the closing.
+    /// Closes the device, and returns the remaining validation messages, including messages about closing it.
     pub fn close(self) -> Vec<String> {
         each!(self, device => device.close())
     }
 
-    /// Reports the memory of the device, of all that share it.
+    /// Reports the memory of the device, across everything that shares it.
     pub fn device_memory(&self) -> DeviceMemory {
         each!(self, device => device.device_memory())
     }

@@ -1,7 +1,7 @@
 //! Lists the graphs and shaders that are built into the program.
 //!
-//! The build script embeds everything under `pipelines/` and `shaders/`, so that an installed program needs no checkout.
-//! Files on disk come first (see [`SourceMap::find`]), so in a checkout edits show at once.
+//! The build script embeds everything under `pipelines/` and `shaders/`, so that an installed program needs no
+//! checkout. Files on disk take precedence (see [`SourceMap::find`]), so edits in a checkout take effect immediately.
 
 use crate::draw::facts::{self, SceneFacts};
 use splatgraph_framework::ir::Request;
@@ -38,7 +38,7 @@ pub fn names() -> Vec<&'static str> {
     FILES.iter().filter_map(graph).collect()
 }
 
-/// Lists the names of the built-in graphs that change another graph's picture, sorted.
+/// Lists the names of the built-in graphs that filter another graph's picture, sorted.
 pub fn filters() -> Vec<&'static str> {
     let name = |(path, _): &(&'static str, &str)| {
         path.strip_prefix("pipelines/")?.strip_suffix(".ron").filter(|name| name.starts_with("filters/"))
@@ -46,7 +46,7 @@ pub fn filters() -> Vec<&'static str> {
     FILES.iter().filter_map(name).collect()
 }
 
-/// Lists the names of the built-in graphs that give an output besides their picture, sorted.
+/// Lists the names of the built-in graphs that have an output besides the picture, sorted.
 pub fn giving(output: &str) -> Vec<&'static str> {
     let gives = |text: &str| matches!(Document::parse(text), Ok(Document::Graph(graph)) if graph.outputs.contains_key(output));
     let files = FILES.iter().filter(|(path, text)| path.starts_with("pipelines/") && gives(text));
@@ -56,7 +56,7 @@ pub fn giving(output: &str) -> Vec<&'static str> {
 /// A built-in file, for lists.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct File {
-    /// The name, as graphs and commands name it: `splat`, `parts/sort`, `sort/scatter.comp`.
+    /// Name in graphs and commands: `splat`, `parts/sort`, `sort/scatter.comp`.
     pub name: &'static str,
     /// The text.
     pub text: &'static str,
@@ -64,7 +64,7 @@ pub struct File {
     pub summary: String,
 }
 
-/// Lists the built-in files in groups with a title each: graphs, filters, parts, the program's own graphs, shaders.
+/// Lists the built-in files in titled groups: graphs, filters, parts, the program's own graphs, shaders.
 pub fn groups() -> Vec<(&'static str, Vec<File>)> {
     let group_of = |path: &str| match path.split_once('/') {
         Some(("shaders", _)) => "Shaders",
@@ -113,7 +113,7 @@ pub fn find(name: &str) -> Result<File, Vec<&'static str>> {
     Err(near.and_then(|near| names().find(|name| *name == near)).into_iter().collect())
 }
 
-/// Returns the name of a built-in file by its path.
+/// Converts the path of a built-in file to its name.
 fn name_of(path: &'static str) -> &'static str {
     let inside = path.split_once('/').map_or(path, |(_, inside)| inside);
     inside.strip_suffix(".ron").unwrap_or(inside)
@@ -137,9 +137,9 @@ fn summary(path: &str, text: &str) -> String {
 /// A built-in graph, for lists.
 #[derive(Clone, Debug)]
 pub struct Preset {
-    /// The name, as `--pipeline` takes it.
+    /// Name for `--pipeline`.
     pub name: &'static str,
-    /// A description in one line.
+    /// Description in one line.
     pub summary: String,
     /// The parameters, with their values for a nominal scene.
     pub params: Vec<Control>,

@@ -28,21 +28,21 @@ struct Block {
     focal: [f32; 4],
     /// Width and height in pixels, and their inverses.
     viewport: [f32; 4],
-    /// Near plane, the scene's depth range, its greatest distance.
+    /// Near plane, the scene's depth range, and its greatest distance from the camera.
     depth: [f32; 4],
     background: [f32; 4],
-    /// The position's part below its f32.
+    /// Remainder of the position below f32 precision.
     position_low: [f32; 4],
     frame: u32,
     padding: [u32; 3],
-    /// The point from which places in the camera's frame are computed.
+    /// Point from which positions in the camera's frame are computed.
     origin: [f32; 4],
-    /// The origin's part below its f32.
+    /// Remainder of the origin below f32 precision.
     origin_low: [f32; 4],
-    /// From the camera to the origin, in the world and in the camera's frame.
+    /// Vector from the camera to the origin, in the world and in the camera's frame.
     to_origin: [f32; 4],
     view_origin: [f32; 4],
-    /// Room for new members without a change of size.
+    /// Space for new members without a change of the block's size.
     reserved: [f32; 4],
 }
 
@@ -51,7 +51,7 @@ const _: () = assert!(size_of::<Block>() == 256);
 /// Focal length, in pixels, above which rounding from the camera could move a splat by a thousandth of a pixel.
 const LONG_FOCAL: f64 = 16_384.0;
 
-/// Byte offset of the frame's number in the block.
+/// Byte offset of the frame number in the block.
 pub const FRAME_NUMBER: u32 = std::mem::offset_of!(Block, frame) as u32;
 
 /// Makes the uniform blocks of a frame, by name.
@@ -68,9 +68,10 @@ pub fn frame_uniforms(
     [(CAMERA.to_owned(), uniform(camera, depth, distance, background, frame))].into()
 }
 
-/// Computes a range that holds the view depths of the scene's box as f32 computes them, neither end nearer than [`NEAR`].
+/// Computes a range that contains the view depths of the scene's box in f32. Neither end is nearer than [`NEAR`].
 ///
-/// A depth is a sum of four terms, each rounded to 24 bits: depths beyond the box by that much are in the range.
+/// A depth is a sum of four terms, each rounded to 24 bits. The range includes depths that this rounding moves out of
+/// the box.
 pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     let (near, far) = camera.depth_range(bounds);
     let axis = |i: usize| camera.position[i].abs() + f64::from(bounds.min[i].abs().max(bounds.max[i].abs()));
@@ -78,17 +79,18 @@ pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     [(near - rounding).max(NEAR), (far + rounding).max(NEAR)]
 }
 
-/// Bound on the error of a view depth in f32, as a share of the coordinates that it is computed from: four roundings, doubled.
+/// Bound on the error of a view depth in f32, relative to the coordinates that it is computed from: four roundings,
+/// doubled.
 pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 
-/// Computes a distance that no splat of the scene's box exceeds, as f32 computes it.
+/// Computes an upper bound, valid in f32, on the distance from the camera to a splat in the scene's box.
 fn farthest(camera: &Camera, bounds: &Bounds) -> f64 {
     let corner =
         bounds.corners().into_iter().map(|corner| DVec3::from(corner).distance(camera.position.into()));
     corner.fold(NEAR, f64::max) * (1.0 + ROUNDING)
 }
 
-/// Packs the block; `depth` is the scene's depth range, and `distance` its greatest distance.
+/// Packs the block. `depth` is the scene's depth range, and `distance` its greatest distance from the camera.
 fn uniform(camera: &Camera, depth: [f64; 2], distance: f64, background: [f32; 3], frame: u32) -> Vec<u8> {
     // A point `p` of the world is at `rows * p + translation` in the camera's frame.
     let rows = camera.axes();
@@ -126,7 +128,7 @@ fn uniform(camera: &Camera, depth: [f64; 2], distance: f64, background: [f32; 3]
     bytemuck::bytes_of(&block).to_vec()
 }
 
-/// A number as the sum of two floats.
+/// A number stored as the sum of two floats.
 #[derive(Clone, Copy)]
 struct Double {
     high: f32,
@@ -144,10 +146,11 @@ impl Double {
     }
 }
 
-/// Chooses the point from which places in the camera's frame are computed; `depth` is the scene's depth range.
+/// Chooses the point from which positions in the camera's frame are computed; `depth` is the scene's depth range.
 ///
-/// A place that is computed from the camera is rounded by 6e-8 of its distance: fx * 6e-8 pixels, whatever the distance. Long
-/// focal lengths make pixels of that. From a point amid the scene it is rounded by its distance from there.
+/// A position that is computed from the camera is rounded by 6e-8 of its distance, which is fx * 6e-8 pixels on the
+/// image at any distance. With a long focal length, this can be several pixels. A position that is computed from a
+/// point inside the scene is rounded by its distance from that point.
 fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
     let [near, far] = depth;
     let is_telephoto = camera.fx.max(camera.fy) > LONG_FOCAL;
@@ -159,10 +162,10 @@ fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
     std::array::from_fn(|axis| camera.position[axis] + 0.5 * (near + far) * forward[axis])
 }
 
-/// Finds the cameras of a scene, as the reference implementation places them.
+/// Finds the cameras file of a scene, where the reference implementation places it.
 ///
-/// They are `NAME.cameras.json`, also for `NAME.compressed.ply`, or `cameras.json` in its folder or, for `point_cloud/iteration_N/point_cloud.ply`, up to three
-/// folders above.
+/// It is `NAME.cameras.json`, also for `NAME.compressed.ply`, or `cameras.json` in the scene's folder; for
+/// `point_cloud/iteration_N/point_cloud.ply`, also up to three folders above.
 pub fn beside(scene: &Path) -> Option<PathBuf> {
     let name = scene.file_name()?.to_string_lossy();
     let plain =

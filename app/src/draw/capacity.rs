@@ -1,9 +1,10 @@
-//! Finds incomplete frames, and raises the capacity of their lists.
+//! Detects incomplete frames, and raises the capacity of their lists.
 //!
-//! A pass may write a list whose length only the device knows. The list's room is then a constant parameter of the graph that `grows` with
-//! a statistic, in which the passes count what they needed. A frame whose statistic exceeds the parameter holds what fitted, and no
-//! more. [`overflows`] finds that in the frame's results; [`Capacities`] keeps the least values of such parameters, for plans with room for
-//! the same frame and a quarter more.
+//! A pass may write a list whose length only the device knows. The list's capacity is then a constant parameter of the
+//! graph that `grows` with a statistic, in which the passes count the entries that they needed. If the statistic of a
+//! frame exceeds the parameter, the frame contains only the entries that fitted. [`overflows`] finds this in the
+//! frame's results. [`Capacities`] stores minimum values of such parameters, for plans with capacity for the same frame
+//! plus a quarter.
 
 use splatgraph_assets::grouped;
 use splatgraph_framework::ir::{Domain, Value};
@@ -15,16 +16,16 @@ use std::fmt;
 pub struct Overflow {
     /// The parameter that grows.
     pub parameter: String,
-    /// Its value in the frame's plan: the entries that were drawn.
+    /// Its value in the frame's plan: the number of entries that were drawn.
     pub room: i64,
-    /// The entries that the frame needed.
+    /// Number of entries that the frame needed.
     pub needed: i64,
-    /// The end of the parameter's range.
+    /// Maximum of the parameter's range.
     pub most: i64,
 }
 
 impl Overflow {
-    /// Returns the value that the parameter grows to: the need and a quarter of it, within the range.
+    /// Returns the value to which the parameter grows: the need plus a quarter, within the range.
     pub fn target(&self) -> i64 {
         self.needed.saturating_add(self.needed / 4).min(self.most)
     }
@@ -37,7 +38,7 @@ impl fmt::Display for Overflow {
     }
 }
 
-/// Lists the lists of `plan` that a frame exceeded, by its statistics.
+/// Finds the lists of `plan` that overflowed in a frame, from its statistics.
 pub fn overflows(plan: &Plan, stats: &[(String, u32)]) -> Vec<Overflow> {
     let of = |param: &splatgraph_framework::ir::Param| {
         let (_, needed) = stats.iter().find(|(name, _)| Some(name) == param.grows.as_ref())?;
@@ -54,12 +55,12 @@ pub fn overflows(plan: &Plan, stats: &[(String, u32)]) -> Vec<Overflow> {
     plan.params.iter().filter_map(of).collect()
 }
 
-/// The least values of parameters that grow, as frames needed them.
+/// Minimum values of growing parameters, from the needs of earlier frames.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Capacities(Vec<(String, i64)>);
 
 impl Capacities {
-    /// Raises capacities to the needs of a frame, and returns true if any was lower.
+    /// Raises the capacity that a frame exceeded; returns true if it was lower than needed.
     pub fn raise(&mut self, short: &Overflow) -> bool {
         let target = short.target();
         match self.0.iter_mut().find(|(name, _)| *name == short.parameter) {
@@ -77,7 +78,7 @@ impl Capacities {
         }
     }
 
-    /// Forgets a parameter.
+    /// Removes a parameter.
     pub fn forget(&mut self, parameter: &str) {
         self.0.retain(|(name, _)| name != parameter);
     }

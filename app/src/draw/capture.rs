@@ -1,8 +1,9 @@
 //! Draws pictures together with the order in which their splats were drawn.
 //!
-//! A wrong order makes a wrong picture, so studies measure both. The order is the contents of the buffer that a graph binds as
-//! `Order`, as the last pass that binds it reads them. The distance of two orders is the number of pairs of splats that they
-//! order differently (Kendall's tau), which equals the number of swaps of neighbours that turn one into the other.
+//! A wrong picture usually comes from a wrong order, so studies capture both. The order is the contents of the buffer
+//! that a graph binds as `Order`, as the last pass that binds it reads them. The distance between two orders is the
+//! number of pairs of splats that they order differently (Kendall's tau), which equals the number of swaps of
+//! neighbours that turn one into the other.
 
 use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
 use crate::io::image::Image;
@@ -17,7 +18,7 @@ use splatgraph_reference::inversions;
 pub struct Capture {
     /// The picture, not clamped.
     pub image: Image,
-    /// Indices of the visible splats, near to far as the graph has it; `None` if the graph has no order that can be read.
+    /// Indices of the visible splats, near to far in the graph's order; `None` if the graph has no readable order.
     pub order: Option<Vec<u32>>,
     /// The graph's counts, such as `visible` and `drawn`.
     pub counts: Vec<(String, u32)>,
@@ -30,7 +31,7 @@ pub enum CaptureError {
     // Not transparent: a graph's errors are found among the causes, and printed with their source text.
     #[error("{0}")]
     Session(#[from] SessionError),
-    /// The graph draws something else than a picture.
+    /// The graph's output is not a picture.
     #[error("the graph's output `{0}` has no colours")]
     NoColours(String),
 }
@@ -56,8 +57,8 @@ pub fn take<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Capt
     Ok(Capture { image, order, counts: result.stats })
 }
 
-/// Finds the order of the splats, as the last pass that binds it reads it; `None` if another pass changes it until the frame's end,
-/// when contents are read.
+/// Finds the buffer with the order of the splats, after the last pass that binds it. `None` if another pass changes it
+/// before the frame's end, when contents are read.
 fn order_of(plan: &Plan) -> Option<Inspect> {
     let steps = || plan.frame.iter().rev().copied();
     let order = |pass: PassId| plan.pass(pass).bindings.iter().find(|binding| binding.name == "Order");
@@ -66,18 +67,19 @@ fn order_of(plan: &Plan) -> Option<Inspect> {
     (steps().find(binds) == Some(after)).then_some(Inspect { resource, after })
 }
 
-/// Counts the pairs of the given splats that are in another order than in `truth`; `None` if one is not in it, or twice.
+/// Counts the pairs of the given splats that `truth` orders differently; `None` if a splat is missing there, or occurs
+/// twice.
 pub fn wrong_pairs(truth: &[u32], given: &[u32]) -> Option<u64> {
     inversions(&only(truth, given), given)
 }
 
-/// Counts the pairs of splats of both orders that change places from one to the other; `None` if one holds a splat twice.
+/// Counts the pairs of splats, among those in both orders, that swap places; `None` if an order contains a splat twice.
 pub fn order_changes(before: &[u32], after: &[u32]) -> Option<u64> {
     let kept = only(before, after);
     inversions(&kept, &only(after, &kept))
 }
 
-/// Lists the splats of an order that are also in another.
+/// Lists the splats of an order that another order contains as well.
 pub fn only(order: &[u32], of: &[u32]) -> Vec<u32> {
     let mut held = vec![false; order.iter().max().map_or(0, |most| *most as usize + 1)];
     for index in of {

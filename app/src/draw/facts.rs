@@ -1,8 +1,8 @@
 //! Collects the facts and imports of graphs: of the scene, the device and the viewport.
 //!
-//! A plan is built from numbers alone, so it needs neither a scene nor a GPU: a nominal scene and [`portable_device`] replace
-//! them. That device has the smallest limits that the built-in graphs run on. A graph that builds for it in all of
-//! [`SUBGROUP_SIZES`] builds for every device with at least these limits.
+//! A plan is built from numbers alone, so it needs neither a scene nor a GPU: a nominal scene and [`portable_device`]
+//! can replace them. That device has the smallest limits that the built-in graphs run on. A graph that builds for it in
+//! all of [`SUBGROUP_SIZES`] builds for every device with at least these limits.
 
 use crate::draw::camera::{CAMERA, CAMERA_BYTES};
 use crate::draw::keys;
@@ -21,17 +21,17 @@ pub struct SceneFacts {
     pub sh_degree: u32,
     /// Degree of the stored spherical harmonics.
     pub stored_sh_degree: u32,
-    /// Bits at which depth keys put all splats in the right order, in every view: see [`keys::of_scene`].
+    /// Width of depth keys that sort all splats correctly in every view, in bits: see [`keys::of_scene`].
     pub key_bits: u32,
-    /// The filter of the training, by the file.
+    /// Low-pass filter of the training, from the file's tags.
     pub low_pass: Filter,
-    /// The order of the splats, by the file.
+    /// Distance by which splats are sorted, from the file's tags.
     pub key_of: SortKey,
-    /// Positions have digits beyond f32: see [`Scene::is_wide`].
+    /// True if positions exceed the precision of f32: see [`Scene::is_wide`].
     pub wide: bool,
     /// Largest absolute value of a coefficient of the spherical harmonics, rounded up.
     pub largest_sh: u64,
-    /// Display-encoded brightness that no splat exceeds, rounded up.
+    /// Upper bound of the splats' display-encoded brightness, rounded up.
     pub brightest: u64,
 }
 
@@ -92,7 +92,7 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
     }
 }
 
-/// Largest number of storage buffers in a shader of the built-in graphs, with spherical harmonics of degree 3.
+/// Maximum number of storage buffers in a shader of the built-in graphs, with spherical harmonics of degree 3.
 ///
 /// Vulkan guarantees only 4 per stage (`maxPerStageDescriptorStorageBuffers`).
 pub const MAX_STORAGE_BUFFERS: usize = 20;
@@ -112,9 +112,9 @@ pub const PORTABLE_FEATURES: Features = Features::SUBGROUP_BASIC
 
 /// Returns the facts of the smallest device that the built-in graphs run on.
 ///
-/// Storage range, workgroup count and shared memory are the minima that Vulkan 1.3 guarantees. Three requirements exceed them:
-/// 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per shader (guaranteed: 4), and
-/// [`PORTABLE_FEATURES`] (guaranteed: none but the basic operations of subgroups).
+/// Storage range, workgroup count and shared memory are the minima that Vulkan 1.3 guarantees. Three requirements
+/// exceed its guarantees: 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per
+/// shader (guaranteed: 4), and [`PORTABLE_FEATURES`] (guaranteed: only the basic subgroup operations).
 pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
     DeviceFacts {
         subgroup_size,
@@ -132,9 +132,9 @@ pub fn portable_device(subgroup_size: u32) -> DeviceFacts {
 
 /// Returns the facts of the smallest GPU of family Apple 7, the oldest in Macs with Apple silicon.
 ///
-/// Apple's "Metal Feature Set Tables" give SIMD-groups of 32 threads, 32 KiB of threadgroup memory and 1,024 threads. Metal does not
-/// limit the threadgroups of a grid, so Vulkan's limit is taken. The tables promise buffers of 256 MiB; devices may have larger ones.
-/// The rounding of blending is not documented.
+/// Apple's "Metal Feature Set Tables" state SIMD groups of 32 threads, 32 KiB of threadgroup memory and 1,024 threads.
+/// Metal does not limit the number of threadgroups of a grid, so Vulkan's limit is used. The tables guarantee buffers
+/// of 256 MiB; devices may support larger ones. The rounding of blending is not documented.
 pub fn apple_device() -> DeviceFacts {
     DeviceFacts {
         max_storage_bytes: 1 << 28,

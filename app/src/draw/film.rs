@@ -1,9 +1,9 @@
-//! Draws films: pictures of a moving camera at equal steps of time, with the blur of an open shutter.
+//! Draws films: pictures of a moving camera at equal steps of time, with motion blur.
 //!
-//! A [`Film`] says where the camera is at any time. A picture is the mean of its samples: pictures at times that are spread evenly
-//! over the opening of the shutter. The mean is one of linear light, which is what a sensor sums up: a bright point leaves a bright
-//! streak. One sample is the picture as it is drawn. [`draw`] keeps frames in flight, and hands finished pictures to threads that
-//! encode them.
+//! A [`Film`] computes the camera at any time. A picture is the mean of its samples: pictures at times that are spread
+//! evenly over the interval in which the shutter is open. The mean is computed in linear light, which is what a sensor
+//! integrates: a bright point leaves a bright streak. With one sample, it is the picture as drawn. [`draw`] keeps
+//! frames in flight, and passes finished pictures to threads that encode them.
 
 use crate::draw::camera_path::CameraPath;
 use crate::draw::orbit::Orbit;
@@ -16,7 +16,7 @@ use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
 use splatgraph_assets::Camera;
 use std::collections::VecDeque;
 
-/// The way of a film's camera.
+/// Motion of a film's camera.
 #[derive(Clone, Debug)]
 pub enum Motion {
     /// Through keys, at constant speed.
@@ -25,21 +25,21 @@ pub enum Motion {
     Orbit(Orbit),
 }
 
-/// A film, without its scene.
+/// A film, apart from its scene.
 #[derive(Clone, Debug)]
 pub struct Film {
-    /// The way of the camera.
+    /// Motion of the camera.
     pub motion: Motion,
     /// Number of frames.
     pub frames: u32,
-    /// Pictures that a frame is the mean of.
+    /// Number of pictures that are averaged for a frame.
     pub samples: u32,
     /// Time that the shutter is open, as a share of the time between two frames.
     pub shutter: f64,
 }
 
 impl Film {
-    /// Computes the cameras of a frame's samples. They lie around the time of the frame.
+    /// Computes the cameras of a frame's samples, centred on the time of the frame.
     pub fn cameras(&self, frame: u32) -> Vec<Camera> {
         let at = |sample: u32| {
             let share = (f64::from(sample) + 0.5) / f64::from(self.samples) - 0.5;
@@ -48,7 +48,7 @@ impl Film {
         (0..self.samples).filter_map(|sample| self.camera(at(sample))).collect()
     }
 
-    /// Computes the camera at a time, which is counted in frames; `None` for a path without keys.
+    /// Computes the camera at a time, in frames; `None` for a path without keys.
     fn camera(&self, at: f64) -> Option<Camera> {
         match &self.motion {
             Motion::Path(path) => path.at_frame(at, self.frames),
@@ -57,19 +57,19 @@ impl Film {
     }
 }
 
-/// Settings of [`draw`].
+/// Options of [`draw`].
 #[derive(Clone, Copy, Debug)]
 pub struct DrawOptions {
     /// Background colour, display-encoded.
     pub background: [f32; 3],
-    /// Pictures that may be drawn and not yet encoded.
+    /// Maximum number of pictures that are drawn but not yet encoded.
     pub jobs: usize,
 }
 
-/// Draws frames of a film, and returns the GPU milliseconds of all samples; `None` where the device has no timestamps.
+/// Draws frames of a film, and returns the GPU milliseconds of all samples; `None` if the device has no timestamps.
 ///
-/// `encode` runs on other threads; `done` gets its outcomes in the order of the frames. The session must be prepared for the
-/// pictures' size.
+/// `encode` runs on other threads; `done` receives its results in the order of the frames. The session must be prepared
+/// for the pictures' size.
 ///
 /// # Errors
 /// The device fails, the graph's output has no colours, or `encode` or `done` fails.
@@ -109,9 +109,9 @@ pub fn draw<D: Device, T: Send + 'static>(
     developing.finish()
 }
 
-/// The pictures between their submission and the end of their encoding.
+/// Pictures that are submitted but not yet encoded.
 struct Developing<T, E, F> {
-    /// Frames in flight, with the film's frame; the last sample has the number of samples.
+    /// Frames in flight, each with its frame of the film; a frame's last sample also has the number of samples.
     flying: VecDeque<(FrameId, u32, Option<usize>)>,
     exposure: Exposure,
     pictures: Pictures<T>,
@@ -160,7 +160,7 @@ fn colours(pixels: &Pixels) -> Result<Image> {
     image_of(pixels).context("the graph's output has no colours")
 }
 
-/// The sum of pictures in linear light.
+/// A sum of pictures in linear light.
 #[derive(Default)]
 struct Exposure {
     size: (usize, usize),

@@ -1,9 +1,10 @@
-//! Finds out whether a scene, drawn with a graph, fits a device, and how many of its splats would.
+//! Determines whether a scene, drawn with a graph, fits a device, and how many of its splats would.
 //!
-//! Two limits stop large scenes: the bytes of one storage buffer, 128 MiB on the smallest devices, and the device's memory. A graph
-//! is first built for the device as it is. If that fails, it is built for the same device with storage buffers of any size, which
-//! shows how large the buffers would be. From two numbers of splats follows how they grow, and from that about how many fit; that
-//! number is then tried, and some larger ones: at least so many would fit, perhaps a few more.
+//! Two limits stop large scenes: the maximum size of a storage buffer, 128 MiB on the smallest devices, and the
+//! device's memory. A graph is first built for the device itself. If that fails, it is built for the same device
+//! without a limit on storage buffers, which shows how large the buffers would be. Two numbers of splats show how the
+//! buffers grow, and so about how many splats fit. That number is then tried, and some larger ones. The result is a
+//! lower bound: a few more splats might fit.
 
 use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, Planner};
@@ -17,9 +18,9 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 
-/// A graph and the scene that it is to draw.
+/// A graph and the scene to draw with it.
 pub struct Wanted<'a> {
-    /// A preset's name or a path.
+    /// Name of a preset, or a path.
     pub graph: &'a str,
     /// Parameters of the graph; later entries win.
     pub set: &'a [(String, String)],
@@ -36,49 +37,49 @@ pub struct Wanted<'a> {
 pub struct Target {
     /// The device's name.
     pub name: String,
-    /// The facts that graphs can use.
+    /// Facts of the device, as graphs see them.
     pub facts: DeviceFacts,
-    /// Its memory; 0 bytes where no device was asked.
+    /// Memory of the device; 0 bytes if it is unknown.
     pub heap: Heap,
 }
 
 impl Target {
-    /// Returns the smallest supported device, whose memory is not stated.
+    /// Returns the smallest supported device, with unknown memory.
     pub fn nominal() -> Target {
         let facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
         Target { name: "the smallest supported device".to_owned(), facts, heap: Heap::default() }
     }
 }
 
-/// The needs of a graph and a scene, against the limits of a device.
+/// Memory needs of a graph and a scene, compared with the limits of a device.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Fit {
-    /// The device.
+    /// The device to fit.
     pub device: Target,
-    /// True if nothing is too large for the device.
+    /// True if every buffer and the total memory fit the device.
     pub fits: bool,
     /// Number of splats.
     pub splats: u64,
-    /// Bytes of the resources that stay on the device, shared memory counted once.
+    /// Bytes of the resources that stay on the device; shared memory counts once.
     pub needed_bytes: u64,
-    /// Bytes of the resources that are freed after the first frame, in the host's memory if the device has no room.
+    /// Bytes of the resources that are freed after the first frame; they are in host memory if the device has no room.
     pub loading_bytes: u64,
-    /// The largest storage buffer, with its bytes.
+    /// Name and bytes of the largest storage buffer.
     pub largest: Option<(String, u64)>,
-    /// The storage buffers that are larger than the device binds, with their bytes.
+    /// Names and bytes of the storage buffers that exceed the device's maximum binding size.
     pub too_large: Vec<(String, u64)>,
-    /// A number of splats that fits, if the scene's does not. More may fit.
+    /// A number of splats that fits, if the scene's does not; slightly more may fit.
     ///
-    /// None where the graph does not say how its buffers grow.
+    /// `None` if the graph's buffers do not grow with the number of splats.
     pub most_splats: Option<u64>,
 }
 
-/// Bytes that a plan needs.
+/// Memory that a plan needs, in bytes.
 struct Needs {
     storage: BTreeMap<String, u64>,
-    /// Bytes that stay.
+    /// Bytes of the resources that stay.
     total: u64,
-    /// Bytes that are freed after the prologue.
+    /// Bytes of the resources that are freed after the prologue.
     loading: u64,
 }
 
@@ -102,15 +103,15 @@ impl Needs {
     }
 }
 
-/// Returns the bytes of the device's memory that can be taken; none if unknown.
+/// Returns the available bytes of the device's memory; `None` if unknown.
 fn available(heap: &Heap) -> Option<u64> {
     heap.available.or(Some(heap.bytes).filter(|bytes| *bytes > 0))
 }
 
-/// Builds a plan, and compares its needs with the device's limits. A plan beyond the limits is built as if it fitted.
+/// Builds a plan, and compares its needs with the device's limits. A plan that exceeds them is built as if it fitted.
 ///
 /// # Errors
-/// The graph or its shaders have errors that a smaller scene would have.
+/// The graph or its shaders have errors that do not depend on the scene's size.
 pub fn fit(planner: &mut Planner, wanted: &Wanted, device: &Target) -> Result<(Plan, Fit), GraphErrors> {
     let count = wanted.scene.count;
     let (plan, built) = match build(planner, wanted, &device.facts, count) {
@@ -157,7 +158,7 @@ fn build(
     planner.plan(wanted.graph, wanted.set, &facts::facts(&scene, device, wanted.size), &catalog)
 }
 
-/// Finds a number of splats that fit, rounded down: at least so many would.
+/// Finds a number of splats that fits, rounded down; a lower bound.
 fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) -> Option<u64> {
     let (count, half) = (wanted.scene.count, wanted.scene.count / 2);
     let fewer = Needs::of(&build(planner, wanted, &boundless(&device.facts), half.max(1)).ok()?);
@@ -192,9 +193,9 @@ fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) 
     None
 }
 
-/// Finds more splats that fit, between a number that does and one that does not.
+/// Searches for larger numbers of splats that fit, between one that does and one that does not.
 ///
-/// A graph may choose smaller formats where larger ones have no room, which the estimate does not know.
+/// The estimate cannot account for a graph that chooses smaller formats if larger ones do not fit.
 fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Option<u64> {
     let mut found = None;
     for _ in 0..8 {
@@ -208,20 +209,20 @@ fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Optio
     found
 }
 
-/// Refuses a scene that cannot fit the device, from its header, before any of it is loaded.
+/// Refuses a scene that cannot fit the device, from its header, before its splats are loaded.
 ///
-/// The bands of the harmonics that are in use are not known yet, so only the first is counted. Scenes that are small for the device
-/// cost nothing but their header; for others the plan is built.
+/// The header does not tell which bands of the harmonics are in use, so only band 0 is counted. For a scene that is
+/// small relative to the device, only the header is read; for others the plan is built.
 ///
 /// # Errors
-/// The scene's header, or that of a scene that is too large.
+/// The header is invalid, or the scene is too large.
 pub fn check_header(
     path: &Path,
     device: &DeviceInfo,
     graph: &str,
     set: &[(String, String)],
 ) -> anyhow::Result<()> {
-    /// Bytes per splat of which a share of memory is no cause for worry: twice the largest buffer of the built-in graphs.
+    /// Bytes per splat below whose total a scene certainly fits: twice the largest buffer of the built-in graphs.
     const USUAL: u64 = 96;
     let SceneHeader { count, stored_degree } = SceneHeader::load(path)?;
     let target = Target { name: device.name.clone(), facts: device.facts, heap: device.heap };
@@ -252,7 +253,7 @@ fn loading(bytes: u64) -> String {
 }
 
 impl fmt::Display for Fit {
-    /// Writes lines: the device, whether the scene fits, and the number of splats that would.
+    /// Writes the device, whether the scene fits, and the number of splats that would.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Target { name, facts, heap } = &self.device;
         let limit = facts.max_storage_bytes;

@@ -1,8 +1,9 @@
 //! Draws frames of several sessions interleaved, and summarises their times.
 //!
-//! A device changes its clock with its temperature and its load. Sessions that are compared therefore draw one frame each, one after
-//! the other, again and again: a drift concerns all of them alike. The frames are divided into rounds; the medians of the rounds show
-//! how much is chance. A frame is drawn alone on the device: the next is submitted when it is done.
+//! A device changes its clock with its temperature and its load. Sessions that are compared therefore draw one frame
+//! each, one after the other, repeatedly, so that a drift affects all of them alike. The frames are divided into
+//! rounds; the medians of the rounds show the noise. The device draws only one frame at a time: the next is submitted
+//! when it is done.
 
 use crate::draw::session::{FrameOptions, Session, SessionError};
 use crate::draw::stats::median;
@@ -13,27 +14,27 @@ use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
 use std::time::{Duration, Instant};
 
-/// Numbers of frames.
+/// Numbers of rounds and frames to draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Effort {
-    /// Rounds, whose medians show the spread.
+    /// Number of rounds, whose medians show the spread.
     pub rounds: u32,
-    /// Frames of each in a round, interleaved.
+    /// Frames of each session per round, interleaved.
     pub frames: u32,
 }
 
-/// The numbers of frames that a person asks for.
+/// Requested numbers of rounds and frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Frames {
-    /// Rounds of frames, at most.
+    /// Maximum number of rounds.
     pub rounds: u32,
-    /// Frames of each in a round; `None` where the time of a frame decides.
+    /// Frames of each session per round; `None` to choose from the frame time.
     pub frames: Option<u32>,
 }
 
 impl Frames {
-    /// Chooses the numbers for a session that is prepared in the camera's size. Without a number of frames, a round is the given part
-    /// of what is usual.
+    /// Chooses the numbers for a session that is prepared at the camera's size. Without a number of frames, a round has
+    /// the default number divided by `part`.
     ///
     /// # Errors
     /// The device fails.
@@ -51,13 +52,13 @@ impl Frames {
     }
 }
 
-/// A frame with the time of the host.
+/// A frame with its times on the host.
 pub struct Timed {
     /// The results.
     pub result: FrameResult,
-    /// Milliseconds on the host's clock until the frame was submitted.
+    /// Host time until the frame was submitted, in milliseconds.
     pub submit_ms: f64,
-    /// Milliseconds on the host's clock until the frame was done.
+    /// Host time until the frame was done, in milliseconds.
     pub wall_ms: f64,
 }
 
@@ -68,7 +69,7 @@ impl Timed {
     }
 }
 
-/// Lists the passes of a plan's frame that a frame has times of, in order of execution. Passes that run once are left out.
+/// Lists the passes of a plan's frame that have times, in order of execution. Passes that run once are left out.
 pub fn timed_passes(plan: &Plan, frame: &Timed) -> Vec<PassId> {
     let ran = |id: &PassId| frame.result.pass_ms.iter().any(|(pass, _)| pass == id);
     plan.frame.iter().copied().filter(ran).collect()
@@ -99,16 +100,16 @@ pub fn gpu_ms(frames: &[Timed]) -> Option<f64> {
 /// The frames of a session, by round.
 pub type Rounds = Vec<Vec<Timed>>;
 
-/// The parts of a frame that have timestamps.
+/// Timestamps to take in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Timestamps {
-    /// The frame, and each of its passes.
+    /// Of the whole frame, and of each pass.
     Passes,
-    /// The frame alone, because timestamps of passes cost the device time.
+    /// Of the whole frame alone, because timestamps of passes cost device time.
     Frame,
 }
 
-/// Draws a frame alone on the device, with timestamps of its passes.
+/// Draws a single frame on the device, with timestamps of its passes.
 ///
 /// # Errors
 /// The device fails.
@@ -130,9 +131,9 @@ fn draw<D: Device>(
     Ok(Timed { result, submit_ms, wall_ms: ms() })
 }
 
-/// Draws frames of sessions that are prepared in the camera's size, interleaved.
+/// Draws frames of several sessions interleaved; the sessions are prepared at the camera's size.
 ///
-/// Returns the rounds of each, in the order of the sessions.
+/// Returns the rounds of each session, in the order of the sessions.
 ///
 /// # Errors
 /// The device fails.
@@ -155,10 +156,11 @@ pub fn rounds<D: Device>(
     Ok(all)
 }
 
-/// Time for which frames are drawn before any counts, at least: a device that has rested runs at a lower clock.
+/// Minimum duration of warm-up frames, which do not count: a device that was idle runs at a lower clock.
 pub const WARM_UP: Duration = Duration::from_millis(200);
 
-/// Draws frames interleaved for a while, which count for nothing. Returns the milliseconds of the last turn.
+/// Draws interleaved frames that do not count, for [`WARM_UP`]. Returns the milliseconds of the last frame of each
+/// session together.
 ///
 /// # Errors
 /// The device fails.
@@ -177,17 +179,18 @@ pub fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> 
     }
 }
 
-/// Computes the share of the host's time of frames in which the device drew, 1 at most; `None` without timestamps or frames.
+/// Computes the share of the host's frame time during which the device draws, 1 at most; `None` without timestamps or
+/// frames.
 pub fn busy(frames: &[Timed]) -> Option<f64> {
     let drawn = frames.iter().map(|frame| frame.result.total_ms).sum::<Option<f64>>()?;
     let all: f64 = frames.iter().map(|frame| frame.wall_ms).sum();
     (all > 0.0).then(|| (drawn / all).min(1.0))
 }
 
-/// Time that the frames of a round take together, about.
+/// Target length of a round.
 const ROUND: Duration = Duration::from_millis(200);
 
-/// Chooses the number of frames in a round, for frames of so many milliseconds.
+/// Chooses the number of frames per round for frames of `wall_ms` milliseconds.
 pub fn frames_of(wall_ms: f64) -> u32 {
     ((1e3 * ROUND.as_secs_f64() / wall_ms) as u32).clamp(1, 30)
 }
@@ -197,7 +200,7 @@ pub fn frames_of(wall_ms: f64) -> u32 {
 pub struct Figure {
     /// The median of the rounds' medians.
     pub median: f64,
-    /// The largest of the rounds' medians without the smallest.
+    /// Difference between the largest and the smallest of the rounds' medians.
     pub spread: f64,
 }
 
@@ -211,7 +214,7 @@ impl Figure {
         Some(Figure { median: median(medians)?, spread: most - least })
     }
 
-    /// Takes the mean of medians, with the largest of their spreads; `None` without figures, or if one is missing.
+    /// Averages medians, and takes the largest spread; `None` without figures, or if one is missing.
     pub fn mean(figures: impl IntoIterator<Item = Option<Figure>>) -> Option<Figure> {
         let figures = figures.into_iter().collect::<Option<Vec<Figure>>>()?;
         let sum: f64 = figures.iter().map(|figure| figure.median).sum();

@@ -1,11 +1,11 @@
-//! Finds how wide a depth key must be.
+//! Determines how wide a depth key must be.
 //!
-//! A key never decreases with depth, so that only equal keys can be in the wrong order: they keep the order of the file.
-//! Only pairs that overlap on the screen matter. The keys are computed with the operations of shaders/depth_key.glsl; a test
-//! compares the two.
+//! A key never decreases with depth, so only splats with equal keys can be in the wrong order: they keep the order of
+//! the file. Only pairs that overlap on the screen matter. The keys are computed with the operations of
+//! shaders/depth_key.glsl; a test compares the two.
 //!
-//! [`of_scene`] is the width that orders every view of a scene exactly, which the graphs know as the fact `scene.key_bits`; [`needs`] finds
-//! what given views need.
+//! [`of_scene`] computes the width that orders every view of a scene exactly, which graphs see as the fact
+//! `scene.key_bits`; [`needs`] finds the width for given views.
 
 use crate::draw::camera::{ROUNDING, depth_range};
 use crate::draw::orbit;
@@ -15,17 +15,17 @@ use splatgraph_assets::{Bounds, Camera, NEAR, Scene};
 use splatgraph_reference::{Rules, Visible, visible};
 use std::ops::Range;
 
-/// A mapping of depth to keys, by the names of the graphs' parameter `key_map`.
+/// A mapping of depth to keys, a value of the graphs' parameter `key_map`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mapping {
-    /// The bits of the float.
+    /// The bits of the depth as a float.
     FloatBits,
     /// Equal steps of depth.
     Linear,
-    /// Equal ratios of depth, nearly.
+    /// Approximately equal ratios of depth.
     Logarithmic,
-    /// Equal numbers of the frame's splats, nearly.
+    /// Approximately equal numbers of the frame's splats.
     Equalised,
 }
 
@@ -33,7 +33,7 @@ pub enum Mapping {
 pub const WIDTHS: std::ops::RangeInclusive<u32> = 8..=32;
 
 impl Mapping {
-    /// Lists all, the cheapest to compute first.
+    /// All mappings, the cheapest to compute first.
     pub const ALL: [Mapping; 4] =
         [Mapping::FloatBits, Mapping::Linear, Mapping::Logarithmic, Mapping::Equalised];
 
@@ -48,20 +48,20 @@ impl Mapping {
     }
 }
 
-/// The keys of a frame.
+/// Computes the keys of a frame.
 pub struct Keys {
     map: Mapping,
     range: (f32, f32),
     bits: u32,
-    /// The first key of each class of depths, and the end of the last; only for equalised keys.
+    /// First key of each class of depths, and the end of the last class; only for equalised keys.
     starts: Vec<u32>,
 }
 
-/// Classes of depths of equalised keys: see shaders/depth_classes.glsl.
+/// Bits of a depth's class, for equalised keys: see shaders/depth_classes.glsl.
 const CLASS_BITS: u32 = 11;
 
 impl Keys {
-    /// Prepares keys of so many bits; `range` is the depth range of the scene's box, neither below the near plane.
+    /// Prepares keys of `bits` bits. The tuple is the depth range of the scene's box, not below the near plane.
     ///
     /// `depths` are those of the frame's visible splats.
     pub fn new(map: Mapping, (near, far): (f32, f32), bits: u32, depths: impl Iterator<Item = f32>) -> Keys {
@@ -80,7 +80,7 @@ impl Keys {
         keys
     }
 
-    /// Computes the place of a depth in the range, as a share of 2^32, as `depth_place` of the shader.
+    /// Computes the position of a depth in the range, as a share of 2^32, like `depth_place` in the shader.
     fn place(&self, z: f32) -> u32 {
         let (near, far) = self.range;
         let range = far.to_bits() - near.to_bits();
@@ -116,12 +116,12 @@ impl Keys {
     }
 }
 
-/// Returns the upper half of a product.
+/// Returns the upper 32 bits of a product.
 fn high(a: u32, b: u32) -> u32 {
     ((u64::from(a) * u64::from(b)) >> 32) as u32
 }
 
-/// Computes the key before which `count` of `all` splats come, as `key_after` of shaders/equalise.comp.
+/// Computes the key that `count` of `all` splats precede, like `key_after` in shaders/equalise.comp.
 fn key_after(count: u32, all: u32, bits: u32) -> u32 {
     if all == 0 {
         return 0;
@@ -130,22 +130,22 @@ fn key_after(count: u32, all: u32, bits: u32) -> u32 {
     high(count << up, factor(all << up, bits)).min((1 << bits) - 1)
 }
 
-/// Computes 2^bits over a range of 2^31 or more, in units of 2^-32.
+/// Computes 2^bits divided by a range of 2^31 or more, in units of 2^-32.
 ///
-/// It is rounded, but the same for every key.
+/// The result is rounded, but equal for every key.
 fn factor(range: u32, bits: u32) -> u32 {
     let factor = (bits as f32).exp2() * (4_294_967_296.0 / (range as f32 + 1.0));
     factor.min(4_294_967_040.0) as u32
 }
 
-/// Computes log2 of a positive float in fixed point, with 24 fractional bits, as `fixed_log2` of the shader.
+/// Computes log2 of a positive float in fixed point, with 24 fractional bits, like `fixed_log2` in the shader.
 fn fixed_log2(z: f32) -> u32 {
     let bits = z.to_bits();
     let m = bits << 9;
     ((bits >> 23) << 24) + (m >> 8) + (high(high(m, !m), 1_477_468_750) >> 8)
 }
 
-/// Scales 0 .. range to `bits` bits; returns x unchanged if the range fits.
+/// Scales `x` from 0..range to `bits` bits; returns it unchanged if the range fits.
 fn stretch(x: u32, range: u32, bits: u32) -> u32 {
     if bits >= 32 || range >> bits == 0 {
         return x;
@@ -154,13 +154,13 @@ fn stretch(x: u32, range: u32, bits: u32) -> u32 {
     high(x << up, factor(range << up, bits)).min((1 << bits) - 1)
 }
 
-/// A view as far as its order goes.
+/// The data of a view that its order depends on.
 pub struct View<'a> {
     /// The visible splats, near to far.
     pub visible: &'a [Visible],
     /// Tiles across and down.
     pub tiles: [u32; 2],
-    /// The depth range that keys are made for.
+    /// Depth range for which keys are made.
     pub range: (f32, f32),
 }
 
@@ -169,25 +169,25 @@ pub struct View<'a> {
 pub struct Need {
     /// The mapping.
     pub map: Mapping,
-    /// Bits of the key; `None` if even 32 are not enough.
+    /// Width of the key in bits; `None` if even 32 are not enough.
     pub bits: Option<u32>,
 }
 
-/// Finds the least width for each mapping that orders the views well enough.
+/// Finds the smallest width for each mapping that orders the views sufficiently.
 ///
-/// It leaves at most `errors` overlapping pairs in the wrong order, in any view.
+/// In any view, it leaves at most `errors` overlapping pairs in the wrong order.
 pub fn needs(views: &[View], errors: u64) -> Vec<Need> {
     Mapping::ALL.into_par_iter().map(|map| Need { map, bits: need(views, map, errors) }).collect()
 }
 
-/// Finds the least width of a mapping; `None` if even 32 bits are not enough.
+/// Finds the smallest width of a mapping; `None` if even 32 bits are not enough.
 fn need(views: &[View], map: Mapping, errors: u64) -> Option<u32> {
     let enough = |bits: &u32| views.iter().all(|view| wrong_pairs(view, map, *bits, errors) <= errors);
     // From wide to narrow: wide keys have few ties, and the first width with too many ends the search.
     WIDTHS.rev().take_while(enough).last()
 }
 
-/// Holds the splats that cameras see of a scene, as far as their order goes.
+/// The projected splats of a scene in several views.
 pub struct Seen<'a> {
     scene: &'a Scene,
     cameras: &'a [Camera],
@@ -202,9 +202,10 @@ impl Seen<'_> {
         Seen { scene, cameras, visible }
     }
 
-    /// Projects the splats that can show by the published rules: others may be in any order.
+    /// Projects only the splats that are visible by the published rules: the order of others does not matter.
     ///
-    /// [`of_scene`] counts the others, too: a graph's parameter `alpha_floor` can be set lower than the published floor.
+    /// [`of_scene`] includes the others, because a graph's parameter `alpha_floor` can be lower than the published
+    /// floor.
     pub fn shown<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
         let mut seen = Seen::new(scene, cameras);
         for (visible, _) in &mut seen.visible {
@@ -224,7 +225,7 @@ impl Seen<'_> {
     }
 }
 
-/// Makes `count` cameras around the middle of a scene, the given one first.
+/// Makes `count` cameras around the middle of a scene, starting with the given one.
 pub fn around(scene: &Scene, first: &Camera, count: u32) -> Vec<Camera> {
     let center = scene.robust_bounds().center();
     let turned = |at: u32| Camera {
@@ -234,11 +235,12 @@ pub fn around(scene: &Scene, first: &Camera, count: u32) -> Vec<Camera> {
     (0..count).map(turned).collect()
 }
 
-/// Computes the width of keys by the bits of the float that orders every view of a scene exactly, 8 to 32.
+/// Computes the width of keys with [`Mapping::FloatBits`] that orders every view of a scene exactly, 8 to 32.
 ///
-/// Keys are exact where their range has at most 2^width floats. In a view, depths go from some `near` to at most `near` plus the diagonal
-/// of the scene's box. The bits of a float are concave in its value, so no such range has more floats than that from the near plane on.
-/// Depths are rounded ([`depth_range`]), by little for cameras no farther from the origin than a thousand times the scene is.
+/// Keys are exact if their range contains at most 2^width floats. In a view, depths range from some `near` to at most
+/// `near` plus the diagonal of the scene's box. The bits of a float are concave in its value, so no such range has more
+/// floats than the one that starts at the near plane. Rounding of the depths ([`depth_range`]) extends the range only
+/// slightly for cameras whose distance from the origin is at most a thousand times the scene's size.
 pub fn of_scene(bounds: &Bounds) -> u32 {
     let side = |i: usize| f64::from(bounds.max[i]) - f64::from(bounds.min[i]);
     let diagonal = (0..3).map(|i| side(i) * side(i)).sum::<f64>().sqrt();
@@ -249,14 +251,14 @@ pub fn of_scene(bounds: &Bounds) -> u32 {
     (u32::BITS - range.leading_zeros()).clamp(*WIDTHS.start(), *WIDTHS.end())
 }
 
-/// Tiles and pairs that are looked at for one width in one view. Splats that tie by the thousand, at one place or on a plane, would
-/// otherwise take the square of their number.
+/// Maximum number of tiles and pairs to examine for one width in one view. Thousands of splats with equal keys, at one
+/// position or on a plane, would otherwise take time quadratic in their number.
 const MOST_WORK: u64 = 20_000_000;
 
 /// Counts the pairs that overlap on the screen and are drawn in the wrong order; stops beyond `limit`.
 ///
-/// Pairs overlap if they touch a common tile, which may be a few more than share a pixel. Where counting them takes more than
-/// [`MOST_WORK`], there are taken to be too many, so that keys are too wide rather than too narrow.
+/// Pairs overlap if they touch a common tile, which are a few more than share a pixel. If counting them takes more than
+/// [`MOST_WORK`], the result is too many, so that keys become too wide rather than too narrow.
 fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     let of = Keys::new(map, view.range, bits, view.visible.iter().map(|splat| splat.depth as f32));
     let keys: Vec<u32> = view.visible.par_iter().map(|splat| of.of(splat.depth as f32)).collect();
@@ -276,7 +278,7 @@ fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     ties.count
 }
 
-/// The wrong pairs among splats with equal keys.
+/// Counts the wrong pairs among splats with equal keys.
 struct Ties<'a, 'b> {
     view: &'a View<'b>,
     limit: u64,
@@ -285,7 +287,7 @@ struct Ties<'a, 'b> {
 }
 
 impl Ties<'_, '_> {
-    /// Counts a unit of work; too much of it counts as too many pairs.
+    /// Adds units of work, too many of which count as too many pairs. Returns true once there are too many pairs.
     fn work(&mut self, units: u64) -> bool {
         self.work += units;
         if self.work > MOST_WORK {
@@ -299,8 +301,8 @@ impl Ties<'_, '_> {
         (y0..y1).flat_map(move |y| (x0..x1).map(move |x| (x, y, (y * across + x) as usize)))
     }
 
-    /// Looks for one wrong pair in a run of equal keys: a splat behind one that comes later in the file. `greatest` has, for each tile, the run
-    /// and the greatest index that it has seen.
+    /// Searches a run of equal keys for one wrong pair: a splat behind one that comes later in the file. `greatest`
+    /// has, for each tile, the last run that touched it and the greatest index in that run.
     fn find_one(&mut self, run: Range<usize>, greatest: &mut [Option<(usize, u32)>]) {
         for at in run.clone() {
             let index = self.view.visible[at].index;

@@ -1,13 +1,14 @@
 //! Moves cameras around a point, and turns them towards it.
 //!
-//! Turns without an axis are relative to the camera that is given: captured scenes have no up, but each of their cameras has. An
-//! [`Orbit`] has an axis of its own.
+//! Rotations without an axis are about the camera's own vertical axis: captured scenes have no up, but each of their
+//! cameras has. An [`Orbit`] has its own axis.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::Camera;
 use std::f64::consts::TAU;
 
-/// Moves a camera around a point by an angle, about its own vertical axis. The point stays where it is in the picture.
+/// Moves a camera around a point by an angle, about its own vertical axis. The point stays at its position in the
+/// picture.
 ///
 /// A positive angle, in degrees, moves the camera to its left.
 pub fn turned(camera: &Camera, around: [f64; 3], degrees: f64) -> Camera {
@@ -22,21 +23,21 @@ fn moved_by(camera: &Camera, around: [f64; 3], turn: DQuat) -> Camera {
     with_axes(camera, position, camera.axes().map(|axis| turn * DVec3::from(axis)))
 }
 
-/// A circle of a camera around an axis through a point.
+/// A circular motion of a camera around an axis through a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Orbit {
     /// The camera at the start.
     pub start: Camera,
-    /// The point, which keeps its place in the picture.
+    /// Point on the axis, which stays at its position in the picture.
     pub around: [f64; 3],
-    /// The axis, of any length; 0 counts as up, which is -y.
+    /// Direction of the axis, of any length; a zero vector counts as up, -y.
     pub axis: [f64; 3],
 }
 
 impl Orbit {
-    /// Makes a level circle that begins with a camera, around the point of its axis that is nearest to `middle`.
+    /// Makes a level circle that begins at a camera, around the point of its viewing axis that is nearest to `middle`.
     ///
-    /// It is around `middle` itself if that is behind the camera.
+    /// The circle is around `middle` itself if that is behind the camera.
     pub fn before(start: Camera, middle: [f64; 3]) -> Orbit {
         let (position, forward) = (DVec3::from(start.position), DVec3::from(start.axes()[2]));
         let ahead = (DVec3::from(middle) - position).dot(forward);
@@ -44,7 +45,7 @@ impl Orbit {
         Orbit { start, around, axis: [0.0, -1.0, 0.0] }
     }
 
-    /// Computes the camera after this share of the circle.
+    /// Computes the camera after `turns` turns; 1 is the whole circle.
     pub fn at(&self, turns: f64) -> Camera {
         let axis = DVec3::from(self.axis).normalize_or(DVec3::NEG_Y);
         moved_by(&self.start, self.around, DQuat::from_axis_angle(axis, TAU * turns))
@@ -59,7 +60,7 @@ pub fn turn_between(from: &Camera, to: &Camera) -> f64 {
     2.0 * turn.xyz().length().atan2(turn.w.abs()).to_degrees()
 }
 
-/// Turns a camera to a point and zooms in, into pictures of another size. Its roll stays.
+/// Turns a camera towards a point and zooms in, for pictures of another size. Its roll stays.
 pub fn facing(camera: &Camera, target: [f64; 3], zoom: f64, (width, height): (u32, u32)) -> Camera {
     let [right, down, forward] = camera.axes().map(DVec3::from);
     let position = DVec3::from(camera.position);

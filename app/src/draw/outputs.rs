@@ -1,7 +1,8 @@
-//! Reads the images that a frame gives besides its picture: alpha, depths, normals and others, as arrays and files.
+//! Reads the images that a frame has besides its picture: alpha, depths, normals and others, as arrays and files.
 //!
-//! A graph names them under `outputs`. [`Session::set_outputs`] asks for some, and the plan then computes these; without it, a plan has
-//! nothing for any of them. [`draw`] draws a frame and returns its colours with its outputs. docs/splatting.md defines them.
+//! A graph names them under `outputs`. [`Session::set_outputs`] requests some of them, and the plan then computes these;
+//! a plan without a request does no work for them. [`draw`] draws a frame and returns its colours with its outputs.
+//! docs/splatting.md defines them.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -29,7 +30,7 @@ use splatgraph_framework::ir::{PassId, Work};
 use splatgraph_framework::plan::Plan;
 use std::path::Path;
 
-/// The outputs of the built-in graphs, with a phrase for each.
+/// Names of the built-in graphs' outputs, with a phrase for each.
 pub const NAMES: [(&str, &str); 7] = [
     ("alpha", "the share of the pixel that splats cover, 0 to 1"),
     ("depth", "the sum of the splats' view depths, each times its share of the pixel (gsplat's D)"),
@@ -48,24 +49,25 @@ pub const NAMES: [(&str, &str); 7] = [
 pub struct Output {
     /// The name in the graph.
     pub name: String,
-    /// `[height, width]`, or `[height, width, channels]`.
+    /// Shape: `[height, width]`, or `[height, width, channels]`.
     pub shape: Vec<u64>,
-    /// The values, as the last dimension of the shape counts fastest.
+    /// Values; the last dimension of the shape is the fastest.
     pub words: Words,
 }
 
 /// A drawn frame with its outputs.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// The picture: display-encoded, over the background, not clamped.
+    /// Picture: display-encoded, over the background, not clamped.
     pub colour: Image,
-    /// The outputs that [`Session::set_outputs`] asked for, in the order of the graph.
+    /// Outputs requested with [`Session::set_outputs`], in the order of the graph.
     pub outputs: Vec<Output>,
     /// The graph's counts, such as `visible` and `drawn`.
     pub counts: Vec<(String, u32)>,
 }
 
-/// Draws a frame, in the camera's size, and reads its picture and its outputs back. Builds and loads the plan where it must.
+/// Draws a frame at the camera's size, and reads its picture and its outputs back. Builds and loads the plan if
+/// necessary.
 ///
 /// The background is display-encoded.
 ///
@@ -88,7 +90,7 @@ pub fn draw<D: Device>(
     Ok(Frame { colour, outputs: read(plan, &result.inspected), counts: result.stats })
 }
 
-/// Lists where a plan's outputs are read, in the order of the plan: after the frame's end, which they last to.
+/// Lists the read-backs of a plan's outputs, in the order of the plan, after the frame's last pass.
 pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     let mut ids = (0..plan.passes.len() as u32).map(PassId);
     let after = ids.rfind(|id| plan.pass(*id).work == Work::Export);
@@ -96,7 +98,7 @@ pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     after.into_iter().flat_map(output).collect()
 }
 
-/// Makes the outputs of the bytes that [`inspections`] asked for.
+/// Converts the bytes of the [`inspections`] to outputs.
 pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
     let outputs = plan.outputs.iter().zip(inspections(plan)).zip(inspected);
     let output = |((output, target), bytes): ((&splatgraph_framework::ir::Output, Inspect), &Vec<u8>)| {
@@ -114,7 +116,7 @@ pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
 /// Checks that an output of this name can be written in a format.
 ///
 /// # Errors
-/// The formats that can.
+/// It cannot. The error lists the formats that can.
 pub fn check_format(name: &str, format: Format) -> Result<(), String> {
     let expected = match (name, format) {
         ("contributors" | "index", Format::Png | Format::Exr) => {
@@ -129,9 +131,9 @@ pub fn check_format(name: &str, format: Format) -> Result<(), String> {
 }
 
 impl Output {
-    /// Writes the values as an array, as an image of floats, or, normals and shares, as a picture.
+    /// Writes the values as an array or an image of floats; normals and shares also as a picture.
     ///
-    /// A normal becomes a colour by (n + 1) / 2, at unit length.
+    /// A normal is normalised and becomes the colour (n + 1) / 2.
     ///
     /// # Errors
     /// [`check_format`] refuses the format, or the file cannot be written.

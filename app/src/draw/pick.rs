@@ -1,22 +1,25 @@
 //! Finds the splats of a pixel, and outlines a splat on the picture.
 //!
-//! [`pick`] lists every splat that is blended at a pixel, near to far, with its share. The splat that a person means is
-//! [`Picked::selected`]: first the one with the largest share, then, by [`Picked::step`], its neighbours in depth.
+//! [`pick`] lists every splat that is blended at a pixel, near to far, with its share of the colour.
+//! [`Picked::selected`] is the splat that the user means: first the one with the largest share, then, with
+//! [`Picked::step`], its neighbours in depth.
 //!
-//! The rules are [`Rules::of`] the scene, those of the published rasteriser unless its file has tags, in f64, whatever graph draws the picture. A graph with
-//! other rules (another `low_pass`, a `cutoff`, a cull, an order that is not exact) shows another picture, and its shares
-//! differ.
+//! The rules are [`Rules::of`] the scene, in f64, for every graph: the published rasteriser's, unless the scene's file
+//! has tags. A graph with other rules (another `low_pass`, a `cutoff`, culling, an inexact order) draws another
+//! picture, and its shares differ.
 //!
-//! A place on the picture is in pixels from its top left corner, right and down: the middle of the first pixel is (0.5, 0.5).
+//! A position on the picture is in pixels from its top left corner, right and down: the middle of the first pixel is
+//! (0.5, 0.5).
 
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Fragment, Projected, Rules, Splats, fragments, project};
 
-/// The ellipse on which a splat's alpha falls to the alpha floor, 1/255: it leaves fragments inside, and none outside.
+/// The ellipse on which a splat's alpha falls to the alpha floor, 1/255: the splat has fragments only inside.
 ///
-/// Its half axes are `sqrt(2 ln(255 opacity))` standard deviations long, 3.3 for an opaque splat. The rasteriser evaluates a
-/// splat in the tiles within 3 deviations only, so that the last 0.3 may be cut off at the border of a tile. (An ellipse of 3
-/// deviations would be larger for a splat of an opacity below 0.35, and hold pixels that do not show it.)
+/// Its half axes are `sqrt(2 ln(255 opacity))` standard deviations long, 3.3 for an opaque splat. The rasteriser
+/// evaluates a splat only in the tiles within 3 deviations, so the last 0.3 may be cut off at the border of a tile. (An
+/// ellipse of 3 deviations would be too large for a splat with an opacity below 0.35, and contain pixels without a
+/// fragment of it.)
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outline {
     /// Centre, in pixels from the picture's top left corner; may be outside of the picture.
@@ -28,7 +31,7 @@ pub struct Outline {
 }
 
 impl Outline {
-    /// Computes the point at an angle, in radians, of the circle that the ellipse is an image of.
+    /// Computes the point of the ellipse at a parameter, in radians from the longer axis.
     pub fn point(&self, at: f64) -> [f64; 2] {
         let (sin, cos) = self.angle.sin_cos();
         let [x, y] = [self.half_axes[0] * at.cos(), self.half_axes[1] * at.sin()];
@@ -106,7 +109,7 @@ impl Picked {
         self.splats.get(self.selected?)
     }
 
-    /// Selects the splat that is so many places farther (nearer, if negative) in the list, which is a circle.
+    /// Selects the splat that is `places` farther in the list (nearer, if negative); wraps around.
     pub fn step(&mut self, places: i64) {
         if let Some(selected) = &mut self.selected {
             *selected = (*selected as i64 + places).rem_euclid(self.splats.len() as i64) as usize;
@@ -116,8 +119,8 @@ impl Picked {
 
 /// Lists the splats that are blended at a pixel, and selects the one with the largest share.
 ///
-/// `camera` is in the scene's coordinates, with the size of the picture. `None` for a pixel outside of the picture, or once
-/// `cancelled` returns true, which several threads ask. A million splats take 0.1 s on two cores.
+/// `camera` is in the scene's coordinates, with the size of the picture. `None` for a pixel outside of the picture, or
+/// once `cancelled` returns true; several threads call it. A million splats take 0.1 s on two cores.
 pub fn pick(
     scene: &Scene,
     camera: &Camera,
@@ -154,7 +157,8 @@ pub fn pick(
 
 /// Computes the outline of a splat from a camera in the scene's coordinates.
 ///
-/// `None` for a splat that is culled, fainter than 1/255, or not in the picture, and for an index that the scene does not have.
+/// `None` for a splat that is culled, fainter than 1/255 or outside of the picture, and for an index beyond the scene's
+/// splats.
 pub fn outline(scene: &Scene, camera: &Camera, index: u32) -> Option<Outline> {
     if index >= scene.count() {
         return None;

@@ -1,7 +1,8 @@
 //! Encodes and writes pictures on worker threads while the device draws the next ones.
 //!
-//! Encoding a picture takes up to a hundred times as long as drawing it. [`Pictures`] hands each to the pool of threads and gives the
-//! outcomes back in the order of the cameras, so that messages and the first error are the same as without threads.
+//! Encoding a picture takes up to a hundred times as long as drawing it. [`Pictures`] passes each picture to the thread
+//! pool and returns the results in the order of the cameras, so that messages and the first error are the same as
+//! without threads.
 
 use anyhow::{Result, anyhow};
 use splatgraph_api::Pixels;
@@ -9,10 +10,10 @@ use splatgraph_assets::memory;
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, channel};
 
-/// Share of the available memory that unfinished pictures may take.
+/// Divisor of the available memory that gives the maximum for unfinished pictures.
 const MEMORY_SHARE: u64 = 4;
 
-/// Bytes of memory per pixel that encoding takes beside the pixels: RGB in f32, 8 bits, and the encoded file.
+/// Bytes of memory per pixel that encoding takes in addition to the pixels: RGB in f32, 8 bits, and the encoded file.
 const ENCODING_BYTES: u64 = 12 + 3 + 3;
 
 /// Estimates the memory that encoding a picture takes, in bytes.
@@ -20,19 +21,19 @@ pub fn encoding_bytes(pixels: &Pixels) -> u64 {
     pixels.bytes.len() as u64 + ENCODING_BYTES * u64::from(pixels.width) * u64::from(pixels.height)
 }
 
-/// The pictures that are drawn and not yet written, oldest first.
+/// Pictures that are drawn but not yet written, oldest first.
 pub struct Pictures<T> {
     jobs: usize,
     unfinished: VecDeque<Receiver<Result<T>>>,
 }
 
 impl<T: Send + 'static> Pictures<T> {
-    /// Keeps at most `jobs` pictures unfinished.
+    /// Creates a queue of at most `jobs` unfinished pictures.
     pub fn new(jobs: usize) -> Pictures<T> {
         Pictures { jobs: jobs.max(1), unfinished: VecDeque::new() }
     }
 
-    /// Starts `work`, which needs so many bytes, and returns the outcomes of the pictures that had to be finished first.
+    /// Starts `work`, which needs `bytes` bytes, and returns the results of the pictures that had to be finished first.
     ///
     /// # Errors
     /// The error of the first of these that failed.
@@ -56,7 +57,7 @@ impl<T: Send + 'static> Pictures<T> {
         Ok(finished)
     }
 
-    /// Waits for the oldest unfinished picture, and returns its outcome; `None` if there is none.
+    /// Waits for the oldest unfinished picture, and returns its result; `None` if there is none.
     ///
     /// # Errors
     /// The picture's work failed.
@@ -69,7 +70,7 @@ impl<T: Send + 'static> Pictures<T> {
     }
 }
 
-/// After an error, pictures that were begun are still finished: the process does not end in the middle of a file.
+/// Finishes the pictures in progress, even after an error, so that the process does not end in the middle of a file.
 impl<T> Drop for Pictures<T> {
     fn drop(&mut self) {
         self.unfinished.drain(..).for_each(|picture| _ = picture.recv());

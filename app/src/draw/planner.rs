@@ -15,37 +15,37 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
-/// Says how planners compile shaders, and which files graphs may name.
+/// Settings of planners: the shader compiler, its store, and the folders that graphs may use.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
-    /// The program that compiles shaders. Without one they are compiled in this process, which a broken shader can end.
+    /// Program that compiles shaders. `None` compiles them in this process, which a broken shader can crash.
     pub worker: Option<Worker>,
-    /// Keeps compiled shaders between runs; `None` compiles them in each.
+    /// Store that keeps compiled shaders between runs; `None` compiles them in every run.
     pub store: Option<Arc<dyn SpirvStore>>,
-    /// Folders that the files of a graph may lie in besides its own.
+    /// Additional folders from which graphs may use files.
     pub include_roots: Vec<PathBuf>,
 }
 
 static SETTINGS: OnceLock<Settings> = OnceLock::new();
 
-/// Gives all planners that [`Planner::default`] makes these settings. The first call counts.
+/// Sets the settings of all planners made by [`Planner::default`]. Only the first call has an effect.
 pub fn configure(settings: Settings) {
     // A second call comes from a second test in one process, with the same settings.
     let _ = SETTINGS.set(settings);
 }
 
-/// Returns the folders of [`configure`] that graphs' files may lie in.
+/// Returns the additional folders set by [`configure`].
 pub fn include_roots() -> &'static [PathBuf] {
     SETTINGS.get().map_or(&[], |settings| &settings.include_roots)
 }
 
-/// A builder of plans with a cache of compiled shaders.
+/// Builds plans, with a cache of compiled shaders.
 pub struct Planner {
-    /// See [`Request::share_memory`].
+    /// True to let resources share memory; see [`Request::share_memory`].
     pub share_memory: bool,
-    /// See [`Request::capacities`].
+    /// Minimum values of growing parameters; see [`Request::capacities`].
     pub capacities: Capacities,
-    /// The names of the outputs that plans give besides the picture.
+    /// Names of the outputs that plans produce besides the picture.
     pub outputs: Vec<String>,
     files: SourceMap,
     compiler: Glslang,
@@ -54,14 +54,14 @@ pub struct Planner {
 }
 
 impl Default for Planner {
-    /// Makes a planner with the settings of [`configure`].
+    /// Creates a planner with the settings of [`configure`].
     fn default() -> Planner {
         Planner::new(SETTINGS.get().cloned().unwrap_or_default())
     }
 }
 
 impl Planner {
-    /// Makes a planner with an empty cache.
+    /// Creates a planner with an empty cache.
     pub fn new(settings: Settings) -> Planner {
         let compiler = settings.worker.clone().map_or_else(Glslang::new, Glslang::in_worker);
         let compiler = match &settings.store {
@@ -81,17 +81,17 @@ impl Planner {
         }
     }
 
-    /// Counts the shaders that were compiled, and not found in a cache.
+    /// Returns the number of shaders that were compiled rather than found in a cache.
     pub fn compiled(&self) -> usize {
         self.compiler.compiled_count()
     }
 
-    /// Makes builds end early when `cancel` asks for it.
+    /// Sets the cancellation: builds end early when `cancel` requests it.
     pub fn set_cancel(&mut self, cancel: Cancel) {
         self.compiler.set_cancel(cancel);
     }
 
-    /// Builds the plan of `graph`, a preset's name or a path, with the parameters in `set`; later entries win.
+    /// Builds the plan of `graph` (a preset's name or a path) with the parameters in `set`; later entries win.
     pub fn plan(
         &mut self,
         graph: &str,
@@ -111,19 +111,21 @@ impl Planner {
         })
     }
 
-    /// Renders the warnings of a plan that was built since [`Planner::forget_files`], with the source text; empty if it has none.
+    /// Renders the warnings of a plan built since [`Planner::forget_files`], with the source text; empty if it has
+    /// none.
     pub fn warnings(&self, plan: &Plan, colour: bool) -> String {
         let found: Vec<Diagnostic> = plan.warnings.iter().map(|w| w.diagnostic.clone()).collect();
         render_warnings(&self.files, &found, colour)
     }
 
-    /// Lists the warnings of a plan as plain data; as [`Planner::warnings`].
+    /// Lists the warnings of a plan as plain data; see [`Planner::warnings`].
     pub fn plain_warnings(&self, plan: &Plan) -> Vec<PlainDiagnostic> {
         let plain = |found| PlainDiagnostic::new(&self.files, found, Severity::Warning);
         plan.warnings.iter().map(|warning| plain(&warning.diagnostic)).collect()
     }
 
-    /// Lists the parameters of `graph` with the values of `set`; parameters that grow have at least [`Planner::capacities`].
+    /// Lists the parameters of `graph` with the values of `set`; growing parameters have at least the value in
+    /// [`Planner::capacities`].
     pub fn controls(
         &mut self,
         graph: &str,
@@ -138,7 +140,7 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// Returns the fallbacks of `graph` on a device of these facts, or its unmet requirements if it has no fallback.
+    /// Returns the fallbacks of `graph` on a device with these facts, or its unmet requirements if it has no fallback.
     pub fn standing(
         &mut self,
         graph: &str,
@@ -155,7 +157,7 @@ impl Planner {
         self.files = files(&self.settings, &self.unsaved);
     }
 
-    /// Reads these texts in place of the files at their paths, which are on disk; see [`Library::unsaved`].
+    /// Sets texts that replace the files on disk at their paths; see [`Library::unsaved`].
     pub fn read_unsaved(&mut self, texts: BTreeMap<PathBuf, String>) {
         self.unsaved = texts;
         self.forget_files();
@@ -197,13 +199,13 @@ impl Planner {
         (self.files.path(file).to_owned(), self.files.text(file).to_owned())
     }
 
-    /// Lists the files that the plans since [`Planner::forget_files`] depend on.
+    /// Lists the files that the plans built since [`Planner::forget_files`] depend on.
     pub fn wanted(&self) -> Vec<Wanted> {
         self.files.wanted()
     }
 }
 
-/// Adds the built-in graphs that give an output to the error that a graph does not.
+/// Adds a suggestion to the error for a missing output: the built-in graphs that have it.
 fn name_graphs_with(output: &str, errors: &mut [Diagnostic]) {
     let graphs = builtin::giving(output).join(", ");
     for error in errors.iter_mut().filter(|error| !graphs.is_empty() && error.message == no_output(output)) {
@@ -211,7 +213,7 @@ fn name_graphs_with(output: &str, errors: &mut [Diagnostic]) {
     }
 }
 
-/// Lists the settings that have no effect in a plan: the parameter, and a sentence with the reason.
+/// Lists the settings without an effect in a plan: the parameter, and the reason as a sentence.
 pub fn without_effect(plan: &Plan, set: &[(String, String)]) -> Vec<(String, String)> {
     let mut found: Vec<(String, String)> = Vec::new();
     for (name, _) in set {
@@ -261,34 +263,34 @@ impl fmt::Display for GraphErrors {
 
 impl std::error::Error for GraphErrors {}
 
-/// Returns true if a diagnostic keeps a graph from being drawn.
+/// Severity of a diagnostic: whether the graph can be drawn in spite of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
-    /// There is no plan.
+    /// The graph has no plan.
     Error,
-    /// There is one.
+    /// The graph has a plan.
     Warning,
 }
 
-/// Holds a diagnostic as plain data, for programs. Lines and columns count from 1, columns in characters.
+/// A diagnostic as plain data, for programs. Lines and columns count from 1, columns in characters.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct PlainDiagnostic {
-    /// The file's path, as it was named.
+    /// Path of the file, as it was named.
     pub file: String,
-    /// The line of the first character.
+    /// Line of the first character.
     pub line: u32,
-    /// The column of the first character.
+    /// Column of the first character.
     pub column: u32,
-    /// The line of the end.
+    /// Line of the character after the last.
     pub end_line: u32,
     /// The column after the last character.
     pub end_column: u32,
     /// Error or warning.
     pub severity: Severity,
-    /// The mistake, as a sentence.
+    /// Message, a sentence.
     pub message: String,
-    /// The label at the place; may be empty.
+    /// Text of the label under the source; may be empty.
     pub label: String,
     /// Suggestions.
     pub help: Vec<String>,

@@ -1,7 +1,7 @@
 //! Writes the `splatgraph render` command that draws a picture again.
 //!
-//! The camera is in the command itself, as JSON, in the world's coordinates. Its numbers are printed with as many digits as they
-//! need to be read back bit by bit, so that the picture is the same.
+//! The command contains the camera itself, as JSON, in the world's coordinates. Its numbers have enough digits to be
+//! read back bit by bit, so that the picture is the same.
 
 use crate::draw::planner;
 use crate::io::output::shell_word;
@@ -47,7 +47,7 @@ impl<'a, S: IntoIterator<Item = (&'a str, &'a str)>> RenderCommand<'a, S> {
     }
 }
 
-/// Formats a path so that it is not taken for an option.
+/// Formats a path so that it cannot be mistaken for an option.
 fn file(path: &Path) -> String {
     let name = path.display().to_string();
     if name.starts_with('-') { format!("./{name}") } else { name }

@@ -1,8 +1,9 @@
-//! A folder with compiled shaders, so that a program that starts again compiles none.
+//! Keeps compiled shaders in a folder, so that a restarted program need not compile them again.
 //!
-//! It lies in the user's cache folder and is safe to share and to lose: several processes may read and write it at a time, a file is
-//! whole or not there, and one that is damaged, or of another build of the program, is compiled anew. Each file holds its whole key
-//! (the texts, the defines, the program's build) beside the SPIR-V, so that keys whose hashes meet are distinguished.
+//! The folder lies in the user's cache folder, and can be shared and deleted: several processes may read and write it
+//! at the same time, and each file is either complete or absent. A file that is damaged, or comes from another build of
+//! the program, is ignored and replaced. Each file contains its whole key (the texts, the defines, the program's build)
+//! besides the SPIR-V, to detect hash collisions.
 
 use crate::io::folders;
 use splatgraph_framework::shader::SpirvStore;
@@ -13,25 +14,26 @@ use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Set to `off`, shaders are compiled in every run.
+/// Environment variable that disables the cache if set to `off`.
 pub const VARIABLE: &str = "SPLATGRAPH_SHADER_CACHE";
-/// Bytes of all files, beyond which the oldest go.
+/// Maximum size of all files, in bytes. The oldest files are deleted to stay below it.
 const MOST_BYTES: u64 = 64 << 20;
-/// Bytes of one file that is read. A shader of the longest text is below.
+/// Maximum size of a file that is read, in bytes; the shader of the longest allowed text is smaller.
 const MOST_FILE_BYTES: u64 = 16 << 20;
-/// The first bytes of a file; another layout gets another number.
+/// Magic number of a file; changes with the layout.
 const MAGIC: &[u8; 8] = b"sgspv001";
 
-/// Compiled shaders in a folder.
+/// A folder of compiled shaders.
 #[derive(Debug)]
 pub struct ShaderCache {
     folder: PathBuf,
-    /// Identifies the build of the program, whose compiler is a part of it.
+    /// Identifies the program's build, which includes the compiler.
     build: Vec<u8>,
 }
 
 impl ShaderCache {
-    /// Opens the cache of the user for the compiler in `program`; `None` without a cache folder, or if the environment says `off`.
+    /// Opens the user's cache for the compiler in `program`; `None` without a cache folder, or if the environment
+    /// variable is `off`.
     pub fn of_user(program: &Path) -> Option<ShaderCache> {
         if std::env::var_os(VARIABLE).is_some_and(|value| value == "off") {
             return None;
@@ -48,7 +50,7 @@ impl ShaderCache {
         self.folder.join(format!("{:016x}.spv", hasher.finish()))
     }
 
-    /// Everything before the SPIR-V.
+    /// Returns the bytes of a file before the SPIR-V.
     fn head(&self, key: &[u8]) -> Vec<u8> {
         let lengths = [self.build.len() as u64, key.len() as u64].map(u64::to_le_bytes);
         [&MAGIC[..], &lengths[0], &lengths[1], &self.build, key].concat()
@@ -76,7 +78,7 @@ impl ShaderCache {
         Ok(())
     }
 
-    /// Removes the oldest files if all together are too large.
+    /// Removes the oldest files until the total size is within the maximum.
     fn prune(&self) {
         let mut files: Vec<(SystemTime, u64, PathBuf)> = found(&self.folder);
         let mut bytes: u64 = files.iter().map(|(_, bytes, _)| bytes).sum();

@@ -32,19 +32,21 @@ pub struct CameraStats {
     pub driver: String,
     /// All parameters of the graph with their values, in the order of the file.
     pub parameters: Map<String, Json>,
-    /// Reasons of parameters' values that an expression over facts or other parameters gave.
+    /// Reasons for parameter values that an expression over facts or other parameters gave.
     pub reasons: BTreeMap<String, Reason>,
-    /// Counts: `loaded` splats of the scene, and the graph's statistics of the last frame, such as `visible` and `drawn`.
+    /// Counts: `loaded`, the splats of the scene, and the graph's statistics of the last frame, such as `visible` and
+    /// `drawn`.
     pub counts: Map<String, Json>,
     /// The passes, in order of execution.
     pub passes: Vec<PassTime>,
     /// Milliseconds per phase, the sum of its passes; `null` if the device has no timestamps.
     pub phases: Map<String, Json>,
-    /// Milliseconds from a frame's first command to its last. Frames with the prologue count only if there are no others.
+    /// Milliseconds from a frame's first command to its last. Frames that ran the prologue count only if there are no
+    /// others.
     pub gpu_ms: Option<f64>,
-    /// Milliseconds of the host for recording and submitting a frame.
+    /// Host time to record and submit a frame, in milliseconds.
     pub record_ms: f64,
-    /// Share of the time in which the device drew, 1 at most; `None` if unknown. A device that rests lowers its clock.
+    /// Share of the time during which the device draws, 1 at most; `None` if unknown. An idle device lowers its clock.
     pub busy: Option<f64>,
     /// Number of frames.
     pub frames: usize,
@@ -55,7 +57,7 @@ pub struct CameraStats {
     pub inspected: Vec<crate::draw::inspect::Finding>,
 }
 
-/// Share of the time below which a device rests so much between frames that its clock may fall.
+/// Value of [`CameraStats::busy`] below which the device idles so much that its clock may fall.
 pub const BUSY: f64 = 0.5;
 
 /// The time of a pass.
@@ -74,14 +76,14 @@ pub struct PassTime {
 /// An allocation.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BufferSize {
-    /// The resource's name, or the backend's purpose of the memory.
+    /// Name of the resource, or the backend's purpose for the memory.
     pub name: String,
     /// Size in bytes.
     pub bytes: u64,
 }
 
 impl CameraStats {
-    /// Summarises at least one frame of a camera, in the order of submission.
+    /// Summarises the frames of a camera, at least one, in the order of submission.
     pub fn new(
         camera: (&str, (u32, u32)),
         plan: &Plan,
@@ -125,7 +127,7 @@ impl CameraStats {
         self.counts.get(name)?.as_u64()
     }
 
-    /// Formats a line for people: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
+    /// Formats a line for the user: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
     pub fn line(&self) -> String {
         let mut line = grouped(self.count("loaded").unwrap_or(0)) + " splats";
         if let Some(visible) = self.count("visible") {
@@ -158,17 +160,17 @@ impl CameraStats {
 
 /// Formats the statistic `unordered`, unless it is 0: `12 pairs in the order of the file`.
 ///
-/// Tiles leave pairs of a splat and a bin unordered if too many of a bin have nearly the same depth.
+/// Tiles leave pairs of a splat and a bin unsorted if too many of a bin have nearly the same depth.
 pub(crate) fn unordered(pairs: u64) -> Option<String> {
     (pairs > 0).then(|| format!("{} pairs in the order of the file", grouped(pairs)))
 }
 
-/// Collects the reasons of a plan's parameters, by name.
+/// Collects the reasons for a plan's parameter values, by name.
 pub(crate) fn reasons(plan: &Plan) -> BTreeMap<String, Reason> {
     plan.params.iter().filter_map(|param| Some((param.name.clone(), param.reason.clone()?))).collect()
 }
 
-/// Converts the value of a parameter.
+/// Converts the value of a parameter to JSON.
 pub(crate) fn json(value: &Value) -> Json {
     match value {
         Value::Bool(v) => (*v).into(),
@@ -178,7 +180,7 @@ pub(crate) fn json(value: &Value) -> Json {
     }
 }
 
-/// Computes the median, the mean of the middle two for an even number of values.
+/// Computes the median: the mean of the middle two for an even number of values.
 pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let n = values.len();
@@ -189,7 +191,7 @@ pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     }
 }
 
-/// Finds the least of the ascending `values` that at least the share `q` of them do not exceed.
+/// Finds the smallest of the ascending `values` that is not exceeded by at least the share `q` of them.
 #[cfg(feature = "window")]
 pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let rank = (q * values.len() as f64).ceil() as usize;

@@ -1,7 +1,7 @@
-//! Draws the exact picture of a scene on the CPU, which every other picture is measured against.
+//! Draws the exact picture of a scene on the CPU, with which every other picture is compared.
 //!
-//! The renderer is `splatgraph-reference`: f64, and the rules of the published rasteriser. Each rule can be changed by its
-//! name, so that a picture can also show what one of them does.
+//! The renderer is `splatgraph-reference`: f64, and the rules of the published rasteriser. Each rule can be changed by
+//! its name, to show its effect on the picture.
 
 use crate::draw::inspect::Words;
 use crate::draw::outputs::Output;
@@ -25,13 +25,13 @@ pub struct TruthStats {
     pub height: u32,
     /// Always `reference`.
     pub backend: &'static str,
-    /// The rules of the picture.
+    /// Rules by which the picture was drawn.
     pub rules: Rules,
     /// Number of splats of the scene.
     pub loaded: usize,
-    /// Number of splats that were blended at a pixel: the mean over all pixels, and the largest.
+    /// Number of splats blended at a pixel, averaged over all pixels.
     pub mean_contributors: f64,
-    /// See `mean_contributors`.
+    /// Largest number of splats blended at a pixel.
     pub most_contributors: u32,
     /// The share of pixels whose transmittance is below 1.
     pub covered: f64,
@@ -93,7 +93,7 @@ impl Truth {
         image_of(&self.picture)
     }
 
-    /// Returns an output besides the picture, rounded to f32 where it is no integer; `None` for a name that is none of
+    /// Returns an output besides the picture, with floats rounded to f32; `None` for a name that is not in
     /// [`NAMES`](crate::draw::outputs::NAMES).
     pub fn output(&self, name: &str) -> Option<Output> {
         let picture = &self.picture;
@@ -116,7 +116,7 @@ impl Truth {
     }
 }
 
-/// Rounds the colours of an exact picture to f32; colours beyond the range become its largest number.
+/// Rounds the colours of an exact picture to f32; colours beyond its range become its largest number.
 pub fn image_of(picture: &Picture) -> Image {
     let limit = f64::from(f32::MAX);
     let rounded = |channel: f64| channel.clamp(-limit, limit) as f32;
@@ -124,16 +124,16 @@ pub fn image_of(picture: &Picture) -> Image {
     Image { width: picture.width as usize, height: picture.height as usize, rgb }
 }
 
-/// Changes rules by `NAME=VALUE`: of [`Rules::PUBLISHED`], or of a scene's [`Rules::of`].
+/// Changes rules by `NAME=VALUE`, starting from [`Rules::PUBLISHED`] or a scene's [`Rules::of`].
 ///
 /// # Errors
-/// For a name that is none of [`RULES`], and for a value that the rule does not take.
+/// A name is not in [`RULES`], or a value is invalid for its rule.
 pub fn rules(mut rules: Rules, changes: &[(String, String)]) -> Result<Rules, RuleError> {
     changes.iter().try_for_each(|(name, value)| rules.set(name, value))?;
     Ok(rules)
 }
 
-/// Lists the rules for help: a name, and its values with the published one and its source.
+/// Lists the rules for the help text: the name, and the values with the published one and its source.
 pub fn rule_list() -> Vec<(String, String)> {
     let row = |rule: &splatgraph_reference::RuleInfo| {
         (rule.name.to_string(), format!("{}; published: {} ({})", rule.values, rule.published, rule.source))

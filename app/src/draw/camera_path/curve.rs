@@ -1,38 +1,42 @@
-//! The curve of a camera path: interpolation between keys, and the measure of its length.
+//! Interpolates the keys of a camera path, and measures the curve's length.
 //!
-//! A key is a point with three components: position, rotation and zoom. Each is interpolated by cubic segments whose slopes are
-//! those of a Catmull-Rom spline with centripetal knots: the knot interval of a segment is the square root of the distance between
-//! its keys (Yuksel et al., On the Parameterization of Catmull-Rom Curves, 2009). All three share the knots, so that they pass a
-//! key without a kink between them. Rotations are interpolated by squad (Shoemake, Quaternion Calculus for Fast Animation,
-//! 1987), with inner quaternions that give it these slopes.
+//! A key is a point with three components: position, rotation and zoom. Each is interpolated by cubic segments whose
+//! slopes are those of a Catmull-Rom spline with centripetal knots: the knot interval of a segment is the square root
+//! of the distance between its keys (Yuksel et al., On the Parameterization of Catmull-Rom Curves, 2009). All three
+//! components share the knots, so that they pass a key without a kink. Rotations are interpolated by squad (Shoemake,
+//! Quaternion Calculus for Fast Animation, 1987), with inner quaternions that give it these slopes.
 //!
-//! A component that two adjacent keys share stays constant between them. Where a component changes little beside keys with large
-//! steps, its slopes are limited, so that it swings back by a sixth of a radian at most, and a camera does not spin.
+//! A component that is equal at two adjacent keys stays constant between them. If a component changes little next to
+//! keys with large steps, its slopes are limited: it overshoots by at most a sixth of a radian, so that the camera does
+//! not spin.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::Camera;
 
-/// Steps below which a component counts as constant, in its unit.
+/// Step below which a component counts as constant, in the component's unit.
 const STILL: f64 = 1e-9;
-/// Greatest slope: a multiple of the straight way, within which a cubic does not swing back (Fritsch and Carlson, Monotone Piecewise
-/// Cubic Interpolation, 1980), plus this many units, of which it swings back by 4/27.
+/// Maximum slope. The first number is a multiple of the straight line's slope, within which a cubic does not overshoot
+/// (Fritsch and Carlson, Monotone Piecewise Cubic Interpolation, 1980). The second is added, and causes an overshoot of
+/// 4/27 of it.
 const STEEPEST: (f64, f64) = (3.0, 1.0);
-/// Largest relative difference between the lengths of both halves of an interval of the table.
+/// Maximum relative difference between the lengths of the two halves of an interval of the table.
 const UNEVEN: f64 = 1e-3;
-/// Bisections of a segment: at least, and at most, towards a point where the curve stands still.
+/// Minimum number of bisections of a segment, and the maximum, reached near a point where the curve stands still.
 const BISECTIONS: (u32, u32) = (4, 24);
-/// Length of an interval that is not bisected any more, as a share of the distances between all keys.
+/// Length below which an interval is not bisected, as a share of the distances between all keys.
 const TINY: f64 = 1e-7;
-/// Length of an interval that is not bisected any more, as a multiple of a view's rounding error: differences below it are noise.
+/// Length below which an interval is not bisected, as a multiple of a view's rounding error: smaller differences are
+/// noise.
 const NOISE: f64 = 1e3;
 
 /// Position, rotation and zoom of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct View {
     position: DVec3,
-    /// From the camera's axes to the world's, of length 1.
+    /// Rotation from the camera's axes to the world's, of length 1.
     rotation: DQuat,
-    /// Natural logarithms of the horizontal and the vertical focal length over the picture's height; third is 0.
+    /// Natural logarithms of the horizontal and the vertical focal length, relative to the picture's height; the third
+    /// component is 0.
     zoom: DVec3,
 }
 
@@ -46,7 +50,7 @@ impl View {
         }
     }
 
-    /// Makes a camera with pictures of this size.
+    /// Makes a camera for pictures of this size.
     pub(super) fn camera(&self, width: u32, height: u32) -> Camera {
         let focal = |zoom: f64| zoom.exp() * f64::from(height);
         Camera {
@@ -61,9 +65,10 @@ impl View {
         }
     }
 
-    /// Measures how far apart two views are, in radians.
+    /// Computes the distance between two views, in radians.
     ///
-    /// A turn counts as its angle, a way of `radian` world units as 1, and a change of the focal length by a factor of e as 1.
+    /// A rotation counts as its angle, a translation by `radian` world units as 1, and a change of the focal length by
+    /// a factor of e as 1.
     pub(super) fn distance(&self, to: &View, radian: f64) -> f64 {
         let way = (to.position - self.position).length() / radian;
         let between = self.rotation.inverse() * to.rotation;
@@ -74,17 +79,17 @@ impl View {
         DVec3::new(way, turn, zoom).length()
     }
 
-    /// Estimates the rounding of a view, in the unit of [`View::distance`].
+    /// Estimates the rounding error of a view, in the unit of [`View::distance`].
     fn rounding(&self, radian: f64) -> f64 {
         f64::EPSILON * (self.position.length() / radian + self.zoom.length() + 1.0)
     }
 }
 
-/// The curve between two keys, with a parameter from 0 to 1.
+/// A curve between two keys, with a parameter from 0 to 1.
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     from: View,
-    /// Its quaternion is on the side of the other: the way between them is the shorter one.
+    /// Second key. Its quaternion has the sign that makes the rotation between the keys the shorter one.
     to: View,
     /// Slopes of the position at both ends.
     position: [DVec3; 2],
@@ -111,7 +116,7 @@ impl Segment {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Curve {
     segments: Vec<Segment>,
-    /// Length up to a place of the curve, and that place: a segment's index plus its parameter. Both ascend.
+    /// Length up to a position on the curve, and that position: a segment's index plus its parameter. Both ascend.
     table: Vec<(f64, f64)>,
     /// Length up to each key.
     pub(super) keys: Vec<f64>,
@@ -168,7 +173,7 @@ impl Curve {
         curve
     }
 
-    /// Adds a part of a segment to the table, bisected until its parameter runs at an even speed.
+    /// Adds a part of a segment to the table, bisected until its parameter advances at an even speed.
     fn measure(&mut self, at: usize, ends: [(f64, View); 2], radian: f64, tiny: f64, bisections: u32) {
         let [(start, from), (end, to)] = ends;
         let middle = 0.5 * (start + end);
@@ -193,7 +198,7 @@ impl Curve {
         self.table.last().map_or(0.0, |(length, _)| *length)
     }
 
-    /// Computes the view at a length from the start; `None` for a curve without length.
+    /// Computes the view at a length from the start; `None` for a curve of length 0.
     pub(super) fn at(&self, length: f64) -> Option<View> {
         // The first entry beyond, or the last one, and the one before it.
         let beyond =
@@ -206,10 +211,11 @@ impl Curve {
     }
 }
 
-/// Computes the slopes of a component at both ends of each segment, by the segment's parameter.
+/// Computes the slopes of a component at both ends of each segment, with respect to the segment's parameter.
 ///
-/// `steps` are the differences along the segments, `distances` those between their keys, none of them 0, and `unit` is the step of
-/// this component that counts as 1 in a distance. A segment without a neighbour is straight there.
+/// `steps` are the component's differences along the segments, `distances` the nonzero distances between the keys, and
+/// `unit` is the step of this component that counts as a distance of 1. A segment is straight at an end without a
+/// neighbour.
 fn slopes(steps: &[DVec3], distances: &[f64], closed: bool, unit: f64) -> Vec<[DVec3; 2]> {
     let count = steps.len();
     let beside = |at: usize, other: Option<usize>| {
@@ -252,7 +258,8 @@ fn exp(v: DVec3) -> DQuat {
     DQuat::from_xyzw(vector.x, vector.y, vector.z, cosine)
 }
 
-/// Interpolates on the great circle between unit quaternions, the long way if they are on different sides: squad needs both ways.
+/// Interpolates between unit quaternions on the great circle. Takes the long way if their signs require it: squad needs
+/// both ways.
 fn slerp(from: DQuat, to: DQuat, t: f64) -> DQuat {
     from * exp(t * log(from.inverse() * to))
 }

@@ -1,11 +1,11 @@
 //! Moves a camera smoothly through keys, at constant speed.
 //!
-//! A [`CameraPath`] is a list of cameras, its keys, and a duration. [`CameraPath::at`] gives the camera at a time: it passes through
-//! every key, without a kink, and its speed is constant. Speed counts ways, turns and zooms together, so that a turn in place
-//! takes time as well. [`Playback`] is the state of a player.
+//! A [`CameraPath`] is a list of cameras, its keys, and a duration. [`CameraPath::at`] computes the camera at a time:
+//! it passes through every key without a kink, and its speed is constant. The speed includes translation, rotation and
+//! zoom, so that a rotation in place also takes time. [`Playback`] is the state of a player.
 //!
-//! Keys are in the world's coordinates, as in a `cameras.json`, which is the file of a path, too: its list of cameras. Equal
-//! keys in a row count as one. Between opposite rotations, the way is one of the two shortest ones, the same in every run.
+//! Keys are in the world's coordinates, and a path is saved as a `cameras.json` of its keys. Consecutive equal keys
+//! count as one. Between opposite rotations, the path takes one of the two shortest ways, the same in every run.
 
 mod curve;
 #[cfg(test)]
@@ -15,7 +15,7 @@ use curve::{Curve, View};
 use splatgraph_assets::{Camera, Scene};
 use std::ops::RangeInclusive;
 
-/// Durations of a path, in seconds.
+/// Range of a path's duration, in seconds.
 pub const SECONDS: RangeInclusive<f64> = 0.1..=86_400.0;
 
 /// Duration of a new path, in seconds.
@@ -27,11 +27,11 @@ pub const DEFAULT_SECONDS: f64 = 10.0;
 pub struct KeyError {
     /// Index of the key.
     pub index: usize,
-    /// See [`Camera::fault`].
+    /// Reason that the camera is unusable; see [`Camera::fault`].
     pub fault: String,
 }
 
-/// A smooth way of a camera; see the module's documentation.
+/// A smooth path of a camera; see the module's documentation.
 #[derive(Clone, Debug)]
 pub struct CameraPath {
     keys: Vec<Camera>,
@@ -44,8 +44,8 @@ pub struct CameraPath {
 impl CameraPath {
     /// Makes an open path without keys, of [`DEFAULT_SECONDS`].
     ///
-    /// `radian` is the way in world units that takes as long as a turn of one radian: see [`length_of_radian`]. One that is not
-    /// positive counts as 1.
+    /// `radian` is the distance in world units that takes as long as a rotation by one radian: see
+    /// [`length_of_radian`]. A value that is not positive counts as 1.
     pub fn new(radian: f64) -> CameraPath {
         let mut path = CameraPath {
             keys: Vec::new(),
@@ -74,7 +74,7 @@ impl CameraPath {
         Ok(())
     }
 
-    /// Inserts a key before another, or at the end if there are not so many.
+    /// Inserts a key before the one at `index`, or at the end if there are fewer.
     ///
     /// # Errors
     /// The camera is unusable.
@@ -86,7 +86,7 @@ impl CameraPath {
         Ok(())
     }
 
-    /// Removes a key, if there is one at this index.
+    /// Removes the key at this index, if it exists.
     pub fn remove(&mut self, index: usize) {
         if index < self.keys.len() {
             self.keys.remove(index);
@@ -94,7 +94,7 @@ impl CameraPath {
         }
     }
 
-    /// Moves a key to another place in the list; the others keep their order.
+    /// Moves a key to another position in the list; the others keep their order.
     pub fn reorder(&mut self, from: usize, to: usize) {
         if from < self.keys.len() {
             let key = self.keys.remove(from);
@@ -126,7 +126,7 @@ impl CameraPath {
         }
     }
 
-    /// Sets the way in world units that takes as long as a turn of one radian; see [`CameraPath::new`].
+    /// Sets the distance in world units that takes as long as a rotation by one radian; see [`CameraPath::new`].
     pub fn set_radian(&mut self, radian: f64) {
         // The limits of a camera's position, and as far below 1.
         self.radian = if radian > 0.0 { radian.clamp(1e-18, 1e18) } else { 1.0 };
@@ -142,7 +142,7 @@ impl CameraPath {
 
     /// Computes the camera at a time, in seconds from the start; `None` without keys.
     ///
-    /// A closed path goes round and round; an open one stays at its ends. The pictures have the size of the first key's.
+    /// A closed path repeats; an open one stays at its ends. The pictures have the size of the first key's.
     pub fn at(&self, seconds: f64) -> Option<Camera> {
         let first = self.keys.first()?;
         let part = seconds / self.seconds;
@@ -156,7 +156,8 @@ impl CameraPath {
         Some(view.map_or_else(|| first.clone(), |view| view.camera(first.width, first.height)))
     }
 
-    /// Computes the camera of a frame of `count` at equal steps of time, of which an open path's first and last are its ends.
+    /// Computes the camera of frame `frame` out of `count` at equal steps of time; an open path begins at the first
+    /// frame and ends at the last.
     ///
     /// `frame` counts from 0, and may lie between two frames. `None` without keys.
     pub fn at_frame(&self, frame: f64, count: u32) -> Option<Camera> {
@@ -174,34 +175,35 @@ fn check(index: usize, key: &Camera) -> Result<(), KeyError> {
     key.fault().map_or(Ok(()), |fault| Err(KeyError { index, fault }))
 }
 
-/// Computes the length for [`CameraPath::new`] that suits a scene, in world units: half of the extent of its bulk.
+/// Computes a value of `radian` for [`CameraPath::new`] that suits a scene, in world units: half of the extent of its
+/// robust box.
 ///
-/// Seen from that far, a way moves the picture about as much as a turn of the same measure.
+/// At that viewing distance, a translation by this length moves the picture about as much as a rotation by one radian.
 pub fn length_of_radian(scene: &Scene) -> f64 {
     0.5 * scene.robust_bounds().extent()
 }
 
-/// A player of a path.
+/// State of a player of a path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Playback {
     position: f64,
     playing: bool,
-    /// True before the first frame: the time before it is not the player's.
+    /// True until the first frame, whose elapsed time does not count.
     starting: bool,
 }
 
 impl Playback {
-    /// Returns the time that is shown, in seconds from the start of the path.
+    /// Returns the current time, in seconds from the start of the path.
     pub fn position(&self) -> f64 {
         self.position
     }
 
-    /// Returns true while the path is played.
+    /// Returns true while the path is playing.
     pub fn is_playing(&self) -> bool {
         self.playing
     }
 
-    /// Plays on from the position; from the end of an open path, from its start.
+    /// Plays from the current position, or from the start if an open path is at its end.
     pub fn play(&mut self, path: &CameraPath) {
         if !path.is_closed() && self.position >= path.seconds() {
             self.position = 0.0;
@@ -209,7 +211,7 @@ impl Playback {
         (self.playing, self.starting) = (!path.keys().is_empty(), true);
     }
 
-    /// Stops at the position.
+    /// Pauses at the current position.
     pub fn pause(&mut self) {
         self.playing = false;
     }
@@ -221,9 +223,9 @@ impl Playback {
         }
     }
 
-    /// Plays on by the seconds since the last frame, and returns the camera; `None` while nothing is played.
+    /// Advances by the seconds since the last frame, and returns the camera; `None` unless the path is playing.
     ///
-    /// The first frame shows the position itself. An open path ends at its last camera; a closed one goes round.
+    /// The first frame shows the current position. An open path stops at its last camera; a closed one repeats.
     pub fn advance(&mut self, seconds: f64, path: &CameraPath) -> Option<Camera> {
         if !self.playing {
             return None;

@@ -1,4 +1,4 @@
-//! Shows the contents of a resource as numbers, as a histogram and as a picture.
+//! Interprets the contents of a resource as numbers, as a histogram and as a picture.
 //!
 //! Buffers are words without a type, shown as integers or as floats. Images have the type of their format.
 
@@ -20,23 +20,23 @@ pub enum ReadAs {
     /// Unsigned integers.
     #[default]
     Uint,
-    /// Single floats, bit for bit.
+    /// Single-precision floats, bit for bit.
     Float,
 }
 
 /// A histogram of values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
-    /// Least and greatest finite value.
+    /// Minimum and maximum finite value.
     pub range: [f64; 2],
-    /// Number of values in each of the equal parts of the range.
+    /// Number of values in each bin; the bins divide the range equally.
     pub counts: Vec<u64>,
     /// Number of values that are infinite or not numbers.
     pub not_finite: u64,
 }
 
 impl Words {
-    /// Counts the words.
+    /// Returns the number of words.
     pub fn len(&self) -> usize {
         match self {
             Words::Uint(words) => words.len(),
@@ -86,9 +86,9 @@ impl Words {
         Histogram { range, counts, not_finite: numbers().count() as u64 - found }
     }
 
-    /// Makes a picture of an image of `[height, width, channels]`: its colours, or its one channel in grey.
+    /// Makes a picture of an image of shape `[height, width, channels]`: its colours, or its one channel in grey.
     ///
-    /// Values between 0 and 1 stay as they are; a wider range is scaled to 0..1.
+    /// Values between 0 and 1 are unchanged; a wider range is scaled to 0..1.
     pub fn picture(&self, shape: &[u64]) -> Option<Image> {
         let (height, width, channels) = match *shape {
             [height, width] => (height as usize, width as usize, 1),

@@ -1,18 +1,21 @@
-//! Judges whether sorted keys ascend: over the keys that count, and above the bits that the sort leaves alone.
+//! Checks whether sorted keys ascend, for the keys in use, and ignoring the bits that the sort does not read.
 //!
-//! In `splat` and `tiled_cpu` the keys are depths, one for each visible splat. In `tiled` they are pairs of a bin and a depth, whose
-//! lowest bits (`tie_bits`) the radix sort does not read: a later pass orders what agrees in the others.
+//! In `splat` and `tiled_cpu` the keys are depths, one for each visible splat. In `tiled` they are pairs of a bin and a
+//! depth, whose lowest bits (`tie_bits`) the radix sort does not read: a later pass orders keys that agree in the other
+//! bits.
 
 use serde::Serialize;
 use splatgraph_framework::ir::{Pass, Work};
 use splatgraph_framework::plan::Plan;
 use std::fmt;
 
-/// Byte of `args` with the number of keys to sort, and of `pair_args` with the number of pairs that a frame needs (shaders/args.glsl).
+/// Byte offset in `args` of the number of keys to sort, and in `pair_args` of the number of pairs that a frame needs
+/// (shaders/args.glsl).
 const KEYS_BYTE: u64 = 12;
 const PAIRS_BYTE: u64 = 32;
 
-/// Returns true for the name of a resource with sort keys: `keys`, `order.keys#1` or `pair_keys`, but not their previous contents.
+/// Returns true for the name of a resource with sort keys: `keys`, `order.keys#1` or `pair_keys`, but not their
+/// previous contents.
 pub fn holds_keys(name: &str) -> bool {
     let last = name.rsplit_once('.').map_or(name, |(_, last)| last);
     (last.starts_with("keys") || without_half(last).ends_with("_keys")) && !name.starts_with("last(")
@@ -34,16 +37,16 @@ pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
 /// The order of sorted keys.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct KeyOrder {
-    /// Number of examined keys: as many as the frame sorted, or all if that number is unknown.
+    /// Number of examined keys: the keys that the frame sorted, or all if that number is unknown.
     pub keys: u64,
     /// Number of lowest bits that are not compared, because the sort leaves them to a later pass.
     #[serde(skip_serializing_if = "is_zero")]
     pub ignored_bits: u32,
-    /// True if no key is smaller than the one before it.
+    /// True if no key is smaller than the previous one.
     pub ascending: bool,
-    /// Number of keys that are smaller than the one before them.
+    /// Number of keys that are smaller than the previous key.
     pub descents: u64,
-    /// Index of the first such key.
+    /// Index of the first key that is smaller than the previous one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub first_descent: Option<u64>,
 }
@@ -67,7 +70,7 @@ impl fmt::Display for KeyOrder {
 }
 
 impl KeyOrder {
-    /// Judges the first `count` keys without their lowest `ignored_bits`; all keys if the count is unknown.
+    /// Examines the first `count` keys without their lowest `ignored_bits`; all keys if the count is unknown.
     pub(super) fn of(keys: &[u32], count: Option<u64>, ignored_bits: u32) -> KeyOrder {
         let count = count.map_or(keys.len(), |n| keys.len().min(n as usize));
         let compared = |i: usize| keys[i].checked_shr(ignored_bits).unwrap_or(0);
@@ -87,10 +90,11 @@ fn is_zero(bits: &u32) -> bool {
     *bits == 0
 }
 
-/// Returns the number of keys that a frame sorted, from its statistics; `None` if no statistic has it.
+/// Returns the number of keys that a frame sorted, from its statistics; `None` if no statistic contains it.
 ///
-/// Word 3 of the buffer that the pass binds as `Args` has it. Where only the pairs that the frame needs are read back, they are as many,
-/// since a frame without room for all is drawn again. In other graphs there is a key for each visible splat.
+/// It is word 3 of the buffer that the pass binds as `Args`. If only the number of needed pairs is read back, that
+/// number is used: a frame without capacity for all of them is drawn again. In other graphs there is a key for each
+/// visible splat.
 pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option<u64> {
     let value = |name: &str| stats.iter().find(|(other, _)| other == name).map(|(_, value)| (*value).into());
     let Some(args) = pass.bindings.iter().find(|binding| binding.name == "Args") else {
@@ -104,7 +108,8 @@ pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option
     at(KEYS_BYTE).or_else(|| if pairs { at(PAIRS_BYTE) } else { value("visible") })
 }
 
-/// Returns the lowest bit that a sort reads of its keys: the least push constant `shift` among the iterations of a pass.
+/// Returns the lowest bit that a sort reads of its keys: the smallest push constant `shift` among the iterations of a
+/// pass.
 pub(super) fn lowest_bit(plan: &Plan, pass: &Pass) -> u32 {
     let iterations =
         plan.passes.iter().filter(|other| without_index(&other.name) == without_index(&pass.name));
@@ -120,12 +125,12 @@ fn pushed(plan: &Plan, pass: &Pass, member: &str) -> Option<u32> {
     Some(u32::from_le_bytes(bytes.try_into().ok()?))
 }
 
-/// Strips the index of `sort.scatter[2]`.
+/// Removes the index: `sort.scatter[2]` becomes `sort.scatter`.
 pub(super) fn without_index(name: &str) -> &str {
     name.split_once('[').map_or(name, |(stem, _)| stem)
 }
 
-/// Strips the half of `keys#1`.
+/// Removes the half: `keys#1` becomes `keys`.
 pub(super) fn without_half(name: &str) -> &str {
     name.split_once('#').map_or(name, |(stem, _)| stem)
 }

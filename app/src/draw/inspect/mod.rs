@@ -1,9 +1,9 @@
 //! Reads the contents of a buffer or an image after a pass.
 //!
-//! A target is written `RESOURCE@PASS`, with the names of the plan's dump. Short forms are allowed: `keys` is the half of the
-//! ping-pong pair `keys#0`, `keys#1` that the pass writes; `sort.scatter`, or just `scatter`, is the last of
-//! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers. Depth keys must ascend over the visible
-//! splats, and the finding says whether they do.
+//! A target is written `RESOURCE@PASS`, with the names of the plan's dump. Short forms are allowed: `keys` is the half
+//! of the ping-pong pair `keys#0`, `keys#1` that the pass writes; `sort.scatter`, or just `scatter`, is the last of
+//! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers. Depth keys must ascend over the
+//! visible splats, and the finding reports whether they do.
 
 mod contents;
 mod keys;
@@ -21,10 +21,10 @@ pub use contents::{Histogram, ReadAs, Words};
 pub use keys::{KeyOrder, holds_keys, sorted_keys};
 use keys::{without_half, without_index};
 
-/// Number of words shown from either end.
+/// Number of words shown at each end.
 const SHOWN: usize = 8;
 
-/// An inspection that names no resource or pass of the plan.
+/// Explains which resource or pass of an inspection the plan does not have.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct InspectError(String);
@@ -49,13 +49,13 @@ pub fn in_prologue(plan: &Plan, target: &Inspect) -> bool {
     plan.pass(target.after).run == Run::Once
 }
 
-/// Strips the index and the includes of `sort.scatter[2]`.
+/// Removes the includes and the index: `sort.scatter[2]` becomes `scatter`.
 fn last_part(name: &str) -> &str {
     let stem = without_index(name);
     stem.rsplit_once('.').map_or(stem, |(_, last)| last)
 }
 
-/// Lists the passes that a name means, the last first; at least one.
+/// Lists the passes that a name may refer to, the last first; at least one.
 fn find_passes(plan: &Plan, name: &str) -> Result<Vec<PassId>, InspectError> {
     let passes = plan.order();
     let part = |full: fn(&str) -> &str| -> Vec<PassId> {
@@ -122,9 +122,9 @@ pub struct Finding {
     pub resource: String,
     /// The pass's name.
     pub pass: String,
-    /// `[count, words per element]` of a buffer, `[height, width, channels]` of an image; a last 1 is left out.
+    /// `[count, words per element]` of a buffer, `[height, width, channels]` of an image; a trailing 1 is left out.
     pub shape: Vec<u64>,
-    /// The order of the keys; only of resources with keys, see [`holds_keys`].
+    /// Order of the keys; only for resources with keys, see [`holds_keys`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<KeyOrder>,
     /// Number of keys that the frame sorted, if known.
@@ -139,7 +139,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// Makes a finding from the bytes of a resource, and the statistics of the frame that left them.
+    /// Makes a finding from the bytes of a resource, and the statistics of the frame that wrote them.
     pub fn new(plan: &Plan, target: &Inspect, bytes: &[u8], stats: &[(String, u32)]) -> Finding {
         let resource = plan.resource(target.resource);
         let (shape, words) = words(resource, bytes);

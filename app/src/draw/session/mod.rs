@@ -4,11 +4,12 @@
 //! [`Session::submit`] draws a frame from a camera, and [`Session::wait`] returns its results. Up to
 //! [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be submitted before the first is waited for.
 //!
-//! All results are of whole frames. If one was incomplete, because a list had no room for all that it needed (see
-//! [`capacity`]), [`Session::wait`] builds a plan with more capacity and draws the frame again; and then those that were in flight
-//! behind it, so that all results come from the current plan. A repeated frame has the inputs of the first, and what a graph keeps
-//! from frame to frame is as the frames in part left it: `last(...)` is then of the same camera, or of the next one in flight. The room stays
-//! until [`Session::set_graph`], for pictures of all sizes; where the default for another size is larger, that is taken.
+//! All results are of complete frames. If a list overflowed in a frame (see [`capacity`]), [`Session::wait`] builds a
+//! plan with more capacity and draws the frame again. It also repeats the frames that were in flight behind it, so that
+//! all results come from the current plan. A repeated frame has the inputs of the original. Histories of the graph are
+//! as the incomplete frames left them: `last(...)` then contains the same camera, or the next one in flight. The
+//! capacity stays until [`Session::set_graph`], for pictures of all sizes, unless the default for another size is
+//! larger.
 
 use crate::draw::camera;
 use crate::draw::capacity::{self, Capacities, Overflow};
@@ -42,16 +43,16 @@ pub enum SessionError {
     /// A frame was submitted before [`Session::prepare`].
     #[error("no plan: `prepare` must be called before `submit`")]
     NotPrepared,
-    /// A frame needs more of something than the range of its parameter allows.
+    /// A frame needs more capacity than the range of its parameter allows.
     #[error(
         "expected a frame that needs at most {most} {parameter}, the end of the parameter's range, found one that needs {needed}"
     )]
     Full {
-        /// The parameter that cannot grow.
+        /// Name of the parameter that cannot grow.
         parameter: String,
-        /// The end of its range.
+        /// Maximum of the parameter's range.
         most: i64,
-        /// The need of the frame.
+        /// Number of entries that the frame needs.
         needed: i64,
     },
     /// A frame needs a plan with more capacity, which cannot be built or loaded.
@@ -59,41 +60,41 @@ pub enum SessionError {
         "expected a device with room for {room} {parameter}, of which a frame needs {needed}, found none:\n{error}"
     )]
     NoRoom {
-        /// The parameter that grows.
+        /// Name of the parameter that grows.
         parameter: String,
-        /// The value that it would have.
+        /// Value that the parameter would have.
         room: i64,
-        /// The need of the frame.
+        /// Number of entries that the frame needs.
         needed: i64,
-        /// The error of the plan. Its text is part of this error's, so it is not a source.
+        /// Error of the larger plan. Its text is part of this error's message, so it is not a `source`.
         error: Box<SessionError>,
     },
-    /// A frame is drawn again with a plan that lacks the inspected resource or pass.
+    /// A frame must be repeated, but the larger plan lacks the inspected resource or pass.
     #[error(transparent)]
     Inspect(#[from] InspectError),
 }
 
-/// A device that draws a scene with a plan; see the module's documentation.
+/// Draws a scene on a device with a plan; see the module's documentation.
 pub struct Session<D> {
     device: D,
     scene: Arc<Scene>,
     pipeline: String,
     set: Vec<(String, String)>,
     planner: Planner,
-    /// Warnings about the graph were printed.
+    /// True once the warnings about the graph were printed.
     warned: bool,
-    /// The graphs passed over that were told of last.
+    /// The graphs passed over that were last reported.
     told: Vec<Fallback>,
-    /// The settings without an effect that were told of.
+    /// Settings without an effect that were reported.
     told_settings: BTreeSet<String>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
     frame: u32,
-    /// Frames that may have to be drawn again, in the order of submission.
+    /// Frames that may have to be repeated, in the order of submission.
     flying: Vec<Flight>,
     growths: u32,
 }
 
-/// A frame that was submitted and not waited for.
+/// A submitted frame that was not waited for.
 struct Flight {
     id: FrameId,
     camera: Camera,
@@ -103,10 +104,10 @@ struct Flight {
     growths: u32,
 }
 
-/// The frames whose inputs are kept: as many as a device keeps results of.
+/// Maximum number of frames whose inputs are kept: as many as a device keeps results of.
 const MOST_FLYING: usize = 64;
 
-/// The caller's options for a frame.
+/// Options of a frame.
 #[derive(Clone, Debug, Default)]
 pub struct FrameOptions {
     /// Background colour, display-encoded.
@@ -115,7 +116,7 @@ pub struct FrameOptions {
     pub read_output: bool,
     /// Resources to read back, each after a pass.
     pub inspect: Vec<Inspect>,
-    /// True to time the frame as a whole only: see [`FrameInputs::untimed_passes`].
+    /// True to omit timestamps of passes: see [`FrameInputs::untimed_passes`].
     pub untimed_passes: bool,
 }
 
@@ -145,7 +146,7 @@ impl<D: Device> Session<D> {
         }
     }
 
-    /// Creates another session on the same device, with the same scene, that draws another graph.
+    /// Creates another session on the same device, with the same scene and another graph.
     ///
     /// # Errors
     /// The device has no room for another context.
@@ -153,7 +154,7 @@ impl<D: Device> Session<D> {
         self.beside_with(self.scene.clone(), pipeline, set)
     }
 
-    /// Creates another session on the same device that draws another scene.
+    /// Creates another session on the same device, with another scene.
     ///
     /// # Errors
     /// The device has no room for another context.
@@ -173,9 +174,11 @@ impl<D: Device> Session<D> {
         self.planner.share_memory = false;
     }
 
-    /// Asks for outputs of the graph besides its picture, such as `depth`; the next [`Session::prepare`] builds a plan that gives them.
+    /// Requests outputs of the graph besides its picture, such as `depth`; the next [`Session::prepare`] builds a plan
+    /// that produces them.
     ///
-    /// Without any, as at first, the plan has nothing for them. [`outputs::draw`](crate::draw::outputs::draw) reads them.
+    /// Initially none are requested, and a plan does no work for them. [`outputs::draw`](crate::draw::outputs::draw)
+    /// reads them.
     pub fn set_outputs(&mut self, names: &[String]) {
         if self.planner.outputs != names {
             self.planner.outputs = names.to_vec();
@@ -185,8 +188,8 @@ impl<D: Device> Session<D> {
 
     /// Changes the graph and its parameters; the next [`Session::prepare`] builds its plan.
     ///
-    /// Frames in flight are forgotten, and parameters that grew start from their defaults again: a measurement does not depend on those
-    /// before it.
+    /// Frames in flight are forgotten, and growing parameters are reset to their defaults, so that a measurement does
+    /// not depend on earlier ones.
     pub fn set_graph(&mut self, pipeline: &str, set: &[(String, String)]) {
         self.pipeline = pipeline.to_owned();
         self.set = set.to_vec();
@@ -194,10 +197,11 @@ impl<D: Device> Session<D> {
         self.planner.capacities = Capacities::default();
     }
 
-    /// Changes the graph as [`Session::set_graph`], if it can be read and its parameters fit; otherwise nothing changes.
+    /// Changes the graph like [`Session::set_graph`], if it can be read and its parameters are valid; otherwise nothing
+    /// changes.
     ///
     /// # Errors
-    /// The graph cannot be read, or a value does not fit.
+    /// The graph cannot be read, or a value is invalid.
     pub fn change_graph(
         &mut self,
         pipeline: &str,
@@ -227,7 +231,7 @@ impl<D: Device> Session<D> {
     /// Lists the graph's parameters with their values for a picture size.
     ///
     /// # Errors
-    /// The graph cannot be read, or a value does not fit.
+    /// The graph cannot be read, or a value is invalid.
     pub fn controls(&mut self, size: (u32, u32)) -> Result<Vec<Control>, SessionError> {
         let (pipeline, set) = (self.pipeline.clone(), self.set.clone());
         self.controls_of(&pipeline, &set, size)
@@ -249,7 +253,7 @@ impl<D: Device> Session<D> {
         (facts, facts::catalog(&self.scene))
     }
 
-    /// Builds the plan for a picture size, and loads nothing.
+    /// Builds the plan for a picture size, without loading it.
     ///
     /// # Errors
     /// The graph or its shaders have errors.
@@ -258,7 +262,8 @@ impl<D: Device> Session<D> {
         self.plan_of(&pipeline, &set, size)
     }
 
-    /// Builds the plan of another graph for a picture size, and loads nothing. Shaders that it shares with others are compiled once.
+    /// Builds the plan of another graph for a picture size, without loading it. Shaders that graphs share are compiled
+    /// once.
     ///
     /// # Errors
     /// The graph or its shaders have errors.
@@ -305,7 +310,8 @@ impl<D: Device> Session<D> {
         self.loaded.as_ref().map(|(plan, _)| plan.as_ref())
     }
 
-    /// Counts the plans that were built because a frame needed more room. Results from before a change are of another plan.
+    /// Returns the number of plans that were built for more capacity. Results from before such a change are of another
+    /// plan.
     pub fn growths(&self) -> u32 {
         self.growths
     }
@@ -315,10 +321,11 @@ impl<D: Device> Session<D> {
         self.loaded.as_ref().is_some_and(|(_, loaded)| *loaded == size)
     }
 
-    /// Builds and loads the plan for pictures of this size, unless it is loaded already.
+    /// Builds and loads the plan for pictures of this size, unless it is already loaded.
     ///
-    /// Returns true if it did; the next frame then runs the plan's prologue. Warnings about the graph go to standard error, once, and
-    /// so does a line for each graph of a choice that the device lacks something for.
+    /// Returns true if it was loaded now; the next frame then runs its prologue. Warnings about the graph are printed
+    /// to standard error, once, and so is a line for each graph of a choice whose requirements the device does not
+    /// meet.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
@@ -342,9 +349,10 @@ impl<D: Device> Session<D> {
         Ok(true)
     }
 
-    /// Lists which of the session's settings have no effect in the current plan, and why: lines for a person, each once.
+    /// Lists the session's settings without an effect in the current plan, with the reasons, as lines for the user;
+    /// each is listed once.
     ///
-    /// For settings that a person made: measurements set parameters that they know nothing of.
+    /// Meant for settings made by the user: measurements set parameters whose effect they do not know.
     pub fn settings_without_effect(&mut self) -> Vec<String> {
         let Some((plan, _)) = &self.loaded else { return Vec::new() };
         let found = planner::without_effect(plan, &self.set).into_iter();
@@ -381,13 +389,14 @@ impl<D: Device> Session<D> {
         Ok(Flight { id, camera, request, number, plan: plan.clone(), growths: self.growths })
     }
 
-    /// Waits for a frame and returns its results, by the current plan.
+    /// Waits for a frame and returns its results, drawn with the current plan.
     ///
-    /// An incomplete frame is drawn again, with room for a quarter more than it needed: see the module's documentation.
-    /// Frames must be waited for before another size is prepared.
+    /// An incomplete frame is repeated, with capacity for its need plus a quarter: see the module's documentation. All
+    /// frames must be waited for before another size is prepared.
     ///
     /// # Errors
-    /// The device fails, or a frame needs more room than a parameter's range or the device allows. The plan then stays as it is.
+    /// The device fails, or a frame needs more capacity than a parameter's range or the device allows. The plan then
+    /// stays unchanged.
     pub fn wait(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
         let mut result = self.device.wait(frame)?;
         let Some(index) = self.flying.iter().position(|flight| flight.id == frame) else { return Ok(result) };
@@ -403,7 +412,7 @@ impl<D: Device> Session<D> {
         }
     }
 
-    /// Builds and loads a plan with room for what a frame lacked, unless the present one has it.
+    /// Builds and loads a plan with the capacity that a frame lacked, unless the current plan has it.
     fn grow(&mut self, short: &[Overflow], size: (u32, u32)) -> Result<(), SessionError> {
         if let Some(Overflow { parameter, needed, most, .. }) = short.iter().find(|s| s.needed > s.most) {
             return Err(SessionError::Full { parameter: parameter.clone(), most: *most, needed: *needed });
@@ -437,7 +446,7 @@ impl<D: Device> Session<D> {
     }
 }
 
-/// Uploads a scene's attributes to the device, or none where a graph draws without a scene.
+/// Supplies a scene's attributes for upload; none for a graph that draws without a scene.
 pub(crate) struct Upload<'a>(pub Option<&'a Scene>);
 
 impl SceneData for Upload<'_> {
@@ -453,7 +462,7 @@ impl SceneData for Upload<'_> {
     }
 }
 
-/// Converts the pixels of a device to an image without alpha; `None` for a format without colours.
+/// Converts pixels from a device to an image without alpha; `None` for a format without colours.
 pub fn image_of(pixels: &Pixels) -> Option<Image> {
     let (width, height) = (pixels.width as usize, pixels.height as usize);
     let rgb: Vec<[f32; 3]> = match pixels.format {
