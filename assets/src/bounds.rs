@@ -6,9 +6,9 @@ use serde::Serialize;
 /// An axis-aligned box; [`Bounds::EMPTY`] contains no point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Bounds {
-    /// Minimum coordinates.
+    /// Minimum of each coordinate.
     pub min: [f32; 3],
-    /// Maximum coordinates.
+    /// Maximum of each coordinate.
     pub max: [f32; 3],
 }
 

@@ -56,7 +56,7 @@ fn one() -> f64 {
 /// A scene file and its transform.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Placed {
-    /// The file.
+    /// Path of the scene file.
     pub file: PathBuf,
     /// Its transform into the world.
     pub by: Similarity,

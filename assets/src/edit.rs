@@ -19,7 +19,7 @@ pub struct Similarity {
 }
 
 impl Similarity {
-    /// The identity.
+    /// The similarity that changes nothing.
     pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
 
     /// Composes two similarities: this one first, then `next`.

@@ -7,9 +7,9 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {problem}", path.display())]
 pub struct LoadError {
-    /// The file.
+    /// Path of the file.
     pub path: PathBuf,
-    /// The problem.
+    /// Problem with its contents.
     pub problem: SceneError,
 }
 

@@ -176,9 +176,9 @@ impl<'a> Done<'a> {
 
 /// The bytes of a scene.
 pub(crate) enum Source<'a> {
-    /// In memory.
+    /// Bytes in memory.
     Bytes(&'a [u8]),
-    /// In a file.
+    /// An opened file.
     File(&'a OpenFile),
 }
 

@@ -104,9 +104,9 @@ pub struct DepthRange {
     pub near: f64,
     /// Largest depth.
     pub far: f64,
-    /// 1st percentile.
+    /// 1st percentile of the depths.
     pub robust_near: f64,
-    /// 99th percentile.
+    /// 99th percentile of the depths.
     pub robust_far: f64,
     /// Bits that outliers cost a key linear in depth.
     ///

@@ -274,11 +274,11 @@ pub struct Resource {
     pub source: Source,
     /// The memory of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
-    /// The name under which its contents persist from frame to frame, and to the next plan with a history of the same
-    /// name and shape, unless a pass of the prologue writes it. (In a ping-pong resource, only the final front has the
-    /// name.)
+    /// Name under which its contents persist from frame to frame. They also persist to the next plan with a history of
+    /// the same name and shape, unless a pass of that plan's prologue writes it. (In a ping-pong resource, only the
+    /// final front has the name.)
     pub history: Option<String>,
-    /// The declaration.
+    /// Position of its declaration.
     pub origin: Origin,
 }
 
@@ -372,7 +372,7 @@ pub enum Since {
 /// A change of an image's layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Transition<R = ResourceId> {
-    /// The image.
+    /// Image whose layout changes.
     pub image: R,
     /// The layout before; [`Layout::Undefined`] if the contents are not needed.
     pub old: Layout,
@@ -393,7 +393,7 @@ impl<R> Transition<R> {
 /// dependencies with [`Dependency::changes_layout`]; there are none if the image was never accessed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LayoutChange {
-    /// The image.
+    /// Image whose layout changes.
     pub image: ResourceId,
     /// The layout before; [`Layout::Undefined`] if the contents are not needed.
     pub old: Layout,

@@ -77,7 +77,7 @@ pub struct Args {
     device: BackendArgs,
 }
 
-/// Selects the measurements.
+/// What to measure: whole frames, or the sort alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 enum Suite {
     #[default]

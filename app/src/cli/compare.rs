@@ -73,7 +73,7 @@ impl Found {
     }
 }
 
-/// A compared pair.
+/// A pair of pictures to compare, with its name.
 struct Pair {
     name: String,
     a: PathBuf,

@@ -11,8 +11,8 @@ use std::path::PathBuf;
 
 /// Join the results of a command that several processes shared (--shard), and name missing views
 ///
-/// For `trade` and `sweep`, the folder gets the files of the command; for `evaluate`, scores.json, as --json prints it. They are
-/// those of one process; times are what each process measured. For `render`, the pictures are counted.
+/// For `trade` and `sweep`, the folder gets the files of the command; for `evaluate`, scores.json, as --json prints it. They
+/// equal the files of a single process, except for times, which each process measured. For `render`, the pictures are counted.
 ///
 /// Processes that do not share a disk have a folder each: name all of them. The exit code is 1 if views are missing.
 #[derive(Debug, clap::Args)]

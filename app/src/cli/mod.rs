@@ -101,9 +101,10 @@ struct Cli {
     /// Other files must be in the graph's folder, in the folders pipelines/ and shaders/ beside it, or built in.
     #[arg(long, value_name = "DIR", global = true)]
     include_root: Vec<PathBuf>,
-    /// Draw scenes by the published rules, whatever the tags of their files ask for
+    /// Draw scenes by the published rules, regardless of the tags in their files
     ///
-    /// Tags are the filter of the training, the order of the splats, and the direction up: see `splatgraph info`. --set overrides a single one.
+    /// Tags are the filter of the training, the order of the splats, and the direction up: see `splatgraph info`. --set
+    /// overrides a single one.
     #[arg(long, global = true)]
     ignore_tags: bool,
 }

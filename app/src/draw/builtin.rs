@@ -58,7 +58,7 @@ pub fn giving(output: &str) -> Vec<&'static str> {
 pub struct File {
     /// Name in graphs and commands: `splat`, `parts/sort`, `sort/scatter.comp`.
     pub name: &'static str,
-    /// The text.
+    /// Contents of the file.
     pub text: &'static str,
     /// The graph's summary, or the first sentence of the shader's comment; empty if there is none.
     pub summary: String,

@@ -30,7 +30,7 @@ pub enum Motion {
 pub struct Film {
     /// Motion of the camera.
     pub motion: Motion,
-    /// Number of frames.
+    /// Number of frames of the film.
     pub frames: u32,
     /// Number of pictures that are averaged for a frame.
     pub samples: u32,

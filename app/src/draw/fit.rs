@@ -24,7 +24,7 @@ pub struct Wanted<'a> {
     pub graph: &'a str,
     /// Parameters of the graph; later entries win.
     pub set: &'a [(String, String)],
-    /// The scene's facts.
+    /// Facts of the scene, with its number of splats.
     pub scene: facts::SceneFacts,
     /// The imports of a graph that draws the scene.
     pub catalog: &'a Catalog,
@@ -58,7 +58,7 @@ pub struct Fit {
     pub device: Target,
     /// True if every buffer and the total memory fit the device.
     pub fits: bool,
-    /// Number of splats.
+    /// Number of splats in the scene.
     pub splats: u64,
     /// Bytes of the resources that stay on the device; shared memory counts once.
     pub needed_bytes: u64,

@@ -54,7 +54,7 @@ impl Frames {
 
 /// A frame with its times on the host.
 pub struct Timed {
-    /// The results.
+    /// Results from the device.
     pub result: FrameResult,
     /// Host time until the frame was submitted, in milliseconds.
     pub submit_ms: f64,

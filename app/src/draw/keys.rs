@@ -63,7 +63,7 @@ const CLASS_BITS: u32 = 11;
 impl Keys {
     /// Prepares keys of `bits` bits. The tuple is the depth range of the scene's box, not below the near plane.
     ///
-    /// `depths` are those of the frame's visible splats.
+    /// `depths` are the depths of the frame's visible splats.
     pub fn new(map: Mapping, (near, far): (f32, f32), bits: u32, depths: impl Iterator<Item = f32>) -> Keys {
         let mut keys = Keys { map, range: (near, far.max(near)), bits, starts: Vec::new() };
         if map == Mapping::Equalised {
@@ -167,7 +167,7 @@ pub struct View<'a> {
 /// The width that a mapping needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Need {
-    /// The mapping.
+    /// Mapping of depth to keys.
     pub map: Mapping,
     /// Width of the key in bits; `None` if even 32 are not enough.
     pub bits: Option<u32>,
@@ -214,7 +214,7 @@ impl Seen<'_> {
         seen
     }
 
-    /// Lists the views.
+    /// Lists the views, one per camera.
     pub fn views(&self) -> Vec<View<'_>> {
         let mut views = Vec::new();
         for ((visible, tiles), camera) in self.visible.iter().zip(self.cameras) {

@@ -82,7 +82,7 @@ pub struct PickedSplat {
     pub rotation: [f64; 4],
     /// 2D covariance with the low-pass filter, as xx, xy, yy, in square pixels.
     pub covariance: [f64; 3],
-    /// The splat's outline.
+    /// Outline on the picture; `None` if it has none.
     pub outline: Option<Outline>,
 }
 

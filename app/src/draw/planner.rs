@@ -292,7 +292,7 @@ pub struct PlainDiagnostic {
     pub message: String,
     /// Text of the label under the source; may be empty.
     pub label: String,
-    /// Suggestions.
+    /// Suggestions for a correction.
     pub help: Vec<String>,
 }
 

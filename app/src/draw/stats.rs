@@ -48,7 +48,7 @@ pub struct CameraStats {
     pub record_ms: f64,
     /// Share of the time during which the device draws, 1 at most; `None` if unknown. An idle device lowers its clock.
     pub busy: Option<f64>,
-    /// Number of frames.
+    /// Number of frames whose times are summarised.
     pub frames: usize,
     /// Device memory by name, in bytes.
     pub buffers: Vec<BufferSize>,
@@ -65,7 +65,7 @@ pub const BUSY: f64 = 0.5;
 pub struct PassTime {
     /// The pass's name, as in the plan's dump.
     pub name: String,
-    /// The pass's phase.
+    /// Phase that the pass belongs to.
     pub phase: String,
     /// Milliseconds; `None` if the device has no timestamps.
     pub gpu_ms: Option<f64>,
@@ -73,7 +73,7 @@ pub struct PassTime {
     run: Run,
 }
 
-/// An allocation.
+/// An allocation of device memory.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BufferSize {
     /// Name of the resource, or the backend's purpose for the memory.

@@ -56,7 +56,7 @@ impl fmt::Display for TruthStats {
 pub struct Truth {
     /// Colours and the other outputs of each pixel.
     pub picture: Picture,
-    /// Its statistics.
+    /// Statistics of the picture.
     pub stats: TruthStats,
 }
 

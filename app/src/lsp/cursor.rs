@@ -1,5 +1,5 @@
-//! Finds the meaning of a string in a graph file from the text before it, since the file may be incomplete while it is
-//! edited.
+//! Finds the meaning of a string in a graph file. Only the text before it is used, since the file may be incomplete
+//! while it is edited.
 
 use std::ops::Range;
 
@@ -15,9 +15,9 @@ pub enum Meaning {
     Resource,
     /// An expression over parameters, facts and `let`s.
     Expression,
-    /// A shader's file.
+    /// The name of a shader file.
     Shader,
-    /// A graph's file.
+    /// The name of a graph file.
     Graph,
     /// The format of an image.
     Format,
@@ -30,7 +30,7 @@ pub enum Meaning {
 /// A string in quotes, at a position.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cursor {
-    /// The meaning.
+    /// Meaning of the string.
     pub meaning: Meaning,
     /// Bytes between the quotes, or up to the end of the line if the closing quote is missing.
     pub inside: Range<usize>,
@@ -43,7 +43,7 @@ pub struct Group {
     pub name: String,
     /// Field or key whose value is the bracket.
     pub lead: String,
-    /// The bracket around it.
+    /// Index of the enclosing bracket; `None` for the file.
     pub parent: Option<usize>,
     /// True if the bracket is a brace.
     pub is_map: bool,

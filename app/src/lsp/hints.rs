@@ -7,7 +7,7 @@ use splatgraph_framework::dump::{self, Dump, DumpPass};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Lists a hint for each pass of a file that waits for others, at the end of the line in which the pass begins.
+/// Lists a hint for each pass of a file that waits for others, at the end of the pass's first line.
 ///
 /// `text` is the file's; `dumps` are the plans that may contain passes of the file. The first plan that contains a pass
 /// determines its hint.

@@ -20,9 +20,9 @@ const MAX_DEPTH: usize = 16;
 pub struct Place {
     /// The file's path; relative if the file is built into the program.
     pub file: String,
-    /// First byte.
+    /// Byte offset of the first character.
     pub start: usize,
-    /// Byte behind the last.
+    /// Byte offset after the last character.
     pub end: usize,
 }
 
@@ -54,7 +54,7 @@ struct Declaration {
     group: usize,
     /// True if shaders use the declared name, not its capitals.
     is_live: bool,
-    /// Values of a choice.
+    /// Options, if it is a parameter of kind choice.
     choices: Vec<String>,
 }
 

@@ -26,7 +26,7 @@ pub enum Kind {
 /// Meaning of a name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// Declares something.
+    /// The declaration of a name.
     Declares(Kind),
     /// A parameter, a `let` or a variable, in an expression.
     Value,
@@ -40,9 +40,9 @@ pub enum Role {
     PortOf(String),
     /// A statistic.
     Statistic,
-    /// A graph's file.
+    /// The name of a graph file.
     Graph,
-    /// A shader's file.
+    /// The name of a shader file.
     Shader,
     /// A block, an image or a push constant of these shaders.
     OfShaders(Vec<String>),
@@ -53,9 +53,9 @@ pub enum Role {
 pub struct Mention {
     /// The bytes of the name.
     pub range: Range<usize>,
-    /// The name.
+    /// Name as written.
     pub name: String,
-    /// Its meaning.
+    /// Meaning of the name.
     pub role: Role,
     /// Bracket that contains it: an index of [`Scan::groups`].
     pub group: usize,

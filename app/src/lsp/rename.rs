@@ -80,8 +80,7 @@ pub fn rename(
     Ok(edits)
 }
 
-/// Builds graphs for a GPU and for a CPU; returns a summary of each plan that is independent of names, or the first
-/// error.
+/// Builds graphs for a GPU and for a CPU; summarises each plan independently of names, or returns the first error.
 fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<String, String>> {
     let build = |graph: &String| {
         let mut summaries = Vec::new();

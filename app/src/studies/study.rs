@@ -84,11 +84,11 @@ impl<'a> Steps<'a> {
 
 /// The subject of a study: a scene from some cameras on a device.
 pub struct Subject<'a, D> {
-    /// The device. A study draws with contexts of its own.
+    /// The device. A study draws with its own contexts.
     pub device: &'a D,
     /// The name of the scene in results.
     pub name: String,
-    /// The scene.
+    /// Scene to draw.
     pub scene: Arc<Scene>,
     /// Cameras, with the size of their pictures; at least one.
     pub cameras: Vec<Camera>,
@@ -98,7 +98,7 @@ impl<D: Device> Subject<'_, D> {
     /// Returns the first camera.
     ///
     /// # Errors
-    /// There is none.
+    /// The subject has no camera.
     pub fn first(&self) -> Result<&Camera, StudyError> {
         self.cameras.first().ok_or(StudyError::NoCameras)
     }
@@ -162,7 +162,7 @@ pub enum StudyError {
     Of {
         /// The name of the setting or the view.
         name: String,
-        /// The error.
+        /// Error of the setting or view.
         #[source]
         error: Box<StudyError>,
     },
@@ -177,7 +177,7 @@ pub enum StudyError {
         /// The names of all settings.
         known: Vec<String>,
     },
-    /// There is no camera.
+    /// The subject has no camera.
     #[error("expected at least one camera, found none")]
     NoCameras,
     /// The listener cancelled the study.

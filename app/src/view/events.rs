@@ -60,7 +60,7 @@ pub enum Event {
     },
     /// A scene was loaded.
     Scene {
-        /// The file.
+        /// File of the scene.
         path: PathBuf,
         /// Number of splats.
         splats: u32,
@@ -69,33 +69,33 @@ pub enum Event {
     },
     /// A scene could not be loaded; the previous one stays.
     SceneFailed {
-        /// The file.
+        /// File of the scene.
         path: PathBuf,
         /// Cause of the failure.
         error: String,
     },
     /// Cameras were loaded.
     Cameras {
-        /// The file.
+        /// File of the cameras.
         path: PathBuf,
         /// Number of cameras.
         count: usize,
     },
     /// A file could not be read or written, or has an unknown type.
     FileFailed {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Cause of the failure.
         error: String,
     },
     /// A file with cameras was written.
     Saved {
-        /// The file.
+        /// Path of the written file.
         path: PathBuf,
     },
     /// A picture was written.
     Screenshot {
-        /// The file.
+        /// Path of the written file.
         path: PathBuf,
     },
     /// The device, or its window, was lost. Everything on it is gone; the scene stays in host memory.
@@ -112,7 +112,7 @@ pub enum Event {
     },
     /// A request that cannot be fulfilled; everything else continues.
     Problem {
-        /// The problem.
+        /// Description of the problem.
         text: String,
     },
     /// The device has been running one pass for more than a second; pictures are delayed until it is done.
@@ -142,13 +142,13 @@ pub enum Event {
     Control {
         /// Name of the control.
         name: String,
-        /// Left border.
+        /// Left edge, in pixels.
         left: f32,
-        /// Top border.
+        /// Top edge, in pixels.
         top: f32,
-        /// Right border.
+        /// Right edge, in pixels.
         right: f32,
-        /// Bottom border.
+        /// Bottom edge, in pixels.
         bottom: f32,
     },
     /// A control disappeared.

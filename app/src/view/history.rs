@@ -32,7 +32,7 @@ struct Sample {
 /// Quantiles over the frames of the current plan, in milliseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Quantiles {
-    /// The median.
+    /// Median, in milliseconds.
     pub median: f64,
     /// The 99th percentile; with fewer than a hundred frames, the maximum.
     pub p99: f64,

@@ -19,7 +19,7 @@ use std::time::Instant;
 
 /// A file that was read, or failed to be read.
 pub struct Opened {
-    /// The file.
+    /// Path of the file.
     pub path: PathBuf,
     /// Loading time, in milliseconds.
     pub load_ms: f64,

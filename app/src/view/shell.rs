@@ -78,7 +78,7 @@ pub struct Frame {
 pub struct Shell<D: Device> {
     /// The scene and its viewports.
     pub viewer: Viewer<D>,
-    /// The panels.
+    /// Panels around the pictures.
     pub panels: Panels,
     ctx: Context,
     painter: Painter,

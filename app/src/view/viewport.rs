@@ -70,7 +70,7 @@ enum Reading {
 pub(super) struct View<'a> {
     pub scene: &'a Scene,
     pub camera: &'a Camera,
-    /// Display-encoded.
+    /// Background colour, display-encoded.
     pub background: [f32; 3],
     /// True to draw a frame even if nothing changed.
     pub continuous: bool,
@@ -103,9 +103,9 @@ struct Exhibit {
 
 /// A renderer of the scene with its history and inspection.
 pub struct Viewport<D: Device> {
-    /// The renderer.
+    /// Renderer of the picture.
     pub renderer: Renderer<D>,
-    /// Times of the frames.
+    /// Times of recent frames.
     pub history: History,
     /// The inspection; while there is one, resources do not share memory.
     pub inspection: Option<Inspection>,

@@ -14,7 +14,7 @@ pub enum CameraError {
     /// The file cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The system's error.
         source: std::io::Error,
@@ -22,7 +22,7 @@ pub enum CameraError {
     /// The text is not a list of cameras, or not a `transforms.json`.
     #[error("{}:{line}:{column}: {}{message}", path.display(), in_camera(.camera))]
     Parse {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Line, counted from 1.
         line: usize,
@@ -36,7 +36,7 @@ pub enum CameraError {
     /// A line of a text file, or one of its fields, is malformed.
     #[error("{}:{line}: `{field}`: {message}", path.display())]
     Line {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Line, counted from 1.
         line: u64,
@@ -48,7 +48,7 @@ pub enum CameraError {
     /// A field of a binary file is damaged or has an invalid value.
     #[error("{}: byte {at}, `{field}`: {message}", path.display())]
     Byte {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Offset of the field in the file.
         at: u64,
@@ -64,13 +64,13 @@ pub enum CameraError {
         path.display()
     )]
     NoCameras {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
     },
     /// `file#camera` matches none of the cameras.
     #[error("{} has no camera `{wanted}`: it has {count}, numbered from 0{}", path.display(), named(.names))]
     NotFound {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The requested index or name.
         wanted: String,
@@ -82,7 +82,7 @@ pub enum CameraError {
     /// The list is empty.
     #[error("{} has no cameras", path.display())]
     Empty {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
 }

@@ -5,14 +5,14 @@ use super::document::{Accessor, item, wrong};
 use crate::error::SceneError;
 use crate::input::Source;
 
-/// The values of an accessor.
+/// Values of an accessor.
 pub(super) struct Column<'a> {
     source: Source<'a>,
     start: u64,
     stride: usize,
     component: Component,
     normalized: bool,
-    /// Numbers of an element.
+    /// Number of components of an element.
     pub width: usize,
     pub count: u64,
 }
@@ -37,7 +37,7 @@ impl Component {
 }
 
 impl<'a> Column<'a> {
-    /// Finds the values of an attribute whose elements have `width` numbers.
+    /// Finds the values of an attribute whose elements have `width` components.
     pub(super) fn open(
         container: &'a Container,
         name: &str,
@@ -89,12 +89,12 @@ impl<'a> Column<'a> {
         self.count * (self.width * self.component.bytes()) as u64
     }
 
-    /// Returns the bytes from an element to the next.
+    /// Returns the distance in bytes from one element to the next.
     pub(super) fn stride(&self) -> usize {
         self.stride
     }
 
-    /// Names the type of the numbers.
+    /// Returns the name of the component type.
     pub(super) fn kind(&self) -> &'static str {
         match self.component {
             Component::I8 => "char",
@@ -105,7 +105,7 @@ impl<'a> Column<'a> {
         }
     }
 
-    /// Reads elements from index `first` on, as many as `out` has room for. `buffer` holds the bytes meanwhile.
+    /// Reads elements from index `first` on, as many as fill `out`. `buffer` is scratch memory for their bytes.
     pub(super) fn read(&self, first: usize, buffer: &mut [u8], out: &mut [f32]) -> Result<(), SceneError> {
         let (rows, size) = (out.len() / self.width, self.component.bytes());
         let bytes = &mut buffer[..(rows - 1) * self.stride + self.width * size];

@@ -1,4 +1,4 @@
-//! Finds the JSON and the buffers of a file.
+//! Finds the JSON and the buffers of a glTF file.
 
 use super::document::{Buffer, BufferView, Document, item, wrong};
 use crate::error::SceneError;
@@ -10,10 +10,10 @@ use std::path::{Component, Path};
 /// First bytes of a `.glb`.
 pub(crate) const MAGIC: &[u8; 4] = b"glTF";
 
-/// Most bytes of JSON: each is several of memory.
+/// Maximum size of the JSON, in bytes: parsing takes several times as much memory.
 const MOST_JSON: u64 = 16 << 20;
 
-/// Returns true if a text seems to be the JSON of glTF.
+/// Returns true if a text may be the JSON of glTF.
 pub(crate) fn begins_as_json(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     text.trim_start().starts_with('{')
@@ -23,18 +23,18 @@ pub(crate) fn begins_as_json(head: &[u8]) -> bool {
 
 /// The bytes of a buffer.
 enum Bytes<'a> {
-    /// In the file of the document, from an offset on.
+    /// Bytes in the document's own file, from an offset on.
     Within(&'a Source<'a>, u64),
-    /// In the text of the document.
+    /// Bytes encoded in the document's text.
     Memory(Vec<u8>),
-    /// In a file beside the document.
+    /// Bytes in a file beside the document.
     File(OpenFile),
 }
 
 /// A document with its buffers.
 pub(super) struct Container<'a> {
     pub document: Document,
-    /// Bytes that are not those of buffers.
+    /// Number of bytes in the file outside of buffers.
     pub header_bytes: u64,
     buffers: Vec<(Bytes<'a>, u64)>,
 }
@@ -47,10 +47,10 @@ fn field(at: u64, name: &str, message: String) -> SceneError {
     SceneError::Field { at, field: name.into(), message }
 }
 
-/// The place and the length of a chunk.
+/// Offset and length of a chunk.
 type Chunk = (u64, u64);
 
-/// Returns the place and the length of the JSON, and those of the binary chunk if there is one.
+/// Returns the chunk of the JSON, and the binary chunk if there is one.
 fn chunks(source: &Source) -> Result<(Chunk, Option<Chunk>), SceneError> {
     let length = source.length();
     let head = source.head(20)?;
@@ -130,7 +130,7 @@ impl<'a> Container<'a> {
         Ok(Self { document, header_bytes: source.length() - within, buffers })
     }
 
-    /// Finds the bytes of a buffer view: their source, the offset in it and the length.
+    /// Finds the bytes of a buffer view: their source, the offset in it and the view.
     pub(super) fn view(&self, index: usize) -> Result<(Source<'_>, u64, &BufferView), SceneError> {
         let view = item(&self.document.buffer_views, index, "bufferView")?;
         let (bytes, length) = item(&self.buffers, view.buffer, "bufferViews.buffer")?;
@@ -152,7 +152,7 @@ impl<'a> Container<'a> {
     }
 }
 
-/// Opens the buffer of a `uri`: base64 text, or a file beside the document.
+/// Opens the buffer that a `uri` refers to: base64 text, or a file beside the document.
 fn outside<'a>(uri: &str, path: Option<&Path>) -> Result<(Bytes<'a>, u64), String> {
     if let Some((_, text)) = uri.strip_prefix("data:").and_then(|data| data.split_once(";base64,")) {
         let bytes = STANDARD.decode(text).map_err(|error| format!("expected base64, found: {error}"))?;

@@ -1,4 +1,4 @@
-//! Parses the JSON of glTF, as far as splats need it, and finds their primitives with the transform of each.
+//! Parses the parts of glTF's JSON that splats need, and finds the primitives of splats with their transforms.
 
 use crate::error::SceneError;
 use glam::{DMat3, DMat4, DQuat, DVec3};
@@ -115,13 +115,13 @@ pub(super) struct Buffer {
 #[derive(Debug)]
 pub(super) struct Splats<'a> {
     pub primitive: &'a Primitive,
-    /// Index of the buffer view that has an SPZ file in place of the attributes' values.
+    /// Index of the buffer view with an SPZ file, which replaces the attributes' values.
     pub spz: Option<usize>,
-    /// From the primitive to the world of the document.
+    /// Transform from the primitive to the document's world.
     pub place: Place,
 }
 
-/// A transform that keeps shapes.
+/// A rotation, a uniform scale and a translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Place {
     pub rotation: DQuat,
@@ -134,10 +134,10 @@ impl Place {
         Self { rotation: DQuat::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
 }
 
-/// Largest difference of a matrix from a rotation and a uniform scale, as a share of the scale.
+/// Maximum difference of a matrix from a rotation with a uniform scale, relative to the scale.
 const TOLERANCE: f64 = 1e-4;
 
-/// Largest coordinate of a node, as of several scenes.
+/// Maximum coordinate of a node, in world units.
 const FARTHEST: f64 = 1e18;
 
 impl Document {
@@ -217,7 +217,7 @@ impl Node {
     }
 }
 
-/// Decomposes a matrix; `None` if it is no rotation with a uniform scale.
+/// Decomposes a matrix; `None` if it is not a rotation with a uniform scale.
 fn similarity(matrix: DMat4) -> Option<Place> {
     if matrix == DMat4::IDENTITY {
         return Some(Place::IDENTITY);
@@ -238,7 +238,7 @@ fn similarity(matrix: DMat4) -> Option<Place> {
 }
 
 impl Splatting {
-    /// Refuses what splats of this kind would need, and returns the buffer view of SPZ.
+    /// Refuses splats that this reader does not support, and returns the buffer view of SPZ, if any.
     fn check(&self, primitive: &Primitive) -> Result<Option<usize>, SceneError> {
         let field = |name: &str| format!("{SPLATTING}.{name}");
         let expect = |name: &str, value: &Option<String>, expected: &str| match value.as_deref() {

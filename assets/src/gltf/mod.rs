@@ -1,21 +1,24 @@
 //! Reads and writes glTF with `KHR_gaussian_splatting`: `.glb`, and `.gltf` with its buffers inside or beside it.
 //!
-//! A primitive of points has the splats, an accessor per kind of value. A *document* is JSON: nodes place meshes, meshes have
-//! primitives, accessors say where in a buffer the values of an attribute are. In a `.glb`, a container has the JSON and the first buffer.
+//! A primitive of points contains the splats, with an accessor for each kind of value. A *document* is JSON: nodes
+//! place meshes, meshes have primitives, and accessors locate the values of an attribute in a buffer. A `.glb` contains
+//! the JSON and the first buffer.
 //!
 //! | attribute | value |
 //! |---|---|
 //! | `POSITION` | centre, in the space of the node |
 //! | `KHR_gaussian_splatting:ROTATION` | unit quaternion x, y, z, w |
-//! | `KHR_gaussian_splatting:SCALE` | standard deviations; early writers stored logarithms, which a negative one betrays |
+//! | `KHR_gaussian_splatting:SCALE` | standard deviations; early writers stored logarithms, which are recognised by a
+//! negative value |
 //! | `KHR_gaussian_splatting:OPACITY` | 0 to 1 |
 //! | `KHR_gaussian_splatting:SH_DEGREE_l_COEF_n` | coefficient `n` of band `l`, red, green and blue |
 //!
 //! With `KHR_gaussian_splatting_compression_spz_2`, the values are an SPZ file in a buffer. Axes point left, up and
-//! front, as SPZ calls those of glTF: x and y change their signs. Format: <https://github.com/KhronosGroup/glTF>, extensions/2.0/Khronos.
+//! front in glTF, so x and y change their signs. Format: <https://github.com/KhronosGroup/glTF>,
+//! extensions/2.0/Khronos.
 //!
-//! [`document`] has the JSON, [`container`] the bytes, [`columns`] the values of accessors. The crate `gltf` is not used: it drops the names
-//! of attributes that it does not know.
+//! [`document`] parses the JSON, [`container`] finds the bytes, and [`columns`] reads the values of accessors. The
+//! crate `gltf` is not used: it drops the names of attributes that it does not know.
 
 mod columns;
 mod container;

@@ -16,18 +16,18 @@ use glam::{DQuat, DVec3};
 use std::f64::consts::PI;
 use std::path::Path;
 
-/// Rows that a thread reads at a time.
+/// Number of rows that a thread reads at a time.
 const ROWS: usize = 4096;
 
-/// Distance of a node's origin from which positions stay relative to it.
+/// Distance of a node's origin, in world units, from which positions are stored relative to it.
 const FAR: f64 = 4096.0;
 
-/// Names the attribute of a coefficient.
+/// Returns the name of a coefficient's attribute.
 pub(super) fn coefficient(band: u32, index: u32) -> String {
     format!("{SPLATTING}:SH_DEGREE_{band}_COEF_{index}")
 }
 
-/// Lists the attributes of splats with harmonics of `degree`, with the numbers of an element.
+/// Lists the attributes of splats with harmonics of `degree`, each with its number of components.
 pub(super) fn attributes(degree: u32) -> Vec<(String, usize)> {
     let named = |name: &str| format!("{SPLATTING}:{name}");
     let bands = (0..=degree).flat_map(|band| (0..2 * band + 1).map(move |index| coefficient(band, index)));
@@ -37,7 +37,7 @@ pub(super) fn attributes(degree: u32) -> Vec<(String, usize)> {
         .collect()
 }
 
-/// Finds the degree of a primitive's harmonics; bands above 3 do not exist.
+/// Finds the degree of a primitive's harmonics; bands above 3 are ignored.
 fn degree(primitive: &Primitive) -> u32 {
     let has = |band: &u32| primitive.attributes.contains_key(&coefficient(*band, 0));
     (1..=3).take_while(has).last().unwrap_or(0)
@@ -56,11 +56,11 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     Ok(found)
 }
 
-/// A change from the space of a primitive to that of a scene.
+/// A transform from the space of a primitive to a scene's.
 struct Change {
     place: Place,
     turn: Option<Turn>,
-    /// The origin that positions are relative to, in the world of the document.
+    /// Origin that positions are relative to, in the document's world.
     origin: DVec3,
     degree: u32,
 }
@@ -73,7 +73,7 @@ impl Change {
         Self { place, turn, origin, degree }
     }
 
-    /// Returns the origin in the world of the scene.
+    /// Returns the origin in the scene's world.
     fn offset(&self) -> [f64; 3] {
         let [x, y, z] = self.origin.to_array();
         // Without the sign of a zero.
@@ -98,7 +98,7 @@ impl Change {
     }
 }
 
-/// Reads a primitive, and lists the bytes of its values.
+/// Reads a primitive; also returns the bytes of each kind of value.
 fn primitive(
     input: &Input,
     container: &Container,
@@ -174,7 +174,7 @@ fn primitive(
     Ok((scene.with_offset(change.offset()), fields.collect()))
 }
 
-/// Converts row `at` of the attributes, and returns the length of its quaternion with it.
+/// Converts row `at` of the attributes; also returns the length of its quaternion.
 fn splat(pieces: &[(&[f32], usize)], at: usize, logarithmic: bool) -> (Splat, f64) {
     let of = |piece: usize, number: usize| {
         let (values, width) = pieces[piece];
@@ -198,7 +198,7 @@ fn splat(pieces: &[(&[f32], usize)], at: usize, logarithmic: bool) -> (Splat, f6
     (splat, norm)
 }
 
-/// Returns true if a scale is negative, as only a logarithm can be.
+/// Returns true if a scale is negative, which only a logarithm can be.
 fn is_logarithmic(scales: &Column) -> Result<bool, SceneError> {
     let (count, most) = (scales.count as usize, ROWS.min(scales.count as usize));
     let (mut buffer, mut values) = (vec![0; most * scales.stride()], vec![0f32; most * scales.width]);
@@ -307,7 +307,7 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     Ok(scene.with_notes(notes).with_breakdown(breakdown))
 }
 
-/// Counts the floats of a splat with harmonics of `degree`, as they are written.
+/// Returns the number of floats written for a splat with harmonics of `degree`.
 pub(super) fn floats(degree: u32) -> usize {
     11 + sh_floats(degree)
 }

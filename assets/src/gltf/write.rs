@@ -1,4 +1,4 @@
-//! Writes `.glb` with `KHR_gaussian_splatting`: all values are floats.
+//! Writes `.glb` with `KHR_gaussian_splatting`, with all values as floats.
 
 use super::container::MAGIC;
 use super::document::SPLATTING;
@@ -9,10 +9,10 @@ use crate::spz;
 use serde_json::{Map, Value, json};
 use std::io::{Error, ErrorKind, Result, Write};
 
-/// Splats that are converted before they are written.
+/// Number of splats converted together before they are written.
 const BATCH: usize = 1 << 14;
 
-/// Returns splat `index` with the axes of glTF.
+/// Returns splat `index`, converted to glTF's axes.
 fn turned(scene: &Scene, index: usize) -> Splat {
     let mut splat = scene.splat(index);
     spz::flip(&mut splat, scene.stored_degree());

@@ -1,4 +1,4 @@
-//! Finds a splat's properties among those of `element vertex`.
+//! Finds a splat's properties in `element vertex`.
 
 use super::header::{Element, PropertyType, Scalar};
 use crate::activation;

@@ -18,7 +18,7 @@ const AXES: [(&str, [f64; 3]); 3] =
 /// Reads the words of a comment. Comments that are not tags are ignored.
 ///
 /// # Errors
-/// The splats are those of 2DGS.
+/// The splats are the disks of 2DGS.
 pub(super) fn read(comment: &[&str], notes: &mut FileNotes) -> Result<(), SceneError> {
     let words: Vec<String> = comment.iter().map(|word| word.to_ascii_lowercase()).collect();
     match words.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {

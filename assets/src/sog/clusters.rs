@@ -1,25 +1,25 @@
-//! Finds codebooks and palettes: few values that stand near many, by Lloyd's algorithm (k-means).
+//! Finds codebooks and palettes, which approximate many values by a few, with Lloyd's algorithm (k-means).
 //!
-//! Everything is deterministic: sums run in the order of the splats, whatever the number of threads.
+//! The results are deterministic: sums run in the order of the splats, regardless of the number of threads.
 
 use super::meta::CODES;
 use rayon::prelude::*;
 
-/// Steps of the algorithm. More change less than the bytes that the values are stored in.
+/// Number of iterations of the algorithm. Further ones change less than the quantisation to bytes.
 const STEPS: usize = 12;
 
-/// Points whose sums one task computes.
+/// Number of points whose sums one task computes.
 const CHUNK: usize = 4096;
 
-/// 256 ascending numbers.
+/// A codebook of 256 ascending numbers.
 pub(super) struct Codebook {
     pub codes: Vec<f32>,
-    /// The ends of the values that each code but the last stands for.
+    /// Upper ends of the ranges of values that each code but the last represents.
     ends: Vec<f32>,
 }
 
 impl Codebook {
-    /// Chooses codes for finite values; there is at least one.
+    /// Chooses codes for at least one finite value.
     pub(super) fn of(mut values: Vec<f32>) -> Self {
         values.par_sort_unstable_by(f32::total_cmp);
         let mut sums = Vec::with_capacity(values.len() + 1);
@@ -57,7 +57,7 @@ impl Codebook {
         Self { codes, ends }
     }
 
-    /// Returns the code that is nearest to a value.
+    /// Returns the code nearest to a value.
     pub(super) fn nearest(&self, value: f32) -> u8 {
         self.ends.partition_point(|end| *end <= value) as u8
     }
@@ -67,16 +67,17 @@ fn middles(codes: &[f32]) -> Vec<f32> {
     codes.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect()
 }
 
-/// Points of equal dimension, and for each the entry that is near.
+/// A palette of points of equal dimension, and for each input point a near entry.
 pub(super) struct Palette {
-    /// The entries, one after the other.
+    /// Entries, one after the other.
     pub entries: Vec<f32>,
     pub labels: Vec<u32>,
 }
 
-/// Chooses at most `count` entries for points of `width` numbers each: groups first, then entries within each group.
+/// Chooses at most `count` entries for points of `width` numbers each: first groups, then entries within each group.
 ///
-/// Comparing every point with every entry would take the product of their numbers; two levels take its root.
+/// Comparing every point with every entry would take the product of their numbers; two levels take about the square
+/// root of the comparisons per point.
 pub(super) fn palette(points: &[f32], width: usize, count: usize) -> Palette {
     let all: Vec<u32> = (0..(points.len() / width) as u32).collect();
     if all.len() <= count {
@@ -105,7 +106,7 @@ pub(super) fn palette(points: &[f32], width: usize, count: usize) -> Palette {
     palette
 }
 
-/// Finds `count` means of the points `of`, and the nearest of each.
+/// Finds `count` means of the points `of`, and the nearest mean of each point.
 fn means(points: &[f32], width: usize, of: &[u32], count: usize) -> (Vec<f32>, Vec<u32>) {
     let point = |index: u32| &points[index as usize * width..][..width];
     // Every so many points of an order in which neighbours are near.

@@ -4,13 +4,13 @@ use crate::error::SceneError;
 use crate::scene::Filter;
 use serde::Deserialize;
 
-/// Entries of a codebook.
+/// Number of entries of a codebook.
 pub(super) const CODES: usize = 256;
 
 /// Maximum number of palette entries, which 16-bit labels can address.
 pub(super) const MOST_ENTRIES: u32 = 1 << 16;
 
-/// The fields that a reader needs; others are ignored.
+/// The fields that the reader needs; others are ignored.
 #[derive(Debug, Deserialize)]
 pub(super) struct Meta {
     pub count: u32,
@@ -48,11 +48,11 @@ pub(super) struct Palette {
     pub count: u32,
     pub bands: u32,
     pub codebook: Vec<f32>,
-    /// The palette, and the labels.
+    /// Files of the palette and of the labels.
     pub files: [String; 2],
 }
 
-/// The field that determines the others.
+/// The version field, which determines the others.
 #[derive(Deserialize)]
 struct Version {
     version: Option<u32>,
@@ -111,7 +111,7 @@ impl Meta {
         self.sh_n.as_ref().map_or(0, |palette| palette.bands)
     }
 
-    /// Returns the filter of the training, which newer files call the model.
+    /// Returns the low-pass filter of the training, which newer files call the model.
     pub(super) fn filter(&self) -> Filter {
         match self.antialias || self.model.as_deref() == Some("antialiased") {
             true => Filter::Compensated,

@@ -10,7 +10,7 @@ use crate::scene::{FileNotes, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// Bytes of a texel.
+/// Size of a texel, in bytes.
 const TEXEL: usize = 4;
 
 /// Palette entries per row of its texture.
@@ -132,7 +132,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     input::finish((columns, gathered), count, size_breakdown, notes)
 }
 
-/// Converts a splat, and returns the length of its quaternion as well.
+/// Converts a splat; also returns the length of its quaternion.
 fn splat(
     [low, high, scale, quat, color, label]: [&[u8]; 6],
     meta: &Meta,

@@ -11,22 +11,22 @@ use std::io::{Cursor, Error, ErrorKind, Result, Write};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-/// Entries of the palette in a row of its texture.
+/// Palette entries per row of its texture.
 const ENTRIES_PER_ROW: usize = 64;
 
-/// Largest width and height of a WebP picture.
+/// Maximum width and height of a WebP picture, in pixels.
 const MOST_SIDE: usize = 16_383;
 
-/// The texels of a splat or of a coefficient.
+/// A texel of a splat or of a coefficient.
 type Texel = [u8; 4];
 
-/// Returns the number of palette entries for so many splats, as PlayCanvas's writer chooses it.
+/// Returns the number of palette entries for `count` splats, as in PlayCanvas's writer.
 fn entries(count: usize) -> usize {
     let thousands = (count / 1024).max(1).ilog2().min(6);
     ((1 << thousands) * 1024).min(count).min(MOST_ENTRIES as usize)
 }
 
-/// The files of an archive.
+/// Files of an archive.
 struct Files {
     zip: ZipWriter<Cursor<Vec<u8>>>,
 }
@@ -38,7 +38,7 @@ impl Files {
         self.zip.write_all(bytes)
     }
 
-    /// Adds a texture of this width; the last row is filled up.
+    /// Adds a texture of this width; pads the last row.
     fn texture(&mut self, name: &str, width: usize, mut texels: Vec<Texel>) -> Result<()> {
         let height = texels.len().div_ceil(width);
         if width.max(height) > MOST_SIDE {
@@ -57,7 +57,7 @@ impl Files {
     }
 }
 
-/// Compresses a coordinate: steps grow with the distance from 0.
+/// Compresses a coordinate logarithmically: its resolution decreases with the distance from 0.
 fn compressed(value: f64) -> f64 {
     value.signum() * value.abs().ln_1p()
 }

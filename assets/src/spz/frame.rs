@@ -59,7 +59,7 @@ impl Frame {
     }
 }
 
-/// Negates x and y: converts between the axes of glTF (left, up, front) and those of a scene.
+/// Negates x and y: converts between glTF's axes (left, up, front) and a scene's.
 pub(crate) fn flip(splat: &mut Splat, degree: u32) {
     Frame::new(7).expect("it is a number of a coordinate system").apply(splat, degree);
 }

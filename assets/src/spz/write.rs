@@ -136,7 +136,7 @@ fn rotation([w, x, y, z]: [f32; 4]) -> u32 {
     })
 }
 
-/// Quantises the float at index `at` of a splat's harmonics, in steps of 1/16 in band 1 and of 1/8 above, which
+/// Quantises the float at index `at` of a splat's harmonics: in steps of 1/16 in band 1, and of 1/8 above, which
 /// compress better.
 fn harmonic(at: usize, value: f32) -> u8 {
     let step = if at < sh_floats(1) { 8.0 } else { 16.0 };

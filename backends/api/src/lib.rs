@@ -89,8 +89,8 @@ impl fmt::Display for Robustness {
 pub struct Heap {
     /// Its size in bytes.
     pub bytes: u64,
-    /// The driver's estimate of the bytes that this process can still allocate (in Vulkan from `VK_EXT_memory_budget`),
-    /// at the time when the device was listed. `None` if unknown.
+    /// Bytes that this process can still allocate, as estimated by the driver when the device was listed (in Vulkan
+    /// from `VK_EXT_memory_budget`). `None` if unknown.
     pub available: Option<u64>,
 }
 
@@ -116,7 +116,7 @@ pub struct Options {
 /// The level of API validation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Validation {
-    /// No validation.
+    /// No validation at all.
     #[default]
     Off,
     /// The default checks.
@@ -192,7 +192,7 @@ pub enum BufferContents {
     Picture(Picture),
     /// Rows of an output that exceeds the limit of a storage binding. They cannot be arguments of indirect commands.
     Rows {
-        /// The output.
+        /// Output of another plan.
         picture: Picture,
         /// The first row. Its byte offset must be a multiple of [`ROWS_ALIGNMENT`].
         first: u32,
@@ -213,9 +213,9 @@ pub struct Picture {
     pub id: u64,
     /// Format of a pixel.
     pub format: Format,
-    /// Pixels across.
+    /// Width, in pixels.
     pub width: u32,
-    /// Pixels down.
+    /// Height, in pixels.
     pub height: u32,
 }
 
@@ -264,9 +264,9 @@ pub struct FrameResult {
 pub struct Pixels {
     /// Format of a pixel.
     pub format: Format,
-    /// Pixels across.
+    /// Width, in pixels.
     pub width: u32,
-    /// Pixels down.
+    /// Height, in pixels.
     pub height: u32,
     /// `width * height` pixels in the format's layout.
     pub bytes: PixelBytes,

@@ -9,15 +9,15 @@ use splatgraph_runtime::{FormatSupport, Limits, SubgroupLimits};
 /// Limits that a device reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Told {
-    /// `maxBufferLength`
+    /// Metal's `maxBufferLength`, in bytes.
     pub max_buffer_bytes: u64,
-    /// `maxThreadgroupMemoryLength`
+    /// Metal's `maxThreadgroupMemoryLength`, in bytes.
     pub threadgroup_bytes: u32,
-    /// `maxThreadsPerThreadgroup`
+    /// Metal's `maxThreadsPerThreadgroup`, in x, y and z.
     pub max_threads: [u32; 3],
-    /// `recommendedMaxWorkingSetSize`
+    /// Metal's `recommendedMaxWorkingSetSize`, in bytes.
     pub working_set: u64,
-    /// `supports32BitFloatFiltering`
+    /// Metal's `supports32BitFloatFiltering`.
     pub filters_floats: bool,
 }
 

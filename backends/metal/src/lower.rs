@@ -17,14 +17,14 @@ use std::sync::Arc;
 /// State of a pipeline. Passes with equal states share a pipeline.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PipelineState {
-    /// `MTLComputePipelineDescriptor`
+    /// State of an `MTLComputePipelineDescriptor`.
     Compute {
-        /// The kernel.
+        /// Shader of the kernel.
         shader: ShaderId,
         /// Threadgroup size in x, y and z, passed with each dispatch.
         threads: [u32; 3],
     },
-    /// `MTLRenderPipelineDescriptor`
+    /// State of an `MTLRenderPipelineDescriptor`.
     Draw {
         /// The vertex function.
         vertex: ShaderId,
@@ -58,9 +58,9 @@ pub struct BlendState {
 /// The values of `MTLBlendFactor` that plans use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlendFactor {
-    /// 0
+    /// Factor 0.
     Zero,
-    /// 1
+    /// Factor 1.
     One,
     /// 1 - the fragment's alpha
     OneMinusSourceAlpha,
@@ -82,7 +82,7 @@ pub enum Stage {
 /// The arguments of one stage of a pass.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StageArguments {
-    /// The stage.
+    /// Stage that has the arguments.
     pub stage: Stage,
     /// The translated shader, which assigns their indices.
     pub msl: Arc<Msl>,
@@ -104,7 +104,7 @@ pub struct ArgumentSlot {
 /// The pipelines and arguments of a whole plan.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Lowered {
-    /// The pipelines.
+    /// Pipelines of the plan, without duplicates.
     pub pipelines: Vec<PipelineState>,
     /// Index into [`Lowered::pipelines`] by pass; only dispatches and draws that run have one.
     pub of_pass: Vec<Option<usize>>,

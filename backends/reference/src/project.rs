@@ -168,8 +168,8 @@ impl<'a> Projector<'a> {
         std::array::from_fn(|i| 0.5 * ((ndc[i] + 1.0) * size[i] - 1.0) + self.rules.pixel_offset)
     }
 
-    /// Returns the rows of `M = J W R S`, the splat's three axes on the image, in pixels (`computeCov2D` and `computeCov3D` in
-    /// forward.cu).
+    /// Returns the rows of `M = J W R S`, the splat's three axes on the image, in pixels. Source: `computeCov2D` and
+    /// `computeCov3D` in forward.cu.
     fn axes(&self, [x, y, z]: [f64; 3], splat: &Gaussian) -> [[f64; 3]; 2] {
         let slope = |value: f64, tan: f64| match self.rules.jacobian_clamp {
             Some(limit) => (value / z).clamp(-limit * tan, limit * tan),

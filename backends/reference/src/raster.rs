@@ -14,9 +14,9 @@ pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 /// An exact image with more data per pixel. Arrays have `width * height` entries, row 0 at the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// Pixels across.
+    /// Width, in pixels.
     pub width: u32,
-    /// Pixels down.
+    /// Height, in pixels.
     pub height: u32,
     /// Red, green and blue as blended: display-encoded as trained, not clamped.
     pub color: Vec<[f64; 3]>,

@@ -287,7 +287,7 @@ pub enum RuleError {
     /// The rule does not take this value.
     #[error("rule `{name}`: expected {expected}, found `{found}`")]
     Value {
-        /// The rule.
+        /// Name of the rule.
         name: &'static str,
         /// The accepted values.
         expected: &'static str,

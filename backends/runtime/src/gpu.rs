@@ -245,7 +245,7 @@ impl NextPipeline {
 
 /// The swapchain image in which a frame is presented.
 pub struct Show<'a, G: Gpu> {
-    /// The swapchain.
+    /// Swapchain of the window.
     pub swapchain: &'a mut G::Swapchain,
     /// The index of the acquired image.
     pub image: u32,
@@ -308,9 +308,9 @@ pub enum Location {
 /// The memory requirements of an object, or of several that share memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Requirements<D> {
-    /// Bytes.
+    /// Size, in bytes.
     pub size: u64,
-    /// Bytes, a power of two.
+    /// Alignment, in bytes; a power of two.
     pub alignment: u64,
     /// A bit for each suitable memory type.
     pub types: u32,
@@ -356,13 +356,13 @@ pub struct ImageDesc<'a> {
 /// The uses that a device supports for images of one format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FormatSupport {
-    /// Storage images.
+    /// True for use as a storage image.
     pub storage: bool,
-    /// Colour targets.
+    /// True for use as a colour target.
     pub target: bool,
-    /// Colour targets of draws that blend.
+    /// True for use as a colour target of draws that blend.
     pub blend: bool,
-    /// Sources of blits to a window.
+    /// True for use as the source of blits to a window.
     pub blit: bool,
 }
 
@@ -370,7 +370,7 @@ pub struct FormatSupport {
 pub struct Buffer<G: Gpu> {
     /// The API's object.
     pub raw: G::Buffer,
-    /// The size.
+    /// Size, in bytes.
     pub bytes: u64,
     /// Uses that it was created for.
     pub usage: Usage,
@@ -475,9 +475,9 @@ pub struct ImageLayout<'a, G: Gpu> {
 pub enum Draw<'a, G: Gpu> {
     /// The host knows the counts.
     Direct {
-        /// Vertices per instance.
+        /// Number of vertices per instance.
         vertices: u32,
-        /// Instances.
+        /// Number of instances.
         instances: u32,
     },
     /// The counts are in four words at a byte offset of a buffer.

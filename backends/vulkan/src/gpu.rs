@@ -36,9 +36,9 @@ pub struct VulkanGpu {
     pub(crate) allocator: Mutex<Option<Allocator>>,
     /// Fences that a submission may still signal, but that no thread waits for.
     fences: Mutex<Vec<vk::Fence>>,
-    /// See [`splatgraph_runtime::Gpu::patience`].
+    /// Time limit of one pass; see [`splatgraph_runtime::Gpu::patience`].
     pub(crate) patience: Duration,
-    /// See [`splatgraph_runtime::Gpu::compile_patience`].
+    /// Time limit of compiling one pipeline; see [`splatgraph_runtime::Gpu::compile_patience`].
     pub(crate) compile_patience: Duration,
     labels: Option<ext::debug_utils::Device>,
     // Dropped after the device is destroyed.

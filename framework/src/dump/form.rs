@@ -75,7 +75,7 @@ pub struct DumpParameter {
     pub default: Value,
     /// The reason for the value, if it is from an expression: of the default, or of a preset.
     pub reason: Option<Reason>,
-    /// The value that costs no accuracy, where the graph names one.
+    /// The value that costs no accuracy, if the graph names one.
     pub exact: Option<Value>,
     /// The statistic that the value grows with: a frame whose statistic exceeds the value was incomplete.
     pub grows: Option<String>,

@@ -9,7 +9,7 @@ pub struct FileId(pub u32);
 /// A byte range of a file, `start..end`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Span {
-    /// The file.
+    /// File that contains the range.
     pub file: FileId,
     /// Offset of the first byte.
     pub start: usize,

@@ -13,11 +13,11 @@ pub const LIVE_BLOCK: &str = "Live";
 /// A parameter of the graph, with its value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Param {
-    /// The name.
+    /// Name in the graph.
     pub name: String,
     /// The value that the plan is built with.
     pub value: Value,
-    /// The default.
+    /// Default value.
     pub default: Value,
     /// The reason for the value, if it is from an expression: of the default, or of a preset.
     pub reason: Option<Reason>,
@@ -29,7 +29,7 @@ pub struct Param {
     pub domain: Domain,
     /// The path to the shaders.
     pub binding: ParamBinding,
-    /// The declaration.
+    /// Position of its declaration.
     pub origin: Origin,
 }
 
@@ -53,21 +53,21 @@ pub enum Domain {
     Bool,
     /// Integers.
     Int {
-        /// The smallest.
+        /// Minimum value.
         min: i64,
-        /// The largest.
+        /// Maximum value.
         max: i64,
     },
     /// Numbers.
     Float {
-        /// The smallest.
+        /// Minimum value.
         min: f64,
-        /// The largest.
+        /// Maximum value.
         max: f64,
         /// The step of a slider.
         step: f64,
     },
-    /// Names.
+    /// One of these names.
     Choice(Vec<String>),
 }
 

@@ -31,7 +31,7 @@ pub struct Pass<S = ShaderId, G = Groups> {
     pub phase: String,
     /// Prologue or frame.
     pub run: Run,
-    /// The command.
+    /// Command that the pass executes.
     pub work: Work<S, G>,
     /// The descriptors of set 0.
     pub bindings: Vec<Binding>,
@@ -39,7 +39,7 @@ pub struct Pass<S = ShaderId, G = Groups> {
     pub push: Vec<u8>,
     /// The accesses, one entry per resource and stage.
     pub uses: Vec<Use>,
-    /// The declaration.
+    /// Position of its declaration.
     pub origin: Origin,
 }
 
@@ -96,7 +96,7 @@ pub enum Work<S = ShaderId, G = Groups> {
         vertex: S,
         /// The fragment shader.
         fragment: S,
-        /// The primitives.
+        /// Primitives that the vertices form.
         topology: Topology,
         /// The number of vertices and instances.
         call: DrawCall,
@@ -105,9 +105,9 @@ pub enum Work<S = ShaderId, G = Groups> {
     },
     /// Writes `value` to every 32-bit word of a buffer.
     Fill {
-        /// The buffer.
+        /// Buffer to fill.
         buffer: ResourceId,
-        /// The word.
+        /// Value of each word.
         value: u32,
     },
     /// Zeroes a resource with a history, in the prologue, so that the first frame finds zeros.
@@ -115,7 +115,7 @@ pub enum Work<S = ShaderId, G = Groups> {
     /// If the history of an earlier plan continues, a backend omits this pass and the barrier on its image (but not its
     /// other barriers), and transitions the image to the layout that the pass would have left.
     ClearHistory {
-        /// The resource.
+        /// Buffer or image to zero.
         resource: ResourceId,
     },
     /// Copies the statistics, and makes the output readable by copies.
@@ -134,7 +134,7 @@ pub enum Groups {
     Direct([u32; 3]),
     /// Three words of a buffer.
     Indirect {
-        /// The buffer.
+        /// Buffer that contains the words.
         buffer: ResourceId,
         /// Byte offset of the first word.
         offset: u64,
@@ -146,14 +146,14 @@ pub enum Groups {
 pub enum DrawCall {
     /// Numbers known when the plan is built.
     Direct {
-        /// Vertices of an instance.
+        /// Number of vertices per instance.
         vertices: u32,
-        /// Instances.
+        /// Number of instances.
         instances: u32,
     },
     /// Four words of a buffer: vertices, instances, first vertex, first instance.
     Indirect {
-        /// The buffer.
+        /// Buffer that contains the words.
         buffer: ResourceId,
         /// Byte offset of the first word.
         offset: u64,
@@ -163,7 +163,7 @@ pub enum DrawCall {
 /// A colour attachment of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Target<R = ResourceId> {
-    /// The image.
+    /// Image that is drawn to.
     pub image: R,
     /// Its contents before the draw.
     pub load: Load,
@@ -189,7 +189,7 @@ pub struct Binding<R = ResourceId> {
     pub element: u32,
     /// The type of the descriptor.
     pub kind: DescriptorKind,
-    /// The resource.
+    /// Buffer or image that is bound.
     pub resource: R,
 }
 
@@ -220,7 +220,7 @@ pub enum DescriptorKind {
 /// A pass's accesses to a resource in one set of stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Use<R = ResourceId> {
-    /// The resource.
+    /// Buffer or image that is accessed.
     pub resource: R,
     /// The pipeline stages that access it.
     pub stages: Stages,
@@ -252,7 +252,7 @@ pub struct Culled {
     pub pass: String,
     /// The reason: its `when` is false, or nothing reads its results.
     pub why: String,
-    /// The declaration.
+    /// Position of its declaration.
     #[serde(rename = "declared")]
     pub origin: Origin,
 }
@@ -262,16 +262,16 @@ pub struct Culled {
 pub struct Output {
     /// The name for users: `depth`.
     pub name: String,
-    /// The image.
+    /// Image that contains the output.
     pub image: ResourceId,
 }
 
 /// A 32-bit word of a buffer that is read back after each frame.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stat<R = ResourceId> {
-    /// The name.
+    /// Name of the statistic.
     pub name: String,
-    /// The buffer.
+    /// Buffer that contains the word.
     pub buffer: R,
     /// Byte offset of the word.
     pub offset: u64,

@@ -72,7 +72,7 @@ pub struct Request<'a> {
     pub capacities: &'a [(String, i64)],
     /// Known values of scene, device and viewport.
     pub facts: &'a Facts,
-    /// Importable data.
+    /// Data that the graph can import.
     pub catalog: &'a Catalog,
     /// Lets resources with disjoint lifetimes share memory. Otherwise every resource keeps its contents to the end of
     /// the frame and can be inspected after any pass.

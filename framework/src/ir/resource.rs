@@ -90,7 +90,7 @@ bitflags! {
         const COPY_SOURCE = 1 << 3;
         /// Written by copies, fills or clears.
         const COPY_TARGET = 1 << 4;
-        /// Drawn to.
+        /// Used as a colour attachment.
         const COLOR_TARGET = 1 << 5;
     }
 }

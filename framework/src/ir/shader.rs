@@ -13,7 +13,7 @@ pub struct Shader {
     pub name: String,
     /// Names and values of the defines that its text mentions.
     pub defines: Vec<(String, String)>,
-    /// SPIR-V words.
+    /// SPIR-V code, in 32-bit words.
     pub spirv: Arc<Vec<u32>>,
     /// Declarations and accesses.
     pub reflection: Reflection,
@@ -177,11 +177,11 @@ pub struct PushBlock {
 /// A member of a uniform or push-constant block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Member {
-    /// The name.
+    /// Name of the member.
     pub name: String,
     /// Byte offset in the block.
     pub offset: u32,
-    /// The type.
+    /// Type of the member.
     pub kind: MemberKind,
     /// True if the code may read it.
     pub used: bool,
@@ -203,7 +203,7 @@ pub enum MemberKind {
 /// An input or output of a stage.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Varying {
-    /// The name.
+    /// Name of the variable.
     pub name: String,
     /// Number of the location.
     pub location: u32,

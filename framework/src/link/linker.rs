@@ -25,7 +25,7 @@ pub struct Linked {
 /// A pass with its accesses.
 #[derive(Clone, Debug)]
 pub struct LinkedPass {
-    /// The pass.
+    /// Pass with its bindings and uses.
     pub pass: Pass,
     /// Its name in the file.
     pub span: Span,
@@ -38,7 +38,7 @@ pub struct LinkedPass {
 /// The parameters that a pass depends on, except those that its resources' sizes and formats depend on.
 #[derive(Clone, Debug, Default)]
 pub struct PassParams {
-    /// All parameters.
+    /// Parameters with any effect on the pass.
     pub all: ParamSet,
     /// Parameters that decide whether the pass exists, and which resources it uses and how. They can affect other passes.
     pub structure: ParamSet,

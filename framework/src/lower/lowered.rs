@@ -90,11 +90,11 @@ pub struct LoweredInclude {
 /// A use that was removed with its pass.
 #[derive(Clone, Debug)]
 pub struct RemovedUse {
-    /// The resource.
+    /// Resource that the removed pass would use.
     pub resource: ResourceId,
     /// The removed pass.
     pub pass: String,
-    /// Its `when`.
+    /// Place of the pass's `when`.
     pub when: Span,
 }
 
@@ -153,7 +153,7 @@ pub struct LoweredPass {
 /// A shader's name as written.
 #[derive(Clone, Debug)]
 pub struct ShaderName {
-    /// The name.
+    /// File name, as in the graph.
     pub name: String,
     /// The name in the file.
     pub span: Span,
@@ -168,7 +168,7 @@ pub enum LoweredSize {
     Groups(Extent),
     /// Three words of a buffer.
     Indirect {
-        /// The buffer.
+        /// Buffer that contains the words.
         buffer: ResourceId,
         /// Byte offset of the first word.
         offset: u64,
@@ -193,7 +193,7 @@ pub struct LoweredBind {
     pub block: String,
     /// The block's name in the file.
     pub block_span: Span,
-    /// The resources.
+    /// Resources to bind, one per element.
     pub resources: Vec<ResourceId>,
     /// The resource's name in the file.
     pub resource_span: Span,
@@ -204,7 +204,7 @@ pub struct LoweredBind {
 pub struct LoweredPush {
     /// The member's name.
     pub name: String,
-    /// The value.
+    /// Evaluated value.
     pub value: Value,
     /// The name in the file.
     pub name_span: Span,

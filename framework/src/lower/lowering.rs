@@ -46,9 +46,9 @@ pub(super) struct Lowering<'a> {
     pub unwritten: Vec<RemovedUse>,
     pub removed: Vec<RemovedPass>,
     pub skipped: Vec<SkippedUse>,
-    /// As [`Lowered::shape`](super::Lowered::shape).
+    /// Parameters that decide which passes exist; see [`Lowered::shape`](super::Lowered::shape).
     pub shape: ParamSet,
-    /// As [`Lowered::results`](super::Lowered::results).
+    /// Parameters that the results depend on; see [`Lowered::results`](super::Lowered::results).
     pub results: ParamSet,
     /// Statistics of this graph and of its parts, with their places in the files.
     pub stats: Vec<(Stat, Span)>,
@@ -82,7 +82,7 @@ pub(super) struct Level {
     pub around: ParamSet,
     pub defines: Rc<Vec<(String, String)>>,
     pub unfit: Rc<Vec<(String, String)>>,
-    /// As [`LoweredPass::constants`].
+    /// Parameters behind the constants; see [`LoweredPass::constants`].
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 

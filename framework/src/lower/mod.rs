@@ -46,7 +46,7 @@ use crate::source::{Diagnostic, SourceMap};
 /// A parameter with its texts for users.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Control {
-    /// The parameter.
+    /// Parameter with its value.
     pub param: Param,
     /// A short label.
     pub label: String,

@@ -40,9 +40,9 @@ pub enum Objection {
     },
     /// An image is in another layout than a pass needs, or than a layout change assumes.
     Layout {
-        /// The pass.
+        /// Pass that accesses the image.
         pass: PassId,
-        /// The image.
+        /// Image with the wrong layout.
         image: ResourceId,
         /// The layout that it is in.
         found: Layout,

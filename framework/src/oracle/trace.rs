@@ -50,9 +50,9 @@ impl Access {
 /// stages.
 #[derive(Clone)]
 pub struct Clash {
-    /// One access.
+    /// One of the two accesses.
     pub first: Access,
-    /// The other access.
+    /// The other of the two accesses.
     pub second: Access,
 }
 
@@ -98,9 +98,9 @@ impl ResourceCells {
 
 /// The accesses of all passes, and the cells of memory.
 pub struct Trace {
-    /// By pass.
+    /// Effects of each pass, indexed by [`PassId`].
     pub passes: Vec<Actions>,
-    /// By resource.
+    /// Cells of each resource, indexed by [`ResourceId`].
     pub resources: Vec<ResourceCells>,
     /// Byte range of each cell, from the start of its memory.
     pub cells: Vec<Range<u64>>,

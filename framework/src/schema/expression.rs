@@ -68,9 +68,9 @@ pub fn is_choice(text: &str) -> bool {
 /// A parsed reference: the name of a resource, and a part of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResourceName {
-    /// The name.
+    /// Name of the resource, without its part.
     pub name: String,
-    /// The part.
+    /// Part of the resource.
     pub part: Part,
     /// The byte range of the name in the text.
     pub range: Range<usize>,

@@ -512,7 +512,7 @@ pub enum Call {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename = "Target")]
 pub struct TargetDecl {
-    /// The image.
+    /// Image that is drawn to.
     pub image: Reference,
     /// Its contents before the draw.
     pub load: Load,

@@ -25,7 +25,7 @@ pub struct ShaderRequest<'a> {
 /// A compiled shader.
 #[derive(Clone, Debug)]
 pub struct Compiled {
-    /// SPIR-V words.
+    /// SPIR-V code, in 32-bit words.
     pub spirv: Arc<Vec<u32>>,
     /// Name and value of the defines that the text mentions.
     pub defines: Vec<(String, String)>,

@@ -1,5 +1,4 @@
-//! Drops the resources and shaders that no pass uses, renumbers the others in the same order, and collects the uses of
-//! each resource.
+//! Drops unused resources and shaders, renumbers the others in the same order, and collects the uses of each resource.
 //!
 //! The previous frame's contents become the resource itself: the order of the passes already accounts for the
 //! difference.

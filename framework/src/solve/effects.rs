@@ -19,7 +19,7 @@ pub(super) struct Causes {
     passes: Vec<ParamSet>,
     /// The parameters behind each resource, by name.
     resources: BTreeMap<String, ParamSet>,
-    /// As [`Effect::shape`].
+    /// Parameters that decide which passes exist; see [`Effect::shape`].
     shape: ParamSet,
     /// For each parameter, a phrase that says where it would have an effect.
     hints: Vec<Option<String>>,

@@ -7,7 +7,7 @@ use crate::ir::Span;
 /// A place with a text, which may be empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
-    /// The place.
+    /// Range of the source text.
     pub span: Span,
     /// The text drawn under it.
     pub text: String,
@@ -22,7 +22,7 @@ pub struct Diagnostic {
     pub primary: Label,
     /// Related places, in any file.
     pub secondary: Vec<Label>,
-    /// Suggestions.
+    /// Suggestions for a correction.
     pub help: Vec<String>,
 }
 

@@ -177,7 +177,7 @@ impl SourceMap {
         SourceMap { library, ..SourceMap::default() }
     }
 
-    /// Adds a text without a file. Every call creates a new file, whatever its path, and [`SourceMap::find`] does not
+    /// Adds a text without a file. Every call creates a new file, regardless of its path, and [`SourceMap::find`] does not
     /// find it. Names in it are resolved as if it were in memory at that path.
     pub fn add(&mut self, path: impl Into<String>, text: impl Into<String>) -> FileId {
         self.insert(path.into(), Cow::Owned(text.into()), None)
@@ -268,7 +268,7 @@ impl SourceMap {
         FileId(self.files.len() as u32 - 1)
     }
 
-    /// Looks up one spelling of a name in all places. The error tells why an existing file cannot be used.
+    /// Looks up one spelling of a name in all places. The error is the reason that an existing file cannot be used.
     fn find_spelling(
         &mut self,
         from: Option<FileId>,

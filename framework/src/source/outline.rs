@@ -19,7 +19,7 @@ pub struct Outline {
     duplicates: Vec<Diagnostic>,
 }
 
-/// An element.
+/// An element of the RON text, with its spans.
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     pub place: Range<usize>,

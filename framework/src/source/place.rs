@@ -69,8 +69,8 @@ impl Place {
         self.outline.span(node.key.clone().filter(|_| self.exists).unwrap_or(node.inside()))
     }
 
-    /// Like [`Place::span`], but for a struct, a variant or a list only the name or the bracket at its start, for
-    /// errors about a missing part.
+    /// Returns a span for errors about a missing part: the name or the bracket at the start of a struct, a variant or a
+    /// list. Other elements have their whole [`Place::span`].
     pub fn head(&self) -> Span {
         self.outline.span(self.node().shallow())
     }

@@ -25,7 +25,7 @@ pub(super) enum TokenKind {
     /// A number, a range of numbers, a character, a byte or a byte string.
     Scalar,
     Text(Text),
-    /// `#![enable(...)]`.
+    /// An attribute, `#![enable(...)]`.
     Attribute,
 }
 
@@ -407,8 +407,7 @@ impl<'a> Lexer<'a> {
     }
 }
 
-/// Keeps the last pair for every offset in the value, so that an offset after an escape is also after it in the
-/// file.
+/// Keeps the last pair for every offset in the value. An offset after an escape is thus also after it in the file.
 fn push_step(steps: &mut Vec<(usize, usize)>, step: (usize, usize)) {
     match steps.last_mut() {
         Some(last) if last.0 == step.0 => *last = step,

@@ -13,7 +13,8 @@ use std::path::{Path, PathBuf};
 /// Options of `--price`.
 #[derive(Debug, clap::Args)]
 pub struct PriceArgs {
-    /// Print the price of each format instead of writing OUT: bytes, the time to load, and PSNR, SSIM and FLIP of the exact renderer's pictures
+    /// Print the price of each format instead of writing OUT: bytes, loading time, and PSNR, SSIM and FLIP of exact
+    /// pictures
     #[arg(long, conflicts_with_all = ["output", "format", "spz_version"])]
     price: bool,
     /// Cameras of the pictures [default: the first beside the scene]

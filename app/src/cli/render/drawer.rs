@@ -22,7 +22,7 @@ use std::sync::Arc;
 /// A scene and its cameras, in the scene's coordinates.
 #[derive(Clone)]
 pub struct Loaded {
-    /// The scene.
+    /// Scene to draw, shared with the session.
     pub scene: Arc<Scene>,
     /// Cameras, one for each file name of [`Work`].
     pub cameras: Vec<Camera>,

@@ -21,7 +21,7 @@ const STILL: f64 = 1e-9;
 const STEEPEST: (f64, f64) = (3.0, 1.0);
 /// Maximum relative difference between the lengths of the two halves of an interval of the table.
 const UNEVEN: f64 = 1e-3;
-/// Minimum number of bisections of a segment, and the maximum, reached near a point where the curve stands still.
+/// Minimum number of bisections of a segment, and the maximum, reached near a point where the curve does not move.
 const BISECTIONS: (u32, u32) = (4, 24);
 /// Length below which an interval is not bisected, as a share of the distances between all keys.
 const TINY: f64 = 1e-7;

@@ -9,8 +9,7 @@ use splatgraph_framework::ir::{Pass, Work};
 use splatgraph_framework::plan::Plan;
 use std::fmt;
 
-/// Byte offset in `args` of the number of keys to sort, and in `pair_args` of the number of pairs that a frame needs
-/// (shaders/args.glsl).
+/// Byte offset of the number of keys to sort in `args`, and of needed pairs in `pair_args` (shaders/args.glsl).
 const KEYS_BYTE: u64 = 12;
 const PAIRS_BYTE: u64 = 32;
 

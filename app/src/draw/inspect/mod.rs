@@ -130,10 +130,10 @@ pub struct Finding {
     /// Number of keys that the frame sorted, if known.
     #[serde(skip)]
     pub counted: Option<u64>,
-    /// True for an image.
+    /// True for an image, false for a buffer.
     #[serde(skip)]
     pub is_image: bool,
-    /// The words.
+    /// Contents as 32-bit words.
     #[serde(skip)]
     pub words: Words,
 }

@@ -290,7 +290,7 @@ impl<D: Device> Session<D> {
         self.device
     }
 
-    /// Returns the scene.
+    /// Returns the scene that the session draws.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }

@@ -24,9 +24,9 @@ pub struct Image<C = f32> {
 pub enum Depth {
     /// Integers from 0 to this level, white.
     Levels(u16),
-    /// float32.
+    /// Floats of single precision.
     Single,
-    /// float64.
+    /// Floats of double precision.
     Double,
 }
 

@@ -34,12 +34,12 @@ pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
     header(path).map(|(_, size)| size)
 }
 
-/// Loads a file without its alpha, since pictures here are opaque; returns its maximum level, too.
+/// Loads a file without its alpha, since pictures here are opaque; also returns its maximum level.
 pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
     load_over(path, None)
 }
 
-/// Loads a file, blended over a background by its alpha if there are both; returns its maximum level, too.
+/// Loads a file, blended over a background by its alpha if there are both; also returns its maximum level.
 pub(super) fn load_over(path: &Path, background: Option<[f32; 3]>) -> Result<(Image, u16), ImageError> {
     let fail = |e: png::DecodingError| ImageError::because(path, e);
     let (decoder, (width, height)) = header(path)?;

@@ -18,7 +18,7 @@ pub const SIZE: (u32, u32) = (960, 560);
 #[error("the plot cannot be drawn: {0}")]
 pub struct PlotError(String);
 
-/// An axis.
+/// An axis with its label and scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
     /// Quantity and unit.
@@ -49,7 +49,7 @@ pub struct Point {
     pub name: String,
 }
 
-/// Points of one kind.
+/// Points that share a legend entry and a form.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
     /// The name in the legend; no entry if it is empty.
@@ -78,7 +78,7 @@ pub struct Plot {
     pub x: Axis,
     /// The vertical axis.
     pub y: Axis,
-    /// The points.
+    /// Series of points, drawn in this order.
     pub series: Vec<Series>,
     /// Error bars, behind the points.
     pub bars: Vec<Bar>,

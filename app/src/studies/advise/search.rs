@@ -10,7 +10,7 @@ use crate::studies::study::Setting;
 use crate::studies::trade::measure::Row;
 use serde::Serialize;
 
-/// The wanted limits.
+/// Limits that a setting must keep.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Budget {
     /// Minimum PSNR of every view, in decibels.
@@ -22,7 +22,7 @@ pub struct Budget {
 /// The measurements of a setting over all views.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Tried {
-    /// The setting.
+    /// Setting that was measured.
     pub setting: Setting,
     /// PSNR of each view in decibels, infinite for equal pictures.
     pub psnr_db: Vec<f64>,

@@ -43,7 +43,7 @@ pub struct Wanted {
     pub pipeline: String,
     /// Parameters that have a value in every setting.
     pub set: Vec<(String, String)>,
-    /// The limits.
+    /// Limits that the advised setting must keep.
     pub budget: Budget,
     /// Numbers of frames and rounds.
     pub frames: Frames,

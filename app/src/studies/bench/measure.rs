@@ -76,7 +76,7 @@ pub struct View {
     pub width: u32,
     /// Height of the picture, in pixels.
     pub height: u32,
-    /// Frames in a round.
+    /// Number of frames per round.
     pub frames: u32,
     /// The graph's counts, such as `visible` and `drawn`.
     pub counts: BTreeMap<String, u32>,
@@ -135,9 +135,9 @@ struct Runner<D> {
 
 /// A measurement of candidates on one scene.
 pub struct Bench<'a, D> {
-    /// The device.
+    /// Device that draws.
     pub device: &'a D,
-    /// The scene.
+    /// Scene to draw.
     pub scene: Arc<Scene>,
     /// Numbers of frames and rounds.
     pub frames: Frames,

@@ -79,7 +79,7 @@ pub struct Row {
     pub splats: u32,
     /// Width and height in pixels; `None` if each camera has its own.
     pub size: Option<(u32, u32)>,
-    /// The graph.
+    /// Name or path of the graph.
     pub pipeline: String,
     /// The measurements, or the error.
     pub found: Outcome,
@@ -91,7 +91,7 @@ pub struct Report {
     /// The origin of the numbers.
     #[serde(flatten)]
     pub origin: Origin,
-    /// The scenes.
+    /// Scenes of the run, with their cameras.
     pub scenes: Vec<SceneOrigin>,
     /// The candidates, grouped by scene, number of splats and size.
     pub rows: Vec<Row>,

@@ -40,7 +40,7 @@ pub struct Sorted {
     pub wall_ms: Option<Figure>,
     /// Pairs per GPU time, in 10^9 per second.
     pub gkeys_per_s: Option<f64>,
-    /// The passes.
+    /// Passes of the sort, in order of execution.
     pub passes: Vec<Part>,
     /// Bytes of memory on the device.
     pub memory_bytes: u64,
@@ -66,7 +66,7 @@ impl Sorted {
 /// A measurement of one number of pairs with one key width.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
-    /// Number of pairs.
+    /// Number of pairs that are sorted.
     pub pairs: u32,
     /// Width of the keys, in bits.
     pub key_bits: u32,

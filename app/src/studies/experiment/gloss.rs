@@ -38,7 +38,7 @@ impl<F: Fn(&Gaussian) -> [f64; 3] + Sync> Splats for Painted<'_, F> {
 pub struct Part {
     /// First column and row, in pixels.
     pub corner: [u32; 2],
-    /// Columns and rows.
+    /// Number of columns and rows.
     pub size: [u32; 2],
     /// Centroid of its energy, in world coordinates.
     pub point: [f64; 3],

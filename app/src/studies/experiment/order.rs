@@ -49,7 +49,7 @@ pub struct Order {
     pub ways: Vec<Drawn>,
     /// The pictures with narrower keys, each with the width in bits.
     pub keys: Vec<(u32, Drawn)>,
-    /// The worked example.
+    /// Worked example of two splats.
     pub two: Two,
 }
 

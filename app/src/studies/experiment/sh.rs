@@ -26,7 +26,7 @@ pub const DEGREES: [f64; 3] = [-30.0, 0.0, 30.0];
 /// A picture with bands up to a certain one, and its PSNR against two others.
 #[derive(Clone, Debug)]
 pub struct Drawn {
-    /// The picture.
+    /// Picture that the device drew.
     pub image: Image,
     /// PSNR against the picture with all bands, in decibels; `None` if they are equal.
     pub to_all: Option<f64>,

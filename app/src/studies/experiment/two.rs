@@ -47,7 +47,7 @@ impl Blended {
     }
 }
 
-/// The worked example.
+/// The worked example of two splats, at one pixel.
 #[derive(Clone, Debug)]
 pub struct Two {
     /// The near splat and the far one at the pixel.
@@ -60,7 +60,7 @@ pub struct Two {
     pub image: Image,
 }
 
-/// Works through the example, in a context of its own on the session's device.
+/// Works through the example, in its own context on the session's device.
 ///
 /// # Errors
 /// The graph has errors, or the device fails.

@@ -72,7 +72,8 @@ impl Share {
         Share { range, ..self }
     }
 
-    /// Returns true if this takes less time than `other` by [`LEAST_SAVING`] or more, false if it does not, `None` if noise hides it.
+    /// Returns true if this takes at least [`LEAST_SAVING`] less time than `other`, false if it does not, `None` if
+    /// noise hides it.
     pub fn faster(&self, other: &Share) -> Option<bool> {
         let ((low, high), (other_low, other_high)) = (self.range?, other.range?);
         let kept = 1.0 - LEAST_SAVING;

@@ -1,4 +1,4 @@
-//! Tells settings apart by their plans: the pictures and times of two equal plans differ by noise alone.
+//! Distinguishes settings by their plans: pictures of equal plans are equal, and their times differ only by noise.
 
 use super::settings::with_effect;
 use crate::draw::session::{Session, SessionError};

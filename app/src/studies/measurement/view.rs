@@ -18,7 +18,7 @@ use std::time::Duration;
 pub struct View {
     /// The camera, in the size of the pictures.
     pub camera: Camera,
-    /// The true picture.
+    /// True picture, by the exact renderer or given.
     pub picture: Image,
     /// True for each pixel that a splat contributes to.
     pub covered: Vec<bool>,
@@ -64,7 +64,7 @@ pub struct Measured {
 /// Also returns the picture and its counts.
 ///
 /// # Errors
-/// The device fails. The inner error says why the picture cannot be compared.
+/// The device fails. The inner error is the reason that the picture cannot be compared.
 pub fn measure<D: Device>(
     session: &mut Session<D>,
     baseline: Baseline<D>,
@@ -88,9 +88,9 @@ pub fn measure<D: Device>(
 
 /// A picture, with its error and counts.
 pub struct Drawn {
-    /// The picture.
+    /// Picture that the device drew.
     pub picture: Image,
-    /// Its error.
+    /// Error of the picture against the truth.
     pub error: Error,
     /// Pairs of splats in the wrong order; see [`Measured::inversions`].
     pub inversions: Option<u64>,
@@ -101,7 +101,7 @@ pub struct Drawn {
 /// Draws a picture with a prepared session, and compares it and the order of its splats with the truth.
 ///
 /// # Errors
-/// The device fails. The inner error says why the picture cannot be compared.
+/// The device fails. The inner error is the reason that the picture cannot be compared.
 pub fn draw<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
     // The second frame: one with the order of the last frame has one.
     interleaved::frame(session, &view.camera)?;

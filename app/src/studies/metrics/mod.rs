@@ -99,7 +99,7 @@ pub fn compare<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<Comparison, Met
 /// Checks that two pictures are of one size, with finite values.
 ///
 /// # Errors
-/// They are not.
+/// The sizes differ, or a value is not finite.
 pub fn comparable<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<(), MetricError> {
     if (a.width, a.height) != (b.width, b.height) {
         return Err(MetricError::Sizes {

@@ -32,7 +32,7 @@ pub struct Step {
 /// The steps of a variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Track {
-    /// The variant.
+    /// Graph and parameters of the variant.
     #[serde(flatten)]
     pub variant: Setting,
     /// Steps of the path, one fewer than frames.

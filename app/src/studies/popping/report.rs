@@ -1,4 +1,4 @@
-//! Writes scores as a table for people, as CSV, and as a plot.
+//! Formats scores as a table, as CSV, and as a plot.
 
 use super::measure::Track;
 use crate::io::report::plot::{Axis, Plot, Series};

@@ -43,7 +43,7 @@ pub fn counts(all: u32, steps: u32) -> Vec<u32> {
 pub struct Sweep<'a, D> {
     /// The session that draws all splats, prepared in the view's size.
     pub whole: &'a mut Session<D>,
-    /// The graph.
+    /// Name or path of the graph.
     pub pipeline: &'a str,
     /// Names and values of the graph's parameters.
     pub set: &'a [(String, String)],

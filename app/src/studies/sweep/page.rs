@@ -25,7 +25,7 @@ pub struct Swept {
     pub scene: String,
     /// The scene's number of splats.
     pub splats: u32,
-    /// The graph.
+    /// Name or path of the graph.
     pub pipeline: String,
     /// The device and its driver.
     pub device: String,
@@ -43,7 +43,7 @@ pub struct Shown {
     pub choice: Option<Choice>,
     /// The number of splats that are kept.
     pub count: u32,
-    /// The picture.
+    /// Picture that the device drew.
     pub picture: Image,
 }
 

@@ -14,7 +14,7 @@ use splatgraph_api::Device;
 /// The request of the study.
 #[derive(Clone, Debug)]
 pub struct Wanted {
-    /// The graph.
+    /// Name or path of the graph.
     pub pipeline: String,
     /// Names and values of the graph's parameters.
     pub set: Vec<(String, String)>,
@@ -155,7 +155,7 @@ impl<D: Device> Study<D> {
         gather(scene, wanted.pipeline.clone(), subject.device_name(), steps, closer)
     }
 
-    /// Makes the progress of the whole study, after `views` views are done.
+    /// Creates the step counter of the whole study, with the steps of `views` views already done.
     fn progress<'a>(&self, subject: &Subject<D>, views: usize, listener: &'a mut dyn Listener) -> Steps<'a> {
         let per_view = 1 + Choice::ALL.len() * (self.counts.len() - 1);
         let of = per_view * subject.cameras.len() + approach::STEPS.len();

@@ -29,7 +29,7 @@ pub struct Origin {
     pub content: String,
     /// Cameras, as in cameras.json, with the size of their pictures.
     pub cameras: Json,
-    /// The graph.
+    /// Name or path of the graph.
     pub pipeline: String,
     /// Parameters that have a value in every setting.
     #[serde(default)]
@@ -99,7 +99,7 @@ pub struct Ledger {
 
 /// A ledger that is saved to a file as rows are added.
 pub struct Book {
-    /// The rows so far.
+    /// Ledger with the rows so far.
     pub ledger: Ledger,
     path: Option<PathBuf>,
 }

@@ -66,13 +66,13 @@ pub struct Input {
     pub size: [f64; 2],
     /// Motion of the pointer, in points: right and down.
     pub moved: [f64; 2],
-    /// Pressed buttons.
+    /// Buttons of the pointer that are pressed.
     pub buttons: Buttons,
-    /// Pressed modifiers.
+    /// Modifier keys that are pressed.
     pub modifiers: Modifiers,
     /// Notches of the wheel, positive away from the user.
     pub scroll: f64,
-    /// Pressed keys.
+    /// Keys of the controls that are pressed.
     pub keys: Keys,
     /// True to frame the scene (F, or a double click).
     pub frame: bool,
@@ -82,7 +82,7 @@ pub struct Input {
     pub seconds: f64,
 }
 
-/// Buttons of the pointer.
+/// State of the pointer's buttons: true if pressed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Buttons {
     /// The left, primary button.
@@ -93,7 +93,7 @@ pub struct Buttons {
     pub right: bool,
 }
 
-/// Modifiers of the controls.
+/// State of the modifier keys: true if pressed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Modifiers {
     /// Shift.

@@ -68,9 +68,9 @@ pub struct Composition {
     pub window: [u32; 2],
     /// Rectangle of the view in the window: left, top, width, height in pixels.
     pub view: [u32; 4],
-    /// Picture A.
+    /// Picture A, drawn left of the split line.
     pub a: Option<Shown>,
-    /// Picture B.
+    /// Picture B, drawn right of the split line.
     pub b: Option<Shown>,
     /// The comparison of A and B.
     pub mode: Mode,

@@ -13,9 +13,9 @@ use std::sync::Arc;
 /// A rectangle, in pixels of the window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Area {
-    /// Its top left corner.
+    /// Top left corner, in pixels.
     pub first: [f32; 2],
-    /// Its bottom right corner.
+    /// Bottom right corner, in pixels; exclusive.
     pub beyond: [f32; 2],
 }
 

@@ -50,7 +50,7 @@ struct Vertex {
     position: [f32; 2],
     /// Texture coordinates, 0 to 1.
     uv: [f32; 2],
-    /// Red, green, blue, alpha.
+    /// Red, green, blue and alpha, premultiplied.
     colour: [u8; 4],
     /// Index of the mesh's [`Clip`].
     clip: u32,
@@ -60,9 +60,9 @@ struct Vertex {
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 struct Clip {
-    /// Top left pixel.
+    /// Top left corner, in pixels.
     first: [f32; 2],
-    /// Pixel below and to the right of the last.
+    /// Bottom right corner, in pixels; exclusive.
     beyond: [f32; 2],
     texture: Texture,
 }

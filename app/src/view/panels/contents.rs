@@ -14,9 +14,9 @@ use splatgraph_framework::plan::Plan;
 
 /// State that the inspector may change while it is drawn.
 pub struct Target<'a> {
-    /// The selection.
+    /// Item selected in all tools.
     pub selection: &'a mut Option<Selection>,
-    /// Places of the controls.
+    /// Positions of the controls.
     pub controls: &'a mut Controls,
     /// State of the measurement of the device's copy limit.
     pub copy: Copy,
@@ -27,7 +27,7 @@ pub struct Target<'a> {
 /// State of the measurement of the device's copy limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Copy {
-    /// Not measured.
+    /// Not measured yet.
     Unknown,
     /// The measurement is running.
     Measuring,
@@ -45,7 +45,7 @@ const BINS: usize = 64;
 /// texture memory.
 const LARGEST: usize = 512;
 
-/// The panel's settings.
+/// Settings of the inspector's contents.
 #[derive(Default)]
 pub struct State {
     first: usize,

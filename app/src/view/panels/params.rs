@@ -151,8 +151,7 @@ fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     }
 }
 
-/// Groups of a graph's parameters, taken from its first plan, so that rows do not move when a later plan has other
-/// effects.
+/// Groups of a graph's parameters, taken from its first plan so that rows do not move when effects change.
 #[derive(Default)]
 struct Groups {
     graph: String,

@@ -15,10 +15,10 @@ const GRIP: f32 = 6.0;
 /// Target of a drag that began over the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drag {
-    /// The camera.
+    /// The drag moves the camera.
     #[default]
     Camera,
-    /// The line between A and B.
+    /// The drag moves the line between A and B.
     Split,
 }
 

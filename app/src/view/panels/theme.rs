@@ -35,7 +35,7 @@ pub struct Palette {
     pub line: Color32,
     /// Secondary text.
     pub soft: Color32,
-    /// Text.
+    /// Primary text.
     pub ink: Color32,
     /// Selection and everything that can be clicked.
     pub accent: Color32,

@@ -70,7 +70,7 @@ impl Panels {
         }
     }
 
-    /// Draws a tool.
+    /// Draws the contents of a tool.
     fn tool<D: Device>(&mut self, ui: &mut Ui, tool: Tool, viewer: &mut Viewer<D>, window: &History) {
         match tool {
             Tool::Picture => {}

@@ -47,7 +47,7 @@ fn short(text: &str) -> String {
 }
 
 impl Panels {
-    /// Draws the bar.
+    /// Draws the bar at the top of the window.
     pub(super) fn top_bar<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let mut compare = viewer.compare;
         ui.horizontal_wrapped(|ui| {

@@ -48,7 +48,7 @@ pub use state::{PlanInputs, RETRY, Wake};
 /// short frame would be noticed only at the next poll.
 const PATIENCE: Duration = Duration::from_millis(5);
 
-/// A finished frame.
+/// A finished frame, with its results.
 pub struct FinishedFrame {
     /// Results from the device.
     pub result: FrameResult,

@@ -23,7 +23,7 @@ pub struct PlanInputs {
     pub catalog: Arc<Catalog>,
     /// Size of the picture, in pixels.
     pub size: (u32, u32),
-    /// See [`splatgraph_framework::ir::Request::share_memory`].
+    /// True to let resources share memory; see [`splatgraph_framework::ir::Request::share_memory`].
     pub share_memory: bool,
 }
 

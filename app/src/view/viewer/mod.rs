@@ -57,7 +57,7 @@ pub struct Viewer<D: Device> {
     pub cameras: Vec<Camera>,
     /// Index of the last selected camera.
     pub camera: Option<usize>,
-    /// Position of the camera.
+    /// Position and controls of the camera.
     pub navigation: Navigation,
     /// Saved views.
     pub views: Views,
@@ -72,11 +72,11 @@ pub struct Viewer<D: Device> {
     pub a: Viewport<D>,
     /// The viewport for comparison. It keeps its parameters while it is hidden.
     pub b: Option<Viewport<D>>,
-    /// The comparison.
+    /// Way in which A and B are compared; A alone if they are not.
     pub compare: Mode,
     /// Position of the split line, as a share of the width.
     pub split: f32,
-    /// Amplification of the difference.
+    /// Factor that amplifies the difference of A and B.
     pub gain: f32,
     /// Background colour, display-encoded.
     pub background: [f32; 3],
@@ -166,8 +166,8 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Returns true while anything is being built, loaded, compared or picked, may have to be rebuilt with more
-    /// capacity, or is not shown yet.
+    /// Returns true while anything is being built, loaded, compared or picked, may need more capacity, or is not shown
+    /// yet.
     pub fn busy(&self) -> bool {
         self.changes_soon() || self.is_comparing() || self.picker.busy()
     }

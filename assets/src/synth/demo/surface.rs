@@ -12,7 +12,7 @@ pub(super) fn even(index: usize) -> DVec2 {
 
 /// A point of a surface with its derivatives.
 pub(super) struct Patch {
-    /// Position.
+    /// Position of the point.
     pub at: DVec3,
     /// Unit normal, in the direction of `du x dv`.
     pub normal: DVec3,

@@ -366,8 +366,8 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         self.times = Some(timestamps.clone());
     }
 
-    /// Stores the sample's index: a pass's two timestamps are samples of its encoder, which its first command opens.
-    /// The first timestamp names both.
+    /// Stores the timestamp's index for the pass's encoder, which opens with the first command. The encoder samples
+    /// both of the pass's timestamps, so the first index determines both.
     fn timestamp(&mut self, _: &Timestamps, index: u32) {
         if let (Some(sample), Some(_)) = (lower::sample(index), self.next)
             && sample.is_multiple_of(2)

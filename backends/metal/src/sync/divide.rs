@@ -36,8 +36,8 @@ fn kind(work: &Work) -> Option<EncoderKind> {
     }
 }
 
-/// Returns true if a draw has the same targets as the group's draws, keeps their contents, and has no other dependency
-/// on them.
+/// Returns true if a draw only continues the group's draws: it keeps their targets, and has no other dependency on
+/// them.
 fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     let targets = |pass: PassId| match &plan.pass(pass).work {
         Work::Draw { targets, .. } => targets.as_slice(),

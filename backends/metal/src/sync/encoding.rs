@@ -90,7 +90,7 @@ impl RenderStages {
 pub struct EncodedPass {
     /// Orders the earlier passes of the encoder before this pass and the later ones.
     pub barrier: Option<MemoryBarrier>,
-    /// The pass.
+    /// Pass of the plan.
     pub pass: PassId,
 }
 

@@ -178,7 +178,7 @@ fn inode(_: &Metadata) -> (u64, u64, i128) {
 }
 
 impl Stamp {
-    /// Returns true if any later write must have a different time, whatever the clock's resolution (2 s on FAT).
+    /// Returns true if any later write must have a different time, at any resolution of the clock (2 s on FAT).
     fn is_old(self) -> bool {
         const RESOLUTION: Duration = Duration::from_secs(3);
         let age = self.modified.and_then(|modified| SystemTime::now().duration_since(modified).ok());

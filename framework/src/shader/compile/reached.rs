@@ -121,13 +121,13 @@ struct Walk<'t> {
     defines: BTreeMap<&'t str, &'t str>,
     macros: BTreeMap<&'t str, Macro<'t>>,
     names: BTreeSet<&'t str>,
-    /// As [`Reached::undefined`].
+    /// First undefined name in a condition; see [`Reached::undefined`].
     undefined: Option<(usize, Range<usize>)>,
     bytes: usize,
 }
 
 impl<'t> Walk<'t> {
-    /// Walks over a text. `active` tells whether its `#include` is compiled.
+    /// Walks over a text. `active` is the certainty that its `#include` is compiled.
     fn text(&mut self, index: usize, active: Truth, depth: usize) -> Option<()> {
         let Text { text, includes } = &self.texts[index];
         self.bytes += text.len() + INCLUDE_BYTES;

@@ -240,8 +240,8 @@ fn header_name(text: &str, at: usize) -> Option<(&str, Range<usize>)> {
     Some((name, start..start + name.len()))
 }
 
-/// Replaces a byte order mark and all non-ASCII bytes (which occur only in comments), so that the compiler gets ASCII
-/// and all byte offsets stay.
+/// Replaces a byte order mark and all non-ASCII bytes, which occur only in comments. The compiler gets ASCII, and byte
+/// offsets do not change.
 pub(super) fn to_ascii(text: &str) -> String {
     let mut bytes = text.as_bytes().to_vec();
     if text.starts_with('\u{feff}') {

@@ -28,7 +28,7 @@ pub(super) struct Sources {
     pub bindings: BTreeSet<String>,
 }
 
-/// One file.
+/// A file of the shader, with its scan.
 pub(super) struct Unit {
     pub origin: UnitOrigin,
     pub text: String,

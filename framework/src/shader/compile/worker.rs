@@ -70,9 +70,9 @@ impl Limits {
 /// A program that can serve as the compiler: its `main` calls [`serve_if_asked`](super::serve_if_asked) first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Worker {
-    /// The program.
+    /// Path of the program.
     pub program: PathBuf,
-    /// Its arguments.
+    /// Arguments of the program.
     pub arguments: Vec<OsString>,
     /// The limits of each compilation.
     pub limits: Limits,

@@ -57,7 +57,7 @@ pub enum Objection {
 /// A pass in one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Actor {
-    /// The pass.
+    /// Pass of the plan.
     pub pass: PassId,
     /// The frame, from 0; `None` in the prologue.
     pub frame: Option<u32>,

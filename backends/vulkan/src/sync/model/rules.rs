@@ -25,8 +25,9 @@ pub struct Rules {
     /// If true, a write after a write requires the first to be visible to the second, as in validation. Otherwise
     /// availability of the first suffices, as in the memory model (Vulkan 1.3, appendix B).
     pub writes_see_writes: bool,
-    /// If true, a layout change names the preceding write in its own source, unless something has read the image since,
-    /// even if an earlier barrier made the write available. Validation layers require this; the specification does not.
+    /// If true, a layout change names the preceding write in its own source, even if an earlier barrier made the write
+    /// available. It need not if something has read the image since. Validation layers require this; the specification
+    /// does not.
     pub changes_name_writes: bool,
 }
 
