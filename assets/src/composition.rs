@@ -58,7 +58,7 @@ fn one() -> f64 {
 pub(crate) struct Placed {
     /// Path of the scene file.
     pub file: PathBuf,
-    /// Its transform into the world.
+    /// Transform of the scene into the world.
     pub by: Similarity,
 }
 

@@ -3,7 +3,7 @@
 use crate::memory::SceneMemoryError;
 use std::path::PathBuf;
 
-/// An error of loading a scene file.
+/// An error while loading a scene file.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {problem}", path.display())]
 pub struct LoadError {

@@ -222,7 +222,7 @@ pub(crate) struct SourceReader<'a> {
 }
 
 impl<'a> SourceReader<'a> {
-    /// Begins at offset `at`.
+    /// Creates a reader that begins at offset `at`.
     pub(crate) fn new(source: &'a Source<'a>, at: u64) -> Self {
         Self { source, at }
     }
@@ -329,7 +329,7 @@ impl Buffers {
     /// Calls `work` with a buffer of at least `bytes` bytes, with undefined contents.
     ///
     /// # Errors
-    /// There is no memory for it, or `work` fails.
+    /// There is no memory for the buffer, or `work` fails.
     pub(crate) fn with<T>(
         &self,
         bytes: usize,

@@ -186,7 +186,7 @@ impl Header {
         Ok(sections)
     }
 
-    /// Converts a row, and returns the length of its quaternion as well.
+    /// Converts a row; also returns the length of its quaternion.
     fn splat(&self, section: &Section, index: usize, row: &[u8]) -> (Splat, f64) {
         let size = VALUE[self.level];
         let value = |index: usize| match size {

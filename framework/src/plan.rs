@@ -31,7 +31,7 @@ pub struct Plan {
     pub name: String,
     /// One line that describes the graph.
     pub summary: String,
-    /// The graphs and presets that it is based on, the graph last; empty for a graph.
+    /// The graphs and presets that the graph is based on, the graph last; empty for a graph.
     pub based_on: Vec<String>,
     /// The graphs of a choice that are passed over, in order; the last one's fallback is this plan's graph.
     pub fallbacks: Vec<Fallback>,
@@ -264,7 +264,7 @@ pub struct Warning {
 /// A buffer or an image. Ping-pong resources appear as two, named `keys#0` and `keys#1`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resource {
-    /// Unique in the plan.
+    /// Name of the resource, unique in the plan.
     pub name: String,
     /// Size, and format of an image.
     pub shape: Shape,
@@ -334,13 +334,13 @@ pub struct Cause<P = PassId, R = ResourceId> {
     pub hazard: Hazard,
     /// The pass that waits. It can be a later one than the pass after the command.
     pub before: P,
-    /// The resource that it accesses.
+    /// The resource that the waiting pass accesses.
     pub resource: R,
     /// The passes that are waited for. Empty if an image was never accessed.
     pub after: Vec<P>,
-    /// True if they ran in the frame before the frame of `before`.
+    /// True if the passes of `after` ran in the frame before the frame of `before`.
     pub previous_frame: bool,
-    /// The resource that they accessed, if it is another one in the same memory.
+    /// The resource that the passes of `after` accessed, if it is another one in the same memory.
     pub alias: Option<R>,
 }
 
@@ -374,14 +374,14 @@ pub enum Since {
 pub struct Transition<R = ResourceId> {
     /// Image whose layout changes.
     pub image: R,
-    /// The layout before; [`Layout::Undefined`] if the contents are not needed.
+    /// The layout before the change; [`Layout::Undefined`] if the contents are not needed.
     pub old: Layout,
-    /// The layout after.
+    /// The layout after the change.
     pub new: Layout,
 }
 
 impl<R> Transition<R> {
-    /// Returns the same with another kind of reference to the image.
+    /// Returns the transition with another kind of reference to the image.
     pub fn map<T>(&self, image: impl FnOnce(&R) -> T) -> Transition<T> {
         Transition { image: image(&self.image), old: self.old, new: self.new }
     }
@@ -395,11 +395,11 @@ impl<R> Transition<R> {
 pub struct LayoutChange {
     /// Image whose layout changes.
     pub image: ResourceId,
-    /// The layout before; [`Layout::Undefined`] if the contents are not needed.
+    /// The layout before the change; [`Layout::Undefined`] if the contents are not needed.
     pub old: Layout,
-    /// The layout after.
+    /// The layout after the change.
     pub new: Layout,
-    /// The pass that needs it.
+    /// The pass that needs the new layout.
     pub before: PassId,
     /// True in the handover, which transitions the image to its layout between frames; `before` is the first pass of
     /// the frame that accesses the image.

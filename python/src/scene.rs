@@ -25,7 +25,7 @@ impl Scene {
         loaded.map(|scene| Scene(Arc::new(scene))).map_err(|error| SceneError::new_err(error.to_string()))
     }
 
-    /// Makes a scene of arrays: any with `__dlpack__` or that numpy takes.
+    /// Makes a scene from arrays: objects with `__dlpack__`, or any that numpy converts.
     ///
     /// Args:
     ///     means: centres in world units, [N, 3].

@@ -122,7 +122,7 @@ struct On {
     name: String,
     facts: DeviceFacts,
     storage_buffers: Option<usize>,
-    /// True if the command line names it: unmet requirements are then errors.
+    /// True if the command line names the graph: unmet requirements are then errors.
     is_named: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Cameras from the command line: a point to look from and one to look at, and circles of cameras.
+//! Makes cameras from the command line: a point to look from and one to look at, and circles of cameras.
 
 use super::outcome::Usage;
 use crate::draw::facts;

@@ -1,4 +1,4 @@
-//! Runs `splatgraph sweep`: quality and time as splats are removed.
+//! Runs `splatgraph sweep`: measures quality and time as splats are removed.
 
 use super::console::Console;
 use super::job::{self, Origin, ShardArgs, Work};

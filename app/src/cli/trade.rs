@@ -1,4 +1,4 @@
-//! Runs `splatgraph trade`: a ledger of each setting's saving and cost.
+//! Runs `splatgraph trade`: writes a ledger of each setting's saving and cost.
 
 use super::cameras;
 use super::console::Console;

@@ -16,7 +16,7 @@ use std::fmt;
 pub struct Overflow {
     /// The parameter that grows.
     pub parameter: String,
-    /// Its value in the frame's plan: the number of entries that were drawn.
+    /// The parameter's value in the frame's plan: the number of entries that were drawn.
     pub room: i64,
     /// Number of entries that the frame needed.
     pub needed: i64,

@@ -24,7 +24,7 @@ pub struct Capture {
     pub counts: Vec<(String, u32)>,
 }
 
-/// An error of taking a capture.
+/// An error while taking a capture.
 #[derive(Debug, thiserror::Error)]
 pub enum CaptureError {
     /// The session failed.

@@ -66,7 +66,7 @@ pub struct PickedSplat {
     pub depth: f64,
     /// Alpha at the pixel, capped at 0.99.
     pub alpha: f64,
-    /// Transmittance of the splats before it.
+    /// Transmittance of the splats before this one.
     pub transmittance: f64,
     /// Share of the pixel: alpha times transmittance.
     pub weight: f64,

@@ -22,7 +22,7 @@ pub struct CameraStats {
     pub height: u32,
     /// The graph's name.
     pub pipeline: String,
-    /// The graphs and presets that it is based on, the graph last; empty for a graph.
+    /// The graphs and presets that the pipeline is based on, the graph last; empty for a graph.
     pub based_on: Vec<String>,
     /// The graphs of a choice that were passed over, in order.
     pub fallbacks: Vec<Fallback>,

@@ -56,7 +56,7 @@ pub struct Group {
 pub struct Text {
     /// The bytes between the quotes.
     pub inside: Range<usize>,
-    /// Innermost bracket around it: an index of [`Scan::groups`].
+    /// Innermost bracket around the string: an index of [`Scan::groups`].
     pub group: usize,
     /// Field or key whose value it is.
     pub key: Option<String>,

@@ -61,7 +61,7 @@ struct Declaration {
 struct Graph {
     scan: Scan,
     mentions: Vec<Mention>,
-    /// Files that it names, by name.
+    /// Files that the graph names, by name.
     graphs: HashMap<String, FileId>,
     shaders: HashMap<String, FileId>,
 }

@@ -57,7 +57,7 @@ pub struct Mention {
     pub name: String,
     /// Meaning of the name.
     pub role: Role,
-    /// Bracket that contains it: an index of [`Scan::groups`].
+    /// Bracket that contains the name: an index of [`Scan::groups`].
     pub group: usize,
 }
 

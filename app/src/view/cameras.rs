@@ -61,7 +61,7 @@ impl Views {
     }
 }
 
-/// An error of writing cameras.
+/// An error while writing cameras.
 #[derive(Debug, thiserror::Error)]
 pub enum SaveError {
     /// The list of cameras is empty.

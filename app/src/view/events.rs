@@ -107,7 +107,7 @@ pub enum Event {
     DeviceOpened {
         /// Name of the device.
         name: String,
-        /// Number of attempts until it was opened.
+        /// Number of attempts until the device was opened.
         attempts: u32,
     },
     /// A request that cannot be fulfilled; everything else continues.

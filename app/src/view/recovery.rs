@@ -23,7 +23,7 @@ const ATTEMPTS: u32 = 20;
 /// Maximum wait for a build that still uses the lost device.
 const BUILDS: Duration = Duration::from_secs(5);
 
-/// Two losses within this time have the same cause.
+/// Maximum time between two losses that count as having the same cause.
 const SOON: Duration = Duration::from_secs(30);
 
 /// A function that opens devices for a window of this size, with or without vsync: one for the window, and one for the

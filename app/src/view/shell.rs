@@ -35,7 +35,7 @@ const PROGRESS: Duration = Duration::from_millis(250);
 /// Minimum interval between frames for animations of the user interface on a CPU, which is busy with the scene.
 const ANIMATION: Duration = Duration::from_millis(33);
 
-/// Interval after a frame that drew nothing although the next one is due immediately.
+/// Pause after a frame that drew nothing, if the next frame is due immediately.
 const UNDRAWN: Duration = Duration::from_millis(8);
 
 /// Age of a picture in flight from which the window submits no frames, since they would queue up behind it.

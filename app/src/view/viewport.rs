@@ -32,7 +32,7 @@ pub struct Inspection {
     pub resource: String,
     /// Name of the pass.
     pub pass: String,
-    /// True to read it in every frame, not only on request.
+    /// True to read the resource in every frame, not only on request.
     pub follow: bool,
     /// The last finding, or the reason that there is none.
     pub found: Option<Result<Finding, String>>,
@@ -157,7 +157,7 @@ impl<D: Device> Viewport<D> {
         (!all.is_empty()).then(|| all.join("; "))
     }
 
-    /// Describes the choices made by facts: the graph behind a preset, and the constants with their reasons.
+    /// Describes what the facts decided: the graph behind a preset, and the constants with their reasons.
     pub fn decisions(&self) -> Option<String> {
         let plan = self.renderer.plan()?;
         let decisions = plan.decisions();

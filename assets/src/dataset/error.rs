@@ -1,4 +1,4 @@
-//! Defines the errors of reading and writing cameras.
+//! Defines the errors that reading and writing cameras can have.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ pub const MAX_CAMERA_BYTES: u64 = 256 << 20;
 /// Maximum number of cameras in a dataset, which bounds their memory to a gigabyte.
 pub(crate) const MOST_CAMERAS: usize = 1 << 20;
 
-/// An error of reading, writing or selecting cameras.
+/// An error while reading, writing or selecting cameras.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     /// The file cannot be read or written.

@@ -26,7 +26,7 @@ pub(crate) struct Place {
 pub(crate) struct Line<'a> {
     /// The bytes before the line feed.
     pub text: &'a [u8],
-    /// Its number, counted from 1 over the file.
+    /// Line number, counted from 1 over the file.
     pub number: u64,
     /// True if the line ended at the end of the file, without a line feed: the file may be truncated.
     pub cut: bool,

@@ -103,7 +103,7 @@ impl Layout {
         std::array::from_fn(|axis| matches!(self.slots[axis].scalar, Scalar::F64 | Scalar::I32 | Scalar::U32))
     }
 
-    /// Converts the file's values to a splat, and returns the length of its quaternion as well.
+    /// Converts the file's values to a splat; also returns the length of its quaternion.
     #[inline]
     pub(crate) fn splat(&self, value: impl Fn(usize) -> f32) -> (Splat, f64) {
         let (rotation, norm) = activation::unit(std::array::from_fn(|i| f64::from(value(ROTATION + i))));

@@ -183,7 +183,7 @@ impl Packed {
         Ok(bounds)
     }
 
-    /// Unpacks a splat, and returns the length of its quaternion as well.
+    /// Unpacks a splat; also returns the length of its quaternion.
     fn splat(&self, row: &[u8], rest: &[u8], bounds: &Bounds) -> (Splat, f64) {
         let [position, rotation, scale, color] = self.vertex.map(|offset| {
             let bytes = row[offset..offset + 4].try_into().expect("the slice has 4 bytes");

@@ -95,7 +95,7 @@ impl Columns {
     /// Allocates the arrays.
     ///
     /// # Errors
-    /// They do not fit in memory.
+    /// The arrays do not fit in memory.
     pub(crate) fn zeroed(count: usize, degree: u32) -> Result<Self, SceneMemoryError> {
         let columns = || {
             Some(Self {
@@ -117,7 +117,7 @@ impl Columns {
     /// Allocates the remainders of positions with more precision than f32.
     ///
     /// # Errors
-    /// They do not fit in memory.
+    /// The remainders do not fit in memory.
     pub(crate) fn widen(&mut self) -> Result<(), SceneMemoryError> {
         let count = self.position.len();
         self.low = memory::zeroed(count).ok_or_else(|| SceneMemoryError {

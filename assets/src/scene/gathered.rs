@@ -87,9 +87,9 @@ impl std::fmt::Display for Dropped {
 /// Lengths of the file's quaternions before normalisation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct QuaternionNorms {
-    /// Length of the shortest.
+    /// Length of the shortest quaternion.
     pub min: f64,
-    /// Length of the longest.
+    /// Length of the longest quaternion.
     pub max: f64,
     /// Number of lengths that differ from 1 by more than [`QuaternionNorms::FAR`].
     pub far_from_unit: u64,

@@ -13,7 +13,7 @@ use half::f16;
 use std::f64::consts::FRAC_1_SQRT_2;
 
 impl Header {
-    /// Converts a splat, and returns the length of its quaternion as well.
+    /// Converts a splat; also returns the length of its quaternion.
     fn splat(&self, rows: [&[u8]; 6], frame: &Frame) -> (Splat, f64) {
         let [position, alpha, color, scale, rotation, sh] = rows;
         let (rotation, norm) = activation::unit(match rotation {

@@ -12,7 +12,7 @@ use crate::size_breakdown::FieldSize;
 use ruzstd::decoding::StreamingDecoder;
 use std::io::Read;
 
-/// Reads the header of a file, and returns the offset of the table of contents as well.
+/// Reads the header of a file; also returns the offset of the table of contents.
 pub(super) fn header(source: &Source) -> Result<(Header, u64), SceneError> {
     let bytes = source.head(LONG_HEADER)?;
     let length = source.length();

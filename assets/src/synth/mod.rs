@@ -31,7 +31,7 @@ pub struct Generator {
     make: fn(u32, u64) -> Made,
 }
 
-/// An error of generating a scene.
+/// An error while generating a scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SynthError {
     /// No generator has the name.

@@ -149,7 +149,7 @@ pub struct LimitExceeded {
 pub enum Unit {
     /// Bytes, displayed in mebibytes if large.
     Bytes,
-    /// A count.
+    /// A number of objects, of any kind.
     Count,
 }
 

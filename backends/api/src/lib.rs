@@ -32,7 +32,7 @@ pub struct DeviceInfo {
     pub index: usize,
     /// Name from the driver, such as `NVIDIA H100 80GB HBM3`.
     pub name: String,
-    /// For instance `discrete`, `integrated`, `cpu`.
+    /// Kind of device, for instance `discrete`, `integrated` or `cpu`.
     pub kind: String,
     /// Name and version of the driver.
     pub driver: String,
@@ -40,9 +40,9 @@ pub struct DeviceInfo {
     pub facts: DeviceFacts,
     /// The bounds of out-of-range accesses, unless the device is opened without checks.
     pub robustness: Robustness,
-    /// The largest of its memory heaps.
+    /// The largest memory heap of the device.
     pub heap: Heap,
-    /// The reason why it cannot run plans; `None` if it can.
+    /// The reason why the device cannot run plans; `None` if it can.
     pub unfit: Option<String>,
 }
 
@@ -87,7 +87,7 @@ impl fmt::Display for Robustness {
 /// A heap of device-local memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Heap {
-    /// Its size in bytes.
+    /// Size of the heap in bytes.
     pub bytes: u64,
     /// Bytes that this process can still allocate, as estimated by the driver when the device was listed (in Vulkan
     /// from `VK_EXT_memory_budget`). `None` if unknown.
@@ -224,7 +224,7 @@ pub struct Picture {
 pub struct Inspect {
     /// The resource to read back.
     pub resource: ResourceId,
-    /// The pass to read it after.
+    /// The pass after which the resource is read.
     pub after: PassId,
 }
 

@@ -47,13 +47,13 @@ pub(crate) struct Submission {
     pub event: SharedEvent,
     pub value: u64,
     pub last: CommandBuffer,
-    /// True if all later recordings wait for it.
+    /// True if all later recordings wait for this submission.
     pub publishes: bool,
 }
 
 impl Submission {
-    /// Returns true once it has completed or failed. A failed submission signals nothing, so the host signals its
-    /// event.
+    /// Returns true once the submission has completed or failed. A failed submission signals nothing, so the host
+    /// signals its event.
     pub fn is_done(&self) -> bool {
         let signalled = self.event.signaled_value() >= self.value;
         let status = objc::status(&self.last);

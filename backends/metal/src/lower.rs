@@ -42,7 +42,7 @@ pub enum PipelineState {
 pub struct TargetState {
     /// The format of the image.
     pub format: Format,
-    /// `None` if the fragment replaces the target.
+    /// Blending; `None` if the fragment replaces the target.
     pub blend: Option<BlendState>,
 }
 

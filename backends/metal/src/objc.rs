@@ -130,7 +130,7 @@ pub(crate) fn device_times(commands: &CommandBufferRef) -> (f64, f64) {
     unsafe { (msg_send![commands, GPUStartTime], msg_send![commands, GPUEndTime]) }
 }
 
-/// Blocks until an event has this value, or the time is over. Returns false if the time is over.
+/// Blocks until an event has this value, or the time limit has passed. Returns false if the limit has passed.
 pub(crate) fn wait_for_event(event: &SharedEventRef, value: u64, milliseconds: u64) -> bool {
     // SAFETY: the method (since macOS 12) takes two uint64_t, and returns a BOOL.
     let answer: BOOL = unsafe { msg_send![event, waitUntilSignaledValue: value timeoutMS: milliseconds] };

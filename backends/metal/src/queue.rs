@@ -53,8 +53,8 @@ pub(crate) fn submit(
     Ok(())
 }
 
-/// Blocks until command buffers, the last of which signals `done`, have completed, or the time is over. Returns false
-/// if the time is over.
+/// Blocks until command buffers, the last of which signals `done`, have completed, or the time limit has passed.
+/// Returns false if the limit has passed.
 ///
 /// # Errors
 /// One of them failed. Its event gets its value anyway, so that no waiter hangs.
@@ -83,8 +83,8 @@ pub(crate) fn wait(
     Ok(complete())
 }
 
-/// Blocks until all earlier submissions have completed or failed, or the time is over. Returns false if the time is
-/// over.
+/// Blocks until all earlier submissions have completed or failed, or the time limit has passed. Returns false if the
+/// limit has passed.
 ///
 /// Other threads can submit meanwhile.
 pub(crate) fn idle(gpu: &MetalGpu, limit: Duration) -> bool {

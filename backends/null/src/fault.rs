@@ -5,7 +5,7 @@
 pub struct Fault {
     /// The kind of call.
     pub point: Point,
-    /// Number of calls of this kind that succeed before it.
+    /// Number of calls of this kind that succeed before the fault.
     pub after: u64,
 }
 

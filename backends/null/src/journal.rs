@@ -180,7 +180,7 @@ struct InFlight {
     encoder: u64,
     /// The objects and bindings that its commands use.
     used: HashSet<Used>,
-    /// True if it never completes.
+    /// True if the submission never completes.
     hung: bool,
 }
 
@@ -210,7 +210,7 @@ impl Journal {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes the calls since the last time.
+    /// Takes the calls that were recorded since the last take.
     pub fn take(&self) -> Vec<Call> {
         std::mem::take(&mut self.state().calls)
     }

@@ -112,7 +112,7 @@ pub fn fragments(
 pub struct Projected {
     /// View depth for sorting, or the distance: see [`Rules::key_of`].
     pub depth: f64,
-    /// Centre: right and down.
+    /// Centre, in pixels to the right and down.
     pub center: [f64; 2],
     /// 2D covariance with the low-pass filter, as xx, xy, yy, in square pixels.
     pub covariance: [f64; 3],

@@ -25,7 +25,7 @@ pub(crate) struct Ellipse {
     pub index: u32,
     /// View depth for sorting, or the distance: see [`Rules::key_of`].
     pub depth: f64,
-    /// Tiles that it touches: first column, first row, and the exclusive end column and row.
+    /// Tiles that the splat touches: first column, first row, and the exclusive end column and row.
     pub tiles: [u32; 4],
     /// The data read at every pixel.
     pub footprint: Footprint,

@@ -50,7 +50,7 @@ pub struct Visible {
     pub index: u32,
     /// View depth for sorting, or the distance: see [`Rules::key_of`].
     pub depth: f64,
-    /// Tiles of 16 x 16 pixels that it touches: first column, first row, and the exclusive end column and row.
+    /// Tiles of 16 x 16 pixels that the splat touches: first column, first row, and the exclusive end column and row.
     pub tiles: [u32; 4],
 }
 

@@ -35,7 +35,7 @@ const IN_FLIGHT: &str = "frames in flight";
 /// Dropping it waits for the device and destroys the executor's objects. The device is closed with the last executor,
 /// [`Loader`] or [`Ready`] of it.
 pub struct Executor<G: Gpu> {
-    /// Unique across all devices.
+    /// Id of the executor, unique across all devices.
     id: u64,
     info: DeviceInfo,
     compiled: Option<CompiledPlan<G>>,
@@ -189,7 +189,7 @@ impl<G: Gpu> Executor<G> {
         }
     }
 
-    /// Returns the error; records a device loss with its place.
+    /// Returns the error; if the device was lost, records the error with the place of the loss.
     fn losing(&self, error: BackendError) -> BackendError {
         self.shared.losing(error, || self.where_lost())
     }

@@ -27,17 +27,17 @@ pub(crate) struct Slot<G: Gpu> {
 /// A submitted frame, until its results are collected.
 pub(crate) struct Pending<G: Gpu> {
     pub frame: FrameId,
-    /// Number of its plan; see [`CompiledPlan::number`].
+    /// Number of the frame's plan; see [`CompiledPlan::number`].
     pub plan: u64,
-    /// The passes that it runs, in order.
+    /// The passes that the frame runs, in order.
     pub passes: Arc<[PassId]>,
     pub ticket: Ticket<G>,
     pub inspected: Vec<Buffer<G>>,
-    /// The shared outputs that it reads, and the one that it writes; kept alive until it completes.
+    /// The shared outputs that the frame reads, and the one that it writes; kept alive until it completes.
     pub outputs: Vec<Arc<SharedOutput<G>>>,
-    /// The readback buffer for its output.
+    /// The readback buffer for the frame's output.
     readback: Option<Arc<Buffer<G>>>,
-    /// True if it runs its plan's prologue.
+    /// True if the frame runs its plan's prologue.
     pub prologue: bool,
     untimed_passes: bool,
     record_ms: f64,
@@ -48,9 +48,9 @@ pub(crate) struct Frame<'a, G: Gpu> {
     pub id: FrameId,
     pub slot: usize,
     pub inputs: &'a FrameInputs,
-    /// The shared output to copy its output to.
+    /// The shared output to copy the frame's output to.
     pub output: Option<&'a Arc<SharedOutput<G>>>,
-    /// The window to blit its output to.
+    /// The window to blit the frame's output to.
     pub swapchain: Option<&'a mut Swapchain<G>>,
 }
 

@@ -8,8 +8,8 @@
 //! drops an object only when no frame in flight uses it.
 //!
 //! An implementation lowers the plan's dependencies to commands once per plan. Vulkan's commands are the
-//! [`Gpu::Synchronization`], which [`Encoder::synchronize`] records pass by pass. Metal's belong to encoders with
-//! fences of the device, which come with its pipelines; [`Encoder::pass`] tells it which pass comes next. Bindings are
+//! [`Gpu::Synchronization`], which [`Encoder::synchronize`] records pass by pass. Metal's are part of its encoders,
+//! whose fences come with the pipelines; [`Encoder::pass`] tells the encoder which pass comes next. Bindings are
 //! written one by one, to descriptor sets or argument tables. An encoder carries the fence or shared event that signals
 //! its completion.
 
@@ -91,8 +91,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Returns the time that the driver may take for one pipeline before the load is abandoned.
     fn compile_patience(&self) -> Duration;
 
-    /// Blocks until the device has finished all submitted work, or is lost, or the time is over. Returns false if the
-    /// time is over. Other threads can submit meanwhile.
+    /// Blocks until the device has finished all submitted work or is lost, or the time limit has passed. Returns false
+    /// if the limit has passed. Other threads can submit meanwhile.
     fn wait_idle(&self, limit: Duration) -> bool;
 
     /// Creates a buffer without memory, and returns its memory requirements.
@@ -180,8 +180,8 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Submits the commands recorded in an encoder, followed by the blit to a swapchain image, if any.
     fn submit(&self, encoder: &mut Self::Encoder, show: Option<Show<Self>>) -> Result<(), BackendError>;
 
-    /// Blocks until the encoder's last submission and its blit have completed, or the time is over. Returns false if
-    /// the time is over; otherwise the encoder has no submission.
+    /// Blocks until the encoder's last submission and its blit have completed, or the time limit has passed. Returns
+    /// false if the limit has passed; otherwise the encoder has no submission.
     fn wait(&self, encoder: &mut Self::Encoder, limit: Duration) -> Result<bool, BackendError>;
 
     /// Returns the size of the window's images in pixels, given the size reported to the program; `None` while the
@@ -226,9 +226,9 @@ pub struct NextPipeline {
     pub done: usize,
     /// Pipelines of the plan.
     pub of: usize,
-    /// Its shader; for a draw, the vertex shader.
+    /// The pass's shader; for a draw, the vertex shader.
     pub shader: ShaderId,
-    /// The first pass that uses it.
+    /// The first pass that uses the pipeline.
     pub pass: PassId,
 }
 
@@ -236,7 +236,7 @@ impl NextPipeline {
     /// Describes the next pipeline of a lowered plan. `of_pass` has each pass's pipeline.
     ///
     /// # Panics
-    /// If no pass has the pipeline `done`.
+    /// Panics if no pass has the pipeline `done`.
     pub fn new(of_pass: &[Option<usize>], done: usize, of: usize, shader: ShaderId) -> NextPipeline {
         let pass = of_pass.iter().position(|pipeline| *pipeline == Some(done));
         NextPipeline { done, of, shader, pass: PassId(pass.expect("each pipeline is that of a pass") as u32) }
@@ -258,7 +258,7 @@ pub struct Show<'a, G: Gpu> {
 pub enum Acquired {
     /// An image was acquired.
     Image {
-        /// Its index in the swapchain.
+        /// Index of the image in the swapchain.
         index: u32,
         /// True if the swapchain no longer matches the surface exactly.
         suboptimal: bool,
@@ -295,11 +295,11 @@ pub trait Memory: Send + Sync + 'static {
 /// The kind of memory, by its readers and writers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Location {
-    /// Only the device accesses it, in its own memory.
+    /// Memory of the device that only the device accesses.
     Device,
     /// The host writes, the device reads.
     Upload,
-    /// Only the device accesses it, in host memory: its own memory has no room.
+    /// Host memory that only the device accesses, because the device's own memory has no room.
     Host,
     /// The device writes, the host reads.
     Readback,
@@ -336,7 +336,7 @@ pub struct BufferDesc<'a> {
     pub name: &'a str,
     /// The size, at least one byte.
     pub bytes: u64,
-    /// All of its uses.
+    /// All uses of the buffer.
     pub usage: Usage,
 }
 
@@ -349,7 +349,7 @@ pub struct ImageDesc<'a> {
     pub format: Format,
     /// Width and height in pixels.
     pub size: (u32, u32),
-    /// All of its uses.
+    /// All uses of the image.
     pub usage: Usage,
 }
 
@@ -372,7 +372,7 @@ pub struct Buffer<G: Gpu> {
     pub raw: G::Buffer,
     /// Size, in bytes.
     pub bytes: u64,
-    /// Uses that it was created for.
+    /// Uses that the buffer was created for.
     pub usage: Usage,
     // Dropped after the buffer.
     pub(crate) memory: Arc<G::Memory>,
@@ -423,7 +423,7 @@ pub struct Image<G: Gpu> {
     pub format: Format,
     /// Width and height in pixels.
     pub size: (u32, u32),
-    /// Uses that it was created for.
+    /// Uses that the image was created for.
     pub usage: Usage,
     // Dropped after the image.
     pub(crate) memory: Arc<G::Memory>,

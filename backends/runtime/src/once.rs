@@ -24,7 +24,7 @@ pub(crate) struct UsedOnce {
 }
 
 impl UsedOnce {
-    /// Finds these buffers in a plan that skips the passes `skipped`.
+    /// Finds the buffers that only the prologue uses, in a plan that skips the passes `skipped`.
     pub fn new(plan: &Plan, skipped: &[PassId]) -> UsedOnce {
         let runs = plan.prologue.iter().copied().filter(|pass| !skipped.contains(pass));
         let used: BTreeSet<ResourceId> = runs.flat_map(|pass| plan.pass(pass).resources()).collect();

@@ -24,7 +24,7 @@ pub(crate) struct SharedOutput<G: Gpu> {
 
 /// The shared outputs of a device: the latest of each executor.
 pub(crate) struct SharedOutputs<G: Gpu> {
-    /// The next id.
+    /// Id of the next output.
     next: AtomicU64,
     last: Mutex<HashMap<u64, Weak<SharedOutput<G>>>>,
 }

@@ -90,7 +90,7 @@ impl<G: Gpu> Resources<G> {
     /// Returns the buffer of a resource for the frame in this slot.
     ///
     /// # Panics
-    /// See [`Resources::part`].
+    /// Panics as [`Resources::part`] does.
     pub fn buffer(&self, id: ResourceId, slot: usize) -> &Buffer<G> {
         self.part(id, slot).0
     }
@@ -98,7 +98,7 @@ impl<G: Gpu> Resources<G> {
     /// Returns the buffer, and the resource's byte range in it.
     ///
     /// # Panics
-    /// For an image, a freed buffer, or a host buffer without contents. [`crate::check::check`] guarantees that
+    /// Panics for an image, a freed buffer, or a host buffer without contents. [`crate::check::check`] guarantees that
     /// resources used as buffers are buffers, and [`crate::inputs::take_host_buffers`] that a frame has all its host
     /// buffers.
     pub fn part(&self, id: ResourceId, slot: usize) -> (&Buffer<G>, Range<u64>) {
@@ -120,7 +120,7 @@ impl<G: Gpu> Resources<G> {
     /// Returns the binding target of a resource for the frame in this slot.
     ///
     /// # Panics
-    /// See [`Resources::part`]; images do not panic.
+    /// Panics as [`Resources::part`] does, but not for an image.
     pub fn binding_target(&self, id: ResourceId, slot: usize) -> BindingTarget<'_, G> {
         match self.image(id) {
             Some(image) => BindingTarget::Image(image),

@@ -197,7 +197,7 @@ impl<'a> Prologue<'a> {
 /// A recipe with its result. Plans hold the buffer.
 type Computed<G> = (Arc<Recipe>, Weak<Buffer<G>>);
 
-/// The results on a device that some plan holds.
+/// The results on a device that at least one plan still holds.
 pub(crate) struct Results<G: Gpu> {
     computed: Mutex<Vec<Computed<G>>>,
 }

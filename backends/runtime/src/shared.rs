@@ -62,7 +62,7 @@ impl<G: Gpu> Shared<G> {
         }
     }
 
-    /// Returns the error. For the device's first loss, adds the `place` and records it.
+    /// Returns the error; the device's first loss is recorded, with `place` added.
     pub fn losing(&self, error: BackendError, place: impl FnOnce() -> Option<String>) -> BackendError {
         let BackendError::DeviceLost(answer) = error else { return error };
         let text = || match place() {

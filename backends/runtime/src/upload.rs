@@ -42,7 +42,7 @@ struct Half<G: Gpu> {
 struct Uploader<'a, G: Gpu> {
     shared: &'a Shared<G>,
     planes: &'a Planes<Buffer<G>>,
-    /// The two halves.
+    /// The two halves of the staging memory.
     halves: Vec<Half<G>>,
     done: u64,
     total: u64,

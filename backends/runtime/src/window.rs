@@ -29,7 +29,7 @@ pub(crate) struct Swapchain<G: Gpu> {
     stale: bool,
     /// True if an image was acquired and not presented yet.
     acquired: bool,
-    /// The swapchain was already rebuilt after `SUBOPTIMAL`; a second `SUBOPTIMAL` is ignored.
+    /// True if the swapchain was already rebuilt after `SUBOPTIMAL`; a second `SUBOPTIMAL` is ignored.
     is_best: bool,
     /// True if the surface is lost: the swapchain must be dropped and the surface recreated.
     surface_lost: bool,

@@ -21,7 +21,7 @@ pub(crate) struct Physical {
     pub family: u32,
     pub info: DeviceInfo,
     pub limits: Limits,
-    /// True if it has `VK_EXT_memory_budget`.
+    /// True if the device has `VK_EXT_memory_budget`.
     pub budget: bool,
     kind: vk::PhysicalDeviceType,
 }

@@ -28,11 +28,11 @@ pub struct VulkanGpu {
     pub(crate) family: u32,
     pub(crate) limits: Limits,
     pub(crate) physical: vk::PhysicalDevice,
-    /// True if it has `VK_EXT_memory_budget`.
+    /// True if the device has `VK_EXT_memory_budget`.
     pub(crate) budget: bool,
     /// Pipeline cache, kept across loads: a rebuilt plan reuses the pipelines that did not change.
     pub(crate) pipeline_cache: vk::PipelineCache,
-    /// `None` once the device is being destroyed.
+    /// The memory allocator; `None` once the device is being destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
     /// Fences that a submission may still signal, but that no thread waits for.
     fences: Mutex<Vec<vk::Fence>>,

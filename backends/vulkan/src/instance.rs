@@ -27,7 +27,7 @@ pub(crate) struct Instance {
     /// True if objects and command buffers can be named.
     pub labels: bool,
     pub messages: Arc<Messages>,
-    /// The surface of its window, if it has one.
+    /// The surface of the device's window, if it has one.
     surface: Mutex<Option<Arc<Surface>>>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
 }

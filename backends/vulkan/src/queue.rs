@@ -130,7 +130,8 @@ pub(crate) fn present(
     unsafe { functions.queue_present(*queue, &info) }
 }
 
-/// Blocks until the fence is signalled or the time is over. Resets the fence and returns true if it was signalled.
+/// Blocks until the fence is signalled or the time limit has passed. Resets the fence and returns true if it was
+/// signalled.
 ///
 /// The queue is not locked meanwhile.
 pub(crate) fn wait(gpu: &VulkanGpu, fence: vk::Fence, limit: Duration) -> Result<bool, BackendError> {
@@ -146,7 +147,8 @@ pub(crate) fn wait(gpu: &VulkanGpu, fence: vk::Fence, limit: Duration) -> Result
     Ok(true)
 }
 
-/// Blocks until all earlier submissions have completed, or the time is over. Returns false if the time is over.
+/// Blocks until all earlier submissions have completed, or the time limit has passed. Returns false if the limit has
+/// passed.
 ///
 /// It waits for a fence of an empty submission: `vkDeviceWaitIdle` has no time limit, and needs exclusive access to the
 /// queue.

@@ -34,7 +34,7 @@ pub struct Diff {
     pub resources: Differences<ResourceSize, NamedChange>,
 }
 
-/// Which dump this is.
+/// Identifies one of the two compared dumps.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DiffSide {
     /// Name that the graph was requested by.
@@ -94,7 +94,7 @@ pub struct NamedChange {
 pub struct ResourceSize {
     /// Name of the resource.
     pub name: String,
-    /// As in [`DumpResource::shape`].
+    /// Shape of the resource, as in [`DumpResource::shape`].
     pub shape: String,
     /// Size in bytes.
     pub bytes: u64,

@@ -14,7 +14,7 @@ use crate::plan::Cause;
 
 /// Formats a dump's encoders with their reasons, beside its barriers, which are Vulkan's.
 ///
-/// Returns `None` if it has no encoders.
+/// Returns `None` if the dump has no encoders.
 pub fn encoders_text(dump: &Dump) -> Option<String> {
     let encoders = dump.encoders.as_ref()?;
     let mut out = String::new();

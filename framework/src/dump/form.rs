@@ -20,7 +20,7 @@ pub struct Dump {
     pub graph: String,
     /// One line that describes the graph.
     pub summary: String,
-    /// The graphs and presets that it is based on, in the order of reference.
+    /// The graphs and presets that the graph is based on, in the order of reference.
     ///
     /// The graph is last; empty for a graph.
     #[serde(default)]
@@ -73,21 +73,21 @@ pub struct DumpParameter {
     pub value: Value,
     /// Default value.
     pub default: Value,
-    /// The reason for the value, if it is from an expression: of the default, or of a preset.
+    /// Reason for the value, if it comes from an expression in the default or in a preset.
     pub reason: Option<Reason>,
     /// The value that costs no accuracy, if the graph names one.
     pub exact: Option<Value>,
     /// The statistic that the value grows with: a frame whose statistic exceeds the value was incomplete.
     pub grows: Option<String>,
-    /// True if it can be changed between frames; otherwise it is baked into the plan.
+    /// True if the parameter can be changed between frames; otherwise it is baked into the plan.
     pub live: bool,
-    /// The passes that depend on it, in the order of [`Dump::passes`].
+    /// The passes that depend on the parameter, in the order of [`Dump::passes`].
     #[serde(default)]
     pub affects: Vec<String>,
-    /// True if it decides which passes exist: a condition, the count of a repeat, or a swap depends on it.
+    /// True if the parameter decides which passes exist: a condition, the count of a repeat, or a swap depends on it.
     #[serde(default)]
     pub shape: bool,
-    /// The reason why nothing in the plan depends on it, a phrase; `None` if something does.
+    /// The reason why nothing in the plan depends on the parameter, a phrase; `None` if something does.
     #[serde(default)]
     pub no_effect: Option<String>,
     /// Position of its declaration.
@@ -146,7 +146,7 @@ pub struct DumpBlock {
     pub id: u32,
     /// Size in bytes.
     pub bytes: u64,
-    /// Resources in it. Only one is alive at any time.
+    /// Resources in the block. Only one is alive at any time.
     pub aliases: Vec<String>,
 }
 
@@ -161,20 +161,20 @@ pub struct DumpResource {
     pub from: Option<String>,
     /// For buffers `count x stride`, for images `width x height format`.
     pub shape: String,
-    /// The shape as data.
+    /// Shape of the resource, as structured data.
     pub dimensions: Shape,
     /// Size in bytes.
     pub bytes: u64,
-    /// For instance `STORAGE`, `INDIRECT`.
+    /// Uses of the resource, for instance `STORAGE` and `INDIRECT`.
     pub usage: Usage,
     /// The block of a transient resource; it lists the resource's aliases.
     pub block: Option<u32>,
-    /// `None` for a resource that outlives the frame.
+    /// First and last use; `None` for a resource that outlives the frame.
     pub lifetime: Option<Lifetime>,
-    /// True if only passes that run once use it: it is freed after them.
+    /// True if only passes that run once use the resource: it is freed after them.
     #[serde(default)]
     pub freed: bool,
-    /// Name under which its contents persist from frame to frame and from plan to plan.
+    /// Name under which the contents persist from frame to frame and from plan to plan.
     pub history: Option<String>,
     /// Position of its declaration.
     pub declared: Origin,
@@ -195,7 +195,8 @@ pub struct Lifetime {
 pub struct DumpPhase {
     /// Name in the graph.
     pub name: String,
-    /// When its passes run. A phase with passes in the prologue and in the frame appears twice.
+    /// The part of the plan in which the passes run. A phase with passes in the prologue and in the frame appears
+    /// twice.
     pub run: Run,
     /// Number of passes.
     pub passes: usize,
@@ -210,7 +211,7 @@ pub struct DumpRepeat {
     pub name: String,
     /// Runs of the body, multiplied over nested repeats.
     pub iterations: usize,
-    /// Index of its first pass in [`Dump::passes`].
+    /// Index of the first pass in [`Dump::passes`].
     pub first: usize,
     /// Number of passes.
     pub passes: usize,
@@ -227,7 +228,7 @@ pub struct DumpPass {
     pub run: Run,
     /// `dispatch`, `draw`, `fill`, `start`, `export` or `host`.
     pub kind: String,
-    /// Its position in a repeat.
+    /// Position of the pass in a repeat.
     pub repeat: Option<Iteration>,
     /// Shaders: one for a dispatch, the vertex and the fragment shader for a draw.
     pub shaders: Vec<DumpShader>,
@@ -235,11 +236,11 @@ pub struct DumpPass {
     pub size: String,
     /// Primitive topology of a draw.
     pub topology: Option<Topology>,
-    /// Color targets of a draw.
+    /// Colour targets of a draw.
     pub targets: Vec<Target<String>>,
-    /// Resources that it reads.
+    /// Resources that the pass reads.
     pub reads: Vec<Use<String>>,
-    /// Resources that it writes.
+    /// Resources that the pass writes.
     pub writes: Vec<Use<String>>,
     /// Descriptors that are bound.
     pub bindings: Vec<Binding<String>>,
@@ -259,11 +260,11 @@ pub struct DumpPass {
 /// The position of a pass in a repeat.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Iteration {
-    /// The [repeat](DumpRepeat::name).
+    /// Name of the repeat: [`DumpRepeat::name`].
     pub group: String,
     /// The pass's name without indices, equal in every iteration.
     pub member: String,
-    /// The indices, outermost first.
+    /// Index in each repeat, outermost first.
     pub index: Vec<u32>,
 }
 
@@ -272,7 +273,7 @@ pub struct Iteration {
 pub struct DumpShader {
     /// File name, as in the graph.
     pub file: String,
-    /// Preprocessor defines that it is compiled with.
+    /// Preprocessor defines that the shader is compiled with.
     pub defines: Vec<Define>,
     /// Invocations of a workgroup in x, y, z.
     pub local_size: [u32; 3],
@@ -314,14 +315,14 @@ pub struct Declared {
 pub struct DumpBarrier {
     /// Number of the barrier, from 1 in recording order: prologue, handover, frame.
     pub id: u32,
-    /// The pass that follows it; `None` in the handover.
+    /// The pass that follows the barrier; `None` in the handover.
     pub before: Option<Declared>,
     /// The image whose layout changes; `None` for a memory barrier.
     pub image: Option<Transition<String>>,
     /// Stages and accesses: the union over all dependencies.
     #[serde(flatten)]
     pub masks: Masks,
-    /// Hazards that it prevents.
+    /// Hazards that the barrier prevents.
     pub dependencies: Vec<DumpCause>,
 }
 
@@ -369,11 +370,11 @@ pub struct DumpEncoders {
 pub struct DumpEncoder {
     /// `compute`, `render` or `blit`.
     pub kind: String,
-    /// Fences that it waits for at its beginning.
+    /// Fences that the encoder waits for at its beginning.
     pub waits: Vec<DumpWait>,
-    /// Its passes, in order.
+    /// Passes of the encoder, in order.
     pub passes: Vec<EncodedPass>,
-    /// Fences that it updates at its end.
+    /// Fences that the encoder updates at its end.
     pub updates: Vec<DumpUpdate>,
 }
 
@@ -384,7 +385,7 @@ pub struct DumpWait {
     pub fence: u32,
     /// The stage of draws that waits: `vertex` (so both stages wait) or `fragment`.
     pub stage: Option<String>,
-    /// The conflicts behind it.
+    /// The conflicts that the wait resolves.
     pub reasons: Vec<Cause<Declared, Declared>>,
 }
 
@@ -393,7 +394,7 @@ pub struct DumpWait {
 pub struct DumpUpdate {
     /// Number of the fence.
     pub fence: u32,
-    /// The stage of draws after which it is updated: `vertex`, or `fragment` (so after both stages).
+    /// The stage of draws after which the fence is updated: `vertex`, or `fragment` (so after both stages).
     pub stage: Option<String>,
 }
 
@@ -402,16 +403,16 @@ pub struct DumpUpdate {
 pub struct EncodedPass {
     /// Name of the pass.
     pub pass: String,
-    /// The barrier before it.
+    /// The barrier before the pass.
     pub barrier: Option<EncoderBarrier>,
 }
 
 /// A barrier within an encoder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EncoderBarrier {
-    /// The kinds of resources that it covers: `buffers`, `textures`.
+    /// The kinds of resources that the barrier covers: `buffers`, `textures`.
     pub scope: Vec<String>,
-    /// The conflicts behind it.
+    /// The conflicts that the barrier resolves.
     pub reasons: Vec<Cause<Declared, Declared>>,
 }
 
@@ -491,7 +492,8 @@ impl Dump {
 }
 
 impl DumpPass {
-    /// Returns true if a run may have no time for it: it has no work on the device, or work that a backend may skip.
+    /// Returns true if a run may have no time for the pass: it has no work on the device, or work that a backend may
+    /// skip.
     pub fn needs_no_time(&self) -> bool {
         matches!(self.kind.as_str(), "export" | "host" | "start")
     }

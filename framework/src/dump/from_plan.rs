@@ -313,12 +313,12 @@ impl Declared {
 }
 
 impl DumpPass {
-    /// Lists the names of the resources that it reads, each once.
+    /// Lists the names of the resources that a pass reads, each once.
     pub fn read_names(&self) -> Vec<&str> {
         names(&self.reads)
     }
 
-    /// Lists the names of the resources that it writes, each once.
+    /// Lists the names of the resources that a pass writes, each once.
     pub fn written_names(&self) -> Vec<&str> {
         names(&self.writes)
     }

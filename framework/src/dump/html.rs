@@ -17,8 +17,8 @@ const SCRIPTS: [&str; 4] = [
 
 /// Returns the text of the HTML file.
 ///
-/// `#barrier=3`, `#pass=NAME`, `#resource=NAME`, `#unfold=REPEAT` (or `*`) and `#fold=REPEAT` after its address, joined
-/// by `&`, open it at a place.
+/// A fragment of the page's address opens it at a place: `#barrier=3`, `#pass=NAME`, `#resource=NAME`, `#unfold=REPEAT`
+/// (or `*`), `#fold=REPEAT`, or several of them joined by `&`.
 pub fn html(dump: &Dump) -> String {
     // In a script element, `</script>` and `<!--` are special and character references are not. Escaping every `<`
     // leaves the JSON's meaning unchanged and removes both.

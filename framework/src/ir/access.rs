@@ -93,12 +93,12 @@ impl Accesses {
     pub const WRITES: Accesses =
         Accesses::STORAGE_WRITE.union(Accesses::COLOR_WRITE).union(Accesses::TRANSFER_WRITE);
 
-    /// Returns true if any of them writes.
+    /// Returns true if any of these accesses writes.
     pub fn writes(self) -> bool {
         self.intersects(Self::WRITES)
     }
 
-    /// Returns true if any of them reads.
+    /// Returns true if any of these accesses reads.
     pub fn reads(self) -> bool {
         !self.difference(Self::WRITES).is_empty()
     }

@@ -19,13 +19,13 @@ pub struct Param {
     pub value: Value,
     /// Default value.
     pub default: Value,
-    /// The reason for the value, if it is from an expression: of the default, or of a preset.
+    /// Reason for the value, if it comes from an expression in the default or in a preset.
     pub reason: Option<Reason>,
     /// The value at which the result is exact, if the graph names one.
     pub exact: Option<Value>,
     /// The statistic that the value grows with: a frame whose statistic exceeds the value is incomplete.
     pub grows: Option<String>,
-    /// The values that it may take.
+    /// The values that the parameter may take.
     pub domain: Domain,
     /// The path to the shaders.
     pub binding: ParamBinding,
@@ -99,9 +99,10 @@ pub type ParamSet = BTreeSet<usize>;
 /// reads the parameter is an effect, even if it gives the same result for all values.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Effect {
-    /// The passes that depend on it, in the plan's order.
+    /// The passes that depend on the parameter, in the plan's order.
     pub passes: Vec<PassId>,
-    /// True if a condition, the count of a repeat or a swap depends on it: the value decides which passes exist.
+    /// True if a condition, the count of a repeat or a swap depends on the parameter: the value decides which passes
+    /// exist.
     pub shape: bool,
     /// Without an effect, the reason: a phrase such as `nothing in this plan depends on it`.
     pub none: Option<String>,

@@ -165,14 +165,14 @@ pub enum DrawCall {
 pub struct Target<R = ResourceId> {
     /// Image that is drawn to.
     pub image: R,
-    /// Its contents before the draw.
+    /// Contents of the target before the draw.
     pub load: Load,
     /// The blend mode.
     pub blend: Blend,
 }
 
 impl<R> Target<R> {
-    /// Returns the same with another kind of reference to the resource.
+    /// Returns the target with another kind of reference to the image.
     pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Target<T> {
         Target { image: resource(&self.image), load: self.load, blend: self.blend }
     }
@@ -194,7 +194,7 @@ pub struct Binding<R = ResourceId> {
 }
 
 impl<R> Binding<R> {
-    /// Returns the same with another kind of reference to the resource.
+    /// Returns the binding with another kind of reference to the resource.
     pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Binding<T> {
         Binding {
             resource: resource(&self.resource),
@@ -222,7 +222,7 @@ pub enum DescriptorKind {
 pub struct Use<R = ResourceId> {
     /// Buffer or image that is accessed.
     pub resource: R,
-    /// The pipeline stages that access it.
+    /// The pipeline stages that access the resource.
     pub stages: Stages,
     /// The kinds of access.
     pub accesses: Accesses,
@@ -233,7 +233,7 @@ pub struct Use<R = ResourceId> {
 }
 
 impl<R> Use<R> {
-    /// Returns the same with another kind of reference to the resource.
+    /// Returns the use with another kind of reference to the resource.
     pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Use<T> {
         Use {
             resource: resource(&self.resource),
@@ -278,7 +278,7 @@ pub struct Stat<R = ResourceId> {
 }
 
 impl<R> Stat<R> {
-    /// Returns the same with another kind of reference to the resource.
+    /// Returns the statistic with another kind of reference to the buffer.
     pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Stat<T> {
         Stat { buffer: resource(&self.buffer), name: self.name.clone(), offset: self.offset }
     }

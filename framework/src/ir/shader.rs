@@ -131,9 +131,9 @@ pub struct ReflectedBinding {
     pub count: u32,
     /// Type and layout.
     pub kind: ReflectedKind,
-    /// True if the code loads from it, directly, through a function argument or by an atomic.
+    /// True if the code loads from the binding, directly, through a function argument or by an atomic.
     pub reads: bool,
-    /// True if the code stores to it, directly, through a function argument or by an atomic.
+    /// True if the code stores to the binding, directly, through a function argument or by an atomic.
     pub writes: bool,
     /// True if every load and store is atomic, so that invocations may overlap.
     pub atomics_only: bool,
@@ -148,7 +148,7 @@ pub enum ReflectedKind {
     StorageBuffer {
         /// Bytes per element of the runtime array at the block's end, if there is one.
         stride: Option<u32>,
-        /// Bytes before that array, or of the whole block without one.
+        /// Bytes before the runtime array; without one, bytes of the whole block.
         fixed_bytes: u32,
     },
     /// A uniform block.
@@ -183,7 +183,7 @@ pub struct Member {
     pub offset: u32,
     /// Type of the member.
     pub kind: MemberKind,
-    /// True if the code may read it.
+    /// True if the code may read the member.
     pub used: bool,
 }
 
@@ -207,8 +207,8 @@ pub struct Varying {
     pub name: String,
     /// Number of the location.
     pub location: u32,
-    /// For instance `vec4`, `uint`, `vec2`.
+    /// GLSL type, for instance `vec4`, `uint` or `vec2`.
     pub glsl_type: String,
-    /// True if it is not interpolated.
+    /// True if the variable is not interpolated.
     pub flat: bool,
 }

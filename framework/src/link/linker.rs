@@ -27,11 +27,11 @@ pub struct Linked {
 pub struct LinkedPass {
     /// Pass with its bindings and uses.
     pub pass: Pass,
-    /// Its name in the file.
+    /// Place of the pass's name in the file.
     pub span: Span,
-    /// The include that it comes from, as an index into [`Lowered::includes`].
+    /// The include that the pass comes from, as an index into [`Lowered::includes`].
     pub include: Option<usize>,
-    /// The parameters that it depends on.
+    /// The parameters that the pass depends on.
     pub params: PassParams,
 }
 

@@ -9,10 +9,10 @@ use crate::source::{Diagnostic, Place};
 /// A `when` that is false.
 struct False<'a> {
     condition: &'a Number,
-    /// The `when` in the file.
+    /// Place of the `when` in the file.
     at: &'a Place,
     reason: Option<Reason>,
-    /// The parameters that it depends on.
+    /// Parameters that the condition depends on.
     decided: ParamSet,
 }
 
@@ -108,7 +108,7 @@ struct Parts<'a> {
 }
 
 impl Parts<'_> {
-    /// `None` for repeats and swaps.
+    /// Lists the names that a pass or an include mentions; `None` for repeats and swaps.
     fn of(pass: &PassDecl) -> Option<Parts<'_>> {
         Some(match pass {
             PassDecl::Dispatch { name, shader, size, bind, push, .. } => {

@@ -19,16 +19,16 @@ use crate::source::{Diagnostic, Kind, Place, SourceMap};
 #[derive(Clone, Debug)]
 pub(super) struct Declared {
     pub name: String,
-    /// The graph that declares it.
+    /// The graph that declares the parameter.
     graph: Rc<Graph>,
     /// Place of its declaration.
     pub place: Place,
     /// Replacement for the declared default: a value from an included graph's preset, or from the includer's `set`.
     /// Comes with the number of includes in `around` that enclose the place where it was written.
     pub default: Option<(Setting, usize)>,
-    /// The include that exposes it; `None` for the graph's own.
+    /// The include that exposes the parameter; `None` for the graph's own.
     pub part: Option<String>,
-    /// The includes that it comes through, innermost first.
+    /// The includes that the parameter comes through, innermost first.
     pub around: Vec<Rc<Around>>,
 }
 
@@ -73,8 +73,8 @@ impl Declared {
         &self.graph.params[&self.name]
     }
 
-    /// Collects the names in its expressions and in `setting`, which replaces its default, through the includes around
-    /// it.
+    /// Collects the names in the parameter's expressions and in `setting`, which replaces its default, through the
+    /// includes around it.
     pub fn reach(&self, setting: Option<&Setting>) -> Reach {
         let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = self.declaration();
         let mut open: Vec<(usize, String)> = Vec::new();
@@ -116,8 +116,8 @@ impl Declared {
         reach
     }
 
-    /// Lists the values of `set` that its expressions depend on. Two includes that share a parameter must have equal
-    /// ones.
+    /// Lists the values of `set` that the parameter's expressions depend on. Two includes that share a parameter must
+    /// have equal ones.
     fn values_around(&self) -> Vec<(usize, String, &Number)> {
         let set = self.reach(None).set.into_iter();
         set.map(|(level, name)| {
@@ -127,7 +127,7 @@ impl Declared {
         .collect()
     }
 
-    /// Returns the graph whose statistics it can grow with.
+    /// Returns the graph whose statistics the parameter can grow with.
     pub fn graph(&self) -> &Graph {
         &self.graph
     }

@@ -18,9 +18,9 @@ pub(super) struct Opened {
     pub summary: String,
     /// Settings of the presets, merged; outer presets win.
     pub set: IndexMap<String, Setting>,
-    /// Names of the graphs and presets that it is based on, the graph last.
+    /// Names of the graphs and presets that the graph is based on, the graph last.
     pub based_on: Vec<String>,
-    /// Its name in a choice.
+    /// Name of the graph in the choice, if it comes from one.
     pub candidate: Option<String>,
     /// The other graphs of the choice.
     pub others: Rc<Vec<Opened>>,
@@ -34,7 +34,7 @@ pub(super) struct Requirement {
     pub condition: Expression,
     pub words: String,
     pub place: Place,
-    /// True if it is in a choice: the graph would run, but another is preferred.
+    /// True if the requirement is in a choice: the graph would run, but another is preferred.
     pub preference: bool,
 }
 

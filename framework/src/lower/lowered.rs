@@ -23,7 +23,7 @@ pub struct Lowered {
     pub unwritten: Vec<RemovedUse>,
     /// Included graphs, includers before their includes.
     pub includes: Vec<LoweredInclude>,
-    /// The output's name in the file.
+    /// Place of the output's name in the file.
     pub output_span: Span,
     /// The text of the generated include `live.glsl`.
     pub live_glsl: String,
@@ -44,7 +44,7 @@ pub struct SkippedUse {
     pub params: ParamSet,
     /// The name of the `let` or parameter.
     pub name: String,
-    /// Its place in the file.
+    /// Place of the `let` or parameter in the file.
     pub span: Span,
     /// The parameters that were read.
     pub decided: ParamSet,
@@ -65,7 +65,7 @@ impl Lowered {
 /// The declaration of a resource.
 #[derive(Clone, Debug)]
 pub struct Declaration {
-    /// Its place in the file.
+    /// Place of the declaration in the file.
     pub span: Span,
     /// For `last(name)`, the resource itself, or for a ping-pong resource the half in front at the end of the frame.
     /// Readers of `last(name)` run before this frame's writers.
@@ -77,11 +77,11 @@ pub struct Declaration {
 /// An included graph.
 #[derive(Clone, Debug)]
 pub struct LoweredInclude {
-    /// Unique in the graph.
+    /// Name of the include, unique in the graph.
     pub name: String,
-    /// Its `name` in the file.
+    /// Place of the include's `name` in the file.
     pub span: Span,
-    /// The include that contains it, as an index into [`Lowered::includes`].
+    /// The include that contains this one, as an index into [`Lowered::includes`].
     pub parent: Option<usize>,
     /// The name of each port and its resources, both halves for a ping-pong buffer.
     pub given: Vec<(String, Vec<ResourceId>)>,
@@ -101,21 +101,21 @@ pub struct RemovedUse {
 /// A removed pass, include, or pass of a repeat.
 #[derive(Clone, Debug)]
 pub struct RemovedPass {
-    /// Its `when`, or its repeat's.
+    /// Text of the `when` of the pass, or of its repeat.
     pub condition: String,
-    /// The condition in the file.
+    /// Place of the condition in the file.
     pub when: Span,
     /// The reason why it is false; `None` if it uses no names.
     pub reason: Option<Reason>,
     /// Parameters that the condition depends on.
     pub decided: ParamSet,
-    /// Parameters behind the names in its expressions.
+    /// Parameters behind the names in the pass's expressions.
     pub named: ParamSet,
-    /// The graph file that declares it.
+    /// The graph file that declares the pass.
     pub file: FileId,
     /// File names of its shaders.
     pub shaders: Vec<String>,
-    /// As in [`LoweredPass::constants`].
+    /// Parameters behind each constant: see [`LoweredPass::constants`].
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
@@ -124,15 +124,15 @@ pub struct RemovedPass {
 pub struct LoweredPass {
     /// The pass. Linking adds its bindings, push constants and uses.
     pub pass: Pass<ShaderName, LoweredSize>,
-    /// The graph file that declares it: shaders are searched beside it.
+    /// The graph file that declares the pass: shaders are searched beside it.
     pub file: FileId,
-    /// Its `name` in the file.
+    /// Place of the pass's `name` in the file.
     pub span: Span,
-    /// The include that it comes from, as an index into [`Lowered::includes`].
+    /// The include that the pass comes from, as an index into [`Lowered::includes`].
     pub include: Option<usize>,
-    /// The `size` or the `call` in the file.
+    /// Place of the `size` or the `call` in the file.
     pub size_span: Span,
-    /// The names of the targets in the file.
+    /// Places of the targets' names in the file.
     pub target_spans: Vec<Span>,
     /// The entries of `bind`.
     pub bind: Vec<LoweredBind>,
@@ -155,7 +155,7 @@ pub struct LoweredPass {
 pub struct ShaderName {
     /// File name, as in the graph.
     pub name: String,
-    /// The name in the file.
+    /// Place of the name in the file.
     pub span: Span,
 }
 
@@ -191,11 +191,11 @@ pub struct Extent {
 pub struct LoweredBind {
     /// The block's name.
     pub block: String,
-    /// The block's name in the file.
+    /// Place of the block's name in the file.
     pub block_span: Span,
     /// Resources to bind, one per element.
     pub resources: Vec<ResourceId>,
-    /// The resource's name in the file.
+    /// Place of the resource's name in the file.
     pub resource_span: Span,
 }
 
@@ -206,8 +206,8 @@ pub struct LoweredPush {
     pub name: String,
     /// Evaluated value.
     pub value: Value,
-    /// The name in the file.
+    /// Place of the member's name in the file.
     pub name_span: Span,
-    /// The value in the file.
+    /// Place of the value in the file.
     pub value_span: Span,
 }

@@ -63,10 +63,10 @@ pub(super) struct Level {
     pub graph: Rc<Graph>,
     pub root: Place,
     pub names: Names,
-    /// Its own parameters and those exposed by its parts.
+    /// Parameters of the graph itself, and those exposed by its parts.
     pub params: Vec<Param>,
     pub exposed: Exposed,
-    /// `None` for an invalid declaration.
+    /// Resources by name; `None` for an invalid declaration.
     pub handles: IndexMap<String, Option<Handle>>,
     /// Parameters that decide which resource of an include a name refers to.
     pub given: BTreeMap<String, ParamSet>,

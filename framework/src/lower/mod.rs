@@ -52,7 +52,7 @@ pub struct Control {
     pub label: String,
     /// The help text; may be empty.
     pub help: String,
-    /// The title of the part that exposes it; `None` for the graph's own.
+    /// The title of the part that exposes the parameter; `None` for the graph's own.
     pub part: Option<String>,
 }
 

@@ -26,7 +26,7 @@ type Found = Result<Rc<Chosen>, Vec<Diagnostic>>;
 /// Chooses graphs by the facts of a request, once per file.
 pub(super) struct Choices<'a> {
     request: &'a Request<'a>,
-    /// `None` while the file's own includes are being visited.
+    /// The graph chosen for each file; `None` while the file's own includes are being visited.
     known: HashMap<FileId, Option<Found>>,
 }
 

@@ -39,7 +39,7 @@ pub const VERSION: (u32, u32) = (2, 4);
 pub struct MslError {
     /// Path of the shader, as in the graph.
     pub shader: String,
-    /// Reason that it cannot be translated.
+    /// Reason why the shader cannot be translated.
     pub problem: String,
 }
 

@@ -33,7 +33,7 @@ pub enum Objection {
     },
     /// A dependency, or a part of one, without a conflict.
     Needless {
-        /// Its index in [`Plan::dependencies`].
+        /// Index of the dependency in [`Plan::dependencies`].
         dependency: usize,
         /// The part, as a sentence.
         what: String,
@@ -44,7 +44,7 @@ pub enum Objection {
         pass: PassId,
         /// Image with the wrong layout.
         image: ResourceId,
-        /// The layout that it is in.
+        /// The layout that the image is in.
         found: Layout,
         /// The layout that is needed.
         needed: Layout,
@@ -54,7 +54,7 @@ pub enum Objection {
 }
 
 impl Objection {
-    /// Describes it in a sentence.
+    /// Describes the mistake in a sentence.
     pub fn describe(&self, plan: &Plan) -> String {
         let pass = |id: &PassId| &plan.pass(*id).name;
         let image = |id: &ResourceId| &plan.resource(*id).name;
@@ -111,7 +111,7 @@ struct Pair<'a> {
     source: &'a Access,
     second: Occurrence,
     resource: ResourceId,
-    /// `None` for a layout change.
+    /// The later access; `None` for a layout change.
     target: Option<&'a Access>,
 }
 

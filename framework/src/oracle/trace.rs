@@ -19,11 +19,11 @@ pub struct Access {
     pub resource: ResourceId,
     /// The pipeline stage.
     pub stage: Stages,
-    /// Stages that cover it in a source mask.
+    /// Stages that cover the access in a source mask.
     pub named_by: Stages,
     /// The kind of access, one bit.
     pub access: Accesses,
-    /// True if it reads data written before the pass.
+    /// True if the access reads data written before the pass.
     pub needs_contents: bool,
     /// True if all accesses of the shader to the resource are atomic.
     atomic: bool,
@@ -61,9 +61,9 @@ pub struct Clash {
 pub struct Actions {
     /// Every access at every stage.
     pub accesses: Vec<Access>,
-    /// The layouts in which it expects images.
+    /// The layouts in which the pass expects images.
     pub layouts: Vec<(ResourceId, Layout)>,
-    /// Its own conflicts.
+    /// Conflicts between accesses of the pass itself.
     pub clashes: Vec<Clash>,
 }
 

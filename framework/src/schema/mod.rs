@@ -514,7 +514,7 @@ pub enum Call {
 pub struct TargetDecl {
     /// Image that is drawn to.
     pub image: Reference,
-    /// Its contents before the draw.
+    /// Contents of the target before the draw.
     pub load: Load,
     /// The blend mode.
     pub blend: Blend,

@@ -141,7 +141,7 @@ struct Mark {
     part: Part,
     pass: PassId,
     touch: Use,
-    /// True if the image's layout has changed since.
+    /// True if the image's layout has changed since this access.
     settled: bool,
 }
 

@@ -29,7 +29,7 @@ pub enum Content {
 pub struct Wanted {
     /// The path as opened, relative to the working directory or absolute.
     pub path: PathBuf,
-    /// The contents at that time.
+    /// The contents when the build read them.
     pub content: Content,
 }
 

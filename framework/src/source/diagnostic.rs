@@ -9,7 +9,7 @@ use crate::ir::Span;
 pub struct Label {
     /// Range of the source text.
     pub span: Span,
-    /// The text drawn under it.
+    /// The text drawn under the span.
     pub text: String,
 }
 

@@ -88,7 +88,7 @@ struct File {
     text: Cow<'static, str>,
     /// Offset at which each line starts; the first is 0.
     lines: Vec<usize>,
-    /// For files on disk only.
+    /// State of a file on disk; `None` for other files.
     disk: Option<OnDisk>,
 }
 
@@ -97,7 +97,7 @@ struct File {
 struct OnDisk {
     /// The content read.
     content: Content,
-    /// Folders of the files that it may name, inherited from its graph.
+    /// Folders of the files that this file may name, inherited from its graph.
     roots: Roots,
 }
 
@@ -106,7 +106,7 @@ struct OnDisk {
 enum Identity {
     /// In memory: the normalised path.
     Memory(String),
-    /// Absolute, with links followed.
+    /// On disk: the absolute path, with links followed.
     Disk(PathBuf),
     /// Index in [`Library::builtin`].
     BuiltIn(usize),
@@ -128,7 +128,7 @@ pub struct NotFound {
 }
 
 impl NotFound {
-    /// Converts it to a diagnostic at the name in the referring file.
+    /// Converts the failure to a diagnostic at the name in the referring file.
     pub fn at(&self, span: Span) -> Diagnostic {
         if self.why.is_some() {
             return Diagnostic::new(self.to_string(), span, "");
@@ -183,8 +183,9 @@ impl SourceMap {
         self.insert(path.into(), Cow::Owned(text.into()), None)
     }
 
-    /// Finds the file that `from`, or the command line if `None`, calls `name`, and reads it if necessary. It is the
-    /// first of these that exists:
+    /// Finds the file called `name` in `from`, or on the command line if `from` is `None`, and reads it if necessary.
+    ///
+    /// It is the first of these that exists:
     ///
     /// 1. in memory: beside `from`, at exactly `name`, in the folder of its kind;
     /// 2. on disk, if `from` is: beside `from`, then in the folder of its kind (`pipelines` or `shaders`) beside the

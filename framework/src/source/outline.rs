@@ -25,7 +25,7 @@ pub(super) struct Node {
     pub place: Range<usize>,
     /// A short span for diagnostics: the name before the parenthesis, or the opening bracket.
     pub head: Range<usize>,
-    /// The field's name or the map's key before it.
+    /// Range of the field's name or the map's key before the element.
     pub key: Option<Range<usize>>,
     pub content: Content,
 }

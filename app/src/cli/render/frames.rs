@@ -23,7 +23,7 @@ use std::time::Instant;
 pub struct InspectRequest {
     /// Name of the resource.
     pub resource: String,
-    /// Name of the pass after which it is read.
+    /// Name of the pass after which the resource is read.
     pub pass: String,
     /// File to write the contents to, if any.
     pub file: Option<PathBuf>,

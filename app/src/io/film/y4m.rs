@@ -9,8 +9,10 @@ use crate::io::image::Image;
 use crate::io::output::file::Cause;
 use std::io::Write;
 
-/// Luma weights of BT.709 for red and blue; green has the rest.
+/// Luma weight of red in BT.709.
 const RED: f32 = 0.2126;
+
+/// Luma weight of blue in BT.709; green has the rest.
 const BLUE: f32 = 0.0722;
 
 /// Makes the bytes of a frame.

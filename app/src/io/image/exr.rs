@@ -96,8 +96,9 @@ thread_local! {
     static QUIET: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Returns `None` if `body` panics, and suppresses the panic's message. The library's decoders panic on some damaged
-/// files.
+/// Runs `body`; returns `None` if it panics, without the panic's message.
+///
+/// The library's decoders panic on some damaged files.
 fn quietly<T>(body: impl FnOnce() -> T) -> Option<T> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {

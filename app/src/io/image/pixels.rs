@@ -99,7 +99,7 @@ impl Image {
     }
 }
 
-/// An error of reading or writing a picture: the file and the problem.
+/// An error while reading or writing a picture: the file and the problem.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {what}", path.display())]
 pub struct ImageError {

@@ -25,7 +25,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// An error of any writer.
 pub type Cause = Box<dyn std::error::Error + Send + Sync>;
 
-/// An error of writing a file, with the path as given and the cause.
+/// An error while writing a file, with the path as given and the cause.
 #[derive(Debug, thiserror::Error)]
 #[error("{} cannot be written: {cause}", shown(path))]
 pub struct OutputError {
@@ -226,7 +226,7 @@ fn hidden_name(folder: &Path) -> PathBuf {
 struct Unfinished {
     file: File,
     target: PathBuf,
-    /// Its hidden name; `None` for an unnamed file.
+    /// Path of the hidden temporary file; `None` for an unnamed file.
     hidden: Option<PathBuf>,
 }
 

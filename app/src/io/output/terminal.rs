@@ -2,7 +2,8 @@
 //!
 //! Names from files (cameras, properties, passes, paths, drivers) reach the terminal only through this module, which
 //! escapes their control characters. Nothing here panics: a line that cannot be written is lost, and the work
-//! continues. It is an error only if standard output is a command's product, unless the reader closed the pipe.
+//! continues. A failed write is an error only for a command whose result is its standard output, and not if the reader
+//! closed the pipe.
 
 use std::borrow::Cow;
 use std::fmt::Display;

@@ -29,7 +29,7 @@ pub struct Drawn {
     pub name: String,
     /// Pairs of splats that are in the wrong order in the order buffer.
     pub image: Image,
-    /// Its difference from the exact picture.
+    /// Difference between this picture and the exact one.
     pub error: Comparison,
     /// Pairs of splats that the order buffer has in the wrong order.
     pub inversions: Option<u64>,

@@ -13,7 +13,7 @@ pub struct Way {
     pub nearest_first: bool,
     /// True for `under`, which keeps a transmittance; false for `over`.
     pub under: bool,
-    /// The sum that it computes, as LaTeX.
+    /// The sum that this way computes, as LaTeX.
     pub sum: &'static str,
     /// Explanation of its picture, for the page.
     pub why: &'static str,

@@ -117,9 +117,9 @@ pub fn enough(rounds: &[f64]) -> bool {
 pub enum Mark {
     /// On the Pareto front: every setting that is at least as accurate takes longer.
     Best,
-    /// Noise hides whether it is on the front; by the medians, it is.
+    /// On the front by the medians, but within the noise.
     Likely,
-    /// Noise hides whether it is on the front; by the medians, it is not.
+    /// Not on the front by the medians, but within the noise.
     Unlikely,
     /// Not on the front: another is at least as fast and as accurate.
     Beaten,

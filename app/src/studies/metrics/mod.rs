@@ -76,7 +76,7 @@ pub enum MetricError {
     NotFinite {
         /// `the first picture` or `the second picture`.
         which: &'static str,
-        /// Number of such values.
+        /// Number of values that are not finite.
         count: usize,
         /// Column of the first, from 0.
         x: usize,

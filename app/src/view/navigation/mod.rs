@@ -244,7 +244,7 @@ pub struct Navigation {
 }
 
 impl Navigation {
-    /// Starts at the camera `start`, in a scene with most of its splats in `bounds` (see
+    /// Creates a navigation that starts at the camera `start`, in a scene with most of its splats in `bounds` (see
     /// [`splatgraph_assets::Scene::robust_bounds`]).
     ///
     /// `up` is [`mean_up`] of the scene's cameras, or [`DEFAULT_UP`].

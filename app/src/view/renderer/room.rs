@@ -20,7 +20,7 @@ impl<D: Device> Renderer<D> {
         self.whole.is_none() && self.trouble().is_none() && self.grows()
     }
 
-    /// Starts with the capacities of another renderer that draws the same.
+    /// Takes over the capacities of another renderer that draws the same scene with the same graph.
     pub fn take_room_of(&mut self, other: &Renderer<D>) {
         self.capacities = other.capacities.clone();
     }

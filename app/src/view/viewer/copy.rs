@@ -1,6 +1,6 @@
 //! Measures the device's bandwidth for copies between buffers, with which times of passes are compared.
 //!
-//! A graph makes the copies in frames of its own, between the frames of the pictures.
+//! A graph makes the copies in its own frames, between the frames of the pictures.
 
 use super::parts::CopyLimit;
 use super::{Viewer, Viewport};

@@ -33,7 +33,7 @@ pub use parts::Comparison;
 use parts::{Comparing, CopyLimit, Subject, at_start};
 use placed::PlacedFiles;
 
-/// An error of opening the viewer.
+/// An error while opening the viewer.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewerError {
     /// The device failed.
@@ -88,7 +88,7 @@ pub struct Viewer<D: Device> {
     pub folder: PathBuf,
     /// The splats of the last picked pixel; see [`Viewer::pick`].
     pub picked: Option<Picked>,
-    /// The viewport in which it was picked.
+    /// The viewport in which the splat was picked.
     picked_in: RendererId,
     picker: Picker,
     /// True if the window uses another device, so that pictures reach it through host memory.

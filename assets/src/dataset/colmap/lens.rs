@@ -139,7 +139,7 @@ pub(super) fn push(
     Ok(())
 }
 
-/// Opens a file of a model, and returns its length as well.
+/// Opens a file of a model; also returns its length.
 pub(super) fn open(path: &Path) -> Result<(BufReader<File>, u64), CameraError> {
     let inner = || {
         let file = file::open(path)?;

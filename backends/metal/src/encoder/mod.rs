@@ -69,7 +69,7 @@ impl Encoder {
         Ok(())
     }
 
-    /// Blocks until the last submission has completed, or for `limit`. Returns true in the first case.
+    /// Blocks until the last submission has completed, for at most `limit`. Returns true if it has completed.
     pub(crate) fn wait(&mut self, limit: Duration) -> Result<bool, BackendError> {
         let done = objc::pool(|| queue::wait(&self.submitted, (&self.done.0, self.done.1), limit))?;
         if let (true, Some(frame)) = (done, self.submitted.first()) {

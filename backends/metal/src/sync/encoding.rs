@@ -31,11 +31,11 @@ pub struct Encoders {
 pub struct Encoding {
     /// The kind of its commands.
     pub kind: EncoderKind,
-    /// Fences that it waits for before its first command. A fence without an update blocks nothing.
+    /// Fences that the encoder waits for before its first command. A fence without an update blocks nothing.
     pub waits: Vec<FenceUse>,
     /// The passes, in order.
     pub passes: Vec<EncodedPass>,
-    /// Fences that it updates after its last command.
+    /// Fences that the encoder updates after its last command.
     pub updates: Vec<FenceUse>,
 }
 

@@ -26,7 +26,7 @@ pub(super) type Uses = (Vec<(u32, RenderStages)>, Vec<(u32, RenderStages)>);
 struct Source {
     encoder: usize,
     after: RenderStages,
-    /// The last encoder that waits for it, its distance in encoders, and the stage that waits.
+    /// The last encoder that waits for this end, its distance in encoders, and the stage that waits.
     last: (usize, usize, RenderStages),
     fence: Option<u32>,
 }

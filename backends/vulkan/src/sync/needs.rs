@@ -42,7 +42,7 @@ impl Requirement {
         asked(self) == asked(other)
     }
 
-    /// Returns true if a barrier with these masks meets it.
+    /// Returns true if a barrier with these masks meets the requirement.
     pub fn is_met_by(&self, masks: &Masks) -> bool {
         let target = match self.access.is_empty() {
             true => with_later(masks.target_stages).contains(self.to),
@@ -51,7 +51,7 @@ impl Requirement {
         target && self.source_is_met_by(masks)
     }
 
-    /// Returns true if the masks' source meets it; see [`Self::is_met_by`].
+    /// Returns true if the masks' source meets the requirement; see [`Self::is_met_by`].
     pub fn source_is_met_by(&self, masks: &Masks) -> bool {
         let flushes = !self.flush.is_empty()
             && masks.source_stages.contains(self.from)
@@ -59,7 +59,7 @@ impl Requirement {
         flushes || masks.source_stages.intersects(self.via)
     }
 
-    /// Returns true if the execution order of an image barrier is enough.
+    /// Returns true if the execution order of an image barrier meets the requirement.
     pub fn is_met_by_order(&self, masks: &Masks) -> bool {
         self.access.is_empty() && self.is_met_by(masks)
     }

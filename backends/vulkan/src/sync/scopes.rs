@@ -15,7 +15,7 @@ const ACCESSES: usize = Accesses::all().bits().count_ones() as usize;
 /// Pass number `n` of the walk happens at time `2 n`, the barriers before it at `2 n - 1`. 0 is before everything.
 pub(super) type Time = u32;
 
-/// A time for each origin: it covers everything that happened there up to this time.
+/// For each origin, the time up to which its work is covered.
 type Since = [Time; ORIGINS];
 
 /// Returns the position of a single stage's or access's bit.

@@ -57,7 +57,7 @@ struct Call {
     time: Time,
     /// The scopes before the call.
     before: Scopes,
-    /// All requirements that it must meet, without duplicates.
+    /// All requirements that the call must meet, without duplicates.
     needs: Vec<Requirement>,
     /// The requirements that only this call meets.
     reasons: Vec<Requirement>,
@@ -81,7 +81,7 @@ impl Call {
         call
     }
 
-    /// Returns the latest time of its causes.
+    /// Returns the latest time of the accesses that the call covers: that of the pass before it.
     fn covers(&self) -> Time {
         self.time - 2
     }
@@ -116,11 +116,11 @@ impl Call {
 #[derive(Clone, Copy, Debug)]
 struct Changed {
     time: Time,
-    /// The pass that it is before.
+    /// The pass after the change.
     pass: PassId,
     stages: Stages,
     accesses: Accesses,
-    /// True if a pass has read the image since.
+    /// True if a pass has read the image since this change.
     is_read: bool,
 }
 

@@ -237,7 +237,7 @@ fn reason(error: &notify::Error) -> String {
 /// The state of the watcher's thread.
 struct LookOut<Wake> {
     patience: Patience,
-    /// `None` while polling.
+    /// The watcher of the system's events; `None` while polling.
     native: Option<Native>,
     shared: Arc<Mutex<Shared>>,
     wake: Wake,

@@ -70,7 +70,7 @@ pub struct Difference {
     pub first_seen: Instant,
     /// True if the file is missing or empty.
     pub gone: bool,
-    /// Time to report it if nothing changes until then.
+    /// Time to report the difference if nothing changes until then.
     pub due: Instant,
 }
 

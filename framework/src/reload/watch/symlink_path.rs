@@ -16,7 +16,7 @@ const MOST_LINKS: u32 = 40;
 /// An entry along a path, existing or not.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// The folder that contains it: absolute, without links.
+    /// The folder that contains the entry: absolute, without links.
     pub folder: PathBuf,
     /// The folder's path and the entry's name.
     pub path: PathBuf,

@@ -86,7 +86,7 @@ impl Glslang {
 }
 
 impl ShaderCompiler for Glslang {
-    /// Fails with at least one diagnostic, each at its place in the shader or an included file.
+    /// Compiles a shader, or fails with at least one diagnostic, each at its place in the shader or an included file.
     fn compile(
         &mut self,
         files: &mut SourceMap,
@@ -154,7 +154,7 @@ impl ShaderCompiler for Glslang {
 }
 
 impl Failure {
-    /// Returns whether compiling the same texts again would fail again.
+    /// Returns true if compiling the same texts again would fail again.
     fn is_lasting(&self) -> bool {
         matches!(self, Failure::Log(_) | Failure::Includes(_))
     }

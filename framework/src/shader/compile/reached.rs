@@ -98,9 +98,9 @@ struct Group {
 struct Word<'t> {
     kind: TokenKind,
     text: &'t str,
-    /// True if no space separates it from the previous word.
+    /// True if no space separates the word from the previous one.
     joined: bool,
-    /// Index of its text, and its first byte there.
+    /// Index of the text that contains the word, and the word's first byte in it.
     at: (usize, usize),
 }
 
@@ -109,7 +109,7 @@ struct Word<'t> {
 struct Macro<'t> {
     /// The words of every definition that may be in force.
     body: Vec<Word<'t>>,
-    /// True without parameters.
+    /// True if the macro has no parameters.
     plain: bool,
     /// True if exactly one definition is in force.
     certain: bool,

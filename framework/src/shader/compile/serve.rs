@@ -217,7 +217,7 @@ mod system {
         std::io::stdout()
     }
 
-    /// Does nothing: the pipe closes when the parent ends.
+    /// Returns 0: the pipe closes when the parent ends, so its id is not needed.
     pub fn parent() -> i32 {
         0
     }

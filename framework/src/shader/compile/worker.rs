@@ -197,7 +197,7 @@ fn crashed() -> Failure {
 #[derive(Debug)]
 struct Process {
     child: Child,
-    /// `None` only during drop.
+    /// Pipe for requests to the process; `None` only during drop.
     requests: Option<ChildStdin>,
     /// Messages, read by a thread that ends with the process. The first is empty, for [`MAGIC`].
     replies: Receiver<io::Result<Vec<u8>>>,

@@ -13,7 +13,7 @@ use super::access::Accesses;
 use super::module::{Module, Type, id};
 use crate::ir::{Features, ShaderStage};
 
-/// Fails, with a message, on capabilities and extensions that no backend enables.
+/// Returns the features that a module needs; fails, with a message, on what no backend enables.
 pub(super) fn features(module: &Module, accesses: &Accesses) -> Result<Features, String> {
     let mut needed = Features::empty();
     let mut int64_atomics = false;

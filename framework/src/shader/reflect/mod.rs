@@ -191,7 +191,9 @@ fn storage_buffer(
     Ok(ReflectedKind::StorageBuffer { stride, fixed_bytes })
 }
 
-/// Returns bytes and members of a uniform or push-constant block. `used` returns true if the code may use a member.
+/// Returns the size in bytes and the members of a uniform or push-constant block.
+///
+/// `used` returns true if the code may use a member.
 fn block(
     module: &Module,
     block: Word,

@@ -90,9 +90,9 @@ pub(super) struct Module {
     pub interface: Vec<Word>,
     pub local_size: [u32; 3],
     pub capabilities: Vec<Capability>,
-    /// Extensions of SPIR-V.
+    /// SPIR-V extensions that the module declares.
     pub extensions: Vec<String>,
-    /// Extensions of GLSL that the text required.
+    /// GLSL extensions that the source text requires.
     pub source_extensions: Vec<String>,
     /// Types of all constants.
     pub constants: HashMap<Word, Word>,

@@ -43,7 +43,7 @@ pub enum Objection {
     Unordered {
         /// The access that was submitted first.
         first: Actor,
-        /// The access that does not wait for it.
+        /// The access that does not wait for `first`.
         second: Actor,
         /// The resource that `second` accesses.
         resource: ResourceId,
@@ -64,7 +64,7 @@ pub struct Actor {
 }
 
 impl Objection {
-    /// Describes it in a sentence.
+    /// Describes the mistake in a sentence.
     pub fn describe(&self, plan: &Plan) -> String {
         let name = |actor: &Actor| format!("`{}` ({actor})", plan.pass(actor.pass).name);
         match self {
@@ -133,7 +133,7 @@ pub struct Model<'a> {
 struct Submitted<'a> {
     encoding: &'a Encoding,
     frame: Option<u32>,
-    /// Parts that are complete when its vertices begin, and when the rest begins, as bits.
+    /// Parts that are complete when the encoder's vertices begin, and when the rest begins, as bits.
     over: [Vec<u64>; 2],
 }
 

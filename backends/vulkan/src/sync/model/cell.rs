@@ -5,9 +5,9 @@
 //! ordered after it; a write also has the stages to which its data is visible. A barrier adds to these sets; a later
 //! access must be in them.
 //!
-//! Dropped records are implied by the remaining ones. A write that is properly ordered after an older access replaces
-//! it: any chain that starts at the newer one extends the older one's. So does a read for an older read at the same
-//! stage. (If it was not properly ordered, the violation is already reported.)
+//! Records that the remaining ones imply are dropped. A write that is properly ordered after an older access replaces
+//! that access, because a chain that starts at the write extends one that starts at the access. In the same way, a read
+//! replaces an older read at the same stage. (If it was not properly ordered, the violation is already reported.)
 
 use super::rules::Rules;
 use super::stages::{Pairs, with_earlier, with_later};
@@ -78,7 +78,7 @@ pub struct Read {
     pub resource: ResourceId,
     pub time: u32,
     pub stage: Stages,
-    /// Stages that cover it in a source mask.
+    /// Stages that cover the access in a source mask.
     pub named_by: Stages,
     /// Stages whose later accesses are ordered after this one.
     pub ordered: Stages,

@@ -12,18 +12,18 @@ use splatgraph_framework::plan::Plan;
 pub enum Mutation {
     /// Removes a whole barrier, with the layout change of its image.
     Remove {
-        /// The pass after its call; `None` in the handover.
+        /// The pass after the barrier's call; `None` in the handover.
         at: Option<PassId>,
-        /// Index in the call, from 0.
+        /// Index of the barrier in the call, from 0.
         barrier: usize,
     },
     /// Clears one bit; an empty mask is Vulkan's `NONE`.
     Clear {
-        /// The pass after its call; `None` in the handover.
+        /// The pass after the barrier's call; `None` in the handover.
         at: Option<PassId>,
-        /// Index in the call, from 0.
+        /// Index of the barrier in the call, from 0.
         barrier: usize,
-        /// The bit to clear.
+        /// The mask bit to clear.
         what: Masks,
     },
 }

@@ -26,8 +26,8 @@ pub struct Rules {
     /// availability of the first suffices, as in the memory model (Vulkan 1.3, appendix B).
     pub writes_see_writes: bool,
     /// If true, a layout change names the preceding write in its own source, even if an earlier barrier made the write
-    /// available. It need not if something has read the image since. Validation layers require this; the specification
-    /// does not.
+    /// available, unless the image was read after the write. Validation layers require this; the specification does
+    /// not.
     pub changes_name_writes: bool,
 }
 

@@ -19,7 +19,7 @@ pub struct Violation {
     pub resource: ResourceId,
     /// The resource that `first` accessed, if it was another one in the same memory.
     pub through: Option<ResourceId>,
-    /// Bytes of `resource`.
+    /// Range of bytes in `resource`.
     pub range: Range<u64>,
     /// Guarantee that `second` lacks.
     pub missing: Missing,
