@@ -119,7 +119,7 @@ impl Manifest {
             .with_context(|| format!("{}: expected the description of a job", path.display()))
     }
 
-    /// Writes the description, or checks that the folder has the same.
+    /// Writes the description, or checks that the folder has the same one.
     ///
     /// # Errors
     /// The folder has results of another request.

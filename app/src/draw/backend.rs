@@ -43,10 +43,10 @@ pub enum Api {
 }
 
 impl Api {
-    /// Lists the APIs of this program.
+    /// The APIs that this program contains.
     #[cfg(target_vendor = "apple")]
     pub const ALL: [Api; 3] = [Api::Metal, Api::Vulkan, Api::Null];
-    /// Lists the APIs of this program.
+    /// The APIs that this program contains.
     #[cfg(not(target_vendor = "apple"))]
     pub const ALL: [Api; 2] = [Api::Vulkan, Api::Null];
 

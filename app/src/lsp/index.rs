@@ -52,7 +52,7 @@ struct Declaration {
     name: String,
     /// Bracket that contains the declaration.
     group: usize,
-    /// True if shaders use the declared name, not its capitals.
+    /// True if shaders use the name as declared, not in capitals.
     is_live: bool,
     /// Options, if it is a parameter of kind choice.
     choices: Vec<String>,

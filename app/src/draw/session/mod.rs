@@ -83,7 +83,7 @@ pub struct Session<D> {
     planner: Planner,
     /// True once the warnings about the graph were printed.
     warned: bool,
-    /// The graphs passed over that were last reported.
+    /// The graphs that the choice passed over, as last reported.
     told: Vec<Fallback>,
     /// Settings without an effect that were reported.
     told_settings: BTreeSet<String>,

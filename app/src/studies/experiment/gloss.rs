@@ -40,7 +40,7 @@ pub struct Part {
     pub corner: [u32; 2],
     /// Number of columns and rows.
     pub size: [u32; 2],
-    /// Centroid of its energy, in world coordinates.
+    /// Centroid of the part's energy, in world coordinates.
     pub point: [f64; 3],
     /// Mean energy of bands 1 to 3 in the part, weighted by the visible part of each splat.
     pub within: [f64; 3],

@@ -27,7 +27,7 @@ const KEY_BITS: [u32; 9] = [8, 10, 12, 14, 16, 20, 24, 28, 32];
 pub struct Drawn {
     /// The name on the page.
     pub name: String,
-    /// Pairs of splats that are in the wrong order in the order buffer.
+    /// The picture, as drawn by the device.
     pub image: Image,
     /// Difference between this picture and the exact one.
     pub error: Comparison,

@@ -15,7 +15,7 @@ pub struct Way {
     pub under: bool,
     /// The sum that this way computes, as LaTeX.
     pub sum: &'static str,
-    /// Explanation of its picture, for the page.
+    /// Explanation of the way's picture, for the page.
     pub why: &'static str,
 }
 

@@ -121,9 +121,9 @@ pub enum Mark {
     Likely,
     /// Not on the front by the medians, but within the noise.
     Unlikely,
-    /// Not on the front: another is at least as fast and as accurate.
+    /// Not on the front: another setting is at least as fast and as accurate.
     Beaten,
-    /// Not judged: still pictures do not show its error.
+    /// Not judged: still pictures do not show the setting's error.
     Hidden,
 }
 

@@ -25,7 +25,7 @@ pub struct Step {
     pub score: Score,
     /// Pairs of splats that swap places in the drawn order; `None` if the graph has no readable order.
     pub order_changes: Option<u64>,
-    /// Pairs of the same splats that swap places in the true order.
+    /// Pairs of these splats that swap places in the true order.
     pub true_order_changes: Option<u64>,
 }
 

@@ -345,7 +345,7 @@ impl Swept {
         Choice::ALL.iter().filter(|choice| !self.means(**choice).is_empty()).count()
     }
 
-    /// Formulates the findings: the best choice at a quarter of the splats, and the loss of the naive one.
+    /// Describes the findings: the best choice at a quarter of the splats, and the loss of the naive one.
     fn findings(&self) -> Vec<String> {
         let quarter = self.splats / 4;
         let at = |choice: Choice| {

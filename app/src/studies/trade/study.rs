@@ -42,7 +42,7 @@ const VIEWS_AT_ONCE: usize = 8;
 /// Measures the wanted settings, and returns the ledger with their rows.
 ///
 /// # Errors
-/// As in [`Study::new`] and [`Study::measure`].
+/// The errors of [`Study::new`] and [`Study::measure`].
 pub fn study<D: Device>(
     subject: &Subject<D>,
     wanted: &Wanted,
