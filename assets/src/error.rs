@@ -9,7 +9,7 @@ use std::path::PathBuf;
 pub struct LoadError {
     /// Path of the file.
     pub path: PathBuf,
-    /// Problem with its contents.
+    /// Problem with the file's contents.
     pub problem: SceneError,
 }
 

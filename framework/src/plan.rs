@@ -278,7 +278,7 @@ pub struct Resource {
     /// the same name and shape, unless a pass of that plan's prologue writes it. (In a ping-pong resource, only the
     /// final front has the name.)
     pub history: Option<String>,
-    /// Position of its declaration.
+    /// Position of the resource's declaration.
     pub origin: Origin,
 }
 

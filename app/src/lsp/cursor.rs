@@ -58,7 +58,7 @@ pub struct Text {
     pub inside: Range<usize>,
     /// Innermost bracket around the string: an index of [`Scan::groups`].
     pub group: usize,
-    /// Field or key whose value it is.
+    /// Field or key whose value is the string.
     pub key: Option<String>,
 }
 

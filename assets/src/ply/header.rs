@@ -108,7 +108,7 @@ pub(crate) struct Property {
 pub(crate) struct Element {
     pub name: String,
     pub count: u64,
-    /// Line of its declaration.
+    /// Line of the element's declaration.
     pub line: u32,
     pub properties: Vec<Property>,
 }

@@ -178,7 +178,7 @@ struct State {
 struct InFlight {
     /// The encoder's number.
     encoder: u64,
-    /// The objects and bindings that its commands use.
+    /// The objects and bindings that the submission's commands use.
     used: HashSet<Used>,
     /// True if the submission never completes.
     hung: bool,

@@ -345,7 +345,7 @@ pub struct BufferDesc<'a> {
 pub struct ImageDesc<'a> {
     /// Name in captures and errors.
     pub name: &'a str,
-    /// The format of its pixels.
+    /// The format of the image's pixels.
     pub format: Format,
     /// Width and height in pixels.
     pub size: (u32, u32),
@@ -419,7 +419,7 @@ impl<G: Gpu> Buffer<G> {
 pub struct Image<G: Gpu> {
     /// The API's object.
     pub raw: G::Image,
-    /// The format of its pixels.
+    /// The format of the image's pixels.
     pub format: Format,
     /// Width and height in pixels.
     pub size: (u32, u32),

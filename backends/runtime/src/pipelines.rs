@@ -45,7 +45,7 @@ struct Abandoned {
     /// The plan; only the thread holds it, until it ends.
     plan: Weak<Plan>,
     current: Option<NextPipeline>,
-    /// Time at which its current pipeline was started.
+    /// Time at which the thread started its current pipeline.
     begun: Instant,
     /// Error reported when the driver exceeded the patience.
     told: Option<BackendError>,

@@ -72,7 +72,7 @@ pub(crate) fn submit(
     unsafe { gpu.device.queue_submit2(*queue, &submits, fence) }.map_err(api("vkQueueSubmit2"))
 }
 
-/// The blit of a frame's output to the window, with the semaphores that it waits for and signals.
+/// The blit of a frame's output to the window, with the semaphores for its start and end.
 #[derive(Clone, Copy)]
 pub(crate) struct Blit {
     pub commands: vk::CommandBuffer,

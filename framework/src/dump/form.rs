@@ -90,7 +90,7 @@ pub struct DumpParameter {
     /// The reason why nothing in the plan depends on the parameter, a phrase; `None` if something does.
     #[serde(default)]
     pub no_effect: Option<String>,
-    /// Position of its declaration.
+    /// Position of the parameter's declaration.
     pub declared: Origin,
 }
 
@@ -176,7 +176,7 @@ pub struct DumpResource {
     pub freed: bool,
     /// Name under which the contents persist from frame to frame and from plan to plan.
     pub history: Option<String>,
-    /// Position of its declaration.
+    /// Position of the resource's declaration.
     pub declared: Origin,
 }
 
@@ -222,7 +222,7 @@ pub struct DumpRepeat {
 pub struct DumpPass {
     /// Unique name in the plan.
     pub name: String,
-    /// Group that its time is summed in.
+    /// Group that the pass's time is summed in.
     pub phase: String,
     /// Prologue or frame.
     pub run: Run,
@@ -253,7 +253,7 @@ pub struct DumpPass {
     pub barriers: Vec<DumpBarrier>,
     /// GPU milliseconds. Filled in by [`Dump::with_times`].
     pub gpu_ms: Option<f64>,
-    /// Position of its declaration.
+    /// Position of the pass's declaration.
     pub declared: Origin,
 }
 
@@ -306,7 +306,7 @@ pub struct DumpPush {
 pub struct Declared {
     /// Name of the resource or pass, as in the dump.
     pub name: String,
-    /// Position of its declaration.
+    /// Position of the declaration of the resource or pass.
     pub declared: Origin,
 }
 

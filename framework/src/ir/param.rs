@@ -29,7 +29,7 @@ pub struct Param {
     pub domain: Domain,
     /// The path to the shaders.
     pub binding: ParamBinding,
-    /// Position of its declaration.
+    /// Position of the parameter's declaration.
     pub origin: Origin,
 }
 

@@ -27,7 +27,7 @@ pub enum Run {
 pub struct Pass<S = ShaderId, G = Groups> {
     /// Unique in the plan, for instance `sort.histogram[2]`.
     pub name: String,
-    /// The group that its time is summed under: `key`, `sort`, `draw`, ...
+    /// The group that the pass's time is summed under: `key`, `sort`, `draw`, ...
     pub phase: String,
     /// Prologue or frame.
     pub run: Run,
@@ -39,7 +39,7 @@ pub struct Pass<S = ShaderId, G = Groups> {
     pub push: Vec<u8>,
     /// The accesses, one entry per resource and stage.
     pub uses: Vec<Use>,
-    /// Position of its declaration.
+    /// Position of the pass's declaration.
     pub origin: Origin,
 }
 
@@ -250,9 +250,9 @@ impl<R> Use<R> {
 pub struct Culled {
     /// The pass's name.
     pub pass: String,
-    /// The reason: its `when` is false, or nothing reads its results.
+    /// The reason: the pass's `when` is false, or nothing reads its results.
     pub why: String,
-    /// Position of its declaration.
+    /// Position of the pass's declaration.
     #[serde(rename = "declared")]
     pub origin: Origin,
 }

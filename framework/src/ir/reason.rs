@@ -11,7 +11,7 @@ use super::Value;
 pub struct Reason {
     /// The expression, as in the file.
     pub expression: String,
-    /// The facts, parameters and `let`s that its evaluation read, with their values.
+    /// The facts, parameters and `let`s that the expression's evaluation read, with their values.
     pub values: BTreeMap<String, Value>,
 }
 

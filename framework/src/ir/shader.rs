@@ -11,7 +11,7 @@ use super::{Features, Format};
 pub struct Shader {
     /// Path, as in the graph: for instance `sort/scatter.comp`.
     pub name: String,
-    /// Names and values of the defines that its text mentions.
+    /// Names and values of the defines that the shader's text mentions.
     pub defines: Vec<(String, String)>,
     /// SPIR-V code, in 32-bit words.
     pub spirv: Arc<Vec<u32>>,
@@ -98,7 +98,7 @@ impl ShaderStage {
 /// The declarations and accesses of a SPIR-V module.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reflection {
-    /// The stage of its entry point.
+    /// The stage of the module's entry point.
     pub stage: ShaderStage,
     /// Workgroup size in x, y, z; `[1, 1, 1]` for all but compute shaders.
     pub local_size: [u32; 3],

@@ -42,7 +42,7 @@ pub struct PassParams {
     pub all: ParamSet,
     /// Parameters that decide whether the pass exists, and which resources it uses and how. They can affect other passes.
     pub structure: ParamSet,
-    /// Parameters that its shaders mention only in code that is not compiled.
+    /// Parameters that the pass's shaders mention only in code that is not compiled.
     pub skipped: ParamSet,
 }
 

@@ -21,7 +21,7 @@ pub(super) struct Declared {
     pub name: String,
     /// The graph that declares the parameter.
     graph: Rc<Graph>,
-    /// Place of its declaration.
+    /// Place of the parameter's declaration.
     pub place: Place,
     /// Replacement for the declared default: a value from an included graph's preset, or from the includer's `set`.
     /// Comes with the number of includes in `around` that enclose the place where it was written.

@@ -11,7 +11,7 @@ use crate::plan::Plan;
 pub struct Lowered {
     /// The plan so far: names, parameters, resources and results. It has no passes and no shaders yet.
     pub plan: Plan,
-    /// The declarations of its resources, in the same order.
+    /// The declarations of the plan's resources, in the same order.
     pub declarations: Vec<Declaration>,
     /// Dispatches, draws and fills.
     pub passes: Vec<LoweredPass>,
@@ -29,7 +29,7 @@ pub struct Lowered {
     pub live_glsl: String,
     /// The uniform block of the live parameters.
     pub live: ResourceId,
-    /// The parameters behind each live parameter: itself, and those that its default depends on.
+    /// The parameters behind each live parameter: the parameter itself, and those that its default depends on.
     pub live_params: BTreeMap<String, ParamSet>,
     /// Parameters that conditions, counts of repeats and swaps depend on.
     pub shape: ParamSet,
@@ -105,7 +105,7 @@ pub struct RemovedPass {
     pub condition: String,
     /// Place of the condition in the file.
     pub when: Span,
-    /// The reason why it is false; `None` if it uses no names.
+    /// The reason why the condition is false; `None` if it uses no names.
     pub reason: Option<Reason>,
     /// Parameters that the condition depends on.
     pub decided: ParamSet,
@@ -113,7 +113,7 @@ pub struct RemovedPass {
     pub named: ParamSet,
     /// The graph file that declares the pass.
     pub file: FileId,
-    /// File names of its shaders.
+    /// File names of the pass's shaders.
     pub shaders: Vec<String>,
     /// Parameters behind each constant: see [`LoweredPass::constants`].
     pub constants: Rc<BTreeMap<String, ParamSet>>,
@@ -144,7 +144,7 @@ pub struct LoweredPass {
     pub unfit: Rc<Vec<(String, String)>>,
     /// Parameters that decide whether the pass exists, and which resources it uses.
     pub decided: ParamSet,
-    /// Parameters that its numbers depend on: size, push constants, offsets, fill word.
+    /// Parameters that the pass's numbers depend on: size, push constants, offsets, fill word.
     pub read: ParamSet,
     /// Parameters behind the constants that shaders can use.
     pub constants: Rc<BTreeMap<String, ParamSet>>,

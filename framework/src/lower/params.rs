@@ -111,9 +111,9 @@ pub(super) fn resolve(
 /// A parameter, with the other parameters of the root graph that it depends on.
 struct Made {
     param: Param,
-    /// Parameters behind its value.
+    /// Parameters behind the parameter's value.
     params: ParamSet,
-    /// Parameters behind its range.
+    /// Parameters behind the parameter's range.
     range: ParamSet,
     /// Parameters that the value's expression names but did not read.
     skipped: ParamSet,

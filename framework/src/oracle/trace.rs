@@ -69,7 +69,7 @@ pub struct Actions {
 
 /// The cells of a resource.
 pub struct ResourceCells {
-    /// All cells of its memory, and its own cells, in the first copy.
+    /// All cells of the resource's memory, and the resource's own cells, in the first copy.
     all: Range<usize>,
     own: Range<usize>,
     stride: usize,

@@ -74,7 +74,7 @@ pub struct GraphChoice {
 pub struct Candidate {
     /// The graph, a preset or another choice.
     pub graph: String,
-    /// Requirements in this choice, in addition to its own.
+    /// Requirements in this choice, in addition to the graph's own.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
 }
@@ -349,7 +349,7 @@ pub enum PassDecl {
     Dispatch {
         /// Unique name of the pass.
         name: String,
-        /// The group that its time is counted under; its name by default.
+        /// The group that the pass's time is counted under; its name by default.
         #[serde(default)]
         phase: Option<String>,
         /// Runs in every frame by default, or once after a change of plan or scene.
@@ -373,7 +373,7 @@ pub enum PassDecl {
     Draw {
         /// Unique name of the pass.
         name: String,
-        /// The group that its time is counted under; its name by default.
+        /// The group that the pass's time is counted under; its name by default.
         #[serde(default)]
         phase: Option<String>,
         /// Removes the pass if false.
@@ -400,7 +400,7 @@ pub enum PassDecl {
     Fill {
         /// Unique name of the pass.
         name: String,
-        /// The group that its time is counted under; its name by default.
+        /// The group that the pass's time is counted under; its name by default.
         #[serde(default)]
         phase: Option<String>,
         /// Removes the pass if false.
@@ -426,7 +426,7 @@ pub enum PassDecl {
     Include {
         /// Name of the included graph.
         graph: String,
-        /// Prefix for the names of its passes and resources.
+        /// Prefix for the names of the included graph's passes and resources.
         name: String,
         /// Removes all passes of the included graph if false.
         #[serde(default)]

@@ -42,7 +42,7 @@ struct Flying {
 
 /// A camera whose frames are done, with the pictures to write.
 pub struct Shown {
-    /// Statistics of its frames.
+    /// Statistics of the camera's frames.
     pub stats: CameraStats,
     /// The picture, if one is written.
     pub output: Option<Pixels>,
@@ -50,7 +50,7 @@ pub struct Shown {
     pub outputs: Vec<Output>,
     /// Error message if the output has no colours.
     pub no_colours: String,
-    /// Name of its file, without extension.
+    /// Name of the picture's file, without extension.
     pub stem: String,
 }
 

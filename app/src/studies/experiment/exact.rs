@@ -43,7 +43,7 @@ pub(super) fn draw<D: Device>(
     Ok(capture::take(session, camera)?)
 }
 
-/// Formats decibels; equal pictures have no number.
+/// Formats decibels; `None`, for equal pictures, gives `equal`.
 pub(super) fn decibels(psnr_db: Option<f64>) -> String {
     psnr_db.map_or_else(|| "equal".into(), |db| format!("{db:.1}"))
 }

@@ -15,7 +15,7 @@ use splatgraph_api::Device;
 pub struct Row {
     /// The setting's name.
     pub setting: String,
-    /// Hash of its plans; `None` if one cannot be built.
+    /// Hash of the setting's plans; `None` if one cannot be built.
     pub plan: Option<u64>,
     /// The camera's name.
     pub camera: String,

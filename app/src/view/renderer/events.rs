@@ -165,7 +165,7 @@ pub struct Swap {
     pub graph: String,
     /// Causes of the build.
     pub causes: Causes,
-    /// Number of passes in its frame.
+    /// Number of passes in the new plan's frame.
     pub passes: usize,
     /// Milliseconds to read, compile and solve.
     pub plan_ms: f64,

@@ -49,7 +49,7 @@ pub enum ViewerError {
 
 /// A scene, a camera and one or two viewports; see the module's documentation.
 pub struct Viewer<D: Device> {
-    /// A's scene. The camera and the selectable cameras are in its coordinates.
+    /// A's scene, in whose coordinates the camera and the selectable cameras are.
     subject: Subject,
     /// B's scene, if it is not A's.
     other: Option<Subject>,

@@ -29,7 +29,7 @@ pub struct Encoders {
 /// An encoder, with passes of one kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Encoding {
-    /// The kind of its commands.
+    /// The kind of the encoder's commands.
     pub kind: EncoderKind,
     /// Fences that the encoder waits for before its first command. A fence without an update blocks nothing.
     pub waits: Vec<FenceUse>,

@@ -110,7 +110,8 @@ pub struct Write {
     pub ordered: Stages,
     /// Stages whose later accesses are ordered after the write became available. Empty until then.
     pub chain: Stages,
-    /// Accesses to which it is visible: through any resource, and through the resource that it was written through.
+    /// Accesses to which the write is visible: through any resource, and through the resource that it was written
+    /// through.
     pub visible: Pairs,
     pub visible_through_own: Pairs,
 }
