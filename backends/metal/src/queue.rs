@@ -117,7 +117,7 @@ struct Written {
     completed: bool,
     /// Start and end of the frame, in nanoseconds.
     frame: Option<[u64; 2]>,
-    /// By sample: true if the last recorded frame takes it.
+    /// For each sample, true if the last recorded frame takes it.
     samples: Vec<bool>,
 }
 

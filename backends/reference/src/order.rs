@@ -112,7 +112,7 @@ pub fn inversions(truth: &[u32], given: &[u32]) -> Option<u64> {
     Some(merge_sort(&mut sequence, &mut scratch))
 }
 
-/// Sorts, and counts the pairs that were in the wrong order.
+/// Sorts `values`, and counts the pairs that were in the wrong order.
 fn merge_sort(values: &mut [u32], scratch: &mut [u32]) -> u64 {
     if values.len() < 2 {
         return 0;

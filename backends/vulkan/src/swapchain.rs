@@ -33,11 +33,11 @@ pub struct Swapchain {
     functions: khr::swapchain::Device,
     extent: vk::Extent2D,
     images: Vec<vk::Image>,
-    /// Per slot: signalled when the acquired image may be written.
+    /// A semaphore per slot, signalled when the acquired image may be written.
     acquired: [Owned<vk::Semaphore>; FRAMES_IN_FLIGHT],
-    /// Per image: signalled when the blit into it completes.
+    /// A semaphore per image, signalled when the blit into the image completes.
     finished: Vec<Owned<vk::Semaphore>>,
-    /// Per slot: the command buffer of the blit.
+    /// The blit's command buffer for each slot.
     blits: [(Owned<vk::CommandPool>, vk::CommandBuffer); FRAMES_IN_FLIGHT],
 }
 

@@ -25,9 +25,8 @@ pub struct Rules {
     /// If true, a write after a write requires the first to be visible to the second, as in validation. Otherwise
     /// availability of the first suffices, as in the memory model (Vulkan 1.3, appendix B).
     pub writes_see_writes: bool,
-    /// If true, a layout change names the preceding write in its own source, even if an earlier barrier made the write
-    /// available, unless the image was read after the write. Validation layers require this; the specification does
-    /// not.
+    /// If true, a layout change names the preceding write in its own source even if an earlier barrier made the write
+    /// available. A read between the two removes this need. Validation layers require this; the specification does not.
     pub changes_name_writes: bool,
 }
 
