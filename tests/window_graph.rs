@@ -95,7 +95,7 @@ fn picture(format: Format, [width, height]: [u32; 2], pixel: impl Fn(u32, u32) -
             Format::Rgba8Unorm => bytes.extend(rgba.map(|v| (v * 255.0).round() as u8)),
             Format::Rgba16Float => rgba.iter().for_each(|v| bytes.extend(f16::from_f32(*v).to_le_bytes())),
             Format::Rgba32Float => rgba.iter().for_each(|v| bytes.extend(v.to_le_bytes())),
-            Format::R32Float => bytes.extend(r.to_le_bytes()),
+            Format::R32Float | Format::Depth32Float => bytes.extend(r.to_le_bytes()),
             Format::R32Uint => bytes.extend([0; 4]),
         }
     }

@@ -189,7 +189,10 @@ impl Layer<'_> {
 
     fn attaches(&self, pass: PassId, image: ResourceId) -> bool {
         match &self.plan.pass(pass).work {
-            Work::Draw { targets, .. } => targets.iter().any(|target| target.image == image),
+            Work::Draw { targets, depth, .. } => {
+                targets.iter().any(|target| target.image == image)
+                    || depth.is_some_and(|depth| depth.image == image)
+            }
             _ => false,
         }
     }

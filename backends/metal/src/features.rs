@@ -108,11 +108,12 @@ pub fn features() -> Features {
 pub fn format_support(format: Format, filters_floats: bool) -> FormatSupport {
     let integers = format == Format::R32Uint;
     let floats = matches!(format, Format::R32Float | Format::Rgba32Float);
+    let depths = format == Format::Depth32Float;
     FormatSupport {
-        storage: true,
+        storage: !depths,
         target: true,
-        blend: !integers && (!floats || filters_floats),
-        blit: !integers,
+        blend: !integers && !depths && (!floats || filters_floats),
+        blit: !integers && !depths,
     }
 }
 

@@ -34,6 +34,8 @@ pub enum PipelineState {
         topology: Topology,
         /// The colour attachments.
         targets: Vec<TargetState>,
+        /// The use of the depth attachment, if there is one.
+        depth: Option<DepthAccess>,
     },
 }
 
@@ -158,13 +160,20 @@ fn pipeline(plan: &Plan, pass: &Pass) -> Option<PipelineState> {
             shader: *shader,
             threads: plan.shader(*shader).reflection.local_size,
         }),
-        Work::Draw { vertex, fragment, topology, targets, .. } => {
+        Work::Draw { vertex, fragment, topology, targets, depth, .. } => {
             let targets = targets.iter().filter_map(|target| match plan.resource(target.image).shape {
                 Shape::Image { format, .. } => Some(TargetState { format, blend: blend(target.blend) }),
                 Shape::Buffer { .. } => None,
             });
             let targets = targets.collect();
-            Some(PipelineState::Draw { vertex: *vertex, fragment: *fragment, topology: *topology, targets })
+            let depth = depth.map(|depth| depth.access);
+            Some(PipelineState::Draw {
+                vertex: *vertex,
+                fragment: *fragment,
+                topology: *topology,
+                targets,
+                depth,
+            })
         }
         Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => None,
     }
@@ -235,7 +244,7 @@ pub fn image_usage(usage: Usage) -> TextureUsage {
     TextureUsage {
         shader_read: usage.intersects(Usage::STORAGE | Usage::COPY_SOURCE),
         shader_write: usage.intersects(Usage::STORAGE | Usage::COPY_TARGET),
-        render_target: usage.contains(Usage::COLOR_TARGET),
+        render_target: usage.intersects(Usage::COLOR_TARGET | Usage::DEPTH_TARGET),
     }
 }
 
@@ -260,7 +269,7 @@ pub fn interpolates(format: Format, same_size: bool, filters_floats: bool) -> bo
     let filtered = match format {
         Format::Rgba8Unorm | Format::Rgba16Float => true,
         Format::Rgba32Float | Format::R32Float => filters_floats,
-        Format::R32Uint => false,
+        Format::R32Uint | Format::Depth32Float => false,
     };
     filtered && !same_size
 }
@@ -323,6 +332,7 @@ mod tests {
             fragment: ShaderId(2),
             topology: Topology::TriangleStrip,
             targets: vec![TargetState { format: Format::Rgba16Float, blend: Some(over) }],
+            depth: None,
         };
         assert_eq!(lowered.pipelines[1], state);
         assert_eq!(blend(Blend::Replace), None);

@@ -169,6 +169,7 @@ pub(crate) fn format(format: Format) -> MTLPixelFormat {
         Format::Rgba32Float => MTLPixelFormat::RGBA32Float,
         Format::R32Uint => MTLPixelFormat::R32Uint,
         Format::R32Float => MTLPixelFormat::R32Float,
+        Format::Depth32Float => MTLPixelFormat::Depth32Float,
     }
 }
 

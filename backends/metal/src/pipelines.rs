@@ -9,7 +9,7 @@ use crate::sync::Division;
 use crate::walk::Walked;
 use metal::*;
 use splatgraph_api::BackendError;
-use splatgraph_framework::ir::{Msl, PassId, ShaderId, Topology, Work};
+use splatgraph_framework::ir::{DepthAccess, Format, Msl, PassId, ShaderId, Topology, Work};
 use splatgraph_framework::msl::add_msl;
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::NextPipeline;
@@ -22,7 +22,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 #[derive(Clone)]
 pub(crate) enum Pipeline {
     Compute { raw: ComputePipelineState, threads: MTLSize },
-    Draw { raw: RenderPipelineState, primitives: MTLPrimitiveType },
+    Draw { raw: RenderPipelineState, primitives: MTLPrimitiveType, depth: Option<DepthStencilState> },
 }
 
 /// The pipelines of one plan.
@@ -80,9 +80,10 @@ impl Pipelines {
                     PipelineState::Compute { shader, threads } => {
                         compute(gpu, plan, *shader, &functions[shader], *threads)
                     }
-                    PipelineState::Draw { vertex, fragment, topology, targets } => {
+                    PipelineState::Draw { vertex, fragment, topology, targets, depth } => {
                         let name = &plan.shader(*vertex).name;
-                        draw(gpu, name, [&functions[vertex], &functions[fragment]], *topology, targets)
+                        let functions = [&*functions[vertex], &*functions[fragment]];
+                        draw(gpu, name, functions, *topology, (targets, *depth))
                     }
                 }
             })?);
@@ -151,7 +152,7 @@ fn draw(
     name: &str,
     [vertex, fragment]: [&FunctionRef; 2],
     topology: Topology,
-    targets: &[TargetState],
+    (targets, depth): (&[TargetState], Option<DepthAccess>),
 ) -> Result<Pipeline, BackendError> {
     let descriptor = RenderPipelineDescriptor::new();
     descriptor.set_label(name);
@@ -170,6 +171,9 @@ fn draw(
         attachment.set_source_alpha_blend_factor(factor(blend.alpha.0));
         attachment.set_destination_alpha_blend_factor(factor(blend.alpha.1));
     }
+    if depth.is_some() {
+        descriptor.set_depth_attachment_pixel_format(format(Format::Depth32Float));
+    }
     let raw = gpu.device.new_render_pipeline_state(&descriptor).map_err(|answer| BackendError::Api {
         call: "newRenderPipelineStateWithDescriptor",
         answer: format!("{answer} for `{name}`"),
@@ -178,7 +182,15 @@ fn draw(
         Topology::TriangleList => MTLPrimitiveType::Triangle,
         Topology::TriangleStrip => MTLPrimitiveType::TriangleStrip,
     };
-    Ok(Pipeline::Draw { raw, primitives })
+    Ok(Pipeline::Draw { raw, primitives, depth: depth.map(|access| depth_state(gpu, access)) })
+}
+
+/// Creates the state of depth tests. Depths are reversed: nearer fragments have greater ones.
+fn depth_state(gpu: &MetalGpu, access: DepthAccess) -> DepthStencilState {
+    let descriptor = DepthStencilDescriptor::new();
+    descriptor.set_depth_compare_function(MTLCompareFunction::Greater);
+    descriptor.set_depth_write_enabled(access == DepthAccess::Write);
+    gpu.device.new_depth_stencil_state(&descriptor)
 }
 
 fn factor(factor: BlendFactor) -> MTLBlendFactor {

@@ -63,6 +63,7 @@ impl Sketch {
             topology: Topology::TriangleList,
             call,
             targets: vec![Target { image, load, blend: Blend::Replace }],
+            depth: None,
         };
         self.add(name, Run::Frame, work, &[&[target], uses].concat());
     }

@@ -123,9 +123,11 @@ impl splatgraph_runtime::Encoder<NullGpu> for Encoder {
     fn draw<'a>(
         &mut self,
         targets: impl Iterator<Item = (&'a Target, &'a Image<NullGpu>)>,
+        depth: Option<(DepthAccess, &'a Image<NullGpu>)>,
         draw: Draw<NullGpu>,
     ) {
-        let targets = targets.map(|(_, image)| self.image(image)).collect();
+        let mut targets: Vec<String> = targets.map(|(_, image)| self.image(image)).collect();
+        targets.extend(depth.map(|(_, image)| self.image(image)));
         let call = match draw {
             Draw::Direct { vertices, instances } => Call::Draw { targets, vertices, instances },
             Draw::Indirect(buffer, offset) => {

@@ -547,8 +547,13 @@ pub trait Encoder<G: Gpu>: Send {
     /// Dispatches workgroups, with the counts in three words at a byte offset of a buffer.
     fn dispatch_indirect(&mut self, arguments: &Buffer<G>, offset: u64);
 
-    /// Draws into targets, all of one size.
-    fn draw<'a>(&mut self, targets: impl Iterator<Item = (&'a Target, &'a Image<G>)>, draw: Draw<G>);
+    /// Draws into targets, all of one size, and tests against a depth attachment.
+    fn draw<'a>(
+        &mut self,
+        targets: impl Iterator<Item = (&'a Target, &'a Image<G>)>,
+        depth: Option<(DepthAccess, &'a Image<G>)>,
+        draw: Draw<G>,
+    );
 
     /// Fills a buffer with a word.
     fn fill(&mut self, buffer: &Buffer<G>, value: u32);

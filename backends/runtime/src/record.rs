@@ -144,11 +144,13 @@ impl<G: Gpu> Recorder<'_, G> {
                     }
                 }
             }
-            Work::Draw { call, targets, .. } => {
+            Work::Draw { call, targets, depth, .. } => {
                 encoder.bind(&compiled.pipelines, &compiled.bindings.raw, id, pass, slot);
                 let targets = targets.iter().filter_map(|t| Some((t, resources.image(t.image)?)));
+                let depth = depth.and_then(|d| Some((d.access, resources.image(d.image)?)));
                 encoder.draw(
                     targets,
+                    depth,
                     match *call {
                         DrawCall::Direct { vertices, instances } => Draw::Direct { vertices, instances },
                         DrawCall::Indirect { buffer, offset } => {

@@ -271,7 +271,11 @@ fn check_format<G: Gpu>(
     let (resource, support) = (plan.resource(id), gpu.format_support(format));
     for (used, supported, action) in [
         (resource.usage.contains(Usage::STORAGE), support.storage, "store to it"),
-        (resource.usage.contains(Usage::COLOR_TARGET), support.target, "draw into it"),
+        (
+            resource.usage.intersects(Usage::COLOR_TARGET | Usage::DEPTH_TARGET),
+            support.target,
+            "draw into it",
+        ),
         (is_blended(plan, id), support.blend, "blend into it"),
     ] {
         if used && !supported {

@@ -40,6 +40,7 @@ pub(crate) fn plan() -> Plan {
             load: Load::Clear(0.0, 0.0, 0.0, 0.0),
             blend: Blend::PremultipliedOver,
         }],
+        depth: None,
     };
     let scans = vec![binding(0, 0, WORDS, DescriptorKind::StorageBuffer)];
     let splats = vec![

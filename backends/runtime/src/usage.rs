@@ -6,7 +6,7 @@ use splatgraph_framework::plan::Resource;
 /// Returns the uses for which a resource's buffer or image is created. They always include copying out, so that any
 /// resource can be inspected.
 pub(crate) fn usage(resource: &Resource) -> Usage {
-    const BUFFER: Usage = Usage::COLOR_TARGET.complement();
+    const BUFFER: Usage = Usage::COLOR_TARGET.union(Usage::DEPTH_TARGET).complement();
     if matches!(resource.shape, Shape::Image { .. }) {
         return resource.usage | Usage::COPY_SOURCE;
     }

@@ -191,6 +191,9 @@ impl<G: Gpu> Swapchain<G> {
 /// Refuses an output that is not a picture, or that the device cannot blit.
 fn check_output(format: Format, blit: bool) -> Result<(), BackendError> {
     let name = format.name();
+    if format == Format::Depth32Float {
+        return invalid("the plan's output holds depths of tests, not a picture".to_string());
+    }
     if format == Format::R32Uint {
         return invalid(format!(
             "the plan's output has the format {name}, whose integers are no colours: it cannot be shown in a window"

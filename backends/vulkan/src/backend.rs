@@ -85,7 +85,10 @@ impl Gpu for VulkanGpu {
         let features = self.format_features(lower::format(format));
         FormatSupport {
             storage: features.contains(vk::FormatFeatureFlags::STORAGE_IMAGE),
-            target: features.contains(vk::FormatFeatureFlags::COLOR_ATTACHMENT),
+            target: features.contains(match format {
+                Format::Depth32Float => vk::FormatFeatureFlags::DEPTH_STENCIL_ATTACHMENT,
+                _ => vk::FormatFeatureFlags::COLOR_ATTACHMENT,
+            }),
             blend: features.contains(vk::FormatFeatureFlags::COLOR_ATTACHMENT_BLEND),
             blit: features.contains(vk::FormatFeatureFlags::BLIT_SRC),
         }

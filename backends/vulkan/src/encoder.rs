@@ -2,6 +2,7 @@
 
 use crate::descriptors::DescriptorSets;
 use crate::gpu::{Owned, VulkanGpu};
+use crate::lower;
 use crate::memory::{LAYER, WHOLE};
 use crate::pipelines::Pipelines;
 use crate::queue;
@@ -117,7 +118,9 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
         at: Option<PassId>,
         image: impl Fn(ResourceId) -> Option<&'a Image<VulkanGpu>>,
     ) {
-        let raw = |change: Transition| image(change.image).map(|image| *image.raw.raw);
+        let raw = |change: Transition| {
+            image(change.image).map(|image| (*image.raw.raw, lower::aspect(image.format)))
+        };
         self.dependency.lower(barriers.at(at).iter().map(|barrier| (barrier, barrier.image.and_then(raw))));
         self.flush();
     }
@@ -127,6 +130,7 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
         self.dependency.memory.push(MemoryBarrier { source: ANYTHING, target: ANYTHING });
         self.dependency.images.extend(changes.map(|change| ImageBarrier {
             image: *change.image.raw.raw,
+            aspect: lower::aspect(change.image.format),
             source: ANYTHING,
             target: ANYTHING,
             old: layout(change.old),
@@ -192,6 +196,7 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
     fn draw<'a>(
         &mut self,
         targets: impl Iterator<Item = (&'a Target, &'a Image<VulkanGpu>)>,
+        depth: Option<(DepthAccess, &'a Image<VulkanGpu>)>,
         draw: Draw<VulkanGpu>,
     ) {
         let mut extent = vk::Extent2D::default();
@@ -202,10 +207,14 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
         }));
         let area = vk::Rect2D { offset: vk::Offset2D::default(), extent };
         self.set_area(area);
-        let rendering = vk::RenderingInfo::default()
+        let depth = depth.map(|(access, image)| depth_attachment(access, image));
+        let mut rendering = vk::RenderingInfo::default()
             .render_area(area)
             .layer_count(1)
             .color_attachments(&self.attachments);
+        if let Some(depth) = &depth {
+            rendering = rendering.depth_attachment(depth);
+        }
         let device = &self.gpu.device;
         // SAFETY: a graphics pipeline for targets of these formats is bound with its set; the views are alive and of one size; the
         // indirect words lie within their buffer.
@@ -253,7 +262,8 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
 
     fn copy_image(&mut self, image: &Image<VulkanGpu>, target: &Buffer<VulkanGpu>) {
         let (width, height) = image.size;
-        let region = [vk::BufferImageCopy::default().image_subresource(LAYER).image_extent(vk::Extent3D {
+        let layer = vk::ImageSubresourceLayers { aspect_mask: lower::aspect(image.format), ..LAYER };
+        let region = [vk::BufferImageCopy::default().image_subresource(layer).image_extent(vk::Extent3D {
             width,
             height,
             depth: 1,
@@ -304,6 +314,20 @@ fn attachment(target: &Target, image: &Image<VulkanGpu>) -> vk::RenderingAttachm
     }
 }
 
+/// Returns the depth attachment of a draw. One that is only tested is not stored, which would be a write.
+fn depth_attachment(access: DepthAccess, image: &Image<VulkanGpu>) -> vk::RenderingAttachmentInfo<'static> {
+    let info = vk::RenderingAttachmentInfo::default()
+        .image_view(*image.raw.view)
+        .image_layout(vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL);
+    let far = vk::ClearValue { depth_stencil: vk::ClearDepthStencilValue { depth: 0.0, stencil: 0 } };
+    match access {
+        DepthAccess::Write => {
+            info.load_op(vk::AttachmentLoadOp::CLEAR).clear_value(far).store_op(vk::AttachmentStoreOp::STORE)
+        }
+        DepthAccess::Test => info.load_op(vk::AttachmentLoadOp::LOAD).store_op(vk::AttachmentStoreOp::NONE),
+    }
+}
+
 fn clear_value(format: Format, [r, g, b, a]: [f32; 4]) -> vk::ClearValue {
     let color = match format {
         Format::R32Uint => vk::ClearColorValue { uint32: [r as u32, g as u32, b as u32, a as u32] },
@@ -332,5 +356,5 @@ pub(crate) fn image_barrier(barrier: &ImageBarrier) -> vk::ImageMemoryBarrier2<'
         .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
         .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
         .image(barrier.image)
-        .subresource_range(WHOLE)
+        .subresource_range(vk::ImageSubresourceRange { aspect_mask: barrier.aspect, ..WHOLE })
 }

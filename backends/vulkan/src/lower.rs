@@ -28,8 +28,17 @@ pub(crate) struct InterfaceBinding {
 /// The state of a pipeline. Passes with equal states share a pipeline.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum PipelineState {
-    Compute { shader: ShaderId, subgroups: Subgroups },
-    Draw { vertex: ShaderId, fragment: ShaderId, topology: vk::PrimitiveTopology, targets: Vec<TargetState> },
+    Compute {
+        shader: ShaderId,
+        subgroups: Subgroups,
+    },
+    Draw {
+        vertex: ShaderId,
+        fragment: ShaderId,
+        topology: vk::PrimitiveTopology,
+        targets: Vec<TargetState>,
+        depth: Option<DepthAccess>,
+    },
 }
 
 /// The subgroup requirements of a compute pipeline.
@@ -110,7 +119,7 @@ fn pipeline(plan: &Plan, pass: &Pass, limits: &SubgroupLimits) -> Option<Pipelin
             shader: *shader,
             subgroups: subgroups(&plan.shader(*shader).reflection, limits),
         }),
-        Work::Draw { vertex, fragment, topology, targets, .. } => {
+        Work::Draw { vertex, fragment, topology, targets, depth, .. } => {
             let targets = targets.iter().filter_map(|target| match plan.resource(target.image).shape {
                 Shape::Image { format: image, .. } => {
                     Some(TargetState { format: format(image), blend: blend(target.blend) })
@@ -122,6 +131,7 @@ fn pipeline(plan: &Plan, pass: &Pass, limits: &SubgroupLimits) -> Option<Pipelin
                 fragment: *fragment,
                 topology: self::topology(*topology),
                 targets: targets.collect(),
+                depth: depth.map(|depth| depth.access),
             })
         }
         Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => None,
@@ -149,6 +159,15 @@ pub(crate) fn format(format: Format) -> vk::Format {
         Format::Rgba32Float => vk::Format::R32G32B32A32_SFLOAT,
         Format::R32Uint => vk::Format::R32_UINT,
         Format::R32Float => vk::Format::R32_SFLOAT,
+        Format::Depth32Float => vk::Format::D32_SFLOAT,
+    }
+}
+
+/// Returns the aspect of a format's images.
+pub(crate) fn aspect(format: Format) -> vk::ImageAspectFlags {
+    match format {
+        Format::Depth32Float => vk::ImageAspectFlags::DEPTH,
+        _ => vk::ImageAspectFlags::COLOR,
     }
 }
 
@@ -203,9 +222,10 @@ pub(crate) fn buffer_usage(usage: Usage) -> vk::BufferUsageFlags {
 
 /// Lowers the usage of an image.
 pub(crate) fn image_usage(usage: Usage) -> vk::ImageUsageFlags {
-    const TABLE: [(Usage, vk::ImageUsageFlags); 4] = [
+    const TABLE: [(Usage, vk::ImageUsageFlags); 5] = [
         (Usage::STORAGE, vk::ImageUsageFlags::STORAGE),
         (Usage::COLOR_TARGET, vk::ImageUsageFlags::COLOR_ATTACHMENT),
+        (Usage::DEPTH_TARGET, vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT),
         (Usage::COPY_SOURCE, vk::ImageUsageFlags::TRANSFER_SRC),
         (Usage::COPY_TARGET, vk::ImageUsageFlags::TRANSFER_DST),
     ];
@@ -267,6 +287,7 @@ mod tests {
             fragment: ShaderId(2),
             topology: vk::PrimitiveTopology::TRIANGLE_STRIP,
             targets: vec![TargetState { format: vk::Format::R16G16B16A16_SFLOAT, blend: Some(over) }],
+            depth: None,
         };
         assert_eq!(lowered.pipelines[1].0, state);
         assert_eq!(blend(Blend::Replace), None);
@@ -296,7 +317,7 @@ mod tests {
         let buffers = buffer_usage(Usage::all());
         assert_eq!(buffers.as_raw().count_ones(), 5);
         let images = image_usage(Usage::all());
-        assert_eq!(images.as_raw().count_ones(), 4);
+        assert_eq!(images.as_raw().count_ones(), 5);
         assert!(image_usage(Usage::COPY_TARGET).contains(vk::ImageUsageFlags::TRANSFER_DST));
         assert!(!image_usage(Usage::STORAGE).contains(vk::ImageUsageFlags::TRANSFER_DST));
         assert!(buffer_usage(Usage::empty()).is_empty() && image_usage(Usage::empty()).is_empty());

@@ -145,11 +145,12 @@ pub struct UnboundImage {
     raw: Owned<vk::Image>,
     name: String,
     format: vk::Format,
+    aspect: vk::ImageAspectFlags,
 }
 
 /// An image and a view of it.
 pub struct Image {
-    /// A view of the whole image, for storage and as a colour target.
+    /// A view of the whole image, for storage and as a target.
     pub(crate) view: Owned<vk::ImageView>,
     // Dropped after the view.
     pub(crate) raw: Owned<vk::Image>,
@@ -174,7 +175,8 @@ pub(crate) fn create_image(
         .initial_layout(vk::ImageLayout::UNDEFINED);
     // SAFETY: `info` is complete, and the format supports the usage.
     let raw = unsafe { gpu.device.create_image(&info, None) }.map_err(api("vkCreateImage"))?;
-    let image = UnboundImage { raw: Owned::new(gpu, raw), name: desc.name.to_string(), format };
+    let aspect = lower::aspect(desc.format);
+    let image = UnboundImage { raw: Owned::new(gpu, raw), name: desc.name.to_string(), format, aspect };
     gpu.name(raw, desc.name);
     let info = vk::ImageMemoryRequirementsInfo2::default().image(raw);
     let mut dedicated = vk::MemoryDedicatedRequirements::default();
@@ -198,7 +200,7 @@ pub(crate) fn bind_image(
         .image(*image.raw)
         .view_type(vk::ImageViewType::TYPE_2D)
         .format(image.format)
-        .subresource_range(WHOLE);
+        .subresource_range(vk::ImageSubresourceRange { aspect_mask: image.aspect, ..WHOLE });
     // SAFETY: the image has memory, and the view is of its own format.
     let view = unsafe { gpu.device.create_image_view(&info, None) }.map_err(api("vkCreateImageView"))?;
     gpu.name(view, &image.name);

@@ -8,7 +8,7 @@ use crate::gpu::{Owned, VulkanGpu};
 use crate::lower::{self, Interface, Lowered, PipelineState, Subgroups, TargetState};
 use ash::vk;
 use splatgraph_api::BackendError;
-use splatgraph_framework::ir::{PassId, ShaderId};
+use splatgraph_framework::ir::{DepthAccess, Format, PassId, ShaderId};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::NextPipeline;
 use std::collections::HashMap;
@@ -66,11 +66,11 @@ impl Pipelines {
                 PipelineState::Compute { shader, subgroups } => {
                     compute(gpu, *modules[shader], *subgroups, *layouts[*interface].raw)
                 }
-                PipelineState::Draw { vertex, fragment, topology, targets } => draw(
+                PipelineState::Draw { vertex, fragment, topology, targets, depth } => draw(
                     gpu,
                     [*modules[vertex], *modules[fragment]],
                     *topology,
-                    targets,
+                    (targets, *depth),
                     *layouts[*interface].raw,
                 ),
             };
@@ -175,7 +175,7 @@ fn draw(
     gpu: &VulkanGpu,
     [vertex, fragment]: [vk::ShaderModule; 2],
     topology: vk::PrimitiveTopology,
-    targets: &[TargetState],
+    (targets, depth): (&[TargetState], Option<DepthAccess>),
     layout: vk::PipelineLayout,
 ) -> Result<vk::Pipeline, vk::Result> {
     let stage = |stage, module| {
@@ -194,10 +194,18 @@ fn draw(
         vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
     let attachments: Vec<_> = targets.iter().map(attachment).collect();
     let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachments);
+    // Reversed: the near plane has depth 1, and nearer fragments greater depths.
+    let tests = vk::PipelineDepthStencilStateCreateInfo::default()
+        .depth_test_enable(depth.is_some())
+        .depth_write_enable(depth == Some(DepthAccess::Write))
+        .depth_compare_op(vk::CompareOp::GREATER);
     let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
     let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
     let formats: Vec<_> = targets.iter().map(|target| target.format).collect();
     let mut rendering = vk::PipelineRenderingCreateInfo::default().color_attachment_formats(&formats);
+    if depth.is_some() {
+        rendering = rendering.depth_attachment_format(lower::format(Format::Depth32Float));
+    }
     let info = vk::GraphicsPipelineCreateInfo::default()
         .stages(&stages)
         .vertex_input_state(&no_vertices)
@@ -205,6 +213,7 @@ fn draw(
         .viewport_state(&viewport)
         .rasterization_state(&raster)
         .multisample_state(&samples)
+        .depth_stencil_state(&tests)
         .color_blend_state(&blend)
         .dynamic_state(&dynamic)
         .layout(layout)

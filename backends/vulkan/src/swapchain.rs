@@ -268,7 +268,8 @@ fn barrier(gpu: &VulkanGpu, commands: vk::CommandBuffer, around: Around, image: 
         .dst_access_mask(after)];
     let [(from, before, old), (to, after, new)] = around.window;
     let (source, target) = (Scope { stages: from, accesses: before }, Scope { stages: to, accesses: after });
-    let images = [image_barrier(&ImageBarrier { image, source, target, old, new })];
+    let aspect = vk::ImageAspectFlags::COLOR;
+    let images = [image_barrier(&ImageBarrier { image, aspect, source, target, old, new })];
     let info = vk::DependencyInfo::default().memory_barriers(&memory).image_memory_barriers(&images);
     pipeline_barrier(gpu, commands, &info);
 }

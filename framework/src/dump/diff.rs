@@ -238,6 +238,7 @@ fn pass_properties(pass: &DumpPass) -> Properties {
         let value = format!("{} {:?} {:?}", target.image, target.load, target.blend);
         all.push((format!("target {i}"), value));
     }
+    all.extend(pass.depth.iter().map(|d| ("depth".into(), format!("{} {:?}", d.image, d.access))));
     for (i, shader) in pass.shaders.iter().enumerate() {
         // A draw has two shaders, which may have defines of equal name.
         let of = if i == 0 { String::new() } else { format!(" of {}", shader.file) };

@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 use crate::ir::{
-    Binding, Culled, Fallback, Masks, Origin, Reason, Run, Shape, Stat, Target, Topology, Usage, Use, Value,
+    Binding, Culled, DepthTarget, Fallback, Masks, Origin, Reason, Run, Shape, Stat, Target, Topology, Usage,
+    Use, Value,
 };
 use crate::plan::{Cause, Dependency, Transition};
 
@@ -238,6 +239,9 @@ pub struct DumpPass {
     pub topology: Option<Topology>,
     /// Colour targets of a draw.
     pub targets: Vec<Target<String>>,
+    /// Depth attachment of a draw; left out without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth: Option<DepthTarget<String>>,
     /// Resources that the pass reads.
     pub reads: Vec<Use<String>>,
     /// Resources that the pass writes.

@@ -184,12 +184,14 @@ fn pass_of(plan: &Plan, id: PassId) -> DumpPass {
     let pass = plan.pass(id);
     let name = |id: &ResourceId| plan.resource(*id).name.clone();
     let (kind, size) = kind_and_size(plan, &pass.work);
-    let (shaders, topology, targets) = match &pass.work {
-        Work::Dispatch { shader, .. } => (vec![*shader], None, &[][..]),
-        Work::Draw { vertex, fragment, topology, targets, .. } => {
-            (vec![*vertex, *fragment], Some(*topology), targets.as_slice())
+    let (shaders, topology, targets, depth) = match &pass.work {
+        Work::Dispatch { shader, .. } => (vec![*shader], None, &[][..], None),
+        Work::Draw { vertex, fragment, topology, targets, depth, .. } => {
+            (vec![*vertex, *fragment], Some(*topology), targets.as_slice(), *depth)
         }
-        Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => (vec![], None, &[][..]),
+        Work::Fill { .. } | Work::ClearHistory { .. } | Work::Export | Work::Host => {
+            (vec![], None, &[][..], None)
+        }
     };
     DumpPass {
         name: pass.name.clone(),
@@ -200,6 +202,7 @@ fn pass_of(plan: &Plan, id: PassId) -> DumpPass {
         size,
         topology,
         targets: targets.iter().map(|target| target.map(name)).collect(),
+        depth: depth.map(|depth| depth.map(name)),
         reads: touched(plan, pass, Accesses::WRITES.complement()),
         writes: touched(plan, pass, Accesses::WRITES),
         bindings: pass.bindings.iter().map(|binding| binding.map(name)).collect(),

@@ -15,8 +15,8 @@ use super::Usage;
 bitflags! {
     /// Pipeline stages, after `VkPipelineStageFlagBits2`.
     ///
-    /// The stages of one pipeline are ordered: `INDIRECT`, `VERTEX`, `FRAGMENT`, `COLOR_OUTPUT` for draws, and
-    /// `INDIRECT`, `COMPUTE` for dispatches. (`INDIRECT` of a draw is not before `COMPUTE`.) `COPY`, `CLEAR` and `HOST`
+    /// The stages of one pipeline are ordered: `INDIRECT`, `VERTEX`, `EARLY_TESTS`, `FRAGMENT`, `LATE_TESTS`,
+    /// `COLOR_OUTPUT` for draws, and `INDIRECT`, `COMPUTE` for dispatches. (`INDIRECT` of a draw is not before `COMPUTE`.) `COPY`, `CLEAR` and `HOST`
     /// are unordered.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Stages: u32 {
@@ -36,6 +36,10 @@ bitflags! {
         const CLEAR = 1 << 6;
         /// Reads on the CPU.
         const HOST = 1 << 7;
+        /// Loads depth attachments; tests and writes depths before fragment shaders.
+        const EARLY_TESTS = 1 << 8;
+        /// Tests and writes depths after fragment shaders that discard; stores depth attachments.
+        const LATE_TESTS = 1 << 9;
     }
 
     /// Kinds of memory access, after `VkAccessFlagBits2`.
@@ -59,6 +63,10 @@ bitflags! {
         const TRANSFER_WRITE = 1 << 7;
         /// Reads on the CPU.
         const HOST_READ = 1 << 8;
+        /// Reads a depth attachment, to test.
+        const DEPTH_READ = 1 << 9;
+        /// Writes a depth attachment.
+        const DEPTH_WRITE = 1 << 10;
     }
 }
 
@@ -88,10 +96,17 @@ macro_rules! named {
 }
 named!(Stages, Accesses, Usage);
 
+impl Stages {
+    /// The stages that test and write depth attachments.
+    pub const DEPTH_TESTS: Stages = Stages::EARLY_TESTS.union(Stages::LATE_TESTS);
+}
+
 impl Accesses {
     /// All kinds that write.
-    pub const WRITES: Accesses =
-        Accesses::STORAGE_WRITE.union(Accesses::COLOR_WRITE).union(Accesses::TRANSFER_WRITE);
+    pub const WRITES: Accesses = Accesses::STORAGE_WRITE
+        .union(Accesses::COLOR_WRITE)
+        .union(Accesses::DEPTH_WRITE)
+        .union(Accesses::TRANSFER_WRITE);
 
     /// Returns true if any of these accesses writes.
     pub fn writes(self) -> bool {
@@ -113,6 +128,8 @@ pub enum Layout {
     General,
     /// Colour attachment.
     ColorTarget,
+    /// Depth attachment.
+    DepthTarget,
     /// Source of a copy.
     TransferSource,
     /// Destination of a copy or a clear.

@@ -15,14 +15,22 @@ pub enum Format {
     R32Uint,
     /// One single-precision float.
     R32Float,
+    /// A depth attachment of 32-bit floats, from 0 to 1. Shaders do not bind it.
+    Depth32Float,
 }
 
 impl Format {
     /// Lists every format.
-    pub const ALL: [Format; 5] =
-        [Format::Rgba8Unorm, Format::Rgba16Float, Format::Rgba32Float, Format::R32Uint, Format::R32Float];
+    pub const ALL: [Format; 6] = [
+        Format::Rgba8Unorm,
+        Format::Rgba16Float,
+        Format::Rgba32Float,
+        Format::R32Uint,
+        Format::R32Float,
+        Format::Depth32Float,
+    ];
 
-    /// Returns GLSL's name of the format, which graphs use as well.
+    /// Returns GLSL's name of the format, which graphs use as well; `depth32f`, which GLSL has no name for.
     pub fn name(self) -> &'static str {
         match self {
             Format::Rgba8Unorm => "rgba8",
@@ -30,6 +38,7 @@ impl Format {
             Format::Rgba32Float => "rgba32f",
             Format::R32Uint => "r32ui",
             Format::R32Float => "r32f",
+            Format::Depth32Float => "depth32f",
         }
     }
 
@@ -54,7 +63,7 @@ impl Format {
     /// Returns the size of a pixel in bytes.
     pub fn bytes_per_pixel(self) -> u32 {
         match self {
-            Format::Rgba8Unorm | Format::R32Uint | Format::R32Float => 4,
+            Format::Rgba8Unorm | Format::R32Uint | Format::R32Float | Format::Depth32Float => 4,
             Format::Rgba16Float => 8,
             Format::Rgba32Float => 16,
         }
@@ -77,6 +86,17 @@ pub enum Load {
     Clear(f32, f32, f32, f32),
     /// Keeps the previous contents.
     Keep,
+}
+
+/// The use of a depth attachment by a draw.
+///
+/// Depths are reversed: 1 is the near plane, 0 is infinitely far, and a fragment passes where its depth is greater.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DepthAccess {
+    /// Fills the image with 0 before the draw; fragments that pass write their depths.
+    Write,
+    /// Only tests: the draw leaves the image as it is.
+    Test,
 }
 
 /// The blending of a fragment with its target: `s` is the shader's output, `d` the target.
@@ -109,6 +129,7 @@ mod tests {
             ("R8G8B8A8_UNORM", Some(Format::Rgba8Unorm)),
             ("r32uint", Some(Format::R32Uint)),
             ("R32Float", Some(Format::R32Float)),
+            ("Depth32Float", Some(Format::Depth32Float)),
             ("bgra8unorm", None),
             ("", None),
         ] {

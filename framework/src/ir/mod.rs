@@ -21,13 +21,13 @@ mod value;
 pub use access::{Accesses, Hazard, Layout, Masks, Stages};
 pub use device::DeviceFacts;
 pub use features::Features;
-pub use format::{Blend, Format, Load, Topology};
+pub use format::{Blend, DepthAccess, Format, Load, Topology};
 pub use id::{BlockId, PassId, ResourceId, ShaderId};
 pub use location::{FileId, Origin, Span};
 pub use param::{Domain, Effect, LIVE_BINDING, LIVE_BLOCK, Param, ParamBinding, ParamSet};
 pub use pass::{
-    Binding, Culled, DescriptorKind, DrawCall, EXPORT, Groups, HOST, Output, Pass, Run, Stat, Target, Use,
-    Work,
+    Binding, Culled, DepthTarget, DescriptorKind, DrawCall, EXPORT, Groups, HOST, Output, Pass, Run, Stat,
+    Target, Use, Work,
 };
 pub use reason::{Fallback, Reason, Unmet};
 pub use request::{Attribute, Catalog, Facts, HostBuffer, OUTPUTS, Request};

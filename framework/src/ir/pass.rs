@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Accesses, Blend, Layout, Load, Origin, ResourceId, ShaderId, Stages, Topology};
+use super::{Accesses, Blend, DepthAccess, Layout, Load, Origin, ResourceId, ShaderId, Stages, Topology};
 
 /// Name of the pass at the end of a frame that makes the output readable by copies.
 pub const EXPORT: &str = "export";
@@ -66,12 +66,13 @@ impl Pass {
                     resource(buffer);
                 }
             }
-            Work::Draw { vertex, fragment, call, targets, .. } => {
+            Work::Draw { vertex, fragment, call, targets, depth, .. } => {
                 [vertex, fragment].into_iter().for_each(shader);
                 if let DrawCall::Indirect { buffer, .. } = call {
                     resource(buffer);
                 }
                 targets.iter_mut().for_each(|target| resource(&mut target.image));
+                depth.iter_mut().for_each(|depth| resource(&mut depth.image));
             }
             Work::Fill { buffer: id, .. } | Work::ClearHistory { resource: id } => resource(id),
             Work::Export | Work::Host => {}
@@ -89,8 +90,7 @@ pub enum Work<S = ShaderId, G = Groups> {
         /// The number of workgroups.
         groups: G,
     },
-    /// Draws into `targets`, all of one size, with a full-size viewport and scissor, without depth test or face
-    /// culling.
+    /// Draws into `targets` and `depth`, all of one size, with a full-size viewport and scissor, without face culling.
     Draw {
         /// The vertex shader.
         vertex: S,
@@ -102,6 +102,8 @@ pub enum Work<S = ShaderId, G = Groups> {
         call: DrawCall,
         /// The colour attachments, in the order of the fragment shader's output locations.
         targets: Vec<Target>,
+        /// The depth attachment; without one, every fragment passes.
+        depth: Option<DepthTarget>,
     },
     /// Writes `value` to every 32-bit word of a buffer.
     Fill {
@@ -169,6 +171,22 @@ pub struct Target<R = ResourceId> {
     pub load: Load,
     /// The blend mode.
     pub blend: Blend,
+}
+
+/// Describes a depth attachment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DepthTarget<R = ResourceId> {
+    /// The image, of the format [`Format::Depth32Float`](super::Format::Depth32Float).
+    pub image: R,
+    /// Its use.
+    pub access: DepthAccess,
+}
+
+impl<R> DepthTarget<R> {
+    /// Returns the same with another kind of reference to the resource.
+    pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> DepthTarget<T> {
+        DepthTarget { image: resource(&self.image), access: self.access }
+    }
 }
 
 impl<R> Target<R> {

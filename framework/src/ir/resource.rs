@@ -92,5 +92,7 @@ bitflags! {
         const COPY_TARGET = 1 << 4;
         /// Used as a colour attachment.
         const COLOR_TARGET = 1 << 5;
+        /// Tested and written by draws as their depth attachment.
+        const DEPTH_TARGET = 1 << 6;
     }
 }

@@ -1,7 +1,10 @@
 //! Checks the interface between the two stages of a draw, and its targets.
 
 use super::linker::{Linker, describe, touch};
-use crate::ir::{Accesses, Layout, Load, ShaderId, Shape, Source, Span, Stages, Target, Use};
+use crate::ir::{
+    Accesses, DepthAccess, DepthTarget, Format, Layout, Load, ShaderId, Shape, Source, Span, Stages, Target,
+    Use,
+};
 use crate::lower::LoweredPass;
 use crate::source::Diagnostic;
 
@@ -49,6 +52,12 @@ impl Linker<'_> {
                 ));
                 continue;
             };
+            if is_depth(&image.shape) {
+                let message = format!("`{}` holds depths", image.name);
+                let error = Diagnostic::new(message, *span, "a target holds colours");
+                self.errors.push(error.with_help("name it in `depth` of the draw"));
+                continue;
+            }
             if image.source != Source::Transient || self.lowered.real(target.image) != target.image {
                 self.errors.push(Diagnostic::new(
                     format!("`{}` cannot be drawn to", image.name),
@@ -78,6 +87,48 @@ impl Linker<'_> {
             touch(uses, target.image, Stages::COLOR_OUTPUT, accesses, Some(Layout::ColorTarget), discards);
         }
     }
+
+    /// Checks a depth attachment, and adds its accesses.
+    pub(super) fn depth(
+        &mut self,
+        pass: &LoweredPass,
+        targets: &[Target],
+        depth: Option<DepthTarget>,
+        uses: &mut Vec<Use>,
+    ) {
+        // Its name is the last of the attachments'.
+        let (Some(DepthTarget { image, access }), Some(&span)) = (depth, pass.target_spans.last()) else {
+            return;
+        };
+        let found = self.resource(image).clone();
+        let Shape::Image { width, height, format: Format::Depth32Float } = found.shape else {
+            let message = format!("expected an image of the format depth32f, found {}", describe(&found));
+            self.errors.push(Diagnostic::new(message, span, "cannot hold depths"));
+            return;
+        };
+        if let Some(target) = targets.first() {
+            let target = self.resource(target.image);
+            if let Shape::Image { width: w, height: h, .. } = target.shape
+                && (w, h) != (width, height)
+            {
+                let label = describe(&found);
+                let message = "the depth of a draw has the size of its targets";
+                self.errors.push(Diagnostic::new(message, span, label));
+                return;
+            }
+        }
+        // A cleared attachment is only written: the test reads what the pass itself wrote.
+        let (accesses, discards) = match access {
+            DepthAccess::Write => (Accesses::DEPTH_WRITE, true),
+            DepthAccess::Test => (Accesses::DEPTH_READ, false),
+        };
+        touch(uses, image, Stages::DEPTH_TESTS, accesses, Some(Layout::DepthTarget), discards);
+    }
+}
+
+/// Returns true for images of depths.
+fn is_depth(shape: &Shape) -> bool {
+    matches!(shape, Shape::Image { format: Format::Depth32Float, .. })
 }
 
 /// Reports a draw whose fragment shader does not have exactly one output per target, or a draw with no targets.

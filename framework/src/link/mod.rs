@@ -90,17 +90,19 @@ impl Linker<'_> {
                 }
                 (Work::Dispatch { shader: id, groups }, vec![(id, Stages::COMPUTE)])
             }
-            Work::Draw { vertex, fragment, topology, call, targets } => {
+            Work::Draw { vertex, fragment, topology, call, targets, depth } => {
                 let vertex_id = self.shader(pass, vertex, ShaderStage::Vertex);
                 let fragment_id = self.shader(pass, fragment, ShaderStage::Fragment);
                 let (vertex_id, fragment_id) = (vertex_id?, fragment_id?);
                 self.interface(vertex_id, fragment_id, fragment.span);
                 self.targets(fragment_id, pass, targets, &mut uses);
+                self.depth(pass, targets, *depth, &mut uses);
                 if let DrawCall::Indirect { buffer, .. } = *call {
                     touch(&mut uses, buffer, Stages::INDIRECT, Accesses::INDIRECT_READ, None, false);
                 }
-                let (topology, call, targets) = (*topology, *call, targets.clone());
-                let work = Work::Draw { vertex: vertex_id, fragment: fragment_id, topology, call, targets };
+                let (topology, call, targets, depth) = (*topology, *call, targets.clone(), *depth);
+                let (vertex, fragment) = (vertex_id, fragment_id);
+                let work = Work::Draw { vertex, fragment, topology, call, targets, depth };
                 (work, vec![(vertex_id, Stages::VERTEX), (fragment_id, Stages::FRAGMENT)])
             }
             Work::Fill { buffer, value } => {

@@ -62,12 +62,12 @@ impl Linker<'_> {
 
     /// Refuses an attachment that is also bound in the same pass.
     fn drawn_and_bound(&mut self, pass: &LoweredPass) {
-        let Work::Draw { targets, .. } = &pass.pass.work else { return };
-        for (target, span) in targets.iter().zip(&pass.target_spans) {
-            let binds =
-                |b: &&LoweredBind| b.resources.iter().any(|id| self.lowered.real(*id) == target.image);
+        let Work::Draw { targets, depth, .. } = &pass.pass.work else { return };
+        let images = targets.iter().map(|target| target.image).chain(depth.map(|depth| depth.image));
+        for (image, span) in images.zip(&pass.target_spans) {
+            let binds = |b: &&LoweredBind| b.resources.iter().any(|id| self.lowered.real(*id) == image);
             if let Some(bind) = pass.bind.iter().find(binds) {
-                let name = &self.resource(target.image).name;
+                let name = &self.resource(image).name;
                 self.errors.push(
                     Diagnostic::new(
                         format!("`{name}` is drawn to and bound in the same pass"),

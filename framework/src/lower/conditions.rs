@@ -123,12 +123,13 @@ impl Parts<'_> {
                     shaders: vec![shader],
                 }
             }
-            PassDecl::Draw { name, vertex, fragment, call, bind, push, targets, .. } => {
+            PassDecl::Draw { name, vertex, fragment, call, bind, push, targets, depth, .. } => {
                 let (argument, numbers) = match call {
                     Call::Indirect(buffer, offset) => (Some(buffer), vec![offset]),
                     Call::Direct { vertices, instances } => (None, vec![vertices, instances]),
                 };
-                let targets = targets.iter().map(|target| &target.image);
+                let depth = depth.iter().map(|depth| &depth.image);
+                let targets = targets.iter().map(|target| &target.image).chain(depth);
                 Parts {
                     name,
                     users: bind.values().chain(targets).chain(argument).collect(),

@@ -132,7 +132,7 @@ pub struct LoweredPass {
     pub include: Option<usize>,
     /// Place of the `size` or the `call` in the file.
     pub size_span: Span,
-    /// Places of the targets' names in the file.
+    /// Places of the targets' names in the file, and then of the depth attachment's.
     pub target_spans: Vec<Span>,
     /// The entries of `bind`.
     pub bind: Vec<LoweredBind>,

@@ -6,7 +6,9 @@ use super::include::Written;
 use super::lowered::{LoweredBind, LoweredPass, LoweredPush, LoweredSize, ShaderName};
 use super::lowering::{Level, Lowering, MAX_PASSES};
 use super::scope::{Notes, describe};
-use crate::ir::{DrawCall, Format, Load, Pass, ResourceId, Run, Shape, Source, Span, Target, Value, Work};
+use crate::ir::{
+    DepthTarget, DrawCall, Format, Load, Pass, ResourceId, Run, Shape, Source, Span, Target, Value, Work,
+};
 use crate::schema::{Call, Expression, Number, PassDecl, Reference, Size, is_choice};
 use crate::source::{Diagnostic, Place};
 
@@ -29,7 +31,9 @@ impl Lowering<'_> {
         for (i, pass) in passes.iter().enumerate() {
             let entries = match pass {
                 PassDecl::Dispatch { bind, push, .. } => bind.len() + push.len(),
-                PassDecl::Draw { bind, push, targets, .. } => bind.len() + push.len() + targets.len(),
+                PassDecl::Draw { bind, push, targets, depth, .. } => {
+                    bind.len() + push.len() + targets.len() + usize::from(depth.is_some())
+                }
                 PassDecl::Include { with, set, .. } => with.len() + set.len(),
                 PassDecl::Fill { .. } | PassDecl::Repeat { .. } | PassDecl::Swap(_) => 0,
             };
@@ -68,7 +72,19 @@ impl Lowering<'_> {
                 let places = (size_place.span(), Vec::new());
                 self.emit(level, &head, (Work::Dispatch { shader, groups: size }, places), bind, push)
             }
-            PassDecl::Draw { name, phase, when, vertex, fragment, topology, call, bind, push, targets } => {
+            PassDecl::Draw {
+                name,
+                phase,
+                when,
+                vertex,
+                fragment,
+                topology,
+                call,
+                bind,
+                push,
+                targets,
+                depth,
+            } => {
                 let head = Head { name, phase, run: Run::Frame, place };
                 if !self.wanted(level, when, pass, place)? {
                     return Ok(());
@@ -97,9 +113,7 @@ impl Lowering<'_> {
                 let (mut resolved, mut target_spans) = (Vec::new(), Vec::new());
                 for (i, target) in targets.iter().enumerate() {
                     let at = place.field("targets").index(i);
-                    if let Some(when) = &target.when
-                        && !level.names.deciding(|| level.names.truth(when, &at.field("when")))?
-                    {
+                    if !self.attaches(level, &target.when, &at)? {
                         continue;
                     }
                     let image_at = at.field("image");
@@ -110,12 +124,25 @@ impl Lowering<'_> {
                     resolved.push(Target { image, load: target.load, blend: target.blend });
                     target_spans.push(image_at.span());
                 }
+                let mut tested = None;
+                if let Some(depth) = depth {
+                    let at = place.field("depth");
+                    if self.attaches(level, &depth.when, &at)? {
+                        let image_at = at.field("image");
+                        let Some(image) = self.look_up_one(level, &depth.image, &image_at)? else {
+                            return Ok(());
+                        };
+                        tested = Some(DepthTarget { image, access: depth.access });
+                        target_spans.push(image_at.span());
+                    }
+                }
                 let work = Work::Draw {
                     vertex: self.shader(level, vertex, &place.field("vertex"))?,
                     fragment: self.shader(level, fragment, &place.field("fragment"))?,
                     topology: *topology,
                     call,
                     targets: resolved,
+                    depth: tested,
                 };
                 self.emit(level, &head, (work, (call_place.span(), target_spans)), bind, push)
             }
@@ -158,6 +185,12 @@ impl Lowering<'_> {
                 result
             }
         }
+    }
+
+    /// Evaluates the `when` of an attachment.
+    fn attaches(&self, level: &Level, when: &Option<Number>, at: &Place) -> Result<bool, Diagnostic> {
+        let truth = |when| level.names.deciding(|| level.names.truth(when, &at.field("when")));
+        when.as_ref().map_or(Ok(true), truth)
     }
 
     /// Evaluates the file name of a shader, which may be an expression.

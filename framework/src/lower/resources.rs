@@ -179,6 +179,10 @@ impl Lowering<'_> {
                 let handle =
                     Handle::Plain(vec![self.add(full.clone(), shape, Source::Transient, place.key())]);
                 if level.names.truth(history, &place.field("history"))? {
+                    if format == Format::Depth32Float {
+                        let message = "an image of depths has no history";
+                        return Err(place.field("history").error(message, "draws clear it first"));
+                    }
                     self.add_history(full, shape, &handle, place.key());
                 }
                 Ok(handle)

@@ -1,7 +1,7 @@
 //! Resolves the output, the other requested outputs, and the statistics of a graph and its parts.
 
 use super::lowering::{Level, Lowering};
-use crate::ir::{OUTPUTS, Output, ResourceId, Shape, Span, Stat, Value};
+use crate::ir::{Format, OUTPUTS, Output, ResourceId, Shape, Span, Stat, Value};
 use crate::schema::Reference;
 use crate::source::{Diagnostic, Place};
 
@@ -62,12 +62,20 @@ impl<'a> Lowering<'a> {
     /// Finds the image of an output; `at` is the place of its name.
     fn output_image(&mut self, level: &Level, name: &Reference, at: &Place) -> Option<ResourceId> {
         match self.look_up_one(level, name, at).and_then(|id| self.of_this_frame(id, at)) {
-            Ok(Some(id)) if matches!(self.plan.resources[id.index()].shape, Shape::Image { .. }) => Some(id),
+            Ok(Some(id)) => match self.plan.resources[id.index()].shape {
+                Shape::Image { format: Format::Depth32Float, .. } => {
+                    let message = format!("`{}` holds depths of tests, not a picture", name.text);
+                    self.errors.push(at.error(message, "cannot be an output"));
+                    None
+                }
+                Shape::Image { .. } => Some(id),
+                Shape::Buffer { .. } => {
+                    let message = format!("`{}` is a buffer", name.text);
+                    self.errors.push(at.error(message, "the output is an image"));
+                    None
+                }
+            },
             Ok(None) => None,
-            Ok(Some(_)) => {
-                self.errors.push(at.error(format!("`{}` is a buffer", name.text), "the output is an image"));
-                None
-            }
             Err(diagnostic) => {
                 self.errors.push(diagnostic);
                 None

@@ -10,12 +10,19 @@ use crate::ir::{Accesses, Stages};
 pub fn with_later(stages: Stages) -> Stages {
     let mut scope = stages;
     if stages.contains(Stages::INDIRECT) {
-        scope |= Stages::VERTEX | Stages::FRAGMENT | Stages::COLOR_OUTPUT | Stages::COMPUTE;
+        scope |= Stages::VERTEX | Stages::EARLY_TESTS | Stages::FRAGMENT | Stages::LATE_TESTS;
+        scope |= Stages::COLOR_OUTPUT | Stages::COMPUTE;
     }
     if stages.contains(Stages::VERTEX) {
-        scope |= Stages::FRAGMENT | Stages::COLOR_OUTPUT;
+        scope |= Stages::EARLY_TESTS | Stages::FRAGMENT | Stages::LATE_TESTS | Stages::COLOR_OUTPUT;
+    }
+    if stages.contains(Stages::EARLY_TESTS) {
+        scope |= Stages::FRAGMENT | Stages::LATE_TESTS | Stages::COLOR_OUTPUT;
     }
     if stages.contains(Stages::FRAGMENT) {
+        scope |= Stages::LATE_TESTS | Stages::COLOR_OUTPUT;
+    }
+    if stages.contains(Stages::LATE_TESTS) {
         scope |= Stages::COLOR_OUTPUT;
     }
     scope
@@ -30,7 +37,7 @@ pub fn with_later(stages: Stages) -> Stages {
 pub fn stood_for_by(stage: Stages, dispatch: bool) -> Stages {
     match stage {
         Stages::INDIRECT if dispatch => Stages::INDIRECT | Stages::COMPUTE,
-        Stages::INDIRECT => Stages::INDIRECT | Stages::VERTEX | Stages::FRAGMENT | Stages::COLOR_OUTPUT,
+        Stages::INDIRECT => Stages::INDIRECT | with_later(Stages::VERTEX),
         _ => with_later(stage),
     }
 }
@@ -43,6 +50,7 @@ pub fn performed_by(stage: Stages) -> Accesses {
             Accesses::UNIFORM_READ | Accesses::STORAGE_READ | Accesses::STORAGE_WRITE
         }
         Stages::COLOR_OUTPUT => Accesses::COLOR_READ | Accesses::COLOR_WRITE,
+        Stages::EARLY_TESTS | Stages::LATE_TESTS => Accesses::DEPTH_READ | Accesses::DEPTH_WRITE,
         Stages::COPY => Accesses::TRANSFER_READ | Accesses::TRANSFER_WRITE,
         Stages::CLEAR => Accesses::TRANSFER_WRITE,
         Stages::HOST => Accesses::HOST_READ,

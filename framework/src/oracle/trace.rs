@@ -316,7 +316,9 @@ fn clashes(accesses: &[Access]) -> Vec<Clash> {
     for (index, first) in accesses.iter().enumerate() {
         for second in &accesses[index + 1..] {
             let meet = first.cells.start.max(second.cells.start) < first.cells.end.min(second.cells.end);
-            let apart = first.stage != second.stage && !(first.atomic && second.atomic);
+            // A draw keeps the tests and writes of its fragments to a depth attachment in order.
+            let tests = Stages::DEPTH_TESTS.contains(first.stage | second.stage);
+            let apart = first.stage != second.stage && !tests && !(first.atomic && second.atomic);
             if meet && (first.resource != second.resource || apart) && (first.writes() || second.writes()) {
                 clashes.push(Clash { first: first.clone(), second: second.clone() });
             }

@@ -13,7 +13,7 @@ use std::fmt;
 
 pub use expression::{Expression, Part, Reference, ResourceName, folded, is_choice};
 
-use crate::ir::{Blend, Load, Run, Topology, Value};
+use crate::ir::{Blend, DepthAccess, Load, Run, Topology, Value};
 
 /// The version of the graph language that this framework reads.
 pub const GRAPH_VERSION: u32 = 1;
@@ -369,7 +369,7 @@ pub enum PassDecl {
         #[serde(default)]
         push: IndexMap<String, Number>,
     },
-    /// Draws primitives to colour attachments.
+    /// Draws primitives to colour attachments, and tests them against a depth attachment.
     Draw {
         /// Unique name of the pass.
         name: String,
@@ -395,6 +395,9 @@ pub enum PassDecl {
         push: IndexMap<String, Number>,
         /// Colour attachments, in the order of output locations.
         targets: Vec<TargetDecl>,
+        /// Depth attachment; without one, every fragment passes.
+        #[serde(default)]
+        depth: Option<DepthDecl>,
     },
     /// Sets every 32-bit word of the buffer to `value`.
     Fill {
@@ -519,6 +522,19 @@ pub struct TargetDecl {
     /// The blend mode.
     pub blend: Blend,
     /// Removes the attachment if false.
+    #[serde(default)]
+    pub when: Option<Number>,
+}
+
+/// Declares a depth attachment.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, rename = "Depth")]
+pub struct DepthDecl {
+    /// The image, of the format `depth32f`.
+    pub image: Reference,
+    /// Clears, tests and writes it, or only tests.
+    pub access: DepthAccess,
+    /// Removes the attachment where it is false.
     #[serde(default)]
     pub when: Option<Number>,
 }

@@ -46,11 +46,12 @@ fn retain<T>(list: &mut Vec<T>, used: &[bool]) {
     list.retain(|_| used.next() == Some(&true));
 }
 
-const OF_ACCESSES: [(Accesses, Usage); 4] = [
+const OF_ACCESSES: [(Accesses, Usage); 5] = [
     (Accesses::INDIRECT_READ, Usage::INDIRECT),
     (Accesses::TRANSFER_READ, Usage::COPY_SOURCE),
     (Accesses::TRANSFER_WRITE, Usage::COPY_TARGET),
     (Accesses::COLOR_READ.union(Accesses::COLOR_WRITE), Usage::COLOR_TARGET),
+    (Accesses::DEPTH_READ.union(Accesses::DEPTH_WRITE), Usage::DEPTH_TARGET),
 ];
 
 /// Fills in [`Resource::usage`](crate::plan::Resource::usage).

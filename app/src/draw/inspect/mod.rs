@@ -202,7 +202,7 @@ fn words(resource: &Resource, bytes: &[u8]) -> (Vec<u64>, Words) {
             let (height, width) = (height.into(), width.into());
             match format {
                 Format::R32Uint => (vec![height, width], Words::Uint(uint())),
-                Format::R32Float => (vec![height, width], Words::Float(float())),
+                Format::R32Float | Format::Depth32Float => (vec![height, width], Words::Float(float())),
                 Format::Rgba32Float => (vec![height, width, 4], Words::Float(float())),
                 Format::Rgba16Float => (vec![height, width, 4], Words::Float(half())),
                 Format::Rgba8Unorm => {

@@ -190,7 +190,7 @@ fn shape(picture: &Option<Shown>) -> [u32; 4] {
     let Some(shown @ Shown { format, width, height, .. }) = picture else { return [0; 4] };
     let format = match format {
         _ if *width == 0 || *height == 0 => 0,
-        Format::R32Uint => 0,
+        Format::R32Uint | Format::Depth32Float => 0,
         Format::Rgba8Unorm => 1,
         Format::Rgba16Float => 2,
         Format::Rgba32Float => 3,

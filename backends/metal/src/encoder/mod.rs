@@ -17,7 +17,7 @@ use crate::swapchain::Swapchain;
 use crate::walk::Move;
 use metal::*;
 use splatgraph_api::BackendError;
-use splatgraph_framework::ir::{Format, Pass, PassId, ResourceId, Target};
+use splatgraph_framework::ir::{DepthAccess, Format, Pass, PassId, ResourceId, Target};
 use splatgraph_runtime::{Buffer, Draw, Image, ImageLayout};
 use std::fmt::Arguments;
 use std::ops::Range;
@@ -288,10 +288,11 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
     fn draw<'a>(
         &mut self,
         targets: impl Iterator<Item = (&'a Target, &'a Image<MetalGpu>)>,
+        depth: Option<(DepthAccess, &'a Image<MetalGpu>)>,
         draw: Draw<MetalGpu>,
     ) {
         objc::pool(|| {
-            let Some(encoder) = self.render(targets) else { return };
+            let Some(encoder) = self.render(targets, depth) else { return };
             let Some(primitives) = self.bound.draw(&encoder) else { return };
             match draw {
                 // Metal's validation refuses empty draws as well. The encoder has cleared the targets.

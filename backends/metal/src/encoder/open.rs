@@ -5,7 +5,7 @@ use crate::gpu::MetalGpu;
 use crate::objc;
 use crate::sync::{EncoderKind, FenceUse, RenderStages};
 use metal::*;
-use splatgraph_framework::ir::{Load, Target};
+use splatgraph_framework::ir::{DepthAccess, Load, Target};
 use splatgraph_runtime::Image;
 
 impl Encoder {
@@ -151,6 +151,7 @@ impl Encoder {
     pub(super) fn render<'a>(
         &mut self,
         targets: impl Iterator<Item = (&'a Target, &'a Image<MetalGpu>)>,
+        depth: Option<(DepthAccess, &'a Image<MetalGpu>)>,
     ) -> Option<RenderCommandEncoder> {
         if !matches!(self.open, Open::Render(_)) {
             if self.next != Some(EncoderKind::Render) {
@@ -174,6 +175,17 @@ impl Encoder {
                             attachment.set_clear_color(MTLClearColor::new(r, g, b, a));
                         }
                     }
+                }
+                if let (Some((access, image)), Some(attachment)) = (depth, descriptor.depth_attachment()) {
+                    attachment.set_texture(Some(&image.raw));
+                    match access {
+                        DepthAccess::Write => {
+                            attachment.set_load_action(MTLLoadAction::Clear);
+                            attachment.set_clear_depth(0.0);
+                        }
+                        DepthAccess::Test => attachment.set_load_action(MTLLoadAction::Load),
+                    }
+                    attachment.set_store_action(MTLStoreAction::Store);
                 }
                 if let (Some((buffer, first)), Some(samples)) =
                     (&samples, descriptor.sample_buffer_attachments().object_at(0))

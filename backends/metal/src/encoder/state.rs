@@ -113,8 +113,11 @@ impl Bound {
 
     /// Sets the pipeline and arguments of a draw. Returns its primitive type.
     pub fn draw(&self, encoder: &RenderCommandEncoderRef) -> Option<MTLPrimitiveType> {
-        let Some(Pipeline::Draw { raw, primitives }) = &self.pipeline else { return None };
+        let Some(Pipeline::Draw { raw, primitives, depth }) = &self.pipeline else { return None };
         encoder.set_render_pipeline_state(raw);
+        if let Some(depth) = depth {
+            encoder.set_depth_stencil_state(depth);
+        }
         for (place, argument) in &self.table.arguments {
             let index = place.index.into();
             match (place.stage == Stage::Vertex, argument) {

@@ -40,20 +40,24 @@ fn kind(work: &Work) -> Option<EncoderKind> {
 /// them.
 fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     let targets = |pass: PassId| match &plan.pass(pass).work {
-        Work::Draw { targets, .. } => targets.as_slice(),
-        _ => &[],
+        Work::Draw { targets, depth, .. } => (targets.as_slice(), *depth),
+        _ => (&[][..], None),
     };
-    let (own, others) = (targets(pass), targets(group.passes[0]));
+    let ((own, tested), (others, other_depth)) = (targets(pass), targets(group.passes[0]));
     let images = |targets: &[Target]| targets.iter().map(|target| target.image).collect::<Vec<_>>();
     // An encoder keeps the accesses of its draws to a target in order by itself.
     let blends = |dependency: &Dependency| {
         let both = dependency.masks.source_stages | dependency.masks.target_stages;
-        both == Stages::COLOR_OUTPUT && dependency.alias.is_none()
+        let attached = Stages::COLOR_OUTPUT | Stages::DEPTH_TESTS;
+        attached.contains(both) && dependency.alias.is_none()
     };
     let inner = |dependency: &&Dependency| {
         dependency.since == Since::Same && group.passes.contains(&dependency.first)
     };
+    let keeps = tested.is_none_or(|depth| depth.access == DepthAccess::Test);
     images(own) == images(others)
+        && tested.map(|depth| depth.image) == other_depth.map(|depth| depth.image)
+        && keeps
         && own.iter().all(|target| target.load == Load::Keep)
         && ordering(plan, pass).filter(inner).all(blends)
 }

@@ -230,7 +230,7 @@ impl<'a> Checker<'a> {
         self.host_buffers(pass)?;
         match &pass.work {
             Work::Dispatch { shader, groups } => self.dispatch(pass, *shader, *groups),
-            Work::Draw { vertex, fragment, call, targets, .. } => {
+            Work::Draw { vertex, fragment, call, targets, depth, .. } => {
                 self.shader(*vertex, ShaderStage::Vertex, name)?;
                 self.shader(*fragment, ShaderStage::Fragment, name)?;
                 match *call {
@@ -244,7 +244,7 @@ impl<'a> Checker<'a> {
                         )?;
                     }
                 }
-                self.targets(targets, name)
+                self.targets(targets, *depth, name)
             }
             Work::Fill { buffer, .. } => self.filled(*buffer, name),
             Work::ClearHistory { resource } => {
@@ -383,7 +383,12 @@ impl<'a> Checker<'a> {
         self.resource_for(buffer, Usage::INDIRECT, user).map(|_| ())
     }
 
-    fn targets(&self, targets: &[Target], user: &str) -> Result<(), BackendError> {
+    fn targets(
+        &self,
+        targets: &[Target],
+        depth: Option<DepthTarget>,
+        user: &str,
+    ) -> Result<(), BackendError> {
         if targets.is_empty() {
             return invalid(format!("pass `{user}` draws into no target"));
         }
@@ -394,6 +399,16 @@ impl<'a> Checker<'a> {
             let resource = self.resource_for(target.image, Usage::COLOR_TARGET, user)?;
             let Shape::Image { width, height, .. } = resource.shape else {
                 return invalid(format!("pass `{user}` draws into `{}`, which is no image", resource.name));
+            };
+            sizes.push((width, height));
+        }
+        if let Some(DepthTarget { image, .. }) = depth {
+            let resource = self.resource_for(image, Usage::DEPTH_TARGET, user)?;
+            let Shape::Image { width, height, format: Format::Depth32Float } = resource.shape else {
+                return invalid(format!(
+                    "pass `{user}` tests against `{}`, which has no depths",
+                    resource.name
+                ));
             };
             sizes.push((width, height));
         }

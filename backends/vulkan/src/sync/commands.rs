@@ -51,6 +51,7 @@ pub(crate) struct MemoryBarrier {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ImageBarrier {
     pub image: vk::Image,
+    pub aspect: vk::ImageAspectFlags,
     pub source: Scope,
     pub target: Scope,
     pub old: vk::ImageLayout,
@@ -80,7 +81,10 @@ impl Dependency {
     /// The execution dependency of an image barrier applies to everything, not only to the image (Vulkan 1.3, chapter
     /// 7), and plans rely on that. Older validation layers (1.3.239) apply it only to the image. For them it is
     /// repeated in barriers on all memory without accesses, unless the call's barrier on all memory covers it already.
-    pub fn lower<'a>(&mut self, barriers: impl Iterator<Item = (&'a Barrier, Option<vk::Image>)>) {
+    pub fn lower<'a>(
+        &mut self,
+        barriers: impl Iterator<Item = (&'a Barrier, Option<(vk::Image, vk::ImageAspectFlags)>)>,
+    ) {
         self.clear();
         for (barrier, image) in barriers {
             let Masks { source_stages, source_accesses, target_stages, target_accesses } = barrier.masks;
@@ -90,9 +94,9 @@ impl Dependency {
                 self.memory.push(MemoryBarrier { source, target });
                 continue;
             };
-            if let Some(image) = image {
+            if let Some((image, aspect)) = image {
                 let (old, new) = (layout(old), layout(new));
-                self.images.push(ImageBarrier { image, source, target, old, new });
+                self.images.push(ImageBarrier { image, aspect, source, target, old, new });
             }
             let order = |scope: Scope| Scope { accesses: vk::AccessFlags2::NONE, ..scope };
             self.orders.push(MemoryBarrier { source: order(source), target: order(target) });
@@ -112,10 +116,12 @@ impl Dependency {
 /// validation layers before 1.3.280 counted it among the copies. Naming both stages costs nothing, as both run in the
 /// same stage of the hardware.
 pub(crate) fn stages(stages: Stages) -> vk::PipelineStageFlags2 {
-    const TABLE: [(Stages, vk::PipelineStageFlags2); 8] = [
+    const TABLE: [(Stages, vk::PipelineStageFlags2); 10] = [
         (Stages::INDIRECT, vk::PipelineStageFlags2::DRAW_INDIRECT),
         (Stages::VERTEX, vk::PipelineStageFlags2::VERTEX_SHADER),
+        (Stages::EARLY_TESTS, vk::PipelineStageFlags2::EARLY_FRAGMENT_TESTS),
         (Stages::FRAGMENT, vk::PipelineStageFlags2::FRAGMENT_SHADER),
+        (Stages::LATE_TESTS, vk::PipelineStageFlags2::LATE_FRAGMENT_TESTS),
         (Stages::COLOR_OUTPUT, vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT),
         (Stages::COMPUTE, vk::PipelineStageFlags2::COMPUTE_SHADER),
         (Stages::COPY, vk::PipelineStageFlags2::COPY),
@@ -133,13 +139,15 @@ pub(crate) fn stages(stages: Stages) -> vk::PipelineStageFlags2 {
 
 /// Lowers accesses.
 pub(crate) fn accesses(accesses: Accesses) -> vk::AccessFlags2 {
-    const TABLE: [(Accesses, vk::AccessFlags2); 9] = [
+    const TABLE: [(Accesses, vk::AccessFlags2); 11] = [
         (Accesses::INDIRECT_READ, vk::AccessFlags2::INDIRECT_COMMAND_READ),
         (Accesses::UNIFORM_READ, vk::AccessFlags2::UNIFORM_READ),
         (Accesses::STORAGE_READ, vk::AccessFlags2::SHADER_STORAGE_READ),
         (Accesses::STORAGE_WRITE, vk::AccessFlags2::SHADER_STORAGE_WRITE),
         (Accesses::COLOR_READ, vk::AccessFlags2::COLOR_ATTACHMENT_READ),
         (Accesses::COLOR_WRITE, vk::AccessFlags2::COLOR_ATTACHMENT_WRITE),
+        (Accesses::DEPTH_READ, vk::AccessFlags2::DEPTH_STENCIL_ATTACHMENT_READ),
+        (Accesses::DEPTH_WRITE, vk::AccessFlags2::DEPTH_STENCIL_ATTACHMENT_WRITE),
         (Accesses::TRANSFER_READ, vk::AccessFlags2::TRANSFER_READ),
         (Accesses::TRANSFER_WRITE, vk::AccessFlags2::TRANSFER_WRITE),
         (Accesses::HOST_READ, vk::AccessFlags2::HOST_READ),
@@ -156,6 +164,7 @@ pub(crate) fn layout(layout: Layout) -> vk::ImageLayout {
         Layout::Undefined => vk::ImageLayout::UNDEFINED,
         Layout::General => vk::ImageLayout::GENERAL,
         Layout::ColorTarget => vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
+        Layout::DepthTarget => vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
         Layout::TransferSource => vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
         Layout::TransferTarget => vk::ImageLayout::TRANSFER_DST_OPTIMAL,
     }
@@ -182,11 +191,13 @@ mod tests {
     const DRAWS: (Stages, Accesses) =
         (Stages::COLOR_OUTPUT, Accesses::COLOR_READ.union(Accesses::COLOR_WRITE));
     const IMAGE: vk::Image = vk::Image::null();
+    const COLOR_ASPECT: vk::ImageAspectFlags = vk::ImageAspectFlags::COLOR;
     const ANEW: Transition = Transition { image: COLOR, old: Layout::Undefined, new: Layout::ColorTarget };
 
     fn dependency(barriers: &[Barrier]) -> Dependency {
         let mut dependency = Dependency::default();
-        dependency.lower(barriers.iter().map(|barrier| (barrier, barrier.image.map(|_| IMAGE))));
+        dependency
+            .lower(barriers.iter().map(|barrier| (barrier, barrier.image.map(|_| (IMAGE, COLOR_ASPECT)))));
         dependency.orders.clear();
         dependency
     }
@@ -194,13 +205,15 @@ mod tests {
     #[test]
     fn every_stage_and_access_has_its_vulkan_counterpart() {
         let of_stages: Vec<S> = Stages::all().iter().map(stages).collect();
-        assert_eq!(of_stages.len(), 8);
+        assert_eq!(of_stages.len(), 10);
         assert!(of_stages.iter().all(|flags| !flags.is_empty()));
         assert_eq!(
             stages(Stages::all()),
             S::DRAW_INDIRECT
                 | S::VERTEX_SHADER
+                | S::EARLY_FRAGMENT_TESTS
                 | S::FRAGMENT_SHADER
+                | S::LATE_FRAGMENT_TESTS
                 | S::COLOR_ATTACHMENT_OUTPUT
                 | S::COMPUTE_SHADER
                 | S::COPY
@@ -238,6 +251,7 @@ mod tests {
         ];
         let images = [ImageBarrier {
             image: IMAGE,
+            aspect: COLOR_ASPECT,
             source: Scope { stages: S::COPY, accesses: A::TRANSFER_READ },
             target: Scope {
                 stages: S::COLOR_ATTACHMENT_OUTPUT,

@@ -23,7 +23,14 @@ pub(super) fn index(bit: u32) -> usize {
     bit.trailing_zeros() as usize
 }
 
-const DRAW: [Stages; 4] = [Stages::INDIRECT, Stages::VERTEX, Stages::FRAGMENT, Stages::COLOR_OUTPUT];
+const DRAW: [Stages; 6] = [
+    Stages::INDIRECT,
+    Stages::VERTEX,
+    Stages::EARLY_TESTS,
+    Stages::FRAGMENT,
+    Stages::LATE_TESTS,
+    Stages::COLOR_OUTPUT,
+];
 const DISPATCH: [Stages; 2] = [Stages::INDIRECT, Stages::COMPUTE];
 
 /// Returns the stages and later stages of their pipelines: all that wait for a barrier with this target.
@@ -76,6 +83,7 @@ impl Origin {
 pub(super) fn write_access(stage: Stages) -> Accesses {
     match stage {
         Stages::COLOR_OUTPUT => Accesses::COLOR_WRITE,
+        Stages::EARLY_TESTS | Stages::LATE_TESTS => Accesses::DEPTH_WRITE,
         Stages::COPY | Stages::CLEAR => Accesses::TRANSFER_WRITE,
         _ => Accesses::STORAGE_WRITE,
     }

@@ -98,6 +98,12 @@ impl Scene {
         Scene { identity, planes: [((attribute.to_string(), plane), bytes)].into(), ..Default::default() }
     }
 
+    /// Adds another plane.
+    pub fn and(mut self, attribute: &str, plane: u32, bytes: Vec<u8>) -> Scene {
+        self.planes.insert((attribute.to_string(), plane), bytes);
+        self
+    }
+
     /// Returns the number of requests for a plane.
     pub fn asked(&self) -> usize {
         self.asked.load(Ordering::Relaxed)
@@ -313,8 +319,20 @@ impl Build {
             uses.push(touch);
         }
         let topology = Topology::TriangleList;
-        let work = Work::Draw { vertex, fragment, topology, call, targets: targets.to_vec() };
+        let work = Work::Draw { vertex, fragment, topology, call, targets: targets.to_vec(), depth: None };
         self.pass(Run::Frame, name, work, binds, uses)
+    }
+
+    /// Gives the last pass, a draw, a depth attachment.
+    pub fn depth(&mut self, image: ResourceId, access: DepthAccess) {
+        let pass = self.plan.passes.last_mut().expect("a draw");
+        let Work::Draw { depth, .. } = &mut pass.work else { panic!("{} is no draw", pass.name) };
+        *depth = Some(DepthTarget { image, access });
+        let write = access == DepthAccess::Write;
+        let accesses = if write { Accesses::DEPTH_WRITE } else { Accesses::DEPTH_READ };
+        let mut touch = touch(image, Stages::DEPTH_TESTS, accesses, Some(Layout::DepthTarget));
+        touch.discards = write;
+        pass.uses.push(touch);
     }
 
     pub fn stat(&mut self, name: &str, buffer: ResourceId, offset: u64) {

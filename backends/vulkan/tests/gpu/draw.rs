@@ -142,3 +142,75 @@ void main() { first = color; second = vec4(1, 0, 0.2, 1); }";
     assert_eq!(result.inspected[0][60..], [0, 0, 0, 0]);
     finish(vulkan);
 }
+
+/// A triangle as above, of the depth that the colour's alpha says.
+const AT_ALPHA: &str = "#version 460
+layout(set = 0, binding = 0) readonly buffer Colors { vec4 colors[]; };
+layout(location = 0) flat out vec4 color;
+void main() {
+    const vec2 corners[3] = vec2[](vec2(-1, -1), vec2(0.75, -1), vec2(-1, 0.75));
+    color = colors[gl_InstanceIndex];
+    gl_Position = vec4(corners[gl_VertexIndex], color.a, 1);
+}";
+
+/// Draws triangles of these colours, with depths in alpha: the first `written` write their depths, the others are tested in a second
+/// draw. Gives the colour inside, and the depths inside and outside.
+fn tested(colors: &[[f32; 4]], written: usize) -> ([f32; 4], [f32; 2]) {
+    let mut build = Build::new();
+    let parts = [&colors[..written], &colors[written..]];
+    let image = build.image("color", Format::Rgba32Float, SIZE, SIZE, Usage::COLOR_TARGET);
+    let depth =
+        build.image("depth", Format::Depth32Float, SIZE, SIZE, Usage::DEPTH_TARGET | Usage::COPY_SOURCE);
+    let shaders = [build.shader("triangle.vert", AT_ALPHA), build.shader("color.frag", COLOR)];
+    let planes: Vec<ResourceId> = (0..2)
+        .map(|part| build.scene("colors", part, 16, parts[part as usize].len().max(1) as u64))
+        .collect();
+    for (part, access) in [(0, DepthAccess::Write), (1, DepthAccess::Test)] {
+        let load = if part == 0 { Load::Clear(0.0, 0.0, 0.0, 0.0) } else { Load::Keep };
+        let target = Target { image, load, blend: Blend::Replace };
+        let call = DrawCall::Direct { vertices: 3, instances: parts[part].len() as u32 };
+        build.draw(&format!("draw[{part}]"), shaders, call, &[target], &[(planes[part], 0, READ)]);
+        build.depth(depth, access);
+    }
+    let inspect = splatgraph_api::Inspect { resource: depth, after: PassId(1) };
+    let plan = build.export(image);
+    let bytes = |part: &[[f32; 4]]| {
+        let mut bytes: Vec<u8> = part.iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
+        // No plane is empty.
+        bytes.resize(bytes.len().max(16), 0);
+        bytes
+    };
+    let scene = Scene::new(1, "colors", 0, bytes(parts[0])).and("colors", 1, bytes(parts[1]));
+    let mut vulkan = open();
+    splatgraph_api::Device::load(&mut vulkan, plan, &scene, &mut |_| {}).expect("the plan loads");
+    let mut inputs = with_output();
+    inputs.inspect.push(inspect);
+    // Twice: the second frame finds what the first left.
+    frame(&mut vulkan, &inputs);
+    let result = frame(&mut vulkan, &inputs);
+    finish(vulkan);
+    let pixels = floats(&result.output.expect("the output was asked for").bytes);
+    let depths = floats(&result.inspected[0]);
+    ([pixels[0], pixels[1], pixels[2], pixels[3]], [depths[0], depths[15]])
+}
+
+#[test]
+fn of_two_fragments_the_one_with_the_greater_depth_stays_whatever_their_order() {
+    let (near, far) = ([1.0, 0.0, 0.0, 0.75], [0.0, 1.0, 0.0, 0.25]);
+    assert_eq!(tested(&[near, far], 2), (near, [0.75, 0.0]));
+    assert_eq!(tested(&[far, near], 2), (near, [0.75, 0.0]));
+    // An equal depth does not pass, and depth 0 is infinitely far.
+    assert_eq!(tested(&[near, [0.0, 0.0, 1.0, 0.75]], 2).0, near);
+    assert_eq!(tested(&[[0.0, 0.0, 1.0, 0.0]], 1), ([0.0; 4], [0.0, 0.0]));
+}
+
+#[test]
+fn a_draw_that_only_tests_is_hidden_by_what_is_nearer_and_leaves_the_depths() {
+    let wall = [1.0, 0.0, 0.0, 0.5];
+    let (behind, before) = ([0.0, 1.0, 0.0, 0.25], [0.0, 0.0, 1.0, 0.75]);
+    assert_eq!(tested(&[wall, behind], 1), (wall, [0.5, 0.0]));
+    assert_eq!(tested(&[wall, before], 1), (before, [0.5, 0.0]));
+    // A test writes no depth, so that a fragment behind another that was only tested is drawn over it.
+    let between = [1.0, 1.0, 0.0, 0.625];
+    assert_eq!(tested(&[wall, before, between], 1), (between, [0.5, 0.0]));
+}

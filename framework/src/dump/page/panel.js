@@ -173,6 +173,11 @@ function passPanel(pass) {
       ),
     ),
     ...section(
+      "depth",
+      pass.depth ? 1 : 0,
+      table(pass.depth ? row(link("resource", pass.depth.image), pass.depth.access.toLowerCase()) : null),
+    ),
+    ...section(
       "bindings",
       pass.bindings.length,
       table(

@@ -75,7 +75,7 @@ fn a_barrier_with_other_masks_or_reasons_is_changed_and_one_on_another_line_is_n
     let wider = diff(&a, &other);
     assert_eq!(wider.barriers.changed.len(), 1);
     assert_eq!(wider.barriers.changed[0].a.masks.source_stages.iter().count(), 1);
-    assert_eq!(wider.barriers.changed[0].b.masks.source_stages.iter().count(), 8);
+    assert_eq!(wider.barriers.changed[0].b.masks.source_stages.iter().count(), 10);
 }
 
 #[test]

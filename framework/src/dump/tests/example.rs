@@ -237,7 +237,7 @@ impl Maker {
         let target = Target { image, load: Load::Clear(0.0, 0.0, 0.0, 0.0), blend: Blend::PremultipliedOver };
         let call = DrawCall::Indirect { buffer: read[0].0, offset: 16 };
         let topology = Topology::TriangleStrip;
-        let work = Work::Draw { vertex, fragment, topology, call, targets: vec![target] };
+        let work = Work::Draw { vertex, fragment, topology, call, targets: vec![target], depth: None };
         let blended = (Stages::COLOR_OUTPUT, Accesses::COLOR_READ | Accesses::COLOR_WRITE);
         let vertex = (Stages::VERTEX, Accesses::STORAGE_READ);
         let uses = [read[0], read[1], (splats, vertex), (image, blended)];

@@ -7,6 +7,7 @@ use super::encoders::encoded;
 use super::example::{self, dump};
 use super::timed;
 use crate::dump::json;
+use crate::ir::{DepthAccess, DepthTarget};
 
 const SCHEMA: &str = include_str!("../../../../docs/dump.schema.json");
 const PAGE: &str = include_str!("../../../../docs/dump.md");
@@ -145,7 +146,11 @@ fn a_dump_has_the_fields_of_the_schema_and_no_others() {
     let schema = schema();
     let mut validator = Validator { root: &schema, seen: BTreeSet::new() };
     let encoded = encoded(dump(&example::splat(4, 50)));
-    for dump in [timed(example::splat(8, 1000)), encoded] {
+    let mut tested = dump(&example::splat(4, 50));
+    let image = tested.output.clone();
+    let draw = tested.passes.iter_mut().find(|pass| pass.topology.is_some()).expect("a draw");
+    draw.depth = Some(DepthTarget { image, access: DepthAccess::Test });
+    for dump in [timed(example::splat(8, 1000)), encoded, tested] {
         if let Err(error) = validator.check(&schema, "", &json(&dump), "") {
             panic!("{error}");
         }

@@ -115,6 +115,7 @@ pub fn draw() -> Work {
         topology: Topology::TriangleList,
         call: DrawCall::Direct { vertices: 3, instances: 1 },
         targets: vec![],
+        depth: None,
     }
 }
 

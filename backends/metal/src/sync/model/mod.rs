@@ -147,7 +147,8 @@ impl<'a> Model<'a> {
                 continue;
             }
             let scope = scope(plan, *resource).union(scope(plan, alias.unwrap_or(*resource)));
-            let targets = [masks.source_stages, masks.target_stages] == [Stages::COLOR_OUTPUT; 2];
+            let attached = Stages::COLOR_OUTPUT | Stages::DEPTH_TESTS;
+            let targets = attached.contains(masks.source_stages | masks.target_stages);
             for one in parts(plan, *first, masks.source_stages) {
                 for other in parts(plan, *second, masks.target_stages) {
                     let (parts, blend) = ([one, other], targets && alias.is_none());
@@ -373,9 +374,11 @@ fn malformed(plan: &Plan, encoding: &Encoding, fences: u32, mut say: impl FnMut(
                 say(format!("has a barrier for nothing before `{}`", pass.name));
             }
         }
-        if let Work::Draw { targets: of, .. } = &pass.work {
-            let images: Vec<ResourceId> = of.iter().map(|target| target.image).collect();
-            let clears = of.iter().any(|target| target.load != Load::Keep);
+        if let Work::Draw { targets: of, depth, .. } = &pass.work {
+            let mut images: Vec<ResourceId> = of.iter().map(|target| target.image).collect();
+            images.extend(depth.map(|depth| depth.image));
+            let clears = of.iter().any(|target| target.load != Load::Keep)
+                || depth.is_some_and(|depth| depth.access == DepthAccess::Write);
             match &targets {
                 Some(first) if *first != images || clears => {
                     say(format!("holds `{}`, which needs targets of its own", pass.name));

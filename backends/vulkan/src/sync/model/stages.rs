@@ -11,9 +11,15 @@ pub use splatgraph_framework::oracle::stages::with_later;
 pub fn with_earlier(stages: Stages) -> Stages {
     let mut scope = stages;
     if stages.contains(Stages::COLOR_OUTPUT) {
-        scope |= Stages::FRAGMENT | Stages::VERTEX | Stages::INDIRECT;
+        scope |= with_earlier(Stages::LATE_TESTS);
+    }
+    if stages.contains(Stages::LATE_TESTS) {
+        scope |= with_earlier(Stages::FRAGMENT);
     }
     if stages.contains(Stages::FRAGMENT) {
+        scope |= with_earlier(Stages::EARLY_TESTS);
+    }
+    if stages.contains(Stages::EARLY_TESTS) {
         scope |= Stages::VERTEX | Stages::INDIRECT;
     }
     if stages.intersects(Stages::VERTEX | Stages::COMPUTE) {
@@ -22,12 +28,12 @@ pub fn with_earlier(stages: Stages) -> Stages {
     scope
 }
 
-/// A set of (stage, access) pairs: 16 bits of accesses for each of 8 stages.
+/// A set of (stage, access) pairs: 12 bits of accesses for each of 10 stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pairs(u128);
 
-const ACCESS_BITS: u32 = u128::BITS / 8;
-const _: () = assert!(Stages::all().bits() < 1 << 8 && Accesses::all().bits() < 1 << ACCESS_BITS);
+const ACCESS_BITS: u32 = u128::BITS / 10;
+const _: () = assert!(Stages::all().bits() < 1 << 10 && Accesses::all().bits() < 1 << ACCESS_BITS);
 
 impl Pairs {
     pub const NONE: Pairs = Pairs(0);

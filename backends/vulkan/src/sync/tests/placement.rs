@@ -150,6 +150,39 @@ fn a_cleared_image_is_not_kept_and_a_drawn_one_is_read_in_the_layout_of_its_read
 }
 
 #[test]
+fn a_draw_that_tests_waits_at_both_tests_for_the_depths_that_another_wrote() {
+    let draw = |name: &str, load: &str, access: &str| {
+        format!(
+            r#"Draw(name: "{name}", vertex: "quad.vert", fragment: "quad.frag", topology: TriangleStrip,
+                call: Direct(vertices: 4, instances: 2), bind: {{"In": "a"}},
+                targets: [Target(image: "color", load: {load}, blend: PremultipliedOver)],
+                depth: Depth(image: "depth", access: {access})),"#
+        )
+    };
+    let passes = [
+        dispatch("make", "make.comp", r#""Out": "a""#),
+        draw("mesh", "Clear(0, 0, 0, 0)", "Write"),
+        draw("splats", "Keep", "Test"),
+        dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),
+    ];
+    let depth =
+        r#"resources: { "depth": Image(format: "depth32f", size: ("viewport.width", "viewport.height")),"#;
+    let text = graph("", &passes.join("\n")).replace("resources: {", depth);
+    let plan = apart(&text).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(
+        before(&plan, "splats"),
+        ["COLOR_OUTPUT|EARLY_TESTS|LATE_TESTS COLOR_WRITE|DEPTH_WRITE -> \
+             COLOR_OUTPUT|EARLY_TESTS|LATE_TESTS COLOR_READ|COLOR_WRITE|DEPTH_READ: \
+             ReadAfterWrite on color after mesh, ReadAfterWrite on depth after mesh"],
+        "{}",
+        shown(&plan)
+    );
+    // The next frame's clear comes after this frame's tests.
+    let mesh = before(&plan, "mesh").join("\n");
+    assert!(mesh.contains("WriteAfterRead on depth after splats of the frame before"), "{}", shown(&plan));
+}
+
+#[test]
 fn a_fill_and_an_atomic_use_of_it_are_apart_in_both_directions() {
     let plan = solved(&[
         r#"Fill(name: "clear", buffer: "a", value: 0),"#.into(),

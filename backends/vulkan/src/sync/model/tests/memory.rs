@@ -217,7 +217,7 @@ fn indirect_arguments_are_the_words_that_the_work_reads() {
     assert_eq!((found.len(), found[0].range.clone()), (1, 8..20));
     let call = DrawCall::Indirect { buffer, offset: 16 };
     let (vertex, fragment, topology) = (ShaderId(0), ShaderId(0), Topology::TriangleStrip);
-    let found = violations(Work::Draw { vertex, fragment, topology, call, targets: vec![] });
+    let found = violations(Work::Draw { vertex, fragment, topology, call, targets: vec![], depth: None });
     assert_eq!((found.len(), found[0].range.clone()), (1, 16..32));
     let found = violations(dispatch());
     assert_eq!((found.len(), found[0].range.clone()), (1, 0..BYTES));

@@ -75,7 +75,9 @@ fn a_barrier_from_the_vertex_stage_does_not_order_the_fragment_stage() {
 fn a_barrier_from_a_later_stage_of_the_same_command_orders_its_arguments() {
     let (read, write) = ((Stages::INDIRECT, Accesses::INDIRECT_READ), (CLEAR, Accesses::TRANSFER_WRITE));
     let found = |work: Work, stage| write_after_read_of(work, read, order(stage, CLEAR), write);
-    for stage in [Stages::INDIRECT, VERTEX, FRAGMENT, Stages::COLOR_OUTPUT] {
+    for stage in
+        [Stages::INDIRECT, VERTEX, Stages::EARLY_TESTS, FRAGMENT, Stages::LATE_TESTS, Stages::COLOR_OUTPUT]
+    {
         assert_eq!(found(draw(), stage), NOTHING);
     }
     for stage in [Stages::INDIRECT, COMPUTE] {
@@ -224,12 +226,29 @@ fn a_target_orders_the_stages_after_it_but_shows_them_nothing() {
         (VERTEX, (FRAGMENT, READ)),
         (VERTEX, (Stages::COLOR_OUTPUT, Accesses::COLOR_READ)),
         (FRAGMENT, (Stages::COLOR_OUTPUT, Accesses::COLOR_READ)),
+        (VERTEX, (Stages::EARLY_TESTS, Accesses::DEPTH_READ)),
+        (Stages::EARLY_TESTS, (FRAGMENT, READ)),
+        (FRAGMENT, (Stages::LATE_TESTS, Accesses::DEPTH_READ)),
+        (Stages::LATE_TESTS, (Stages::COLOR_OUTPUT, Accesses::COLOR_READ)),
     ];
     for (target, (stage, access)) in later {
         let shows_all = barrier((COMPUTE, WRITE), (target, Accesses::all()));
         let expected = format!("ReadAfterWrite: first, second: a: {access} at {stage}");
         assert_eq!(order_of(COMPUTE, &[&[shows_all]], (stage, access)), [expected]);
     }
+}
+
+#[test]
+fn early_tests_are_before_fragment_shaders_and_late_tests_after_them() {
+    let test = |stage| (stage, Accesses::DEPTH_READ);
+    let write = (CLEAR, Accesses::TRANSFER_WRITE);
+    // A source covers what is earlier: the fragment stage the early tests, and the late ones not.
+    assert_eq!(write_after_read(test(Stages::EARLY_TESTS), order(FRAGMENT, CLEAR), write), NOTHING);
+    assert_eq!(write_after_read(test(Stages::LATE_TESTS), order(FRAGMENT, CLEAR), write), OVERTAKEN);
+    assert_eq!(write_after_read((FRAGMENT, READ), order(Stages::EARLY_TESTS, CLEAR), write), OVERTAKEN);
+    // A target covers what is later.
+    let early = test(Stages::EARLY_TESTS);
+    assert_eq!(order_of(COMPUTE, &[&[order(COMPUTE, FRAGMENT)]], early), UNORDERED);
 }
 
 #[test]
