@@ -1,22 +1,15 @@
-//! Writes the scene's attributes as bytes for GPU buffers.
+//! Writes the attributes of a scene's splats and mesh as bytes for GPU buffers.
 //!
 //! A renderer requests an attribute by name and gets its bytes: little endian, one entry per splat, written in parallel
 //! into the backend's memory. The 48 floats of spherical harmonics come in *planes* of four, so that no buffer exceeds
 //! a device's limit and a lower degree reads fewer of them.
 
 use crate::error::nearest;
+use crate::mesh::{MESH_ATTRIBUTES, Mesh};
 use crate::scene::{CHUNK, Scene, sh_floats};
+use crate::words::{AttributeInfo, hash, mix, write_floats};
 use rayon::prelude::*;
 use std::ops::Range;
-
-/// Memory layout of an attribute.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct AttributeInfo {
-    /// Bytes per splat and plane.
-    pub stride: u64,
-    /// Number of planes with data: 1; for `scene.sh`, as many as the stored degree needs.
-    pub planes: u32,
-}
 
 /// Maximum number of planes of spherical harmonics; planes above the stored degree are zero.
 const MAX_SH_PLANES: u32 = 12;
@@ -30,7 +23,7 @@ pub const ATTRIBUTES: [&str; 6] =
     ["scene.position", "scene.position_wide", "scene.scale", "scene.rotation", "scene.opacity", "scene.sh"];
 
 impl Scene {
-    /// Returns the layout of an attribute; `None` if the name is not among [`ATTRIBUTES`].
+    /// Returns the layout of an attribute; `None` if the name is not among [`ATTRIBUTES`] and [`MESH_ATTRIBUTES`].
     pub fn attribute(&self, name: &str) -> Option<AttributeInfo> {
         let (stride, planes) = match name {
             "scene.position" | "scene.scale" => (12, 1),
@@ -38,34 +31,40 @@ impl Scene {
             "scene.rotation" => (16, 1),
             "scene.opacity" => (4, 1),
             "scene.sh" => (16, sh_floats(self.stored_degree()).div_ceil(4) as u32),
-            _ => return None,
+            _ => {
+                return self
+                    .mesh()
+                    .map_or_else(|| Mesh::default().attribute(name), |mesh| mesh.attribute(name));
+            }
         };
-        Some(AttributeInfo { stride, planes })
+        Some(AttributeInfo { stride, planes, count: self.count().into() })
     }
 
     /// Writes a part of one plane of an attribute: the bytes from `offset` on that fill `out`.
     ///
-    /// A plane has `stride` times [`Scene::count`] bytes; a part consists of whole entries.
+    /// A plane has `stride` times `count` bytes ([`Scene::attribute`]); a part consists of whole entries. Attributes of a mesh are zeros
+    /// without one.
     ///
     /// # Errors
     /// The name, the plane or the part is invalid; the text says which.
     pub fn write_attribute(&self, name: &str, plane: u32, offset: u64, out: &mut [u8]) -> Result<(), String> {
         let info = self.attribute(name).ok_or_else(|| {
-            let near = nearest(name, ATTRIBUTES).map(|n| format!("; did you mean {n}?")).unwrap_or_default();
-            format!("there is no attribute {name} (there are {}){near}", ATTRIBUTES.join(", "))
+            let all = || ATTRIBUTES.into_iter().chain(MESH_ATTRIBUTES);
+            let near = nearest(name, all()).map(|n| format!("; did you mean {n}?")).unwrap_or_default();
+            let all: Vec<&str> = all().collect();
+            format!("there is no attribute {name} (there are {}){near}", all.join(", "))
         })?;
         let planes = if name == "scene.sh" { MAX_SH_PLANES } else { 1 };
         if plane >= planes {
             return Err(format!("{name} has no plane {plane}; the last is {}", planes - 1));
         }
-        let bytes = info.stride * u64::from(self.count());
+        let bytes = info.stride * info.count;
         let length = out.len() as u64;
         let whole = offset.is_multiple_of(info.stride) && length.is_multiple_of(info.stride);
         if !whole || offset.checked_add(length).is_none_or(|end| end > bytes) {
             return Err(format!(
-                "{name} has {bytes} bytes ({} splats of {}), and no piece of {length} at {offset}",
-                self.count(),
-                info.stride,
+                "{name} has {bytes} bytes ({} elements of {}), and no piece of {length} at {offset}",
+                info.count, info.stride,
             ));
         }
         let first = (offset / info.stride) as usize;
@@ -76,7 +75,11 @@ impl Scene {
             "scene.scale" => write_floats(&self.scales()[here], out),
             "scene.rotation" => write_floats(&self.rotations()[here], out),
             "scene.opacity" => write_floats(&self.opacities()[here], out),
-            _ => self.write_sh_plane(plane, here, out),
+            "scene.sh" => self.write_sh_plane(plane, here, out),
+            _ => match self.mesh() {
+                Some(mesh) => mesh.write_attribute(name, offset, out),
+                None => out.fill(0),
+            },
         }
         Ok(())
     }
@@ -121,48 +124,10 @@ impl Scene {
                 hash(&c.opacity),
                 hash(&c.sh),
             ];
-            head.into_iter().chain(columns).fold(0, mix)
+            let mesh = self.mesh().map(Mesh::identity);
+            head.into_iter().chain(columns).chain(mesh).fold(0, mix)
         })
     }
-}
-
-fn write_floats<T: bytemuck::Pod + Sync>(values: &[T], out: &mut [u8]) {
-    let values: &[f32] = bytemuck::cast_slice(values);
-    out.par_chunks_mut(4 * CHUNK).zip(values.par_chunks(CHUNK)).for_each(|(out, values)| {
-        for (out, value) in out.chunks_exact_mut(4).zip(values) {
-            out.copy_from_slice(&value.to_le_bytes());
-        }
-    });
-}
-
-/// Hashes floats by their bits: chunks in parallel, then the chunks' hashes in order.
-fn hash<T: bytemuck::Pod + Sync>(values: &[T]) -> u64 {
-    let words: &[u32] = bytemuck::cast_slice(values);
-    let chunks: Vec<u64> = words.par_chunks(1 << 16).map(hash_chunk).collect();
-    chunks.into_iter().fold(words.len() as u64, mix)
-}
-
-/// Hashes a chunk in four independent lanes, so that no step depends on the previous one.
-fn hash_chunk(words: &[u32]) -> u64 {
-    let pair = |words: &[u32]| u64::from(words[0]) | u64::from(words[1]) << 32;
-    let mut lanes = [0, 1, 2, 3];
-    let blocks = words.chunks_exact(8);
-    let rest = blocks.remainder();
-    for block in blocks {
-        for (lane, pair) in lanes.iter_mut().zip(block.chunks_exact(2).map(pair)) {
-            *lane = mix(*lane, pair);
-        }
-    }
-    let rest = rest.iter().map(|word| u64::from(*word));
-    lanes.into_iter().chain(rest).fold(words.len() as u64, mix)
-}
-
-/// Mixes a word into a hash: a multiplication by an odd constant between two exclusive ors.
-///
-/// Each step is invertible, so two different words lead to different states.
-fn mix(state: u64, word: u64) -> u64 {
-    let x = (state ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    x ^ x >> 29
 }
 
 #[cfg(test)]
@@ -224,7 +189,7 @@ mod tests {
         assert!(error("scene.scale", 1, 48).contains("no plane 1"));
         assert!(error("scene.sh", 12, 64).contains("the last is 11"));
         assert!(
-            error("scene.scale", 0, 47).contains("has 48 bytes (4 splats of 12), and no piece of 47 at 0")
+            error("scene.scale", 0, 47).contains("has 48 bytes (4 elements of 12), and no piece of 47 at 0")
         );
     }
 

@@ -11,8 +11,8 @@
 //! with it. Paths are relative to the folder of this file. The splats of all are joined into one scene, so that a
 //! single sort orders them.
 
-use crate::edit::Similarity;
 use crate::error::SceneError;
+use crate::similarity::Similarity;
 use glam::{DQuat, DVec3};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};

@@ -3,38 +3,11 @@
 use crate::activation::quantised;
 use crate::harmonics::Turn;
 use crate::memory::SceneMemoryError;
+use crate::mesh::Mesh;
 use crate::scene::{FileNotes, Scene};
+use crate::similarity::Similarity;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
-
-/// A rotation, a uniform scale and a translation of the world: maps `p` to `scale * rotation * p + translation`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Similarity {
-    /// The rotation, of unit length.
-    pub rotation: DQuat,
-    /// The scale factor, above 0.
-    pub scale: f64,
-    /// The translation, in world units.
-    pub translation: DVec3,
-}
-
-impl Similarity {
-    /// The similarity that changes nothing.
-    pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
-
-    /// Composes two similarities: this one first, then `next`.
-    pub fn then(self, next: Self) -> Self {
-        Self {
-            rotation: (next.rotation * self.rotation).normalize(),
-            scale: next.scale * self.scale,
-            translation: next.point(self.translation),
-        }
-    }
-
-    fn point(&self, point: DVec3) -> DVec3 {
-        self.rotation * point * self.scale + self.translation
-    }
-}
 
 /// Spreads the lowest 21 bits of a number, two zeros between each.
 fn spread(value: u32) -> u64 {
@@ -58,7 +31,7 @@ impl Scene {
             }),
             false => Self::try_generate(count, degree, |at| self.splat(indices[at] as usize)),
         };
-        Ok(copy?.with_offset(self.offset()).with_notes(self.notes()))
+        Ok(copy?.with_offset(self.offset()).with_notes(self.notes()).with_mesh(self.shared_mesh()))
     }
 
     /// Sorts the splats along a Morton curve, 21 bits per axis of the scene's box, and returns their indices.
@@ -77,7 +50,7 @@ impl Scene {
         order.into_iter().map(|(_, index)| index).collect()
     }
 
-    /// Transforms the scene in the world. Harmonics rotate with it.
+    /// Transforms the scene in the world, its mesh included. Harmonics rotate with it.
     ///
     /// # Errors
     /// The copy does not fit in memory.
@@ -98,10 +71,12 @@ impl Scene {
             (splat, position.into())
         })?;
         let up = self.notes().up.map(|up| (by.rotation * DVec3::from(up)).into());
-        Ok(moved.with_offset(offset.into()).with_notes(FileNotes { up, ..self.notes() }))
+        let mesh = self.mesh().map(|mesh| mesh.transformed(by, self.offset(), offset.into()).into());
+        let notes = FileNotes { up, ..self.notes() };
+        Ok(moved.with_offset(offset.into()).with_notes(notes).with_mesh(mesh))
     }
 
-    /// Joins scenes, one after the other. Harmonics that a scene lacks are 0. Tags that differ are dropped.
+    /// Joins scenes, one after the other, and their meshes. Harmonics that a scene lacks are 0. Tags that differ are dropped.
     ///
     /// # Errors
     /// The copy does not fit in memory, or there are more than 2^32 splats.
@@ -131,7 +106,20 @@ impl Scene {
             (scene.splat(local), std::array::from_fn(|axis| world[axis] - offset[axis]))
         })?;
         let notes = scenes.iter().map(Self::notes).reduce(FileNotes::common).unwrap_or_default();
-        Ok(joined.with_offset(offset).with_notes(notes))
+        let mut mesh = Mesh::default();
+        for scene in scenes {
+            let here = |own: &Mesh| own.transformed(&Similarity::IDENTITY, scene.offset(), offset);
+            scene.mesh().map(here).iter().for_each(|own| mesh.append(own));
+        }
+        let mesh = (!mesh.triangles.is_empty()).then(|| mesh.into());
+        Ok(joined.with_offset(offset).with_notes(notes).with_mesh(mesh))
+    }
+
+    /// Adds a mesh, moved to its place in the world, to that of the scene.
+    pub fn beside(self, mesh: &Mesh, by: &Similarity) -> Self {
+        let mut all = self.mesh().cloned().unwrap_or_default();
+        all.append(&mesh.transformed(by, [0.0; 3], self.offset()));
+        self.with_mesh(Some(all.into()))
     }
 }
 

@@ -35,6 +35,12 @@ pub enum SceneError {
         found: String,
     },
 
+    /// The file is a mesh, where splats are needed.
+    #[error(
+        "expected splats, found a mesh; name it after a scene of splats, or beside one in a scene file (.ron)"
+    )]
+    MeshAlone,
+
     /// The file has a splat format that is recognised but not supported.
     #[error("unsupported format: this is {format}; {advice}")]
     Unsupported {

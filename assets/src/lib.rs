@@ -35,10 +35,12 @@ pub mod harmonics;
 mod input;
 mod ksplat;
 pub mod memory;
+mod mesh;
 mod ply;
 mod recognise;
 mod report;
 mod scene;
+mod similarity;
 mod size_breakdown;
 mod sog;
 mod splat;
@@ -46,20 +48,23 @@ mod spz;
 pub mod synth;
 #[cfg(test)]
 mod testing;
+mod words;
 
-pub use attributes::{ATTRIBUTES, AttributeInfo};
+pub use attributes::ATTRIBUTES;
 pub use bounds::Bounds;
 pub use camera::Camera;
 pub use dataset::{CameraError, Dataset, MAX_CAMERA_BYTES, TEST_EVERY, View};
-pub use edit::Similarity;
 pub use error::{LoadError, SceneError};
-pub use formats::names_scenes;
+pub use formats::{Content, names_scenes};
 pub use input::{Progress, QUIET, SceneHeader};
 pub use memory::SceneMemoryError;
+pub use mesh::{Light, MESH_ATTRIBUTES, Mesh, MeshMaterial, Texture};
 pub use recognise::SceneFormat;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{
     ALPHA_FLOOR, ColorRange, Dropped, FileNotes, Filter, QuaternionNorms, Scene, SortKey, Splat, sh_floats,
 };
+pub use similarity::Similarity;
 pub use size_breakdown::{ElementSize, FieldSize, SizeBreakdown, grouped};
 pub use spz::SpzVersion;
+pub use words::AttributeInfo;

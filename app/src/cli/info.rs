@@ -10,7 +10,7 @@ use crate::draw::planner::Planner;
 use crate::studies::advise::harmonics;
 use anyhow::Result;
 use serde_json::json;
-use splatgraph_assets::Report;
+use splatgraph_assets::{Mesh, Report, grouped};
 use splatgraph_framework::dump::{self, Dump};
 use std::path::{Path, PathBuf};
 
@@ -59,11 +59,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let key_bits = keys::of_scene(&scene.bounds());
     let bands = harmonics::bands(&scene);
     let worksheet = format!(
-        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`): with float_bits, every view is in the exact order\n{}",
+        "{}: {}\n{report}{}  default key width     {key_bits} bits (`scene.key_bits`): with float_bits, every view is in the exact order\n{}{}",
         args.scene.display(),
         scene.size_breakdown(),
         keys_text(&needs, 0),
-        bands_text(&bands)
+        bands_text(&bands),
+        scene.mesh().map(mesh_text).unwrap_or_default()
     );
     if args.json.is_none() {
         // The report of the scene itself needs neither graph nor device.
@@ -121,6 +122,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
         options::write_text(None, &format!("\n{}{fits}", memory(&dump, size)))?;
     }
     Ok(Outcome::Done)
+}
+
+/// Describes the mesh beside the splats.
+fn mesh_text(mesh: &Mesh) -> String {
+    let count = |n: usize| grouped(n as u64);
+    format!(
+        "  mesh                  {} triangles of {} vertices, {} materials, {} texels\n",
+        count(mesh.triangles.len()),
+        count(mesh.positions.len()),
+        mesh.materials.len(),
+        count(mesh.texels.len())
+    )
 }
 
 /// Formats the sizes of the plan's buffers and images, grouped by source with a sum each.

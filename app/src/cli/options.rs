@@ -11,9 +11,9 @@ use crate::io::output::{self, OutputGuard, say};
 use crate::io::progress::Progress;
 use crate::io::{demo, load};
 use crate::studies::bench;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use splatgraph_api::{BackendError, Heap};
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Content, LoadError, Scene, SceneError};
 use splatgraph_framework::ir::{Catalog, DeviceFacts};
 use std::collections::HashMap;
 use std::io::IsTerminal;
@@ -63,18 +63,28 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
 
 /// Loads a scene, with progress.
 pub fn load_scene(path: &Path) -> Result<Scene> {
+    match load_any(path)? {
+        Content::Splats(scene) => Ok(*scene),
+        Content::Mesh(_) => bail!(LoadError { path: path.to_owned(), problem: SceneError::MeshAlone }),
+    }
+}
+
+/// Loads a scene, or a mesh that is drawn beside one, with progress.
+pub fn load_any(path: &Path) -> Result<Content> {
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
-    let scene = load::scene(path, &|done, of| {
+    let content = load::any(path, &|done, of| {
         // Called from many threads: while one reports, the others need not.
         if let Ok(mut progress) = progress.try_lock() {
             progress.set(done, of, "");
         }
         ControlFlow::Continue(())
     })?;
-    if scene.dropped().total() > 0 {
+    if let Content::Splats(scene) = &content
+        && scene.dropped().total() > 0
+    {
         say(format!("{}: {} splats dropped ({})", path.display(), scene.dropped().total(), scene.dropped()));
     }
-    Ok(scene)
+    Ok(content)
 }
 
 /// Loads the scene at `path`, or the demo scene with its camera; also returns the scene's path.

@@ -7,7 +7,7 @@ use crate::draw::fit;
 use crate::io::output::OutputGuard;
 use anyhow::Result;
 use splatgraph_api::DeviceInfo;
-use splatgraph_assets::{Camera, Scene, Similarity};
+use splatgraph_assets::{Camera, Content, Scene, Similarity};
 use std::path::PathBuf;
 
 /// Arguments that name scenes.
@@ -16,10 +16,10 @@ pub struct ScenesArgs {
     /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, or .ron, a list of scenes
     #[arg(value_name = "SCENE")]
     pub scene: Option<PathBuf>,
-    /// Further scenes in the same picture, sorted together. To rotate or scale them, write a scene file (.ron)
+    /// Further scenes in the same picture, sorted together, and meshes (.glb, .gltf). To rotate or scale them, write a scene file (.ron)
     #[arg(value_name = "SCENE")]
     more: Vec<PathBuf>,
-    /// Move a further scene by this vector; the first --at is for the first further scene, the second for the second
+    /// Move a further scene or mesh by this vector; the first --at is for the first further file, the second for the second
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     at: Vec<[f64; 3]>,
 }
@@ -56,16 +56,23 @@ impl ScenesArgs {
         if self.more.is_empty() {
             return Ok((first, camera));
         }
-        let mut all = vec![first];
+        let (mut all, mut meshes) = (vec![first], Vec::new());
         for (index, path) in self.more.iter().enumerate() {
-            let scene = options::load_scene(path)?;
-            all.push(match self.at.get(index) {
-                Some(at) => {
-                    scene.transformed(&Similarity { translation: (*at).into(), ..Similarity::IDENTITY })?
-                }
-                None => scene,
-            });
+            let at = self.at.get(index).map(|at| (*at).into());
+            let by = at.map(|translation| Similarity { translation, ..Similarity::IDENTITY });
+            match (options::load_any(path)?, by) {
+                (Content::Splats(scene), Some(by)) => all.push(scene.transformed(&by)?),
+                (Content::Splats(scene), None) => all.push(*scene),
+                (Content::Mesh(mesh), by) => meshes.push((mesh, by.unwrap_or(Similarity::IDENTITY))),
+            }
         }
-        Ok((Scene::joined(&all)?, camera))
+        let joined = match all.pop() {
+            Some(only) if all.is_empty() => only,
+            last => {
+                all.extend(last);
+                Scene::joined(&all)?
+            }
+        };
+        Ok((meshes.iter().fold(joined, |scene, (mesh, by)| scene.beside(mesh, by)), camera))
     }
 }

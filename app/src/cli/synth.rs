@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 pub const EXAMPLES: &str = "Examples:
   splatgraph synth                                         # the list
   splatgraph synth demo -o demo.ply --cameras demo.cameras.json
+  splatgraph synth ring -o ring.glb                        # a mesh to draw beside it
   splatgraph synth uniform --count 1000000 --seed 7 -o uniform.ply
   splatgraph synth --enlarge scene.ply --count 5000000 -o large.ply
   splatgraph synth --photograph scene.ply --dataset views/ # a COLMAP dataset of its pictures";
@@ -26,7 +27,7 @@ pub struct Args {
     /// Name of the scene
     #[arg(conflicts_with_all = ["enlarge", "photograph"])]
     name: Option<String>,
-    /// The .ply file to write, in the layout of the reference implementation; `-` is standard output
+    /// The file to write: .ply in the layout of the reference implementation, .glb for a mesh; `-` is standard output
     #[arg(short, long, value_name = "OUT.ply")]
     output: Option<PathBuf>,
     /// Number of splats [default: as listed]
@@ -60,7 +61,9 @@ pub fn generator_list() -> String {
     let row = |g: &synth::Generator| {
         (g.name.to_owned(), format!("{} ({} splats)", g.summary, grouped(g.default_count.into())))
     };
-    format!("Scenes:\n{}", super::help::two_columns(synth::generators().iter().map(row).collect()))
+    let (name, summary) = synth::MESH;
+    let rows = synth::generators().iter().map(row).chain([(name.to_owned(), summary.to_owned())]);
+    format!("Scenes:\n{}", super::help::two_columns(rows.collect()))
 }
 
 /// Checks the files of the command line, before a scene is made.
@@ -81,9 +84,10 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     };
     if is_standard_output(output) {
         options::refuse_terminal("the scene")?;
-    } else if !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) {
+    } else if !output.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension(args))) {
         return Err(Usage(format!(
-            "expected a file name with the extension .ply, found {}",
+            "expected a file name with the extension .{}, found {}",
+            extension(args),
             output.display()
         )));
     }
@@ -92,6 +96,31 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
         guard.output("--cameras", path)?;
     }
     Ok(())
+}
+
+/// Returns the extension of the file that is written.
+fn extension(args: &Args) -> &'static str {
+    if is_mesh(args) { "glb" } else { "ply" }
+}
+
+fn is_mesh(args: &Args) -> bool {
+    args.name.as_deref() == Some(synth::MESH.0)
+}
+
+/// Writes the generated mesh.
+fn write_mesh(output: &Path) -> Result<Outcome> {
+    let mesh = synth::mesh();
+    let mut bytes = Vec::new();
+    mesh.write_glb(&mut bytes)?;
+    output::write_bytes(output, &bytes)?;
+    let (triangles, length) = (grouped(mesh.triangles.len() as u64), grouped(bytes.len() as u64));
+    let line = format!("{}: {triangles} triangles, {length} bytes", output.display());
+    if is_standard_output(output) {
+        say(line)
+    } else {
+        note(line)
+    }
+    Ok(Outcome::Done)
 }
 
 /// Lists the files of a dataset's photographs.
@@ -127,6 +156,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
     if let (Some(scene), Some(folder)) = (&args.photograph, &args.dataset) {
         return photograph(args, scene, folder);
+    }
+    if let Some(output) = args.output.as_ref().filter(|_| is_mesh(args)) {
+        return write_mesh(output);
     }
     let (scene, cameras) = match (&args.name, &args.enlarge, args.count) {
         (None, Some(path), Some(count)) => (synth::enlarge(&options::load_scene(path)?, count)?, None),

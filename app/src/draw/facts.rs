@@ -6,7 +6,7 @@
 
 use crate::draw::camera::{CAMERA, CAMERA_BYTES};
 use crate::draw::keys;
-use splatgraph_assets::{ATTRIBUTES, Filter, Scene, SortKey, Splat};
+use splatgraph_assets::{ATTRIBUTES, Filter, MESH_ATTRIBUTES, Scene, SortKey, Splat};
 use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features, Value};
 
 /// Default width and height of a picture, in pixels.
@@ -33,6 +33,8 @@ pub struct SceneFacts {
     pub largest_sh: u64,
     /// Upper bound of the splats' display-encoded brightness, rounded up.
     pub brightest: u64,
+    /// Number of triangles of its mesh.
+    pub triangles: u64,
 }
 
 impl SceneFacts {
@@ -47,6 +49,7 @@ impl SceneFacts {
         wide: false,
         largest_sh: 4,
         brightest: 8,
+        triangles: 0,
     };
 
     /// Collects the facts of a loaded scene.
@@ -61,6 +64,7 @@ impl SceneFacts {
             key_bits: keys::of_scene(&scene.bounds()),
             largest_sh: scene.color_range().largest_sh.ceil() as u64,
             brightest: scene.color_range().brightest.ceil() as u64,
+            triangles: scene.mesh().map_or(0, |mesh| mesh.triangles.len() as u64),
         }
     }
 }
@@ -75,6 +79,7 @@ pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Fact
         ("scene.key_bits", scene.key_bits.into()),
         ("scene.largest_sh", i64::try_from(scene.largest_sh).unwrap_or(i64::MAX)),
         ("scene.brightest", i64::try_from(scene.brightest).unwrap_or(i64::MAX)),
+        ("mesh.triangles", scene.triangles as i64),
     ];
     facts.host.extend(scene_facts.map(|(name, value)| (name.to_owned(), Value::Int(value))));
     facts.host.insert("scene.wide".to_owned(), Value::Bool(scene.wide));
@@ -165,12 +170,16 @@ pub fn nominal_catalog() -> Catalog {
 }
 
 fn catalog_of(scene: &Scene, count: u64) -> Catalog {
-    let attributes = ATTRIBUTES.iter().filter_map(|name| {
+    let of_splats = ATTRIBUTES.iter().filter_map(|name| {
         let info = scene.attribute(name)?;
         Some((name.to_string(), Attribute { stride: info.stride, count, planes: info.planes }))
     });
+    let of_mesh = MESH_ATTRIBUTES.iter().filter_map(|name| {
+        let info = scene.attribute(name)?;
+        Some((name.to_string(), Attribute { stride: info.stride, count: info.count, planes: info.planes }))
+    });
     Catalog {
-        attributes: attributes.collect(),
+        attributes: of_splats.chain(of_mesh).collect(),
         uniforms: [(CAMERA.to_owned(), CAMERA_BYTES)].into(),
         ..Catalog::default()
     }
@@ -183,7 +192,7 @@ mod tests {
     #[test]
     fn the_nominal_catalog_has_every_attribute_of_a_scene_of_degree_3_and_the_camera() {
         let catalog = nominal_catalog();
-        assert_eq!(catalog.attributes.len(), ATTRIBUTES.len());
+        assert_eq!(catalog.attributes.len(), ATTRIBUTES.len() + MESH_ATTRIBUTES.len());
         let expected = Attribute { stride: 16, count: 1_000_000, planes: 12 };
         assert_eq!(catalog.attributes["scene.sh"], expected);
         assert_eq!(catalog.uniforms["frame.camera"], 256);

@@ -1,12 +1,13 @@
 //! Loads and writes scene files: recognises the format from the bytes, and calls its reader.
 
 use crate::composition::{self, Placed};
-use crate::edit::Similarity;
 use crate::error::{LoadError, SceneError};
 use crate::input::{Input, OpenFile, Progress, SceneHeader, Source};
 use crate::memory;
+use crate::mesh::{self, Mesh};
 use crate::recognise::{self, HEAD, SceneFormat};
 use crate::scene::Scene;
+use crate::similarity::Similarity;
 use crate::spz::SpzVersion;
 use crate::{gltf, ksplat, ply, sog, splat, spz};
 use std::io::Write;
@@ -32,23 +33,36 @@ fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
 }
 
 /// Content of a file that [`Scene::load`] accepts.
-enum Content<T> {
+enum Found<T> {
     /// One scene.
     One(T),
+    /// A mesh.
+    Mesh(Mesh),
     /// The parts of a composition. Its file was unchanged during the read.
     Several(Vec<Placed>),
 }
 
-/// Opens a file and reads it with `one`, unless it is a composition.
-fn open<T>(path: &Path, one: impl FnOnce(&Source) -> Result<T, SceneError>) -> Result<Content<T>, LoadError> {
+/// The content of a file.
+#[derive(Debug)]
+pub enum Content {
+    /// Splats.
+    Splats(Box<Scene>),
+    /// A mesh, which is drawn beside splats.
+    Mesh(Mesh),
+}
+
+/// Opens a file and reads it by `one`, unless it names several scenes.
+fn open<T>(path: &Path, one: impl FnOnce(&Source) -> Result<T, SceneError>) -> Result<Found<T>, LoadError> {
     let inner = || {
         let file = OpenFile::open(path)?;
         let source = Source::File(&file);
-        let several = composition::begins_as_scenes(&source.head(HEAD)?);
-        let content = if several {
-            placed(&source, path).map(Content::Several)
+        let head = source.head(HEAD)?;
+        let content = if composition::begins_as_scenes(&head) {
+            placed(&source, path).map(Found::Several)
+        } else if mesh::begins_as_gltf(&head) && is_mesh(&source, &head)? {
+            mesh(&source, path).map(Found::Mesh)
         } else {
-            one(&source).map(Content::One)
+            one(&source).map(Found::One)
         };
         // If the file was modified during the read, its contents mean nothing.
         file.check_unchanged().and(content)
@@ -69,7 +83,31 @@ fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
     composition::parse(&text, path.parent().unwrap_or(Path::new("")))
 }
 
-/// Refuses a composition inside a composition.
+/// Returns true for a glTF file without Gaussian splats: its JSON does not name their extension.
+fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
+    /// Bytes of JSON that are searched.
+    const MOST: u64 = 1 << 26;
+    let binary = head.starts_with(b"glTF");
+    // A header of 12 bytes, the length of the JSON, and its kind.
+    let length = head.get(12..16).map_or(0, |b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+    let end = if binary { length.saturating_add(20) } else { source.length() };
+    let text = source.head(end.min(source.length()).min(MOST) as usize)?;
+    let name = b"KHR_gaussian_splatting";
+    Ok(!text.windows(name.len()).any(|window| window == name))
+}
+
+/// Reads a mesh, with the files beside it.
+fn mesh(source: &Source, path: &Path) -> Result<Mesh, SceneError> {
+    let bytes = source.head(usize::try_from(source.length()).unwrap_or(usize::MAX))?;
+    Mesh::parse(&bytes, Some(path.parent().unwrap_or(Path::new(""))))
+}
+
+/// Refuses a mesh where splats are needed.
+fn alone(path: &Path) -> LoadError {
+    LoadError { path: path.to_owned(), problem: SceneError::MeshAlone }
+}
+
+/// Refuses several scenes within several scenes.
 fn nested(path: &Path) -> LoadError {
     let message = "expected one scene, found several".into();
     LoadError { path: path.to_owned(), problem: SceneError::Scenes { message } }
@@ -83,12 +121,14 @@ impl SceneHeader {
     pub fn load(path: impl AsRef<Path>) -> Result<Self, LoadError> {
         let path = path.as_ref();
         let parts = match open(path, |source| Self::of(source, path))? {
-            Content::One(header) => return Ok(header),
-            Content::Several(parts) => parts,
+            Found::One(header) => return Ok(header),
+            Found::Mesh(_) => return Err(alone(path)),
+            Found::Several(parts) => parts,
         };
         let all = parts.iter().map(|part| match open(&part.file, |source| Self::of(source, &part.file))? {
-            Content::One(header) => Ok(header),
-            Content::Several(_) => Err(nested(&part.file)),
+            Found::One(header) => Ok(header),
+            Found::Mesh(_) => Ok(Self { count: 0, stored_degree: 0 }),
+            Found::Several(_) => Err(nested(&part.file)),
         });
         let all: Vec<Self> = all.collect::<Result<_, _>>().map_err(|error| within(path, error))?;
         let stored_degree = all.iter().map(|header| header.stored_degree).max().unwrap_or(0);
@@ -127,13 +167,30 @@ impl Scene {
     pub fn load(path: impl AsRef<Path>, progress: Progress) -> Result<Self, LoadError> {
         let path = path.as_ref();
         let parts = match Self::load_one(path, progress)? {
-            Content::One(scene) => return Ok(scene),
-            Content::Several(parts) => parts,
+            Found::One(scene) => return Ok(scene),
+            Found::Mesh(_) => return Err(alone(path)),
+            Found::Several(parts) => parts,
         };
         Self::load_placed(&parts, progress).map_err(|error| within(path, error))
     }
 
-    fn load_one(path: &Path, progress: Progress) -> Result<Content<Self>, LoadError> {
+    /// Loads what [`Scene::load`] loads, or a mesh (glTF).
+    ///
+    /// # Errors
+    /// Those of [`Scene::load`], and of [`Mesh::parse`].
+    pub fn load_any(path: impl AsRef<Path>, progress: Progress) -> Result<Content, LoadError> {
+        let path = path.as_ref();
+        match Self::load_one(path, progress)? {
+            Found::One(scene) => Ok(Content::Splats(scene.into())),
+            Found::Mesh(mesh) => Ok(Content::Mesh(mesh)),
+            Found::Several(parts) => {
+                let scene = Self::load_placed(&parts, progress).map_err(|error| within(path, error))?;
+                Ok(Content::Splats(scene.into()))
+            }
+        }
+    }
+
+    fn load_one(path: &Path, progress: Progress) -> Result<Found<Self>, LoadError> {
         open(path, |source| parse(&Input { source, memory: memory::available(), progress }, Some(path)))
     }
 
@@ -141,7 +198,7 @@ impl Scene {
     fn load_placed(parts: &[Placed], progress: Progress) -> Result<Self, LoadError> {
         let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
         let total: u64 = parts.iter().map(bytes).sum();
-        let (mut scenes, mut before) = (Vec::with_capacity(parts.len()), 0);
+        let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
         for part in parts {
             let length = bytes(part);
             // Counts bytes of the file, whatever its reader counts.
@@ -151,8 +208,13 @@ impl Scene {
             };
             let no_room = |error| LoadError { path: part.file.clone(), problem: SceneError::Memory(error) };
             let scene = match Self::load_one(&part.file, &tell)? {
-                Content::One(scene) => scene,
-                Content::Several(_) => return Err(nested(&part.file)),
+                Found::One(scene) => scene,
+                Found::Mesh(mesh) => {
+                    meshes.push((mesh, part.by));
+                    before += length;
+                    continue;
+                }
+                Found::Several(_) => return Err(nested(&part.file)),
             };
             scenes.push(match part.by == Similarity::IDENTITY {
                 true => scene,
@@ -161,7 +223,12 @@ impl Scene {
             before += length;
         }
         let path = parts.last().map_or_else(Default::default, |part| part.file.clone());
-        Self::joined(&scenes).map_err(|error| LoadError { path, problem: SceneError::Memory(error) })
+        if scenes.is_empty() {
+            return Err(alone(&path));
+        }
+        let joined =
+            Self::joined(&scenes).map_err(|error| LoadError { path, problem: SceneError::Memory(error) })?;
+        Ok(meshes.iter().fold(joined, |scene, (mesh, by)| scene.beside(mesh, by)))
     }
 
     /// Parses a scene from the bytes of a file.

@@ -76,7 +76,7 @@ fn a_node_moves_the_splats_and_turns_their_harmonics() {
     // The same in the axes of a scene.
     let [x, y, z, w] = turn.to_array();
     let rotation = DQuat::from_xyzw(-x, -y, z, w);
-    let by = crate::edit::Similarity { rotation, scale: 2.0, translation: DVec3::new(-1.0, -2.0, 3.0) };
+    let by = crate::similarity::Similarity { rotation, scale: 2.0, translation: DVec3::new(-1.0, -2.0, 3.0) };
     let expected = plain.transformed(&by).unwrap();
     let found = moved.unwrap();
     for index in 0..5 {

@@ -21,10 +21,11 @@ use crate::activation;
 use crate::bounds::Bounds;
 use crate::harmonics;
 use crate::memory::SceneMemoryError;
+use crate::mesh::Mesh;
 use crate::size_breakdown::SizeBreakdown;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// Opacity below which the reference rasteriser never draws a splat.
 pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
@@ -52,6 +53,7 @@ pub struct Scene {
     norms: QuaternionNorms,
     bounds: Bounds,
     notes: FileNotes,
+    mesh: Option<Arc<Mesh>>,
     /// Sizes of the file's parts; empty for a generated scene until requested.
     pub(crate) size_breakdown: OnceLock<SizeBreakdown>,
     robust: OnceLock<Bounds>,
@@ -77,6 +79,7 @@ impl Scene {
             norms: gathered.norms,
             bounds: if empty { Bounds::ORIGIN } else { gathered.bounds },
             notes: FileNotes::default(),
+            mesh: None,
             size_breakdown: size_breakdown.map_or_else(OnceLock::new, OnceLock::from),
             robust: OnceLock::new(),
             colors: OnceLock::new(),
@@ -170,7 +173,7 @@ impl Scene {
             true => Self::try_generate_wide(count, degree, |index| (self.splat(index), self.position(index))),
             false => Self::try_generate(count, degree, |index| self.splat(index)),
         };
-        Ok(copy?.with_offset(self.offset).with_notes(self.notes))
+        Ok(copy?.with_offset(self.offset).with_notes(self.notes).with_mesh(self.mesh.clone()))
     }
 
     /// Sets the scene's origin in the world without changing the positions, which are relative to it.
@@ -191,6 +194,21 @@ impl Scene {
     /// Sets the sizes of the file's parts.
     pub(crate) fn with_breakdown(self, breakdown: SizeBreakdown) -> Self {
         Self { size_breakdown: OnceLock::from(breakdown), ..self }
+    }
+
+    /// Sets the mesh that is drawn beside the splats, in coordinates relative to [`Scene::offset`].
+    pub fn with_mesh(self, mesh: Option<Arc<Mesh>>) -> Self {
+        Self { mesh, ..self }
+    }
+
+    /// Returns the mesh beside the splats.
+    pub fn mesh(&self) -> Option<&Mesh> {
+        self.mesh.as_deref()
+    }
+
+    /// Shares the mesh beside the splats.
+    pub(crate) fn shared_mesh(&self) -> Option<Arc<Mesh>> {
+        self.mesh.clone()
     }
 
     /// Returns the tags of the scene's file.

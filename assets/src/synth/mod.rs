@@ -7,6 +7,7 @@ mod demo;
 mod enlarge;
 mod extremes;
 mod random;
+mod ring;
 
 pub use demo::demo_cameras;
 pub use enlarge::enlarge;
@@ -14,6 +15,7 @@ pub use enlarge::enlarge;
 use crate::camera::Camera;
 use crate::error::nearest;
 use crate::memory::SceneMemoryError;
+use crate::mesh::Mesh;
 use crate::scene::Scene;
 use extremes::Made;
 
@@ -29,6 +31,15 @@ pub struct Generator {
     /// Returns suitable cameras in the scene's coordinates, 960 x 540; the best is first.
     pub cameras: fn() -> Vec<Camera>,
     make: fn(u32, u64) -> Made,
+}
+
+/// The name of the generated mesh, and a description of it, in a line.
+pub const MESH: (&str, &str) =
+    ("ring", "a mesh for the demo scene (.glb): a bronze ring, upright and half sunk into the pond");
+
+/// Generates the mesh that [`MESH`] names, in the coordinates of the demo scene.
+pub fn mesh() -> Mesh {
+    ring::ring()
 }
 
 /// An error while generating a scene.

@@ -27,6 +27,7 @@ pub fn facts(count: u32, (width, height): (u32, u32)) -> Facts {
         ("scene.key_bits", 24),
         ("scene.largest_sh", 4),
         ("scene.brightest", 8),
+        ("mesh.triangles", 0),
         ("viewport.width", width),
         ("viewport.height", height),
     ];
@@ -50,8 +51,20 @@ pub fn catalog(count: u32) -> Catalog {
     ];
     let attribute =
         |(name, stride, planes)| (format!("scene.{name}"), Attribute { stride, count: count.into(), planes });
+    // Of a scene without a mesh: one element of zeros, and the light's two.
+    let mesh = [
+        ("position", 12, 1),
+        ("normal", 12, 1),
+        ("uv", 8, 1),
+        ("index", 4, 1),
+        ("material_of", 4, 1),
+        ("material", 64, 1),
+        ("texel", 4, 1),
+        ("light", 16, 2),
+    ];
+    let of_mesh = |(name, stride, count)| (format!("mesh.{name}"), Attribute { stride, count, planes: 1 });
     Catalog {
-        attributes: attributes.map(attribute).into(),
+        attributes: attributes.map(attribute).into_iter().chain(mesh.map(of_mesh)).collect(),
         uniforms: [("frame.camera".to_string(), CAMERA_BYTES)].into(),
         ..Catalog::default()
     }

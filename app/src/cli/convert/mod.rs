@@ -164,6 +164,9 @@ fn losses(loaded: &Before, written: &Scene, format: SceneFormat) -> Vec<String> 
     if clipped > 0 {
         losses.push(format!("harmonics: {} coefficients beyond {largest} are clipped", grouped(clipped)));
     }
+    if let Some(mesh) = written.mesh() {
+        losses.push(format!("the mesh: {} triangles", grouped(mesh.triangles.len() as u64)));
+    }
     losses.extend(format.losses(to).into_iter().map(str::to_owned));
     losses
 }

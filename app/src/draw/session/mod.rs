@@ -23,7 +23,7 @@ use splatgraph_api::{
     BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Pixels, Progress, SceneData,
 };
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::{Catalog, Facts, Fallback, Format};
+use splatgraph_framework::ir::{Catalog, Facts, Fallback, Format, Source};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
@@ -349,14 +349,20 @@ impl<D: Device> Session<D> {
         Ok(true)
     }
 
-    /// Lists the session's settings without an effect in the current plan, with the reasons, as lines for the user;
+    /// Lists the settings, and the mesh, without an effect in the current plan, with the reasons, as lines for the user;
     /// each is listed once.
     ///
     /// Meant for settings made by the user: measurements set parameters whose effect they do not know.
     pub fn settings_without_effect(&mut self) -> Vec<String> {
         let Some((plan, _)) = &self.loaded else { return Vec::new() };
         let found = planner::without_effect(plan, &self.set).into_iter();
-        let new = found.filter(|(name, _)| self.told_settings.insert(name.clone()));
+        let is_mesh = |source: &Source| matches!(source, Source::Scene { attribute, .. } if attribute.starts_with("mesh."));
+        let drawn = plan.resources.iter().any(|resource| is_mesh(&resource.source));
+        let asked = self.set.iter().any(|(name, _)| name == "mesh");
+        let mesh = (self.scene.mesh().is_some() && !drawn && !asked).then(|| {
+            ("the scene's mesh".to_owned(), "the graph draws no mesh, and the scene has one".to_owned())
+        });
+        let new = found.chain(mesh).filter(|(name, _)| self.told_settings.insert(name.clone()));
         new.map(|(_, text)| format!("{}: {text}", self.pipeline)).collect()
     }
 
@@ -484,7 +490,7 @@ pub fn image_of(pixels: &Pixels) -> Option<Image> {
         Format::R32Float => {
             pixels.bytes.chunks_exact(4).map(|p| [f32::from_le_bytes([p[0], p[1], p[2], p[3]]); 3]).collect()
         }
-        Format::R32Uint => return None,
+        Format::R32Uint | Format::Depth32Float => return None,
     };
     (rgb.len() == width * height).then_some(Image { width, height, rgb })
 }

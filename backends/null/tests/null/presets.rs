@@ -3,7 +3,7 @@
 use crate::common::Zeros;
 use crate::nominal::{self, CAMERA_BYTES};
 use splatgraph_api::{Device, FrameInputs, Inspect};
-use splatgraph_assets::ATTRIBUTES;
+use splatgraph_assets::{ATTRIBUTES, MESH_ATTRIBUTES};
 use splatgraph_framework::build;
 use splatgraph_framework::ir::{Attribute, Facts, Layout, Request, ResourceId, Work};
 use splatgraph_framework::plan::Plan;
@@ -22,11 +22,11 @@ fn plans(share_memory: bool) -> Vec<Plan> {
     let scene = splatgraph_assets::synth::generate("demo", COUNT, 1).expect("a generator");
     let facts = Facts { device: limits().facts(), ..nominal::facts(COUNT, (64, 36)) };
     let catalog = nominal::catalog(COUNT);
-    let attributes = ATTRIBUTES.map(|name| {
+    let attributes = ATTRIBUTES.into_iter().chain(MESH_ATTRIBUTES).map(|name| {
         let info = scene.attribute(name).expect("a scene has it");
-        (name.to_string(), Attribute { stride: info.stride, count: COUNT.into(), planes: info.planes })
+        (name.to_string(), Attribute { stride: info.stride, count: info.count, planes: info.planes })
     });
-    assert_eq!(catalog.attributes, attributes.into(), "the attributes of a scene");
+    assert_eq!(catalog.attributes, attributes.collect(), "the attributes of a scene");
     let mut graphs: Vec<_> = std::fs::read_dir(folder)
         .expect("the built-in graphs")
         .map(|entry| entry.expect("a file").path())

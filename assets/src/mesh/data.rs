@@ -1,0 +1,219 @@
+//! The triangles, materials and texels of a mesh, and their words in GPU buffers.
+
+use crate::similarity::Similarity;
+use crate::words::{AttributeInfo, hash, mix, write_words};
+use glam::DVec3;
+
+/// The names of a mesh's attributes, which graphs import.
+pub const MESH_ATTRIBUTES: [&str; 8] = [
+    "mesh.position",
+    "mesh.normal",
+    "mesh.uv",
+    "mesh.index",
+    "mesh.material_of",
+    "mesh.material",
+    "mesh.texel",
+    "mesh.light",
+];
+
+/// An image of a material among the texels of its mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Texture {
+    /// Index of its first texel; rows follow from the top.
+    pub first: u32,
+    /// Texels across, at most 65,535; 0 for no image.
+    pub width: u32,
+    /// Texels down, at most 65,535.
+    pub height: u32,
+}
+
+/// The material of triangles: the metallic-roughness model of glTF 2.0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeshMaterial {
+    /// Linear red, green, blue, and alpha. Factor of the image.
+    pub base_color: [f32; 4],
+    /// Metalness, 0 to 1. Factor of the image's blue.
+    pub metallic: f32,
+    /// Roughness, 0 to 1. Factor of the image's green.
+    pub roughness: f32,
+    /// Factor of the normal image's x and y.
+    pub normal_scale: f32,
+    /// Fragments of less alpha are discarded; 0 keeps all.
+    pub alpha_cutoff: f32,
+    /// Display-encoded colours and alpha.
+    pub base_color_image: Texture,
+    /// Roughness in green, metalness in blue.
+    pub metallic_roughness_image: Texture,
+    /// Normals in tangent space, from -1 to 1.
+    pub normal_image: Texture,
+}
+
+impl Default for MeshMaterial {
+    /// The default of glTF: white, metallic and rough.
+    fn default() -> Self {
+        Self {
+            base_color: [1.0; 4],
+            metallic: 1.0,
+            roughness: 1.0,
+            normal_scale: 1.0,
+            alpha_cutoff: 0.0,
+            base_color_image: Texture::default(),
+            metallic_roughness_image: Texture::default(),
+            normal_image: Texture::default(),
+        }
+    }
+}
+
+/// The light on a mesh: one direction, and ambient light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Light {
+    /// Unit vector to the light, in the world.
+    pub direction: [f32; 3],
+    /// Linear red, green and blue. A white surface that faces a light of 1 is white.
+    pub color: [f32; 3],
+    /// Light from everywhere, as a share of the base colour.
+    pub ambient: f32,
+}
+
+impl Default for Light {
+    /// White light from the upper left, on the side of -z.
+    fn default() -> Self {
+        Self { direction: [-0.48, -0.64, -0.6], color: [1.0; 3], ambient: 0.25 }
+    }
+}
+
+/// Triangles with materials.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Corners, in world units, relative to [`Scene::offset`](crate::Scene::offset).
+    pub positions: Vec<[f32; 3]>,
+    /// Unit normals, one per position.
+    pub normals: Vec<[f32; 3]>,
+    /// Places in images, one per position; (0, 0) is the top left corner, images repeat.
+    pub uvs: Vec<[f32; 2]>,
+    /// Indices of the corners of each triangle.
+    pub triangles: Vec<[u32; 3]>,
+    /// Index of the material of each triangle.
+    pub material_of: Vec<u32>,
+    /// The materials.
+    pub materials: Vec<MeshMaterial>,
+    /// Texels of all images: red, green, blue and alpha of 8 bits.
+    pub texels: Vec<[u8; 4]>,
+    /// The light.
+    pub light: Light,
+}
+
+impl Mesh {
+    /// Returns the layout of an attribute and its number of elements; `None` if the name is not among [`MESH_ATTRIBUTES`].
+    ///
+    /// A list without elements has one of zeros, since no buffer is empty.
+    pub fn attribute(&self, name: &str) -> Option<AttributeInfo> {
+        let (stride, count) = match name {
+            "mesh.position" => (12, self.positions.len()),
+            "mesh.normal" => (12, self.normals.len()),
+            "mesh.uv" => (8, self.uvs.len()),
+            "mesh.index" => (4, 3 * self.triangles.len()),
+            "mesh.material_of" => (4, self.material_of.len()),
+            "mesh.material" => (64, self.materials.len()),
+            "mesh.texel" => (4, self.texels.len()),
+            "mesh.light" => (16, 2),
+            _ => return None,
+        };
+        Some(AttributeInfo { stride, planes: 1, count: count.max(1) as u64 })
+    }
+
+    /// Writes a piece of an attribute of [`MESH_ATTRIBUTES`], whose bytes from `offset` on are there.
+    pub(crate) fn write_attribute(&self, name: &str, offset: u64, out: &mut [u8]) {
+        match name {
+            "mesh.position" => write_words(bytemuck::cast_slice(&self.positions), offset, out),
+            "mesh.normal" => write_words(bytemuck::cast_slice(&self.normals), offset, out),
+            "mesh.uv" => write_words(bytemuck::cast_slice(&self.uvs), offset, out),
+            "mesh.index" => write_words(bytemuck::cast_slice(&self.triangles), offset, out),
+            "mesh.material_of" => write_words(&self.material_of, offset, out),
+            "mesh.material" => {
+                let words: Vec<u32> = self.materials.iter().flat_map(MeshMaterial::words).collect();
+                write_words(&words, offset, out);
+            }
+            "mesh.texel" => write_words(&self.texel_words(), offset, out),
+            _ => write_words(&self.light.words(), offset, out),
+        }
+    }
+
+    /// Moves the mesh: to a place in the world, whose coordinates then are relative to `offset` and not to `from`.
+    pub(crate) fn transformed(&self, by: &Similarity, from: [f64; 3], offset: [f64; 3]) -> Self {
+        let point = |p: &[f32; 3]| -> [f32; 3] {
+            let world = DVec3::from(p.map(f64::from)) + DVec3::from(from);
+            (by.point(world) - DVec3::from(offset)).as_vec3().into()
+        };
+        let normal = |n: &[f32; 3]| (by.rotation * DVec3::from(n.map(f64::from))).as_vec3().into();
+        Self {
+            positions: self.positions.iter().map(point).collect(),
+            normals: self.normals.iter().map(normal).collect(),
+            light: Light { direction: normal(&self.light.direction), ..self.light },
+            ..self.clone()
+        }
+    }
+
+    /// Appends the triangles, materials and images of another mesh. The light is that of the first.
+    pub fn append(&mut self, other: &Self) {
+        if self.triangles.is_empty() {
+            self.light = other.light;
+        }
+        let (vertices, materials) = (self.positions.len() as u32, self.materials.len() as u32);
+        let texels = self.texels.len() as u32;
+        self.positions.extend(&other.positions);
+        self.normals.extend(&other.normals);
+        self.uvs.extend(&other.uvs);
+        self.triangles.extend(other.triangles.iter().map(|t| t.map(|corner| corner + vertices)));
+        self.material_of.extend(other.material_of.iter().map(|material| material + materials));
+        let moved = |texture: Texture| Texture { first: texture.first + texels, ..texture };
+        self.materials.extend(other.materials.iter().map(|material| MeshMaterial {
+            base_color_image: moved(material.base_color_image),
+            metallic_roughness_image: moved(material.metallic_roughness_image),
+            normal_image: moved(material.normal_image),
+            ..*material
+        }));
+        self.texels.extend(&other.texels);
+    }
+
+    fn texel_words(&self) -> Vec<u32> {
+        self.texels.iter().map(|texel| u32::from_le_bytes(*texel)).collect()
+    }
+
+    /// Hashes everything that is drawn.
+    pub(crate) fn identity(&self) -> u64 {
+        let materials: Vec<u32> = self.materials.iter().flat_map(MeshMaterial::words).collect();
+        let lists = [
+            hash(&self.positions),
+            hash(&self.normals),
+            hash(&self.uvs),
+            hash(&self.triangles),
+            hash(&self.material_of),
+            hash(&materials),
+            hash(&self.texel_words()),
+            hash(&self.light.words()),
+        ];
+        lists.into_iter().fold(self.triangles.len() as u64, mix)
+    }
+}
+
+impl Light {
+    /// Packs the light as shaders read it: two vectors of four.
+    fn words(&self) -> [u32; 8] {
+        let ([x, y, z], [r, g, b]) = (self.direction, self.color);
+        [x, y, z, 0.0, r, g, b, self.ambient].map(f32::to_bits)
+    }
+}
+
+impl MeshMaterial {
+    /// Packs the material as shaders read it: 16 words.
+    fn words(&self) -> [u32; 16] {
+        let image = |t: Texture| [t.first, t.width | t.height << 16];
+        let [r, g, b, a] = self.base_color.map(f32::to_bits);
+        let factors = [self.metallic, self.roughness, self.normal_scale, self.alpha_cutoff].map(f32::to_bits);
+        let [m, s, n, c] = factors;
+        let ([b0, b1], [r0, r1], [n0, n1]) =
+            (image(self.base_color_image), image(self.metallic_roughness_image), image(self.normal_image));
+        [r, g, b, a, m, s, n, c, b0, b1, r0, r1, n0, n1, 0, 0]
+    }
+}

@@ -1,0 +1,390 @@
+//! Reads meshes from glTF 2.0, as text or binary (`.gltf`, `.glb`).
+//!
+//! The crate `gltf` parses and validates the JSON. Bytes of buffers are read here, with every range checked against the buffer. Nodes of
+//! the default scene are walked once each, and the transform of each is applied to its mesh. Of lights, the direction and the colour of
+//! the first directional one are read (`KHR_lights_punctual`). Skins, morph targets, animations and cameras are not.
+
+use super::data::{Light, Mesh, MeshMaterial, Texture};
+use super::image::{self, MOST_TEXELS};
+use crate::error::SceneError;
+use crate::file;
+use base64::Engine;
+use glam::{DMat3, DMat4, DVec3};
+use gltf::accessor::{DataType, Dimensions};
+use gltf::material::AlphaMode;
+use gltf::mesh::{Mode, Primitive};
+use gltf::{Accessor, Document, Gltf, Semantic};
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::path::{Component, Path};
+
+/// Largest file of a mesh, of a buffer beside it and of an image beside it, in bytes.
+const MOST_BYTES: u64 = 1 << 30;
+
+/// Largest number of triangles, and of vertices, of all nodes.
+const MOST_ELEMENTS: usize = 1 << 26;
+
+/// Returns true if the first bytes of a file are those of glTF: its magic number, or a JSON object.
+pub(crate) fn begins_as_gltf(head: &[u8]) -> bool {
+    head.starts_with(b"glTF") || (head.trim_ascii_start().starts_with(b"{") && mentions(head, b"\"asset\""))
+}
+
+fn mentions(text: &[u8], word: &[u8]) -> bool {
+    text.windows(word.len()).any(|window| window == word)
+}
+
+/// Makes the error for a part of the file.
+fn wrong(part: impl ToString, message: impl ToString) -> SceneError {
+    SceneError::Part { part: part.to_string(), message: message.to_string() }
+}
+
+impl Mesh {
+    /// Parses the bytes of a glTF file in `folder`, where its buffers and images are found.
+    ///
+    /// # Errors
+    /// The bytes are not glTF 2.0, need an extension, or hold something other than triangles; the text names the accessor, node or
+    /// image.
+    pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
+        let gltf = Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error))?;
+        if let Some(extension) = gltf.extensions_required().next() {
+            let message = format!("expected no required extension, found {extension}");
+            return Err(wrong("extensionsRequired", message));
+        }
+        let Gltf { document, blob } = gltf;
+        let json = document.into_json();
+        check_accessors(&json)?;
+        let document = Document::from_json(json).map_err(|error| wrong("glTF", error))?;
+        let files = Files { folder, blob: blob.as_deref() };
+        let buffers = document.buffers().map(|buffer| {
+            let part = format!("buffer {}", buffer.index());
+            let bytes = match buffer.source() {
+                gltf::buffer::Source::Bin => {
+                    Cow::Borrowed(files.blob.ok_or_else(|| wrong(&part, "expected a binary chunk"))?)
+                }
+                gltf::buffer::Source::Uri(uri) => Cow::Owned(files.read(uri, &part)?),
+            };
+            match bytes.len() < buffer.length() {
+                true => {
+                    Err(wrong(part, format!("expected {} bytes, found {}", buffer.length(), bytes.len())))
+                }
+                false => Ok(bytes),
+            }
+        });
+        let buffers = buffers.collect::<Result<Vec<_>, _>>()?;
+        let mut reader = Reader {
+            document: &document,
+            files,
+            buffers,
+            images: HashMap::new(),
+            materials: HashMap::new(),
+            mesh: Self::default(),
+        };
+        reader.nodes()?;
+        match reader.mesh.triangles.is_empty() {
+            true => Err(wrong("meshes", "expected triangles, found none")),
+            false => Ok(reader.mesh),
+        }
+    }
+}
+
+/// Checks the accessors that primitives name: the crate's own validation reads them before it checks them.
+fn check_accessors(json: &gltf::json::Root) -> Result<(), SceneError> {
+    let count = json.accessors.len();
+    for (index, mesh) in json.meshes.iter().enumerate() {
+        for primitive in &mesh.primitives {
+            let named = primitive.attributes.values().chain(&primitive.indices);
+            if let Some(accessor) = named.map(|accessor| accessor.value()).find(|accessor| *accessor >= count)
+            {
+                let message = format!("expected an accessor below {count}, found {accessor}");
+                return Err(wrong(format!("mesh {index}"), message));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The bytes that a file names.
+struct Files<'a> {
+    folder: Option<&'a Path>,
+    blob: Option<&'a [u8]>,
+}
+
+impl Files<'_> {
+    /// Reads a data URI, or a file in the folder.
+    fn read(&self, uri: &str, part: &str) -> Result<Vec<u8>, SceneError> {
+        if let Some(data) = uri.strip_prefix("data:") {
+            let base64 = data.split_once(";base64,").map(|(_, text)| text);
+            let text = base64.ok_or_else(|| wrong(part, "expected a data URI in base 64"))?;
+            return base64::engine::general_purpose::STANDARD
+                .decode(text)
+                .map_err(|error| wrong(part, error));
+        }
+        let name = percent_encoding::percent_decode_str(uri).decode_utf8_lossy().into_owned();
+        let inside = Path::new(&name).components().all(|at| matches!(at, Component::Normal(_)));
+        let Some(folder) = self.folder.filter(|_| inside) else {
+            return Err(wrong(part, format!("expected a file in the folder of the mesh, found {uri}")));
+        };
+        file::read(folder.join(&name), MOST_BYTES).map_err(|error| wrong(part, format!("{name}: {error}")))
+    }
+}
+
+struct Reader<'a> {
+    document: &'a Document,
+    files: Files<'a>,
+    buffers: Vec<Cow<'a, [u8]>>,
+    /// Images that were read, by index.
+    images: HashMap<usize, Texture>,
+    /// Materials of the mesh, by index in the file; the default one has none.
+    materials: HashMap<Option<usize>, u32>,
+    mesh: Mesh,
+}
+
+impl<'a> Reader<'a> {
+    /// Walks the nodes of the default scene, or else of the first.
+    fn nodes(&mut self) -> Result<(), SceneError> {
+        let scene = self.document.default_scene().or_else(|| self.document.scenes().next());
+        let scene = scene.ok_or_else(|| wrong("scenes", "expected a scene, found none"))?;
+        // Left, up and front become right, down and front, as for splats in glTF.
+        let axes = DMat4::from_scale(DVec3::new(-1.0, -1.0, 1.0));
+        let mut open: Vec<_> = scene.nodes().map(|node| (node, axes)).collect();
+        let (mut seen, mut lit) = (0, false);
+        while let Some((node, parent)) = open.pop() {
+            seen += 1;
+            let part = format!("node {}", node.index());
+            if seen > self.document.nodes().len() {
+                return Err(wrong(part, "expected nodes in a tree, found one with two parents"));
+            }
+            let columns = node.transform().matrix().map(|column| column.map(f64::from));
+            let world = parent * DMat4::from_cols_array_2d(&columns);
+            let sun = |light: &gltf::khr_lights_punctual::Light| {
+                matches!(light.kind(), gltf::khr_lights_punctual::Kind::Directional)
+            };
+            if let Some(light) = node.light().filter(|light| sun(light) && !lit) {
+                // It shines along the node's -z.
+                let direction = world.transform_vector3(DVec3::Z).normalize_or(DVec3::NEG_Y);
+                let direction = direction.as_vec3().into();
+                self.mesh.light = Light { direction, color: light.color(), ..Light::default() };
+                lit = true;
+            }
+            for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives().collect::<Vec<_>>()) {
+                self.primitive(&primitive, &world, &part)?;
+            }
+            open.extend(node.children().map(|child| (child, world)));
+        }
+        Ok(())
+    }
+
+    fn primitive(&mut self, primitive: &Primitive<'a>, world: &DMat4, part: &str) -> Result<(), SceneError> {
+        if primitive.mode() != Mode::Triangles {
+            let message = format!("expected a primitive of triangles, found {:?}", primitive.mode());
+            return Err(wrong(part, message));
+        }
+        let accessor = |semantic| primitive.get(&semantic);
+        let positions = accessor(Semantic::Positions)
+            .ok_or_else(|| wrong(part, "expected a primitive with positions, found none"))?;
+        let positions = self.floats::<3>(&positions)?;
+        let corners = match primitive.indices() {
+            Some(indices) => self.indices(&indices, positions.len())?,
+            None => (0..positions.len() as u32).collect(),
+        };
+        let triangles: Vec<[u32; 3]> = corners.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
+        let (vertices, all) = (self.mesh.positions.len(), self.mesh.triangles.len() + triangles.len());
+        if vertices + 3 * positions.len() > MOST_ELEMENTS || all > MOST_ELEMENTS {
+            let message =
+                format!("expected at most {MOST_ELEMENTS} vertices and triangles in all, found more");
+            return Err(wrong(part, message));
+        }
+        let uvs = accessor(Semantic::TexCoords(0)).map(|uvs| self.floats::<2>(&uvs)).transpose()?;
+        let normals = accessor(Semantic::Normals).map(|normals| self.floats::<3>(&normals)).transpose()?;
+        let lengths = [uvs.as_ref().map(Vec::len), normals.as_ref().map(Vec::len)];
+        if let Some(other) = lengths.into_iter().flatten().find(|length| *length != positions.len()) {
+            return Err(wrong(
+                part,
+                format!("expected {} of every attribute, found {other}", positions.len()),
+            ));
+        }
+        let material = self.material(primitive, part)?;
+        self.mesh.material_of.extend(std::iter::repeat_n(material, triangles.len()));
+
+        let point = |p: [f32; 3]| world.transform_point3(DVec3::from(p.map(f64::from)));
+        let points: Vec<DVec3> = positions.iter().copied().map(point).collect();
+        if !points.iter().all(|p| p.abs().max_element() <= 1e18) {
+            return Err(wrong(part, "expected positions within 1e18, found one beyond"));
+        }
+        let first = vertices as u32;
+        match normals {
+            Some(normals) => {
+                // Normals are covectors, which keep them perpendicular under any scaling.
+                let turn = cofactors(world);
+                let normal = |n: [f32; 3]| turn * DVec3::from(n.map(f64::from));
+                let unit = |n| <[f32; 3]>::from(normal(n).normalize_or(DVec3::NEG_Y).as_vec3());
+                let list = normals.into_iter().map(unit);
+                self.mesh.normals.extend(list);
+                self.mesh.positions.extend(points.iter().map(|p| <[f32; 3]>::from(p.as_vec3())));
+                self.mesh.uvs.extend(uvs.unwrap_or_else(|| vec![[0.0; 2]; points.len()]));
+                self.mesh.triangles.extend(triangles.iter().map(|t| t.map(|corner| corner + first)));
+            }
+            // Without normals, triangles are flat: each has vertices of its own.
+            None => {
+                for (number, triangle) in triangles.iter().enumerate() {
+                    let corners = triangle.map(|corner| points[corner as usize]);
+                    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+                    // A mirroring transform turns triangles inside out.
+                    let normal = normal.normalize_or(DVec3::NEG_Y) * world.determinant().signum();
+                    for (corner, place) in triangle.iter().zip(corners) {
+                        self.mesh.positions.push(place.as_vec3().into());
+                        self.mesh.normals.push(normal.as_vec3().into());
+                        self.mesh.uvs.push(uvs.as_ref().map_or([0.0; 2], |uvs| uvs[*corner as usize]));
+                    }
+                    self.mesh.triangles.push([0, 1, 2].map(|corner| first + 3 * number as u32 + corner));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the bytes of an accessor's elements, each of `length` bytes.
+    fn elements(
+        &self,
+        accessor: &Accessor,
+        length: usize,
+    ) -> Result<impl Iterator<Item = &[u8]> + '_, SceneError> {
+        let part = format!("accessor {}", accessor.index());
+        let view = accessor.view().filter(|_| accessor.sparse().is_none());
+        let view =
+            view.ok_or_else(|| wrong(&part, "expected elements in a buffer view, found none or sparse"))?;
+        let bytes = self.view(&view, &part)?;
+        let (stride, count) = (view.stride().unwrap_or(length), accessor.count());
+        let end = count.checked_sub(1).and_then(|last| last.checked_mul(stride)?.checked_add(length));
+        let range = match end {
+            None if count == 0 => 0..0,
+            None => return Err(wrong(part, "expected a range of bytes, found an overflow")),
+            Some(end) => accessor.offset()..accessor.offset().saturating_add(end),
+        };
+        if range.end > bytes.len() || stride == 0 {
+            let message = format!("expected at most {} bytes, found {}", bytes.len(), range.end);
+            return Err(wrong(part, message));
+        }
+        let bytes = &bytes[range];
+        Ok((0..count).map(move |index| &bytes[index * stride..index * stride + length]))
+    }
+
+    /// Returns the bytes of a buffer view.
+    fn view(&self, view: &gltf::buffer::View, part: &str) -> Result<&[u8], SceneError> {
+        let end = view.offset().checked_add(view.length());
+        let bytes = end.and_then(|end| self.buffers[view.buffer().index()].get(view.offset()..end));
+        bytes.ok_or_else(|| wrong(part, format!("buffer view {} is beyond its buffer", view.index())))
+    }
+
+    /// Reads floats, or normalised bytes and words.
+    fn floats<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[f32; N]>, SceneError> {
+        let expected = if N == 3 { Dimensions::Vec3 } else { Dimensions::Vec2 };
+        let part = format!("accessor {}", accessor.index());
+        let (kind, dimensions) = (accessor.data_type(), accessor.dimensions());
+        let scalar: fn(&[u8]) -> f32 = match (kind, accessor.normalized()) {
+            (DataType::F32, _) => |b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]),
+            (DataType::U8, true) if N == 2 => |b| f32::from(b[0]) / 255.0,
+            (DataType::U16, true) if N == 2 => |b| f32::from(u16::from_le_bytes([b[0], b[1]])) / 65535.0,
+            _ => return Err(wrong(part, format!("expected floats, found {kind:?}"))),
+        };
+        if dimensions != expected {
+            return Err(wrong(part, format!("expected {expected:?}, found {dimensions:?}")));
+        }
+        let size = kind.size();
+        let read: Vec<[f32; N]> = self
+            .elements(accessor, N * size)?
+            .map(|bytes| std::array::from_fn(|axis| scalar(&bytes[axis * size..])))
+            .collect();
+        match read.as_flattened().iter().all(|value| value.is_finite()) {
+            true => Ok(read),
+            false => Err(wrong(part, "expected finite numbers, found another")),
+        }
+    }
+
+    /// Reads indices of vertices, each below `vertices`.
+    fn indices(&self, accessor: &Accessor, vertices: usize) -> Result<Vec<u32>, SceneError> {
+        let part = format!("accessor {}", accessor.index());
+        let scalar: fn(&[u8]) -> u32 = match accessor.data_type() {
+            DataType::U8 => |b| b[0].into(),
+            DataType::U16 => |b| u16::from_le_bytes([b[0], b[1]]).into(),
+            DataType::U32 => |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]),
+            other => return Err(wrong(part, format!("expected unsigned integers, found {other:?}"))),
+        };
+        let read: Vec<u32> = self.elements(accessor, accessor.data_type().size())?.map(scalar).collect();
+        match read.iter().find(|index| **index as usize >= vertices) {
+            Some(index) => Err(wrong(part, format!("expected indices below {vertices}, found {index}"))),
+            None => Ok(read),
+        }
+    }
+
+    /// Returns the index of a primitive's material in the mesh.
+    fn material(&mut self, primitive: &Primitive<'a>, part: &str) -> Result<u32, SceneError> {
+        let material = primitive.material();
+        if let Some(known) = self.materials.get(&material.index()) {
+            return Ok(*known);
+        }
+        let pbr = material.pbr_metallic_roughness();
+        let image = |info: Option<(gltf::Texture<'a>, u32)>| match info {
+            Some((_, set)) if set != 0 => {
+                Err(wrong(part, format!("expected images placed by TEXCOORD_0, found TEXCOORD_{set}")))
+            }
+            other => Ok(other.map(|(texture, _)| texture.source().index())),
+        };
+        let info = |info: gltf::texture::Info<'a>| (info.texture(), info.tex_coord());
+        let base = image(pbr.base_color_texture().map(info))?;
+        let rough = image(pbr.metallic_roughness_texture().map(info))?;
+        let bumps = material.normal_texture();
+        let normal_scale = bumps.as_ref().map_or(1.0, gltf::material::NormalTexture::scale);
+        let bumps = image(bumps.map(|normal| (normal.texture(), normal.tex_coord())))?;
+        let made = MeshMaterial {
+            base_color: pbr.base_color_factor(),
+            metallic: pbr.metallic_factor(),
+            roughness: pbr.roughness_factor(),
+            normal_scale,
+            alpha_cutoff: match material.alpha_mode() {
+                AlphaMode::Mask => material.alpha_cutoff().unwrap_or(0.5),
+                AlphaMode::Opaque | AlphaMode::Blend => 0.0,
+            },
+            base_color_image: self.image(base)?,
+            metallic_roughness_image: self.image(rough)?,
+            normal_image: self.image(bumps)?,
+        };
+        let index = self.mesh.materials.len() as u32;
+        self.mesh.materials.push(made);
+        self.materials.insert(material.index(), index);
+        Ok(index)
+    }
+
+    /// Unpacks an image, once.
+    fn image(&mut self, index: Option<usize>) -> Result<Texture, SceneError> {
+        let Some(index) = index else { return Ok(Texture::default()) };
+        if let Some(known) = self.images.get(&index) {
+            return Ok(*known);
+        }
+        let part = format!("image {index}");
+        // Of the JSON: the crate's own accessor panics where a type is missing.
+        let image = &self.document.as_json().images[index];
+        let bytes = match (&image.uri, &image.buffer_view) {
+            (Some(uri), _) => Cow::Owned(self.files.read(uri, &part)?),
+            (None, Some(view)) => {
+                let view = self.document.views().nth(view.value());
+                Cow::Borrowed(self.view(&view.ok_or_else(|| wrong(&part, "has no buffer view"))?, &part)?)
+            }
+            (None, None) => return Err(wrong(part, "expected a URI or a buffer view, found neither")),
+        };
+        let left = MOST_TEXELS - self.mesh.texels.len() as u64;
+        let unpacked = image::unpack(&bytes, &part, left)?;
+        let first = self.mesh.texels.len() as u32;
+        let texture = Texture { first, width: unpacked.width, height: unpacked.height };
+        self.mesh.texels.extend(unpacked.texels);
+        self.images.insert(index, texture);
+        Ok(texture)
+    }
+}
+
+/// Computes the matrix that transforms normals: the cofactors of the linear part.
+fn cofactors(world: &DMat4) -> DMat3 {
+    let m = DMat3::from_mat4(*world);
+    let sign = m.determinant().signum();
+    DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis)) * sign
+}

@@ -1,0 +1,167 @@
+use super::*;
+use crate::similarity::Similarity;
+use crate::testing::splat;
+use crate::{Content, Scene};
+use glam::{DQuat, DVec3};
+
+/// Returns a quad with an image, and a triangle without.
+fn mesh() -> Mesh {
+    let image = Texture { first: 0, width: 2, height: 1 };
+    let red = MeshMaterial { base_color: [0.5, 0.25, 0.0, 1.0], metallic: 0.0, ..MeshMaterial::default() };
+    Mesh {
+        positions: vec![
+            [0.0, 0.0, 1.0],
+            [1.0, 0.0, 1.0],
+            [1.0, 1.0, 1.0],
+            [0.0, 1.0, 1.0],
+            [0.0; 3],
+            [2.0; 3],
+            [1.0; 3],
+        ],
+        normals: vec![[0.0, 0.0, -1.0]; 7],
+        uvs: vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0], [1.0, 1.0]],
+        triangles: vec![[0, 1, 2], [0, 2, 3], [4, 5, 6]],
+        material_of: vec![0, 0, 1],
+        materials: vec![red, MeshMaterial { base_color_image: image, alpha_cutoff: 0.25, ..red }],
+        texels: vec![[1, 2, 3, 4], [250, 128, 0, 255]],
+        light: Light::default(),
+    }
+}
+
+fn glb(mesh: &Mesh) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    mesh.write_glb(&mut bytes).expect("memory takes it");
+    bytes
+}
+
+/// Returns the file of one triangle, whose JSON has a text in place of another.
+fn changed(from: &str, to: &str) -> String {
+    let text = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
+        "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}],
+        "bufferViews":[{"buffer":0,"byteLength":36}],
+        "buffers":[{"byteLength":36,"uri":"data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]}"#;
+    assert!(text.contains(from), "{from}");
+    text.replace(from, to)
+}
+
+fn said(from: &str, to: &str) -> String {
+    Mesh::parse(changed(from, to).as_bytes(), None).unwrap_err().to_string()
+}
+
+#[test]
+fn a_written_mesh_reads_as_the_same_mesh() {
+    assert_eq!(Mesh::parse(&glb(&mesh()), None).expect("a mesh"), mesh());
+}
+
+#[test]
+fn x_and_y_of_a_file_change_their_signs_and_flat_triangles_get_their_normals() {
+    // The triangle (0, 0, 0), (1, 0, 0), (0, 1, 0), counter-clockwise from +z, where glTF has its front.
+    let read =
+        Mesh::parse(changed("\"mesh\":0", "\"mesh\":0,\"translation\":[0,0,2]").as_bytes(), None).unwrap();
+    assert_eq!(read.positions, [[0.0, 0.0, 2.0], [-1.0, 0.0, 2.0], [0.0, -1.0, 2.0]]);
+    assert_eq!(read.normals, [[0.0, 0.0, 1.0]; 3]);
+    assert_eq!((read.triangles.len(), read.materials.len()), (1, 1));
+}
+
+#[test]
+fn a_mirrored_node_keeps_its_front_outside() {
+    let read = Mesh::parse(changed("\"mesh\":0", "\"mesh\":0,\"scale\":[-1,1,1]").as_bytes(), None).unwrap();
+    assert_eq!(read.normals, [[0.0, 0.0, 1.0]; 3]);
+}
+
+#[test]
+fn attributes_are_the_lists_as_bytes_and_zeros_without_a_mesh() {
+    let bare = Scene::generate(3, 0, splat);
+    let scene = Scene::generate(3, 0, splat).with_mesh(Some(mesh().into()));
+    assert_ne!(scene.identity(), bare.identity());
+    let words = |scene: &Scene, name: &str| -> Vec<u32> {
+        let info = scene.attribute(name).expect("an attribute");
+        let mut bytes = vec![7; (info.stride * info.count) as usize];
+        scene.write_attribute(name, 0, 0, &mut bytes).expect("it fits");
+        bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+    };
+    assert_eq!(words(&scene, "mesh.index"), [0, 1, 2, 0, 2, 3, 4, 5, 6]);
+    assert_eq!(words(&scene, "mesh.position")[3], 1f32.to_bits());
+    assert_eq!(words(&scene, "mesh.texel"), [0x0403_0201, 0xFF00_80FA]);
+    assert_eq!(words(&scene, "mesh.material")[16 + 8..16 + 10], [0, 2 | 1 << 16]);
+    assert_eq!(words(&scene, "mesh.light")[7], 0.25f32.to_bits());
+    for name in MESH_ATTRIBUTES {
+        assert!(words(&bare, name).iter().all(|word| *word == 0), "{name}");
+    }
+}
+
+#[test]
+fn a_mesh_moves_and_joins_with_its_scene() {
+    let by = Similarity {
+        rotation: DQuat::from_rotation_y(0.5),
+        scale: 2.0,
+        translation: DVec3::new(1.0, 2.0, 3.0),
+    };
+    let scene = Scene::generate(3, 0, splat).with_mesh(Some(mesh().into()));
+    let moved = scene.transformed(&by).unwrap();
+    let (own, at) = (moved.mesh().expect("a mesh"), |p: [f32; 3]| DVec3::from(p.map(f64::from)));
+    let expected = by.rotation * at(mesh().positions[2]) * 2.0 + by.translation;
+    assert!(at(own.positions[2]).distance(expected) < 1e-6);
+    assert!(at(own.normals[0]).distance(by.rotation * DVec3::NEG_Z) < 1e-6);
+    let joined = Scene::joined(&[scene, moved]).unwrap();
+    let all = joined.mesh().expect("both meshes");
+    assert_eq!((all.triangles[3], all.material_of[5]), ([7, 8, 9], 3));
+    assert_eq!(all.materials[3].base_color_image.first, 2);
+}
+
+#[test]
+fn scene_files_place_meshes_and_a_mesh_alone_is_no_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("stone.glb"), glb(&mesh())).unwrap();
+    let mut file = Vec::new();
+    Scene::generate(3, 0, splat).write_ply_to(&mut file).unwrap();
+    std::fs::write(at("pond.ply"), file).unwrap();
+    let text = r#"Scenes([Scene(file: "pond.ply"), Scene(file: "stone.glb", translate: (0, 0, 4))])"#;
+    std::fs::write(at("all.ron"), text).unwrap();
+    let scene = Scene::load(at("all.ron"), crate::QUIET).expect("a scene");
+    assert_eq!((scene.count(), scene.mesh().expect("a mesh").positions[0]), (3, [0.0, 0.0, 5.0]));
+    let alone = Scene::load(at("stone.glb"), crate::QUIET).unwrap_err().to_string();
+    assert!(alone.contains("expected splats, found a mesh"), "{alone}");
+    assert!(matches!(Scene::load_any(at("stone.glb"), crate::QUIET), Ok(Content::Mesh(_))));
+}
+
+#[test]
+fn mistakes_are_told_with_their_part() {
+    for (from, to, expected) in [
+        ("\"count\":3", "\"count\":4", "accessor 0"),
+        ("\"count\":3", "\"count\":4000000000", "accessor 0"),
+        ("\"byteLength\":36,", "\"byteLength\":37,", "buffer 0`: expected 37 bytes, found 36"),
+        ("\"buffer\":0,", "\"buffer\":0,\"byteOffset\":4,", "buffer view 0 is beyond its buffer"),
+        ("5126", "5121", "expected floats"),
+        ("\"VEC3\"", "\"VEC2\"", "expected Vec3, found Vec2"),
+        (
+            "{\"POSITION\":0}",
+            "{\"POSITION\":0},\"mode\":0",
+            "expected a primitive of triangles, found Points",
+        ),
+        ("data:;base64,", "../secret.bin?", "expected a file in the folder"),
+        ("base64,AAAAAAAA", "base64,AADAfwAA", "expected finite numbers"),
+        ("\"mesh\":0}]", "\"mesh\":0,\"children\":[0]}]", "expected nodes in a tree"),
+        ("{\"POSITION\":0}", "{\"POSITION\":9}", "expected an accessor below 1, found 9"),
+        ("\"scene\":0,", "\"scene\":0,\"extensionsRequired\":[\"KHR_x\"],", "found KHR_x"),
+    ] {
+        let text = said(from, to);
+        assert!(text.contains(expected), "{to}: {text}");
+    }
+}
+
+#[test]
+fn damaged_files_are_errors_or_meshes_but_never_a_panic() {
+    let bytes = glb(&mesh());
+    for at in 0..bytes.len() {
+        for value in [0, 0xFF, b'9', bytes[at] ^ 1] {
+            let mut damaged = bytes.clone();
+            damaged[at] = value;
+            // Either will do.
+            let _ = Mesh::parse(&damaged, None);
+        }
+        let _ = Mesh::parse(&bytes[..at], None);
+    }
+}

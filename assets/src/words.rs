@@ -1,0 +1,63 @@
+//! The words of attributes: their layout, copies as bytes, and hashes.
+
+use rayon::prelude::*;
+
+/// Values that one task of a parallel loop converts.
+const CHUNK: usize = 8192;
+
+/// Memory layout of an attribute.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AttributeInfo {
+    /// Bytes per element and plane.
+    pub stride: u64,
+    /// Number of planes with data: 1; for `scene.sh`, as many as the stored degree needs.
+    pub planes: u32,
+    /// Number of elements: of the splats, or of a list of the mesh.
+    pub count: u64,
+}
+
+/// Writes words from a byte offset on, and zeros beyond their end.
+pub(crate) fn write_words(words: &[u32], offset: u64, out: &mut [u8]) {
+    let words = words.iter().skip(offset as usize / 4).copied().chain(std::iter::repeat(0));
+    out.chunks_exact_mut(4).zip(words).for_each(|(out, word)| out.copy_from_slice(&word.to_le_bytes()));
+}
+
+/// Writes values of floats, in parallel.
+pub(crate) fn write_floats<T: bytemuck::Pod + Sync>(values: &[T], out: &mut [u8]) {
+    let values: &[f32] = bytemuck::cast_slice(values);
+    out.par_chunks_mut(4 * CHUNK).zip(values.par_chunks(CHUNK)).for_each(|(out, values)| {
+        for (out, value) in out.chunks_exact_mut(4).zip(values) {
+            out.copy_from_slice(&value.to_le_bytes());
+        }
+    });
+}
+
+/// Hashes floats by their bits: chunks in parallel, then the chunks' hashes in order.
+pub(crate) fn hash<T: bytemuck::Pod + Sync>(values: &[T]) -> u64 {
+    let words: &[u32] = bytemuck::cast_slice(values);
+    let chunks: Vec<u64> = words.par_chunks(1 << 16).map(hash_chunk).collect();
+    chunks.into_iter().fold(words.len() as u64, mix)
+}
+
+/// Hashes a chunk in four independent lanes, so that no step depends on the previous one.
+fn hash_chunk(words: &[u32]) -> u64 {
+    let pair = |words: &[u32]| u64::from(words[0]) | u64::from(words[1]) << 32;
+    let mut lanes = [0, 1, 2, 3];
+    let blocks = words.chunks_exact(8);
+    let rest = blocks.remainder();
+    for block in blocks {
+        for (lane, pair) in lanes.iter_mut().zip(block.chunks_exact(2).map(pair)) {
+            *lane = mix(*lane, pair);
+        }
+    }
+    let rest = rest.iter().map(|word| u64::from(*word));
+    lanes.into_iter().chain(rest).fold(words.len() as u64, mix)
+}
+
+/// Mixes a word into a hash: a multiplication by an odd constant between two exclusive ors.
+///
+/// Each step is invertible, so two different words lead to different states.
+pub(crate) fn mix(state: u64, word: u64) -> u64 {
+    let x = (state ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    x ^ x >> 29
+}
