@@ -1,6 +1,6 @@
 //! Defines splats as input of the reference: one at a time, in f64.
 
-use splatgraph_assets::Scene;
+use splatgraph_assets::{Mesh, Scene};
 
 /// One anisotropic 3D Gaussian with its activations applied.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,6 +29,11 @@ pub trait Splats: Sync {
     /// Returns true if positions exceed the precision of f32, so that depths must be computed from f64 positions.
     fn is_wide(&self) -> bool {
         false
+    }
+
+    /// Returns the mesh beside the splats.
+    fn mesh(&self) -> Option<&Mesh> {
+        None
     }
 }
 
@@ -60,5 +65,9 @@ impl Splats for Scene {
 
     fn is_wide(&self) -> bool {
         Scene::is_wide(self)
+    }
+
+    fn mesh(&self) -> Option<&Mesh> {
+        Scene::mesh(self)
     }
 }

@@ -7,7 +7,7 @@
 //!
 //! Data flows one way through the modules. [`Splats`] returns each [`Gaussian`] in f64. `project` converts it to an
 //! ellipse on the image, with its colour from `harmonics`. `order` sorts by depth. `raster` blends a row of tiles at a
-//! time. `pixel` lists the splats of a single pixel.
+//! time, down to the surface that `mesh` finds. `pixel` lists the splats of a single pixel.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -26,6 +26,7 @@
 
 mod gaussian;
 mod harmonics;
+mod mesh;
 mod order;
 mod pixel;
 mod project;

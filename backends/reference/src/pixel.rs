@@ -4,6 +4,7 @@
 //! with their weights. [`project`] returns a splat's Gaussian on the image, for outlines.
 
 use crate::gaussian::{Gaussian, Splats};
+use crate::mesh::Caster;
 use crate::order;
 use crate::project::{Ellipse, Projector, TILE};
 use crate::raster;
@@ -64,7 +65,8 @@ impl Fragments {
     }
 }
 
-/// Lists the splats blended at a pixel; `None` for a pixel outside the image, or once `cancelled` returns true.
+/// Lists the splats blended at a pixel, down to the mesh; `None` for a pixel outside the image, or once `cancelled` returns
+/// true.
 ///
 /// The pixel is column and row; (0, 0) is the top left. Runs in parallel: `cancelled` is called from several threads,
 /// every few thousand splats.
@@ -93,9 +95,11 @@ pub fn fragments(
         (0..splats.count().div_ceil(CHUNK)).into_par_iter().map(chunk).collect();
     let mut ellipses = chunks?.concat();
     order::sort(&mut ellipses, rules, |ellipse| (ellipse.depth, ellipse.index));
+    let surface = splats.mesh().and_then(|mesh| Caster::new(mesh, camera, rules).surface([x, y]));
+    let limit = surface.map_or(f64::INFINITY, |surface| surface.depth);
     let mut list = Vec::new();
     let transmittance = raster::blend(
-        &ellipses,
+        ellipses.iter().take_while(|ellipse| ellipse.depth < limit),
         |ellipse| &ellipse.footprint,
         [x.into(), y.into()],
         rules,

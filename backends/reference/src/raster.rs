@@ -1,6 +1,7 @@
 //! Blends the sorted ellipses front to back at every pixel.
 
 use crate::gaussian::Splats;
+use crate::mesh::{Caster, Surface};
 use crate::order;
 use crate::project::{Ellipse, Footprint, Projector, TILE};
 use crate::rules::Rules;
@@ -106,7 +107,7 @@ impl Pixel {
     }
 }
 
-/// Renders splats over `background` by the given rules.
+/// Renders splats over `background` by the given rules. A mesh hides the background and the splats behind it.
 ///
 /// The result does not depend on the number of threads. Needs about 150 bytes per visible splat, plus 4 per splat and
 /// tile of the rows in progress.
@@ -124,12 +125,15 @@ pub fn render(
         .collect();
     order::sort(&mut ellipses, rules, |ellipse| (ellipse.depth, ellipse.index));
 
+    let surfaces = splats.mesh().map(|mesh| Caster::new(mesh, camera, rules).surfaces());
+    let surface = |at: usize| surfaces.as_ref().and_then(|all| all[at]);
     let width = camera.width as usize;
     let mut pixels = vec![Pixel::EMPTY; width * camera.height as usize];
     let done = AtomicUsize::new(0);
     let rows = projector.grid[1] as usize;
     pixels.par_chunks_mut((width * TILE as usize).max(1)).enumerate().for_each(|(row, pixels)| {
-        tile_row(&ellipses, &projector, row as u32, pixels, rules);
+        let limit = |at: usize| surface(row * TILE as usize * width + at).map_or(f64::INFINITY, |s| s.depth);
+        tile_row(&ellipses, &projector, row as u32, pixels, rules, limit);
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, rows);
     });
     Picture {
@@ -137,7 +141,11 @@ pub fn render(
         height: camera.height,
         color: pixels
             .iter()
-            .map(|p| std::array::from_fn(|c| p.color[c] + p.transmittance * background[c]))
+            .enumerate()
+            .map(|(at, p)| {
+                let behind = surface(at).map_or(background, |Surface { color, .. }| color);
+                std::array::from_fn(|c| p.color[c] + p.transmittance * behind[c])
+            })
             .collect(),
         transmittance: pixels.iter().map(|p| p.transmittance).collect(),
         contributors: pixels.iter().map(|p| p.contributors).collect(),
@@ -148,8 +156,15 @@ pub fn render(
     }
 }
 
-/// Blends one row of tiles; `pixels` are the image rows in it.
-fn tile_row(ellipses: &[Ellipse], projector: &Projector, row: u32, pixels: &mut [Pixel], rules: &Rules) {
+/// Blends one row of tiles; `pixels` are the rows of the image in it. Splats end at the view depth `limit` of each of them.
+fn tile_row(
+    ellipses: &[Ellipse],
+    projector: &Projector,
+    row: u32,
+    pixels: &mut [Pixel],
+    rules: &Rules,
+    limit: impl Fn(usize) -> f64,
+) {
     let columns = projector.grid[0];
     let mut lists: Vec<Vec<u32>> = vec![Vec::new(); columns as usize];
     for (at, ellipse) in ellipses.iter().enumerate() {
@@ -162,14 +177,15 @@ fn tile_row(ellipses: &[Ellipse], projector: &Projector, row: u32, pixels: &mut 
     for (column, list) in lists.iter().enumerate() {
         let splats: Vec<&Ellipse> = list.iter().map(|at| &ellipses[*at as usize]).collect();
         let first = column * TILE as usize;
-        for (y, line) in pixels.chunks_mut(width).enumerate() {
-            let y = f64::from(row * TILE) + y as f64;
+        for (line_number, line) in pixels.chunks_mut(width).enumerate() {
+            let y = f64::from(row * TILE) + line_number as f64;
             let end = width.min(first + TILE as usize);
             for (x, pixel) in line[first..end].iter_mut().enumerate() {
                 let mut blended = Pixel::EMPTY;
                 let at = [(first + x) as f64, y];
+                let limit = limit(line_number * width + first + x);
                 blended.transmittance = blend(
-                    &splats,
+                    splats.iter().take_while(|splat| splat.depth < limit),
                     |splat| &splat.footprint,
                     at,
                     rules,

@@ -1,0 +1,383 @@
+//! Meshes in exact pictures: the ray through each pixel's centre against the triangles, and the shading of the nearest hit.
+//!
+//! Rays start at the camera, with a view depth of 1 per unit of length, so that the distance along a ray is the view depth. A triangle is
+//! tested against the rays of the box of pixels that its corners span. Materials are those of glTF 2.0 (appendix B), lit by the mesh's
+//! one light and its ambient light.
+
+use crate::rules::{KeyOf, Rules};
+use rayon::prelude::*;
+use splatgraph_assets::{Camera, Mesh, MeshMaterial, Texture};
+use std::f64::consts::PI;
+
+/// Rows of pixels that a task shades.
+const ROWS: usize = 8;
+
+/// Roughness below which highlights are smaller than a pixel.
+const LEAST_ROUGHNESS: f64 = 0.045;
+
+/// The surface of a mesh at a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Surface {
+    /// View depth, or the distance where splats are ordered by it.
+    pub depth: f64,
+    /// Display-encoded colour, 0 to 1.
+    pub color: [f64; 3],
+}
+
+type Vector = [f64; 3];
+
+fn dot(a: Vector, b: Vector) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: Vector, b: Vector) -> Vector {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn minus(a: Vector, b: Vector) -> Vector {
+    std::array::from_fn(|i| a[i] - b[i])
+}
+
+fn scaled(a: Vector, by: f64) -> Vector {
+    a.map(|v| v * by)
+}
+
+/// Adds weighted vectors.
+fn sum<const N: usize>(weights: [f64; N], vectors: [Vector; N]) -> Vector {
+    std::array::from_fn(|i| (0..N).map(|k| weights[k] * vectors[k][i]).sum())
+}
+
+fn unit(a: Vector) -> Vector {
+    scaled(a, dot(a, a).sqrt().recip())
+}
+
+/// A triangle in the camera's frame.
+struct Triangle {
+    index: usize,
+    corner: Vector,
+    edges: [Vector; 2],
+    /// First and last pixel of its box, across and down.
+    pixels: [[f64; 2]; 2],
+}
+
+/// A ray's nearest hit.
+#[derive(Clone, Copy)]
+struct Hit {
+    triangle: usize,
+    depth: f64,
+    /// Weights of the corners.
+    weights: [f64; 3],
+}
+
+/// Casts the rays of one camera.
+pub(crate) struct Caster<'a> {
+    mesh: &'a Mesh,
+    camera: &'a Camera,
+    near: f64,
+    key_of: KeyOf,
+    triangles: Vec<Triangle>,
+}
+
+impl<'a> Caster<'a> {
+    /// Prepares the triangles of a mesh; what is nearer than the near plane is cut off.
+    pub(crate) fn new(mesh: &'a Mesh, camera: &'a Camera, rules: &Rules) -> Self {
+        let near = rules.near;
+        let middle = [camera.width, camera.height].map(|side| 0.5 * (f64::from(side) - 1.0));
+        let prepare = |(index, corners): (usize, &[u32; 3])| {
+            let [a, b, c] =
+                corners.map(|corner| camera.to_view(mesh.positions[corner as usize].map(f64::from)));
+            if [a, b, c].iter().all(|p| p[2] <= near) {
+                return None;
+            }
+            let mut pixels = [[f64::NEG_INFINITY, f64::INFINITY]; 2];
+            if [a, b, c].iter().all(|p| p[2] > near) {
+                let focal = [camera.fx, camera.fy];
+                pixels = std::array::from_fn(|axis| {
+                    let at = [a, b, c].map(|p| focal[axis] * p[axis] / p[2] + middle[axis]);
+                    let bound = |pick: fn(f64, f64) -> f64| at.into_iter().reduce(pick).unwrap_or(0.0);
+                    // A corner on a pixel's centre may be rounded to either side.
+                    [bound(f64::min) - 1e-6, bound(f64::max) + 1e-6]
+                });
+            }
+            Some(Triangle { index, corner: a, edges: [minus(b, a), minus(c, a)], pixels })
+        };
+        let triangles = mesh.triangles.par_iter().enumerate().filter_map(prepare).collect();
+        Caster { mesh, camera, near, key_of: rules.key_of, triangles }
+    }
+
+    /// Finds the surface at every pixel, row by row.
+    pub(crate) fn surfaces(&self) -> Vec<Option<Surface>> {
+        let (width, height) = (self.camera.width as usize, self.camera.height as usize);
+        let mut found = vec![None; width * height];
+        found.par_chunks_mut((ROWS * width).max(1)).enumerate().for_each(|(chunk, pixels)| {
+            let first = chunk * ROWS;
+            let mut hits: Vec<Option<Hit>> = vec![None; pixels.len()];
+            for triangle in &self.triangles {
+                let inside = |axis: usize, from: usize, count: usize| {
+                    let [low, high] = triangle.pixels[axis];
+                    let start = (low.ceil().max(from as f64) as usize).max(from);
+                    start..((high.floor() + 1.0).min((from + count) as f64).max(0.0) as usize).max(start)
+                };
+                for y in inside(1, first, pixels.len() / width) {
+                    for x in inside(0, 0, width) {
+                        let hit = &mut hits[(y - first) * width + x];
+                        *hit = self.nearer(triangle, [x as f64, y as f64], *hit);
+                    }
+                }
+            }
+            for (pixel, hit) in pixels.iter_mut().zip(hits) {
+                *pixel = hit.map(|hit| self.seen(&hit));
+            }
+        });
+        found
+    }
+
+    /// Finds the surface at one pixel.
+    pub(crate) fn surface(&self, [x, y]: [u32; 2]) -> Option<Surface> {
+        let at = [f64::from(x), f64::from(y)];
+        let hit = self.triangles.iter().fold(None, |hit, triangle| self.nearer(triangle, at, hit));
+        hit.map(|hit| self.seen(&hit))
+    }
+
+    /// Returns the nearer of a hit and the hit of the ray through a pixel with a triangle (Möller and Trumbore).
+    fn nearer(&self, triangle: &Triangle, [x, y]: [f64; 2], hit: Option<Hit>) -> Option<Hit> {
+        let Camera { width, height, fx, fy, .. } = *self.camera;
+        let ray =
+            [(x - 0.5 * (f64::from(width) - 1.0)) / fx, (y - 0.5 * (f64::from(height) - 1.0)) / fy, 1.0];
+        let [to_b, to_c] = triangle.edges;
+        let across = cross(ray, to_c);
+        let determinant = dot(to_b, across);
+        if determinant == 0.0 {
+            return hit;
+        }
+        let from = scaled(triangle.corner, -1.0);
+        let b = dot(from, across) / determinant;
+        let other = cross(from, to_b);
+        let c = dot(ray, other) / determinant;
+        let depth = dot(to_c, other) / determinant;
+        let inside = b >= 0.0 && c >= 0.0 && b + c <= 1.0 && depth > self.near;
+        if !inside || hit.is_some_and(|hit| hit.depth <= depth) {
+            return hit;
+        }
+        let found = Hit { triangle: triangle.index, depth, weights: [1.0 - b - c, b, c] };
+        let material = self.material(&found);
+        let cutoff = f64::from(material.alpha_cutoff);
+        match cutoff > 0.0 && self.base(material, self.uv(&found))[3] < cutoff {
+            true => hit,
+            false => Some(found),
+        }
+    }
+
+    /// Returns the surface of a hit, with what splats are ordered by as its depth.
+    fn seen(&self, hit: &Hit) -> Surface {
+        let key = match self.key_of {
+            KeyOf::Depth => hit.depth,
+            KeyOf::Distance => {
+                let away = minus(self.place(hit), self.camera.position);
+                dot(away, away).sqrt()
+            }
+        };
+        Surface { depth: key, color: self.shade(hit) }
+    }
+
+    /// Returns the place of a hit in the world.
+    fn place(&self, hit: &Hit) -> Vector {
+        let corners = self.mesh.triangles[hit.triangle].map(|corner| self.mesh.positions[corner as usize]);
+        sum(hit.weights, corners.map(|corner| corner.map(f64::from)))
+    }
+
+    fn material(&self, hit: &Hit) -> &'a MeshMaterial {
+        &self.mesh.materials[self.mesh.material_of[hit.triangle] as usize]
+    }
+
+    fn uv(&self, hit: &Hit) -> [f64; 2] {
+        let uvs =
+            self.mesh.triangles[hit.triangle].map(|corner| self.mesh.uvs[corner as usize].map(f64::from));
+        std::array::from_fn(|axis| (0..3).map(|k| hit.weights[k] * uvs[k][axis]).sum())
+    }
+
+    /// Returns the base colour in linear light, and alpha.
+    fn base(&self, material: &MeshMaterial, uv: [f64; 2]) -> [f64; 4] {
+        let factor = material.base_color.map(f64::from);
+        match self.sample(material.base_color_image, uv, true) {
+            Some(texel) => std::array::from_fn(|i| factor[i] * texel[i]),
+            None => factor,
+        }
+    }
+
+    /// Interpolates an image between four texels; `None` without one. `encoded` colours are decoded first.
+    fn sample(&self, image: Texture, uv: [f64; 2], encoded: bool) -> Option<[f64; 4]> {
+        if image.width == 0 {
+            return None;
+        }
+        let size = [image.width, image.height].map(i64::from);
+        let place: [f64; 2] = std::array::from_fn(|i| (uv[i] - uv[i].floor()) * size[i] as f64 - 0.5);
+        let at = place.map(|v| v.floor() as i64);
+        let part = [place[0] - at[0] as f64, place[1] - at[1] as f64];
+        let texel = |x: i64, y: i64| -> [f64; 4] {
+            let (x, y) = ((at[0] + x).rem_euclid(size[0]), (at[1] + y).rem_euclid(size[1]));
+            let texel = self.mesh.texels[image.first as usize + (y * size[0] + x) as usize];
+            let [r, g, b, a] = texel.map(|v| f64::from(v) / 255.0);
+            if encoded { [decode(r), decode(g), decode(b), a] } else { [r, g, b, a] }
+        };
+        let corners = [texel(0, 0), texel(1, 0), texel(0, 1), texel(1, 1)];
+        let weights = [
+            (1.0 - part[0]) * (1.0 - part[1]),
+            part[0] * (1.0 - part[1]),
+            (1.0 - part[0]) * part[1],
+            part[0] * part[1],
+        ];
+        Some(std::array::from_fn(|i| (0..4).map(|k| weights[k] * corners[k][i]).sum()))
+    }
+
+    /// Returns the normal at a hit, with the material's image of normals, on the side of `to_camera`.
+    fn normal(&self, hit: &Hit, material: &MeshMaterial, uv: [f64; 2], to_camera: Vector) -> Vector {
+        let corners = self.mesh.triangles[hit.triangle].map(|corner| corner as usize);
+        let mut normal =
+            unit(sum(hit.weights, corners.map(|corner| self.mesh.normals[corner].map(f64::from))));
+        if let Some([x, y, z, _]) = self.sample(material.normal_image, uv, false) {
+            let [a, b, c] = corners.map(|corner| self.mesh.positions[corner].map(f64::from));
+            let [ua, ub, uc] = corners.map(|corner| self.mesh.uvs[corner].map(f64::from));
+            let (to_b, to_c) = (minus(b, a), minus(c, a));
+            let (ub, uc) = ([ub[0] - ua[0], ub[1] - ua[1]], [uc[0] - ua[0], uc[1] - ua[1]]);
+            let area = ub[0] * uc[1] - uc[0] * ub[1];
+            let along_u = sum([uc[1] / area, -ub[1] / area], [to_b, to_c]);
+            let along_v = sum([ub[0] / area, -uc[0] / area], [to_c, to_b]);
+            let tangent = minus(along_u, scaled(normal, dot(normal, along_u)));
+            if area != 0.0 && dot(tangent, tangent) > 0.0 {
+                let tangent = unit(tangent);
+                let across = cross(normal, tangent);
+                // Green points up, against v.
+                let up = if dot(across, along_v) > 0.0 { scaled(across, -1.0) } else { across };
+                let scale = f64::from(material.normal_scale);
+                let [x, y, z] = [x, y, z].map(|v| 2.0 * v - 1.0);
+                normal = unit(sum([scale * x, scale * y, z], [tangent, up, normal]));
+            }
+        }
+        if dot(normal, to_camera) < 0.0 { scaled(normal, -1.0) } else { normal }
+    }
+
+    /// Returns the display-encoded colour of a hit.
+    fn shade(&self, hit: &Hit) -> [f64; 3] {
+        let (material, uv, light) = (self.material(hit), self.uv(hit), &self.mesh.light);
+        let to_camera = unit(minus(self.camera.position, self.place(hit)));
+        let base = self.base(material, uv);
+        let (mut metallic, mut roughness) = (f64::from(material.metallic), f64::from(material.roughness));
+        if let Some([_, green, blue, _]) = self.sample(material.metallic_roughness_image, uv, false) {
+            roughness *= green;
+            metallic *= blue;
+        }
+        let normal = self.normal(hit, material, uv, to_camera);
+        let to_light = light.direction.map(f64::from);
+        let between = unit(sum([1.0, 1.0], [to_camera, to_light]));
+        let (nl, nv) = (dot(normal, to_light).max(0.0), dot(normal, to_camera).max(1e-4));
+        let (nh, vh) = (dot(normal, between).max(0.0), dot(to_camera, between).max(0.0));
+        let alpha2 = roughness.max(LEAST_ROUGHNESS).powi(4);
+        let distribution = alpha2 / (PI * (nh * nh * (alpha2 - 1.0) + 1.0).powi(2));
+        let shadow = |a: f64, b: f64| a * (b * b * (1.0 - alpha2) + alpha2).sqrt();
+        let visible = 0.5 / (shadow(nl, nv) + shadow(nv, nl) + 1e-7);
+        std::array::from_fn(|i| {
+            let straight = 0.04 + metallic * (base[i] - 0.04);
+            let fresnel = straight + (1.0 - straight) * (1.0 - vh).powi(5);
+            let diffuse = (1.0 - fresnel) * (1.0 - metallic) * base[i];
+            let lit = f64::from(light.color[i]) * nl * (diffuse + PI * distribution * visible * fresnel)
+                + f64::from(light.ambient) * base[i];
+            encode(lit.clamp(0.0, 1.0))
+        })
+    }
+}
+
+/// Decodes a display-encoded value (IEC 61966-2-1).
+fn decode(v: f64) -> f64 {
+    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Encodes a linear value for display.
+fn encode(v: f64) -> f64 {
+    if v <= 0.0031308 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Looks along +z from the origin; pixel (2, 2) is in the middle.
+    fn camera() -> Camera {
+        Camera { fx: 2.0, fy: 2.0, ..Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (5, 5)) }
+    }
+
+    /// Returns a wall at `z` from x = -`half` to `half`, as high, in a colour.
+    fn wall(z: f32, half: f32, base_color: [f32; 4]) -> Mesh {
+        Mesh {
+            positions: vec![[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]],
+            normals: vec![[0.0, 0.0, -1.0]; 4],
+            uvs: vec![[0.0; 2]; 4],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            material_of: vec![0, 0],
+            materials: vec![MeshMaterial { base_color, metallic: 0.0, ..MeshMaterial::default() }],
+            ..Mesh::default()
+        }
+    }
+
+    fn surfaces(mesh: &Mesh) -> Vec<Option<Surface>> {
+        Caster::new(mesh, &camera(), &Rules::PUBLISHED).surfaces()
+    }
+
+    #[test]
+    fn rays_find_the_nearest_triangle_and_its_view_depth() {
+        let mut both = wall(4.0, 10.0, [0.0, 0.0, 1.0, 1.0]);
+        both.append(&wall(2.0, 1.0, [1.0, 0.0, 0.0, 1.0]));
+        let found = surfaces(&both);
+        // The near wall spans one pixel around the middle; the far one fills the picture.
+        for (at, surface) in found.iter().enumerate() {
+            let (x, y) = (at % 5, at / 5);
+            let near = (1..=3).contains(&x) && (1..=3).contains(&y);
+            let surface = surface.expect("a wall");
+            assert!((surface.depth - if near { 2.0 } else { 4.0 }).abs() < 1e-12, "{x}, {y}: {surface:?}");
+            assert_eq!(surface.color[0] > surface.color[2], near);
+        }
+        assert_eq!(Caster::new(&both, &camera(), &Rules::PUBLISHED).surface([2, 2]), found[12]);
+    }
+
+    #[test]
+    fn triangles_nearer_than_the_near_plane_are_cut_off_and_those_across_it_are_not() {
+        assert!(surfaces(&wall(0.1, 10.0, [1.0; 4])).iter().all(Option::is_none));
+        let mut floor = wall(0.0, 10.0, [1.0; 4]);
+        // From behind the camera to far in front, one unit below it.
+        floor.positions = vec![[-9.0, 1.0, -9.0], [9.0, 1.0, -9.0], [9.0, 1.0, 9.0], [-9.0, 1.0, 9.0]];
+        let found = surfaces(&floor);
+        assert!(found[..15].iter().all(Option::is_none), "at and above the horizon");
+        assert!((found[22].expect("the floor").depth - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_white_wall_that_faces_the_light_is_as_white_as_diffuse_and_ambient_light_make_it() {
+        let mut wall = wall(2.0, 10.0, [1.0; 4]);
+        wall.light.direction = [0.0, 0.0, -1.0];
+        wall.light.ambient = 0.0;
+        let middle = surfaces(&wall)[12].expect("the wall").color[0];
+        // Roughness 1: the specular term is 0.04 * PI * (1 / PI) * 0.5 / 2, and 0.96 are left to the diffuse one.
+        assert!((decode(middle) - (0.96 + 0.01)).abs() < 1e-6, "{middle}");
+        wall.light.direction = [0.0, 0.0, 1.0];
+        wall.light.ambient = 0.25;
+        assert!((decode(surfaces(&wall)[12].expect("the wall").color[0]) - 0.25).abs() < 1e-12);
+    }
+
+    #[test]
+    fn images_repeat_are_interpolated_and_cut_out() {
+        let mut wall = wall(2.0, 2.0, [1.0; 4]);
+        wall.uvs = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        wall.texels = vec![[255, 255, 255, 255], [0, 0, 0, 0]];
+        let image = Texture { first: 0, width: 2, height: 1 };
+        wall.materials[0] = MeshMaterial { base_color_image: image, alpha_cutoff: 0.3, ..wall.materials[0] };
+        let camera = camera();
+        let caster = Caster::new(&wall, &camera, &Rules::PUBLISHED);
+        let at = |u: f64| caster.sample(image, [u, 7.5], true).expect("an image")[3];
+        for (u, alpha) in [(0.25, 1.0), (0.75, 0.0), (0.5, 0.5), (0.0, 0.5), (-0.75, 1.0), (2.0, 0.5)] {
+            assert!((at(u) - alpha).abs() < 1e-12, "{u}");
+        }
+        let row: Vec<bool> = caster.surfaces()[10..15].iter().map(Option::is_some).collect();
+        // Alpha at u = 0, 1/4, 1/2, 3/4, 1 is 1/2, 1, 1/2, 0, 1/2.
+        assert_eq!(row, [true, true, true, false, true]);
+    }
+}
