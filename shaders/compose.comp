@@ -6,6 +6,7 @@
 
 #include "camera.glsl"
 #include "pixels.glsl"
+#include "mesh/behind.glsl"
 
 layout(local_size_x = 16, local_size_y = 16) in;
 
@@ -28,7 +29,7 @@ void main() {
         return;
     }
     vec4 blended = imageLoad(color, pixel);
-    imageStore(composed, pixel, vec4(blended.rgb + blended.a * camera.background.rgb, 1.0));
+    imageStore(composed, pixel, vec4(blended.rgb + blended.a * BEHIND(uvec2(pixel), camera.background.rgb), 1.0));
 #if WITH_OUTPUTS
     vec4 sums = imageLoad(depths, pixel);
     Pixel outputs = empty_pixel();

@@ -12,6 +12,9 @@
 struct Pixel {
     float light;         // the transmittance after all splats
     float depth;         // sum of weight times view depth
+#if WITH_MESH
+    float limit;         // view depth of the mesh, where splats end
+#endif
 #if WITH_NORMALS
     float normal_x, normal_y, normal_z;  // sum of weight times normal
 #endif
@@ -37,6 +40,9 @@ Pixel empty_pixel() {
     Pixel p;
     p.light = 1.0;
     p.depth = 0.0;
+#if WITH_MESH
+    p.limit = 0.0;
+#endif
 #if WITH_NORMALS
     p.normal_x = p.normal_y = p.normal_z = 0.0;
 #endif

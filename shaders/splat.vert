@@ -14,7 +14,7 @@ layout(set = 0, binding = 1, std430) readonly buffer Order { uint order[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Splats { Splat splats[]; };
 layout(set = 0, binding = 3, std430) readonly buffer Colours { vec4 colours[]; };
 
-#if WITH_OUTPUTS
+#if WITH_OUTPUTS || WITH_MESH
 layout(set = 0, binding = 4, std430) readonly buffer Depth { float depth_of[]; };
 #endif
 
@@ -47,6 +47,10 @@ void main() {
 
     // Pixel centres are at integers here, at halves in the framebuffer.
     gl_Position = vec4((2.0 * pixel + 1.0) * camera.viewport.zw - 1.0, 0.0, 1.0);
+#if WITH_MESH
+    // The reversed depth of the centre (mesh/mesh.vert): all of the splat is before or behind the mesh where its centre is.
+    gl_Position.z = camera.depth.x / depth_of[index];
+#endif
     centre = splat.centre;
     inverse_axes = vec4(splat.major / major2, splat.minor / minor2);
     colour = vec4(colours[index].rgb, splat.opacity);

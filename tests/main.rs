@@ -34,6 +34,7 @@ mod golden;
 #[cfg(target_os = "linux")]
 mod growth;
 mod images;
+mod mesh;
 #[cfg(target_os = "linux")]
 mod metal;
 mod mistakes;

@@ -11,6 +11,7 @@
 #include "bins.glsl"
 #include "segments.glsl"
 #include "seen.glsl"
+#include "../mesh/behind.glsl"
 
 layout(local_size_x = 256) in;
 
@@ -34,6 +35,11 @@ float median_within(uint bin, uint segment, vec2 pixel, float light) {
     float median = 0.0;
     for (uint entry = begin; entry < end && light > 0.5; entry++) {
         uint index = lists[entry];
+#if WITH_MESH
+        if (depth_of[index] >= surface_depth(uvec2(pixel))) {
+            break;
+        }
+#endif
         Record r = unpack_record(records[index]);
         vec2 d = pixel - r.centre;
         float u = r.root.x * d.x + r.root.y * d.y;
@@ -104,7 +110,7 @@ void main() {
     }
     if (pixel.x < uint(VIEWPORT_WIDTH) && pixel.y < uint(VIEWPORT_HEIGHT)) {
         // A finished pixel's transmittance is negative; see rasterise.comp.
-        imageStore(picture, ivec2(pixel), vec4(colour + abs(transmittance) * camera.background.rgb, 1.0));
+        imageStore(picture, ivec2(pixel), vec4(colour + abs(transmittance) * BEHIND(pixel, camera.background.rgb), 1.0));
 #if WITH_OUTPUTS
         pixels[pixel.y * uint(VIEWPORT_WIDTH) + pixel.x] = outputs;
 #endif

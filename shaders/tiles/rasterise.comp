@@ -18,6 +18,7 @@
 #include "segments.glsl"
 #include "cells.glsl"
 #include "seen.glsl"
+#include "../mesh/behind.glsl"
 
 #define LANES DEVICE_SUBGROUP_SIZE
 const uint THREADS = RASTER_THREADS;
@@ -188,6 +189,9 @@ void main() {
         [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
 #if WITH_OUTPUTS
             pixels_of[o][p] = empty_pixel();
+#if WITH_MESH
+            pixels_of[o][p].limit = surface_depth(uvec2(corner) + pixel_at(pixel_place(thread, o, p)));
+#endif
 #endif
             colours[o][p] = vec3(0.0);
             lights[o][p] = 1.0;
@@ -223,12 +227,13 @@ void main() {
         chunk_colour[thread] = stored.colour;
 #if WITH_OUTPUTS
         chunk_rest[thread].z = index;
-        chunk_colour[thread].a = depth_of[index];
+        // The splat that is nowhere is before every mesh, so that it ends no list.
+        chunk_colour[thread].a = is_entry ? depth_of[index] : 0.0;
 #endif
 #else
         chunk_rest[thread] = uvec4(floatBitsToUint(vec2(r.root.z, r.log_alpha)), stored.rest.zw);
 #if WITH_OUTPUTS
-        chunk_seen[thread] = uvec2(floatBitsToUint(depth_of[index]), index);
+        chunk_seen[thread] = uvec2(floatBitsToUint(is_entry ? depth_of[index] : 0.0), index);
 #endif
 #endif
         for (uint w = thread; w < WORDS * ROW; w += THREADS) {
@@ -291,6 +296,9 @@ void main() {
 #endif
                         [[unroll]] for (uint p = 0u; p < CELL_PIXELS; p++) {
                             float alpha = min(alpha_cap, exp2(log_alpha - u * u - v * v));
+#if WITH_MESH
+                            floors[o][p] = seen.depth >= pixels_of[o][p].limit ? 2.0 : floors[o][p];
+#endif
                             float light = alpha >= floors[o][p] ? alpha * lights[o][p] : 0.0;
 #if STOP_AFTER == STOP_AFTER_SPLAT
                             bool stops = lights[o][p] - light < stop;
@@ -334,7 +342,7 @@ void main() {
             if (is_whole) {
                 uvec2 at = uvec2(corner) + pixel_at(place);
                 if (at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
-                    imageStore(picture, ivec2(at), vec4(colours[o][p] + lights[o][p] * camera.background.rgb, 1.0));
+                    imageStore(picture, ivec2(at), vec4(colours[o][p] + lights[o][p] * BEHIND(at, camera.background.rgb), 1.0));
 #if WITH_OUTPUTS
                     pixels[at.y * uint(VIEWPORT_WIDTH) + at.x] = pixels_of[o][p];
 #endif

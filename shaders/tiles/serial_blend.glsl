@@ -118,6 +118,10 @@ Splat seen_from(vec2 corner, Record r, Limits limits AND(uint index)) {
 void blend(inout vec4 sum, float alpha, vec3 colour, Limits limits AND(inout Pixel pixel) AND(Seen seen)) {
     // Positive floats compare like integers, which takes one instruction.
     float capped = intBitsToFloat(min(floatBitsToInt(limits.most), floatBitsToInt(alpha)));
+#if WITH_MESH
+    // Behind the mesh, as behind all light: the list goes on for the other pixels.
+    capped = seen.depth < pixel.limit ? capped : 0.0;
+#endif
     float light = capped * sum.a;
     float behind = sum.a - light;
 #if STOP_AFTER == STOP_AFTER_SPLAT

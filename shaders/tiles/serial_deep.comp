@@ -14,6 +14,7 @@
 #include "live.glsl"
 #include "record.glsl"
 #include "serial_blend.glsl"
+#include "../mesh/behind.glsl"
 
 layout(push_constant) uniform Turn { uint turn; };
 
@@ -78,7 +79,7 @@ void main() {
     [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
         uvec2 at = tile * TILE + pixel_in_tile(block, v, lane);
         vec4 sum = sums[v];
-        vec4 whole = vec4(sum.rgb + abs(sum.a) * background, 1.0);
+        vec4 whole = vec4(sum.rgb + abs(sum.a) * BEHIND(at, background), 1.0);
         if (lane < BLOCK_PIXELS && at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
             imageStore(picture, ivec2(at), is_whole ? whole : sum);
 #if WITH_OUTPUTS

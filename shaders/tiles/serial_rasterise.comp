@@ -18,6 +18,7 @@
 #include "live.glsl"
 #include "record.glsl"
 #include "serial_blend.glsl"
+#include "../mesh/behind.glsl"
 
 layout(set = 0, binding = 0, std430) readonly buffer Ranges { uvec2 ranges[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Lists { uint lists[]; };
@@ -101,6 +102,9 @@ void main() {
     [[unroll]] for (uint b = 0u; b < BLOCKS; b++) {
         [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
             pixels_of[b][v] = empty_pixel();
+#if WITH_MESH
+            pixels_of[b][v].limit = surface_depth(first_pixel + pixel_in_tile(b, v, lane));
+#endif
         }
     }
 #endif
@@ -158,7 +162,7 @@ void main() {
         [[unroll]] for (uint v = 0u; v < VECTORS; v++) {
             uvec2 at = first_pixel + pixel_in_tile(b, v, lane);
             vec4 sum = sums[b][v];
-            vec4 whole = vec4(sum.rgb + abs(sum.a) * background, 1.0);
+            vec4 whole = vec4(sum.rgb + abs(sum.a) * BEHIND(at, background), 1.0);
             if (at.x < uint(VIEWPORT_WIDTH) && at.y < uint(VIEWPORT_HEIGHT)) {
                 imageStore(picture, ivec2(at), is_whole ? whole : sum);
 #if WITH_OUTPUTS

@@ -90,7 +90,12 @@ fn no_barrier_of_a_preset_is_missing_or_needless_and_no_call_is_one_too_many() {
         }
         // Where drawing does not wait for the sort, `compose`, `export` and `host` could share the sort's calls; recorded after it,
         // as they are, each has its own.
-        let spare = if plan.name == "stale_order" { 3 } else { 0 };
+        // The draw of a mesh is beside that chain, and the layout changes of its images have their own call.
+        let spare = match plan.name.as_str() {
+            "stale_order" => 3,
+            "mesh" | "mesh_quads" => 1,
+            _ => 0,
+        };
         if calls < bound || calls > bound + spare {
             let (chain, shown) = (chain.join(", "), builds::shown(&plan));
             wrong.push(format!("{}: {calls} calls, and {bound} links in {chain}\n{shown}", plan.name));
