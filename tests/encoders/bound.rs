@@ -7,8 +7,16 @@
 //!   before them, or if they conflict with a draw of the run other than by blending;
 //! - **barriers** in a run of dispatches than there are pairs of conflicting passes one after another, the next pair beginning no
 //!   earlier than the last one ends: there must be one between the passes of each pair, and different pairs have different ones;
-//! - **waits** than there are runs which conflict with another run, of this frame or of the previous frame: nothing else orders them;
-//! - **fences** than one, if anything waits.
+//! - **waits** than each run has *last conflicts*: earlier runs, of this frame or of the previous frame, which conflict with it and
+//!   which none of its other conflicts comes after;
+//! - **fences** than there are runs at any one time whose update is still waited for.
+//!
+//! The last two hold for versions that order two runs only if one depends on the other, directly or through others. In a chain of runs,
+//! each has one last conflict, and one fence serves all. A run beside the chain makes a fork: the draw of a mesh is beside the sort of
+//! `mesh_quads`, and beside the previous frame's copies in `mesh`. The run that joins the branches has two last conflicts. It must wait
+//! for each, because a wait for one orders it after the other only if one branch waits for the other. A wait is for the last update
+//! of its fence, so while two updates are waited for, they need two fences. A version with one wait for each run would let the sort
+//! wait for the mesh, or the mesh for the sort.
 
 use splatgraph_framework::ir::{Hazard, Load, PassId, Stages, Target, Work};
 use splatgraph_framework::plan::{Dependency, Plan};
@@ -37,7 +45,8 @@ impl Conflicts {
             |d: &&Dependency| d.hazard != Hazard::LayoutChange && plan.pass(d.second).work != Work::Host;
         for dependency in plan.dependencies.iter().filter(of_device) {
             let both = [dependency.masks.source_stages, dependency.masks.target_stages];
-            let blends = dependency.alias.is_none() && both == [Stages::COLOR_OUTPUT; 2];
+            let attached = Stages::COLOR_OUTPUT | Stages::DEPTH_TESTS;
+            let blends = dependency.alias.is_none() && both.iter().all(|stages| attached.contains(*stages));
             for pair in [(dependency.first, dependency.second), (dependency.second, dependency.first)] {
                 found.any.insert(pair);
                 if !blends {
@@ -60,11 +69,11 @@ impl Least {
             }
         }
         let dispatches = |run: &&Vec<PassId>| kind(plan, run[0]) == 0;
-        let waits = (0..runs.len()).filter(|run| waits(&runs, *run, &conflicts)).count();
+        let waits = last_conflicts(&runs, &conflicts);
         Least {
             encoders: runs.len(),
-            fences: waits.min(1),
-            waits,
+            fences: most_awaited(&waits, runs.len()),
+            waits: waits.len(),
             barriers: runs.iter().filter(dispatches).map(|run| pairs(run, &conflicts)).sum(),
         }
     }
@@ -105,10 +114,37 @@ fn pairs(run: &[PassId], conflicts: &Conflicts) -> usize {
     pairs
 }
 
-/// Returns true if a run conflicts with an earlier one of the frame, or with any of the previous frame.
-fn waits(runs: &[Vec<PassId>], run: usize, conflicts: &Conflicts) -> bool {
-    let meets = |other: &Vec<PassId>| {
-        other.iter().any(|one| runs[run].iter().any(|two| conflicts.any.contains(&(*one, *two))))
+/// Returns the last conflicts of each run: pairs of an earlier run and the run that waits. Runs of the next frame count on.
+fn last_conflicts(runs: &[Vec<PassId>], conflicts: &Conflicts) -> Vec<(usize, usize)> {
+    let count = runs.len();
+    let meet = |one: usize, two: usize| {
+        let passes = |run: usize| runs[run % count].iter();
+        passes(one).any(|one| passes(two).any(|two| conflicts.any.contains(&(*one, *two))))
     };
-    runs.iter().any(meets)
+    // Three frames, of which the last has two before it. By run, the earlier ones that it comes after.
+    let mut after: Vec<HashSet<usize>> = Vec::new();
+    let mut waits = Vec::new();
+    for run in 0..3 * count {
+        let previous_frame = (run / count).saturating_sub(1) * count;
+        let direct: Vec<usize> = (previous_frame..run).filter(|earlier| meet(*earlier, run)).collect();
+        let comes_between = |one: usize| direct.iter().any(|other| after[*other].contains(&one));
+        if run >= 2 * count {
+            let last = direct.iter().filter(|one| !comes_between(**one));
+            waits.extend(last.map(|one| (one - count, run - count)));
+        }
+        let through = direct.iter().flat_map(|one| after[*one].iter().copied());
+        after.push(through.chain(direct.iter().copied()).collect());
+    }
+    waits
+}
+
+/// Returns the maximum number of runs that are waited for at one time, of waits in the second of two frames with `count` runs each.
+fn most_awaited(waits: &[(usize, usize)], count: usize) -> usize {
+    let awaited = |time: usize| {
+        // The waits of the next frame are these, one frame later.
+        let waits = waits.iter().flat_map(|(one, two)| [(*one, *two), (one + count, two + count)]);
+        let open = waits.filter(|(update, wait)| *update < time && time <= *wait);
+        open.map(|(update, _)| update).collect::<HashSet<_>>().len()
+    };
+    (count..2 * count).map(awaited).max().unwrap_or(0)
 }

@@ -22,7 +22,7 @@ pub struct Encoders {
     pub handover: bool,
     /// Encoders that run every frame. Only the fences order frames.
     pub frame: Vec<Encoding>,
-    /// Number of fences. The prologue and the frame use the same ones.
+    /// Number of fences. The prologue and the frame use the same ones if there is a handover between them.
     pub fences: u32,
 }
 

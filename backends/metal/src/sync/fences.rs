@@ -1,13 +1,17 @@
-//! Numbers the fences, one for each chain of encoders.
+//! Numbers the fences. One fence serves waits that come one after another.
 //!
-//! An encoder that waits for a fence may update it again ("Reuse a fence by waiting first and updating second",
-//! `mtlblitcommandencoder/waitforfence(_:)`), provided that all other waits for the earlier update come before: a wait
-//! is for the last update. So a chain of encoders, each of which waits for the previous one, needs one fence, even if
-//! the first waits for the last of the previous frame. A chain covers at most one frame, so that the next frame can
-//! reuse its fences.
+//! A wait is for the last update of its fence that was submitted before it. A fence therefore serves a wait from the
+//! update to the wait: its *span*. The spans of two updates can share a fence if they do not overlap, and if each
+//! update comes after the other's waits because of the waits of the encoders. So no update of a fence can overtake a
+//! wait for the previous update.
+//!
+//! In a chain of encoders, each of which waits for the previous one, one fence serves all, even if the first waits for
+//! the last of the previous frame. If two branches follow an encoder, such as the draw of a mesh and the sort of the
+//! next frame, neither branch may update the fence that the other waits for. The encoder then updates one fence for
+//! each branch.
 
 use super::encoding::RenderStages;
-use std::cmp::Ordering;
+use std::cmp::Reverse;
 
 /// A wait of an encoder for another, `source`.
 #[derive(Clone, Copy, Debug)]
@@ -22,71 +26,104 @@ pub(super) struct Wait {
 /// Fences of an encoder's waits and of its updates, with their stages.
 pub(super) type Uses = (Vec<(u32, RenderStages)>, Vec<(u32, RenderStages)>);
 
-/// The end of a stage, for which other encoders wait.
-struct Source {
-    encoder: usize,
-    after: RenderStages,
-    /// The last encoder that waits for this end, its distance in encoders, and the stage that waits.
-    last: (usize, usize, RenderStages),
-    fence: Option<u32>,
+/// An encoder, and one of its stages. The encoders of the next frame are numbered on.
+type Moment = (usize, RenderStages);
+
+/// The time from an update to a wait for it.
+struct Span {
+    update: Moment,
+    wait: Moment,
+    /// The encoder that waits, and the index of the wait in it.
+    place: (usize, usize),
+    fence: u32,
 }
 
 /// Numbers the fences for the waits of all encoders, and counts the fences. `turn` is the number of encoders per frame
 /// if they repeat.
 pub(super) fn number(waits: &[Vec<Wait>], turn: Option<usize>) -> (Vec<Uses>, u32) {
-    let mut sources: Vec<Source> = Vec::new();
-    for (encoder, waits) in waits.iter().enumerate() {
-        for wait in waits {
-            let round = if wait.previous { turn.unwrap_or(0) } else { 0 };
-            let last = (encoder, encoder + round - wait.source, wait.before);
-            let same = |known: &&mut Source| (known.encoder, known.after) == (wait.source, wait.after);
-            match sources.iter_mut().find(same) {
-                Some(known) if known.last.1 < last.1 => known.last = last,
-                Some(_) => {}
-                None => sources.push(Source { encoder: wait.source, after: wait.after, last, fence: None }),
+    let order = Order { waits, turn };
+    let mut spans = order.spans();
+    let mut count = 0;
+    for index in 0..spans.len() {
+        let (numbered, rest) = spans.split_at_mut(index);
+        let span = &mut rest[0];
+        let free = |fence: &u32| {
+            let mut on_it = numbered.iter().filter(|other| other.fence == *fence);
+            on_it.all(|other| order.share(other, span))
+        };
+        // Another fence takes another update.
+        let same_update = numbered.iter().filter(|other| other.update == span.update);
+        let fences = same_update.map(|other| other.fence).chain(0..count);
+        span.fence = fences.into_iter().find(free).unwrap_or(count);
+        count = count.max(span.fence + 1);
+    }
+
+    let unnumbered = |waits: &Vec<Wait>| waits.iter().map(|wait| (0, wait.before)).collect();
+    let mut uses: Vec<Uses> = waits.iter().map(|waits| (unnumbered(waits), Vec::new())).collect();
+    for span in &spans {
+        let ((updater, after), (encoder, index)) = (span.update, span.place);
+        let updates = &mut uses[updater].1;
+        // Waits for one update can share a fence.
+        if !updates.contains(&(span.fence, after)) {
+            updates.push((span.fence, after));
+        }
+        uses[encoder].0[index].0 = span.fence;
+    }
+    uses.iter_mut().for_each(|(_, updates)| updates.sort_by_key(|(fence, after)| (*after, *fence)));
+    (uses, count)
+}
+
+/// The waits of encoders, repeated every `turn` encoders if they repeat.
+struct Order<'a> {
+    waits: &'a [Vec<Wait>],
+    turn: Option<usize>,
+}
+
+impl Order<'_> {
+    /// Lists the spans of all waits, sorted by their updates. The longest span of an update comes first, because it fits
+    /// the fewest fences.
+    fn spans(&self) -> Vec<Span> {
+        let mut spans = Vec::new();
+        for (encoder, waits) in self.waits.iter().enumerate() {
+            for (index, wait) in waits.iter().enumerate() {
+                let at = if wait.previous { encoder + self.turn.unwrap_or(0) } else { encoder };
+                let (update, wait) = ((wait.source, wait.after), (at, wait.before));
+                spans.push(Span { update, wait, place: (encoder, index), fence: 0 });
             }
         }
-    }
-    sources.sort_by_key(|source| (source.encoder, source.after));
-
-    let mut count = 0;
-    for start in 0..sources.len() {
-        if sources[start].fence.is_some() {
-            continue;
-        }
-        let (mut current, mut gone) = (start, sources[start].last.1);
-        sources[current].fence = Some(count);
-        loop {
-            let (heir, _, before) = sources[current].last;
-            let first = sources[start].after;
-            let fits = |source: &Source| {
-                // A full round ends at the first encoder, which must wait before it updates.
-                let goes_round = |turn: usize| match (gone + source.last.1).cmp(&turn) {
-                    Ordering::Less => true,
-                    Ordering::Equal => source.last.2 <= first,
-                    Ordering::Greater => false,
-                };
-                source.fence.is_none()
-                    && source.encoder == heir
-                    && before <= source.after
-                    && turn.is_none_or(goes_round)
-            };
-            let Some(next) = sources.iter().position(fits) else { break };
-            sources[next].fence = Some(count);
-            gone += sources[next].last.1;
-            current = next;
-        }
-        count += 1;
+        spans.sort_by_key(|span| (span.update, Reverse(span.wait)));
+        spans
     }
 
-    let of = |encoder, after| {
-        let found = sources.iter().find(|source| (source.encoder, source.after) == (encoder, after));
-        found.and_then(|source| source.fence).unwrap_or(0)
-    };
-    let uses = |(encoder, waits): (usize, &Vec<Wait>)| {
-        let waits = waits.iter().map(|wait| (of(wait.source, wait.after), wait.before)).collect();
-        let own = sources.iter().filter(|source| source.encoder == encoder);
-        (waits, own.filter_map(|source| Some((source.fence?, source.after))).collect())
-    };
-    (waits.iter().enumerate().map(uses).collect(), count)
+    /// Returns true if two spans can have one fence, the one with the earlier update first.
+    fn share(&self, first: &Span, second: &Span) -> bool {
+        let next = self.turn.map(|turn| (first.update.0 + turn, first.update.1));
+        first.update == second.update
+            || first.update.0 != second.update.0
+                && self.before(first.wait, second.update)
+                && next.is_none_or(|next| self.before(second.wait, next))
+    }
+
+    /// Returns true if a stage ends before another stage does, or is that stage.
+    fn before(&self, first: Moment, last: Moment) -> bool {
+        let mut open = vec![last];
+        let mut seen = Vec::new();
+        while let Some((encoder, stage)) = open.pop() {
+            if encoder == first.0 && first.1 <= stage {
+                return true;
+            }
+            if encoder <= first.0 || seen.contains(&(encoder, stage)) {
+                continue;
+            }
+            seen.push((encoder, stage));
+            // A stage ends after it began, and after the stages before it.
+            let turn = self.turn.unwrap_or(usize::MAX);
+            let waits = self.waits[encoder % turn].iter().filter(|wait| wait.before <= stage);
+            open.extend(waits.filter_map(|wait| {
+                let start = (encoder - encoder % turn).checked_sub(if wait.previous { turn } else { 0 })?;
+                Some((start + wait.source, wait.after))
+            }));
+        }
+        false
+    }
 }

@@ -28,7 +28,9 @@
 //!    a fence and then update it, but not the other way round (same page; "can cause GPU deadlock" in later versions).
 //! 5. A fence "can wait for workloads that have already begun, but it can't wait for future workloads" (sample "Image
 //!    Filter Graph with Heaps and Events"); the update is submitted before the wait (`mtlfence`). So a wait is for the
-//!    last update encoded before it; without one, it blocks nothing.
+//!    last update encoded before it; without one, it blocks nothing. A fence can be reused by an encoder that waits for
+//!    it first and updates it second (`mtlblitcommandencoder/waitforfence(_:)`). Here, every encoder that updates a
+//!    fence comes after all encoders that wait for the previous update, so that no update overtakes a wait.
 //! 6. In an encoder of draws, a wait is before a stage and an update after one; an update captures the work "up to the
 //!    given render stage" (`1648377-updatefence`), "a GPU can run the vertex stage of a pass while the fragment stage
 //!    waits" (`mtlfence`). As a fragment needs its vertices, a wait before vertices delays fragments as well.
@@ -39,9 +41,8 @@
 //! Apple's pages do not state the following, which is to be confirmed on a Mac (`docs/metal.md` has the list):
 //! arguments of indirect draws are read in the vertex stage, and arguments of indirect dispatches within a barrier's
 //! scope for buffers; targets are loaded, cleared and stored in the fragment stage (MoltenVK maps Vulkan's stages in
-//! this way, `MVKCmdPipeline.mm`); a barrier orders writes after reads, as it orders reads after writes; an encoder
-//! without commands still waits and updates; and a fence can be updated for the next frame while encoders of this one,
-//! submitted earlier, have yet to see the previous update.
+//! this way, `MVKCmdPipeline.mm`); a barrier orders writes after reads, as it orders reads after writes; and an encoder
+//! without commands still waits and updates.
 
 mod divide;
 mod encoding;

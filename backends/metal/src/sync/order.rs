@@ -95,7 +95,11 @@ pub(super) fn order(plan: &Plan, prologue: Vec<Group>, frame: Vec<Group>) -> (En
     }
 
     let (once_fences, once_count) = fences::number(&once_waits, None);
-    let (frame_fences, frame_count) = fences::number(&frame_waits, Some(frame.len()));
+    let (mut frame_fences, frame_count) = fences::number(&frame_waits, Some(frame.len()));
+    // Without the handover, encoders of the prologue may still wait for its fences.
+    let first_fence = if handover { 0 } else { once_count };
+    let both = frame_fences.iter_mut().flat_map(|(waits, updates)| waits.iter_mut().chain(updates));
+    both.for_each(|(fence, _)| *fence += first_fence);
     let encoding = |(group, ordered): (Group, Ordered), (waits, updates): (Vec<_>, Vec<_>)| {
         let stages = |(fence, stages)| FenceUse {
             fence,
@@ -116,7 +120,7 @@ pub(super) fn order(plan: &Plan, prologue: Vec<Group>, frame: Vec<Group>) -> (En
         prologue: encodings(prologue, once, once_fences),
         handover,
         frame: encodings(frame, steady, frame_fences),
-        fences: once_count.max(frame_count),
+        fences: once_count.max(first_fence + frame_count),
     };
     (encoders, reasons)
 }

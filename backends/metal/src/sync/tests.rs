@@ -156,9 +156,9 @@ fn a_wait_of_fragments_says_nothing_of_what_follows_the_vertices() {
     expect(
         &s,
         &[
-            "compute after 2 1: make; then 0",
+            "compute after 2 3: make; then 0",
             "render after 1v 0f: draw; then 1v 2f",
-            "compute after 0 1: end; then 1",
+            "compute after 0 1: end; then 1 3",
         ],
     );
 }
@@ -171,14 +171,15 @@ fn an_encoder_waits_for_the_last_of_those_that_wait_for_one_another() {
     s.draw("draw", image, CLEAR, &[vertices_read(x)]);
     s.dispatch("end", &[reads(y), reads(image), writes(last)]);
     s.export(last, None);
-    // `end` needs `first`, and waits for the draw; the next `first` needs `end`, and not the export.
+    // `end` needs `first`, and waits for the draw; the next `first` needs `end`, and not the export. It may update its fence while the
+    // export waits, so the export waits for another.
     expect(
         &s,
         &[
             "compute after 0: first; then 0",
             "render after 0v: draw; then 0f",
-            "compute after 1 0: end; then 0",
-            "blit after 0: export; then 1",
+            "compute after 1 0: end; then 0 1",
+            "blit after 1: export; then 1",
         ],
     );
 }
@@ -229,7 +230,7 @@ fn a_frame_does_not_wait_for_copies_that_it_does_not_overwrite() {
     let frame = s.lines();
     // `make` waits for the vertices that read `x`, and for nothing else.
     assert_eq!(frame[0], "compute after 0: make; then 0");
-    assert_eq!(frame[1], "render after 2f 0v: draw; then 0v 1f");
+    assert_eq!(frame[1], "render after 1f 0v: draw; then 0v 1f");
     expect(&s, &frame.iter().map(String::as_str).collect::<Vec<_>>());
 }
 
@@ -270,7 +271,8 @@ fn with_times_every_pass_has_an_encoder_and_waits_for_those_alone_that_it_needs(
     s.dispatch("y", &[writes(y)]);
     s.dispatch("z", &[reads(x), reads(y), writes(z)]);
     expect(&s, &["compute after 0: x, y, (buffers) z; then 0"]);
-    let apart = ["compute after 1: x; then 0", "compute after 1: y; then 1", "compute after 0 1: z; then 1"];
+    let apart =
+        ["compute after 0: x; then 0", "compute after 1: y; then 1", "compute after 0 1: z; then 0 1"];
     assert_eq!(s.told(Division::Passes).1, apart);
 }
 

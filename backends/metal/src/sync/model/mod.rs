@@ -13,6 +13,7 @@
 //! - a barrier orders accesses to buffers, accesses to textures, or, if its scope has both, all of them;
 //! - a wait is for the last update submitted before it, not for earlier updates of the fence; without an update, it
 //!   blocks nothing;
+//! - an update may overtake a wait for the previous update, unless its encoder comes after the encoder that waits;
 //! - the vertices of a draw wait only for fences before vertices, and an update after vertices does not include
 //!   fragments;
 //! - draws of one encoder are ordered only by their blending into its targets.
@@ -50,7 +51,7 @@ pub enum Objection {
         /// The resource that `first` accesses, if it is another one in the same memory.
         through: Option<ResourceId>,
     },
-    /// The encoders do not match the plan; a sentence.
+    /// The encoders do not match the plan, or an update may overtake a wait; a sentence.
     Malformed(String),
 }
 
@@ -254,8 +255,41 @@ impl<'a> Model<'a> {
             }
             updated.extend(encoding.updates.iter().map(|fence| fence.fence));
         }
+        if found.is_empty() {
+            found.extend(overtaking(plan, encoders).into_iter().map(Objection::Malformed));
+        }
         found
     }
+}
+
+/// Lists updates of fences that may pass a wait for the previous update, because nothing orders the updater after it.
+fn overtaking(plan: &Plan, encoders: &Encoders) -> Vec<String> {
+    let submitted = submit(encoders);
+    let name = |instance: usize| &plan.pass(submitted[instance].encoding.passes[0].pass).name;
+    let mut waiting: Vec<Vec<(usize, Part)>> = vec![Vec::new(); encoders.fences as usize];
+    let mut found = Vec::new();
+    for (instance, Submitted { encoding, over, .. }) in submitted.iter().enumerate() {
+        for wait in &encoding.waits {
+            waiting[wait.fence as usize].push((instance, part(wait)));
+        }
+        for update in &encoding.updates {
+            let (fence, end) = (update.fence, part(update));
+            // An encoder waits before it updates: see `malformed`.
+            let early = |(waiter, begin): &(usize, Part)| {
+                *waiter != instance && !has(&over[end as usize], *waiter, *begin)
+            };
+            let waiters = std::mem::take(&mut waiting[fence as usize]);
+            for (waiter, _) in waiters.into_iter().filter(early) {
+                let (updater, waiter) = (name(instance), name(waiter));
+                found.push(format!(
+                    "the encoder of `{updater}` updates fence {fence}, for which the encoder of `{waiter}` may be waiting"
+                ));
+            }
+        }
+    }
+    found.sort();
+    found.dedup();
+    found
 }
 
 /// Returns true if the earlier pass of a pair is complete when the later one begins.
@@ -311,6 +345,11 @@ fn submit(encoders: &Encoders) -> Vec<Submitted<'_>> {
         submitted.push(Submitted { encoding, frame, over });
     }
     submitted
+}
+
+/// Returns the part of an encoder that begins after a wait, or ends before an update.
+fn part(fence: &FenceUse) -> Part {
+    if fence.stages == Some(RenderStages::Vertex) { Part::Vertices } else { Part::Rest }
 }
 
 fn bit(instance: usize, part: Part) -> (usize, u64) {
