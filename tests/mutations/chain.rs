@@ -7,6 +7,9 @@
 //!
 //! - with [`reads_what_was_written`] it holds whatever the order of the passes, and whichever resources share memory;
 //! - with [`conflicts`] it holds for the order and the memory of the plan.
+//!
+//! One more call is needed if the first pass of the frame changes a layout ([`changes_a_layout_first`]): this call comes before every
+//! link of a chain, because both passes of a link are in the frame.
 
 use splatgraph_framework::ir::Use;
 use splatgraph_framework::plan::Plan;
@@ -35,6 +38,11 @@ pub fn longest(plan: &Plan, depends: impl Fn(&Plan, usize, usize) -> bool) -> Ve
     }
     chain.reverse();
     chain
+}
+
+/// Returns true if the first pass of each frame changes the layout of an image. The plan places a change immediately before the pass.
+pub fn changes_a_layout_first(plan: &Plan) -> bool {
+    plan.frame.first().is_some_and(|first| plan.layout_changes_at(Some(*first)).next().is_some())
 }
 
 fn uses(plan: &Plan, step: usize) -> &[Use] {
