@@ -45,6 +45,7 @@ impl Mesh {
     /// The bytes are not glTF 2.0, need an extension, or hold something other than triangles; the text names the accessor, node or
     /// image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
+        check_length(bytes)?;
         let gltf = Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error))?;
         if let Some(extension) = gltf.extensions_required().next() {
             let message = format!("expected no required extension, found {extension}");
@@ -84,6 +85,22 @@ impl Mesh {
             true => Err(wrong("meshes", "expected triangles, found none")),
             false => Ok(reader.mesh),
         }
+    }
+}
+
+/// Checks that a binary file (`.glb`) is as long as its header says.
+fn check_length(bytes: &[u8]) -> Result<(), SceneError> {
+    if !bytes.starts_with(b"glTF") {
+        return Ok(());
+    }
+    let found = bytes.len();
+    let length = bytes.get(8..12).and_then(|length| <[u8; 4]>::try_from(length).ok()).map(u32::from_le_bytes);
+    match length {
+        None => Err(wrong("header", format!("expected 12 bytes, found {found}"))),
+        Some(length) if length as usize > found => {
+            Err(wrong("header", format!("expected a file of {length} bytes, found {found}")))
+        }
+        Some(_) => Ok(()),
     }
 }
 
@@ -295,9 +312,9 @@ impl<'a> Reader<'a> {
             .elements(accessor, N * size)?
             .map(|bytes| std::array::from_fn(|axis| scalar(&bytes[axis * size..])))
             .collect();
-        match read.as_flattened().iter().all(|value| value.is_finite()) {
-            true => Ok(read),
-            false => Err(wrong(part, "expected finite numbers, found another")),
+        match read.as_flattened().iter().find(|value| !value.is_finite()) {
+            None => Ok(read),
+            Some(value) => Err(wrong(part, format!("expected finite numbers, found {value}"))),
         }
     }
 

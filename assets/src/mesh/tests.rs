@@ -142,7 +142,7 @@ fn mistakes_are_told_with_their_part() {
             "expected a primitive of triangles, found Points",
         ),
         ("data:;base64,", "../secret.bin?", "expected a file in the folder"),
-        ("base64,AAAAAAAA", "base64,AADAfwAA", "expected finite numbers"),
+        ("base64,AAAAAAAA", "base64,AADAfwAA", "expected finite numbers, found NaN"),
         ("\"mesh\":0}]", "\"mesh\":0,\"children\":[0]}]", "expected nodes in a tree"),
         ("{\"POSITION\":0}", "{\"POSITION\":9}", "expected an accessor below 1, found 9"),
         ("\"scene\":0,", "\"scene\":0,\"extensionsRequired\":[\"KHR_x\"],", "found KHR_x"),
@@ -150,6 +150,15 @@ fn mistakes_are_told_with_their_part() {
         let text = said(from, to);
         assert!(text.contains(expected), "{to}: {text}");
     }
+}
+
+#[test]
+fn a_binary_file_that_was_cut_short_is_told_with_both_lengths() {
+    let whole = glb(&mesh());
+    let told = |length: usize| Mesh::parse(&whole[..length], None).expect_err("it is refused").to_string();
+    assert_eq!(told(10), "`header`: expected 12 bytes, found 10");
+    let expected = format!("`header`: expected a file of {} bytes, found 100", whole.len());
+    assert_eq!(told(100), expected);
 }
 
 #[test]
