@@ -79,7 +79,7 @@ impl Way {
             "unsorted" => Way::new(preset, &full, |bounds| bounds.unsorted),
             "front_to_back_naive" => Way::new(preset, &full, |bounds| bounds.naive),
             "key16" => Way::new(preset, &full, |bounds| bounds.key16),
-            "auto" | "tiled_cpu" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled),
+            "auto" | "mesh" | "tiled_cpu" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled),
             // The tiles of GPUs, which a CPU does not choose. Packed, they composite segments in half floats.
             "tiled" => Way::new(preset, &[("stop", "0.0")], |bounds| bounds.tiled - 9.0),
             "tiled_exact" => {
@@ -108,7 +108,7 @@ impl Way {
     fn is_right(&self) -> bool {
         let exact = self.set.iter().any(|(name, value)| (name.as_str(), value.as_str()) == ("record", "f32"));
         exact
-            || !["unsorted", "front_to_back_naive", "key16", "auto", "tiled", "tiled_cpu"]
+            || !["unsorted", "front_to_back_naive", "key16", "auto", "mesh", "tiled", "tiled_cpu"]
                 .contains(&self.preset)
     }
 
