@@ -330,7 +330,7 @@ mod tests {
         let scene = Scene::generate(100, 2, splat);
         let report = Report::new(&scene, &[]);
         let text = report.to_string();
-        for word in ["100 splats", "none", "degree 2 stored, 2 in use", "depth, framing"] {
+        for word in ["100 splats", "none", "degree 2 stored, 2 in use", "depth                 framing: "] {
             assert!(text.contains(word), "{word} in\n{text}");
         }
         assert!(!text.contains("beyond half floats"));
