@@ -261,7 +261,7 @@ pub(crate) struct OpenFile {
     modified: Option<SystemTime>,
 }
 
-/// Age from which a file's modification time certainly differs from the current time: file system clocks tick at least
+/// Age at which a file's modification time is certain to differ from the current time: file system clocks tick at least
 /// every 10 ms.
 const SETTLED: Duration = Duration::from_millis(20);
 

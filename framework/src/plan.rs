@@ -338,7 +338,7 @@ pub struct Cause<P = PassId, R = ResourceId> {
     pub resource: R,
     /// The passes that are waited for. Empty if an image was never accessed.
     pub after: Vec<P>,
-    /// True if the passes of `after` ran in the frame before the frame of `before`.
+    /// True if the passes of `after` ran one frame before the pass `before`.
     pub previous_frame: bool,
     /// The resource that the passes of `after` accessed, if it is another one in the same memory.
     pub alias: Option<R>,

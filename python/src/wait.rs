@@ -23,10 +23,10 @@ pub fn run<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 
     receive(py, &mut receiver)
 }
 
-/// Receives a thread's answer.
+/// Waits for a thread's answer, and polls Python for signals meanwhile.
 ///
 /// # Errors
-/// See [`run`]; or the thread ended without an answer.
+/// The errors of [`run`], or the thread ended without an answer.
 pub fn receive<T: Send>(py: Python<'_>, receiver: &mut Receiver<T>) -> PyResult<T> {
     loop {
         let receiver = &mut *receiver;

@@ -78,7 +78,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Returns the facts of the named device, of the default device, or of the smallest supported one if there is none.
+/// Returns the name and the facts of the `wanted` or the default device.
+///
+/// Without a default device, the facts are those of the smallest supported device.
 fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
     match options::target(wanted) {
         Ok(target) => Ok((target.name, target.facts)),

@@ -179,7 +179,7 @@ pub fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> 
     }
 }
 
-/// Computes the share of the host's frame time during which the device draws, 1 at most; `None` without timestamps or
+/// Computes the share of the host's frame time that the device spends drawing, at most 1; `None` without timestamps or
 /// frames.
 pub fn busy(frames: &[Timed]) -> Option<f64> {
     let drawn = frames.iter().map(|frame| frame.result.total_ms).sum::<Option<f64>>()?;

@@ -46,7 +46,7 @@ pub struct CameraStats {
     pub gpu_ms: Option<f64>,
     /// Host time to record and submit a frame, in milliseconds.
     pub record_ms: f64,
-    /// Share of the time during which the device draws, 1 at most; `None` if unknown. An idle device lowers its clock.
+    /// Share of the time that the device spends drawing, at most 1; `None` if unknown. An idle device lowers its clock.
     pub busy: Option<f64>,
     /// Number of frames whose times are summarised.
     pub frames: usize,

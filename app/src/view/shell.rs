@@ -38,7 +38,7 @@ const ANIMATION: Duration = Duration::from_millis(33);
 /// Pause after a frame that drew nothing, if the next frame is due immediately.
 const UNDRAWN: Duration = Duration::from_millis(8);
 
-/// Age of a picture in flight from which the window submits no frames, since they would queue up behind it.
+/// Age of a picture in flight at which the window stops submitting frames: they would only queue up behind it.
 const QUEUE: Duration = Duration::from_millis(100);
 
 /// Size and destination of a frame.

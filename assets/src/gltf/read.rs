@@ -19,7 +19,7 @@ use std::path::Path;
 /// Number of rows that a thread reads at a time.
 const ROWS: usize = 4096;
 
-/// Distance of a node's origin, in world units, from which positions are stored relative to it.
+/// Largest coordinate of a node's origin, in world units. Beyond it, positions are stored relative to the origin.
 const FAR: f64 = 4096.0;
 
 /// Returns the name of a coefficient's attribute.

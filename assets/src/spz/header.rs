@@ -119,7 +119,7 @@ pub(super) struct Unpacked {
     pub header_bytes: u64,
     /// The compression's name.
     pub packing: &'static str,
-    /// Extension records, and their offset.
+    /// Bytes of the extension records, and their offset: in the unpacked stream, or in the file since version 4.
     pub records: (Vec<u8>, u64),
 }
 

@@ -120,7 +120,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     input::finish((columns, gathered), count, size_breakdown, notes)
 }
 
-/// Finds the coordinate system among extension records, which begin at offset `start` of the unpacked bytes.
+/// Finds the coordinate system among extension records, which begin at offset `start`; see [`Unpacked::records`].
 ///
 /// A record is its type, the length of its payload, and the payload. Unknown types are skipped.
 fn coordinate_system(mut records: &[u8], start: u64) -> Result<u32, SceneError> {

@@ -151,7 +151,7 @@ impl Timestamps {
         written.samples.fill(false);
     }
 
-    /// Takes two samples for an encoder, starting at `first`, if they exist.
+    /// Reserves samples `first` and `first + 1` for an encoder, and returns their buffer; `None` if they do not exist.
     pub(crate) fn take(&self, first: u32) -> Option<&CounterSampleBuffer> {
         let samples = self.0.samples.as_ref()?;
         self.written().samples.get_mut(first as usize..first as usize + 2)?.fill(true);

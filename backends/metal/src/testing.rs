@@ -68,7 +68,7 @@ impl Sketch {
         self.add(name, Run::Frame, work, &[&[target], uses].concat());
     }
 
-    /// Adds the export of an image, and of the first word of a buffer.
+    /// Adds the export pass, which outputs an image and, if given, reads back the first word of a buffer.
     pub fn export(&mut self, image: ResourceId, word_of: Option<ResourceId>) {
         let mut uses = vec![touch(image, Stages::COPY, Accesses::TRANSFER_READ)];
         if let Some(buffer) = word_of {

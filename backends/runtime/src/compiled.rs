@@ -177,7 +177,7 @@ impl<G: Gpu> CompiledPlan<G> {
         !self.carried.is_empty() || self.prologue_due && !self.skipped.is_empty()
     }
 
-    /// Lists the prologue's results that other plans can reuse. The prologue's frame has been submitted.
+    /// Lists the prologue's results that other plans can reuse. Call it only after the prologue's frame is submitted.
     pub fn results(&self) -> impl Iterator<Item = (&Arc<Recipe>, &Arc<Buffer<G>>)> {
         self.recipes.iter().filter_map(|(id, recipe)| match self.resources.transient(*id)? {
             Transient::Buffer(buffer) => Some((recipe, buffer)),

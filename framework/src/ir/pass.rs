@@ -27,7 +27,7 @@ pub enum Run {
 pub struct Pass<S = ShaderId, G = Groups> {
     /// Unique in the plan, for instance `sort.histogram[2]`.
     pub name: String,
-    /// The group that the pass's time is summed under: `key`, `sort`, `draw`, ...
+    /// Group under which the pass's GPU time is summed: `key`, `sort`, `draw`, ...
     pub phase: String,
     /// Prologue or frame.
     pub run: Run,

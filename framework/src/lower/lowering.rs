@@ -210,7 +210,8 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Counts work. Returns false beyond the limit; the first time, adds an error at `place`.
+    /// Adds `steps` to the work so far. Returns false if the sum exceeds [`MAX_STEPS`]; the first time, adds an error
+    /// at `place`.
     pub(super) fn count(&mut self, steps: usize, place: &Place) -> bool {
         let before = self.steps;
         self.steps = before.saturating_add(steps);

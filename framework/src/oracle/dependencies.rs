@@ -38,7 +38,7 @@ pub enum Objection {
         /// The part, as a sentence.
         what: String,
     },
-    /// An image is in another layout than a pass needs, or than a layout change assumes.
+    /// An image is not in the layout that a pass needs, or that a layout change assumes.
     Layout {
         /// Pass that accesses the image.
         pass: PassId,

@@ -349,7 +349,7 @@ pub enum PassDecl {
     Dispatch {
         /// Unique name of the pass.
         name: String,
-        /// The group that the pass's time is counted under; its name by default.
+        /// Group under which the pass's GPU time is summed; the pass's name by default.
         #[serde(default)]
         phase: Option<String>,
         /// Runs in every frame by default, or once after a change of plan or scene.
@@ -373,7 +373,7 @@ pub enum PassDecl {
     Draw {
         /// Unique name of the pass.
         name: String,
-        /// The group that the pass's time is counted under; its name by default.
+        /// Group under which the pass's GPU time is summed; the pass's name by default.
         #[serde(default)]
         phase: Option<String>,
         /// Removes the pass if false.
@@ -403,7 +403,7 @@ pub enum PassDecl {
     Fill {
         /// Unique name of the pass.
         name: String,
-        /// The group that the pass's time is counted under; its name by default.
+        /// Group under which the pass's GPU time is summed; the pass's name by default.
         #[serde(default)]
         phase: Option<String>,
         /// Removes the pass if false.

@@ -449,7 +449,7 @@ impl SourceMap {
     }
 }
 
-/// Maximum number of entries of a folder to compare with a name.
+/// Maximum number of entries of a folder to search for a similar name.
 const MOST_LISTED: usize = 1000;
 
 /// Returns the possible spellings of a file's name, likelier ones first.

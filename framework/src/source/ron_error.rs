@@ -168,7 +168,7 @@ impl Translator<'_> {
         self.error(message, place, &label).with_help(help)
     }
 
-    /// Reports a value of another kind than `wanted`.
+    /// Reports a value of the wrong kind; `wanted` names the expected one.
     fn wrong_kind(&self, wanted: &str) -> Diagnostic {
         let place = self.value_at_cursor();
         let Some(node) = self.node_at_cursor() else {

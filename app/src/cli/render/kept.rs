@@ -56,7 +56,7 @@ impl Kept {
         CameraStats { busy, frames, record_ms, ..stats }
     }
 
-    /// Computes the share of the time during which the device draws, 1 at most; `None` with fewer than four frames, or
+    /// Computes the share of the time that the device spends drawing, at most 1; `None` with fewer than four frames, or
     /// without timestamps.
     ///
     /// The last frame is left out: its picture is read back.

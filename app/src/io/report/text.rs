@@ -1,6 +1,6 @@
 //! Formats tables for terminals, and cells of CSV.
 
-/// Aligns cells in columns: the first to the left, the others, which are numbers, to the right.
+/// Formats rows as a table. The first column is left-aligned; the others hold numbers and are right-aligned.
 pub fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let cell = |row: &Vec<String>, column: usize| row.get(column).map_or(0, |cell| cell.chars().count());

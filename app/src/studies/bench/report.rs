@@ -70,7 +70,7 @@ pub struct SceneOrigin {
     pub cameras: Vec<Camera>,
 }
 
-/// A candidate on a scene, with a number of splats and a picture size.
+/// The measurements of one candidate for one scene, number of splats and picture size.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// The scene's file, or `demo`.

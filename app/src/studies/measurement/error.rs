@@ -14,7 +14,7 @@ pub struct Error {
     pub psnr_db: Option<f64>,
     /// Structural similarity, 1 for equal pictures; `None` for pictures smaller than its window.
     pub ssim: Option<f64>,
-    /// Mean of NVIDIA's FLIP over the pictures in 8 bits: 0 for equal pictures, 1 at most (Andersson et al. 2020).
+    /// Mean of NVIDIA's FLIP over the pictures in 8 bits: 0 for equal pictures, at most 1 (Andersson et al. 2020).
     pub flip: f64,
     /// The largest difference of a channel.
     pub worst: f64,

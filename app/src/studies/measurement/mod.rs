@@ -1,8 +1,8 @@
-//! Measures settings: the model that all studies share.
+//! Measures the error and the time of settings, for all studies.
 //!
-//! [`settings`] lists the ways to draw with a graph, and [`plans`] finds settings that draw the same. [`view`] draws a
-//! camera's picture and compares it with the truth ([`error`]); [`time`] draws frames interleaved with a baseline's, so
-//! that a change of the device's clock cancels; [`noise`] finds the differences in time that exceed the noise.
+//! [`settings`] lists the settings to compare, and [`plans`] finds those with equal plans. [`view`] draws a camera's
+//! picture and compares it with the truth ([`error`]). [`time`] interleaves frames with a baseline's, so that changes
+//! of the device's clock cancel out. [`noise`] finds the differences in time that exceed the noise.
 
 pub mod error;
 pub mod noise;

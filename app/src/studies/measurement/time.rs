@@ -27,7 +27,7 @@ pub struct Time {
     pub exact_ms: f64,
     /// Rounds that were drawn.
     pub rounds: u32,
-    /// Share of the host's frame time during which the device draws, 1 at most; between frames it idles.
+    /// Share of the host's frame time that the device spends drawing, at most 1. It idles for the rest.
     pub busy: f64,
     /// Milliseconds per phase: the median of the rounds' medians.
     pub phases: BTreeMap<String, f64>,

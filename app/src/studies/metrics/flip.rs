@@ -18,7 +18,7 @@ use std::ops::Range;
 /// Pixels per degree of the display that FLIP assumes: a 4K display of 0.7 m at 0.7 m.
 const PIXELS_PER_DEGREE: f64 = nv_flip::DEFAULT_PIXELS_PER_DEGREE as f64;
 
-/// Computes the mean FLIP over the pixels: 0 for equal pictures, 1 at most. Values are clamped to 0..1.
+/// Computes the mean FLIP over the pixels: 0 for equal pictures, at most 1. Values are clamped to 0..1.
 ///
 /// Panics if the sizes differ.
 pub fn of_floats<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {

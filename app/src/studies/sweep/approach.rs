@@ -37,7 +37,7 @@ pub struct Fit {
     pub fixed_ms: f64,
     /// Nanoseconds per fragment.
     pub ns_per_fragment: f64,
-    /// Share of the times' variance that the line explains, 1 at most.
+    /// Share of the times' variance that the line explains, at most 1.
     pub r_squared: f64,
 }
 

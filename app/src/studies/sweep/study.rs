@@ -46,7 +46,7 @@ pub fn study<D: Device>(
     Ok((study.gather(subject, wanted, steps, closer), shown))
 }
 
-/// The session that draws all splats, and the abilities of its graph.
+/// State of a sweep: the session that draws all splats, and what its graph supports.
 pub struct Study<D> {
     whole: Session<D>,
     /// Numbers of splats of the steps.

@@ -197,7 +197,7 @@ pub struct Line {
     pub off: f64,
     /// Pairs of splats in the wrong order, in all views.
     pub inversions: Option<u64>,
-    /// Lowest share of the host's frame time during which the device draws.
+    /// Lowest share of the host's frame time that the device spends drawing, at most 1.
     pub busy: Option<f64>,
     /// Largest memory on the device in any view, in bytes.
     pub gpu_bytes: u64,

@@ -5,13 +5,13 @@
 //! and swaps between frames. If the build fails, the current plan stays and the failure is reported. Live parameters
 //! need no build: they reach the device with the next frame.
 //!
-//! One plan is built at a time. Changes during a build are combined into the next one; a build that takes long is
-//! cancelled for them.
+//! One plan is built at a time. Changes during a build are combined into the next one. If the build takes long, it is
+//! cancelled in favour of the next.
 //!
 //! A frame that overflows a list is incomplete. It is shown as it is, and a plan with more capacity is built like any
 //! other ([`crate::draw::capacity`]). The capacity stays until another graph or scene is chosen, or the user sets the
 //! parameter. If the device refuses such a plan, frames stay incomplete ([`Renderer::crowded`]) until the next change,
-//! or until the next attempt if it lacked memory.
+//! or, if memory was short, until the next attempt.
 //!
 //! No error ends a renderer. A frame that cannot be drawn is retried ([`RETRY`]), as is a build that lacked memory;
 //! both are reported meanwhile. A frame that the device does not finish in time is awaited together with the next one

@@ -28,7 +28,7 @@ pub struct Encoder {
     pub(super) submitted: Vec<CommandBuffer>,
     /// Signalled when a submission has completed.
     pub(super) done: (SharedEvent, u64),
-    /// Signalled and waited for between commands.
+    /// Orders earlier commands of the buffer before later ones: signalled, then waited for, between them.
     pub(super) midst: (Event, u64),
     /// Signalled when the work that all commands wait for has completed; see [`submit`](crate::queue::submit).
     pub(super) others: (SharedEvent, u64),

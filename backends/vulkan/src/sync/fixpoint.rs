@@ -13,7 +13,8 @@ use splatgraph_framework::ir::Masks;
 /// Number of frames after which the state repeats.
 const FRAMES: usize = 3;
 
-/// Returns a sufficient list of barriers without needless bits, from the barriers of two successive rounds.
+/// Merges the barriers of two successive rounds, and removes the mask bits that are not needed. `None` if the merged
+/// barriers do not suffice.
 pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) -> Option<Vec<Step>> {
     for (step, other) in steps.iter_mut().zip(other) {
         for barrier in other.barriers {

@@ -112,12 +112,13 @@ impl Scopes {
         }
     }
 
-    /// Returns the stages of which a barrier's source must name one to follow work of `origin` up to `time`.
+    /// Returns the source stages for a barrier that must follow the work of `origin` up to `time`; any one suffices.
     pub fn after(&self, origin: Origin, time: Time) -> Stages {
         origin.named_by() | reached(&self.ordered, origin, time)
     }
 
-    /// Returns the stages that a barrier may wait for to follow the availability of what `stage` wrote at `time`.
+    /// Returns the source stages for a barrier that must follow the availability of a write by `stage` at `time`; any
+    /// one suffices.
     pub fn available(&self, stage: Stages, time: Time) -> Stages {
         reached(&self.available, Origin::new(stage, false), time)
     }
@@ -179,7 +180,7 @@ fn raise(known: &mut Time, time: Time) {
     *known = (*known).max(time);
 }
 
-/// Returns the stages whose entry for `from` in the table is at least `time`, with their later stages.
+/// Returns the stages whose entry for `from` in the table is at least `time`.
 fn reached(table: &[Since; STAGES], from: Origin, time: Time) -> Stages {
     Stages::all().iter().filter(|to| table[index(to.bits())][from.index()] >= time).collect()
 }

@@ -41,14 +41,14 @@ pub(super) struct SyncState {
     ran: Vec<Time>,
     /// The last layout change of each image, until a pass writes the image.
     changed: Vec<Option<Changed>>,
-    /// The last call.
+    /// The last barrier call, if later passes may extend it.
     call: Option<Call>,
     /// Passes at the start of a frame whose requirements a call at the end of the previous frame must meet: the call's step,
     /// and the pass.
     ahead: Vec<(usize, PassId)>,
 }
 
-/// A call, which later passes may extend.
+/// A barrier call (`vkCmdPipelineBarrier2`), which later passes may extend.
 #[derive(Clone, Debug)]
 struct Call {
     /// Position in the list of steps.

@@ -79,12 +79,15 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Names a program, without arguments and with the default limits.
+    /// Selects `program` as the compiler, without arguments and with the default limits.
     pub fn new(program: impl Into<PathBuf>) -> Worker {
         Worker { program: program.into(), arguments: Vec::new(), limits: Limits::default() }
     }
 
-    /// Names the running program, even if its file was replaced meanwhile (on Linux).
+    /// Selects the running program as the compiler. On Linux, this works even if its file has been replaced.
+    ///
+    /// # Errors
+    /// The program's path cannot be determined.
     pub fn this_program() -> io::Result<Worker> {
         let itself = PathBuf::from("/proc/self/exe");
         if cfg!(target_os = "linux") && itself.exists() {

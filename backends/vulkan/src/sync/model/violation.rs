@@ -36,7 +36,7 @@ pub enum ViolationKind {
     WriteAfterRead,
     /// A write to bytes without synchronization with their earlier write.
     WriteAfterWrite,
-    /// An access or a transition expects another layout than the image is in.
+    /// An access or a transition expects a layout that the image is not in.
     Layout,
     /// A read of bytes that hold no contents of the resource, or none of this frame.
     Unwritten,
@@ -47,11 +47,11 @@ pub enum ViolationKind {
 pub enum Missing {
     /// The earlier access may still be running.
     Order,
-    /// The earlier write may still be in a cache of the stage that wrote.
+    /// The earlier write may still be in a cache of its stage.
     Availability,
     /// The earlier write may not have reached this access at this stage.
     Visibility(Stages, Accesses),
-    /// The image is in another layout than the access needs.
+    /// The image is not in the layout that the access needs.
     Layout {
         /// Layout that the image is in.
         found: Layout,
