@@ -68,7 +68,7 @@ fn the_origin_of_a_scene_is_shown_and_that_of_others_is_not() {
     let text = place.done("info far.ply -c far.json");
     let origin = text.lines().find(|line| line.contains("origin")).expect("a line");
     assert!(origin.contains("(9999360, -9999360, 9999360), subtracted from positions and cameras"), "{text}");
-    let depth = text.lines().find(|line| line.contains("depth, origin")).expect("a line");
+    let depth = text.lines().find(|line| line.contains("depth                 origin: ")).expect("a line");
     assert!(depth.contains("lost to outliers"), "the camera sees the scene: {text}");
     assert!(!place.done("info scene.ply").contains("subtracted"));
     let json = place.told("info far.ply --json");
