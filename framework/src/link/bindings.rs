@@ -9,7 +9,7 @@ use crate::lower::{LoweredBind, LoweredPass};
 use crate::source::{Diagnostic, nearest};
 
 impl Linker<'_> {
-    /// Returns the descriptors of a pass over all stages, and adds the shaders' accesses to `touches`.
+    /// Returns the descriptors of a pass over all stages, and adds the shaders' accesses to `uses`.
     pub(super) fn bindings(
         &mut self,
         pass: &LoweredPass,
@@ -308,7 +308,7 @@ impl Linker<'_> {
         }
     }
 
-    /// Returns the bytes of the push constants.
+    /// Encodes the push constants of a pass, and checks `push` against the shaders' blocks. Empty if they have none.
     pub(super) fn push(&mut self, pass: &LoweredPass, stages: &[(ShaderId, Stages)]) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut known = Vec::new();
@@ -372,7 +372,7 @@ impl Linker<'_> {
     }
 }
 
-/// Reports a pass of the prologue that reads per-frame data from the host.
+/// Returns the error for a pass of the prologue that reads data which the host rewrites for every frame.
 pub(super) fn once_every_frame(pass: &LoweredPass, span: Span, label: impl Into<String>) -> Diagnostic {
     let message = format!("`{}` runs once, and reads what changes with every frame", pass.pass.name);
     Diagnostic::new(message, span, label).with_help("let it run every frame, or give it constants")

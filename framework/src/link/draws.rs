@@ -126,12 +126,12 @@ impl Linker<'_> {
     }
 }
 
-/// Returns true for images of depths.
+/// Returns true for an image with a depth format.
 fn is_depth(shape: &Shape) -> bool {
     matches!(shape, Shape::Image { format: Format::Depth32Float, .. })
 }
 
-/// Reports a draw whose fragment shader does not have exactly one output per target, or a draw with no targets.
+/// Returns the error for a draw without targets, or with a number of targets other than its shader's outputs.
 fn outputs_and_targets(shader: &str, outputs: usize, targets: usize, pass: Span) -> Diagnostic {
     let counted = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     let expected = match targets {

@@ -30,7 +30,7 @@ impl Linker<'_> {
     }
 }
 
-/// Returns the parameters behind the constants whose names are among `names`.
+/// Returns the parameters that the constants in `names` depend on.
 fn behind<'a>(
     constants: &'a BTreeMap<String, ParamSet>,
     names: &'a BTreeSet<String>,

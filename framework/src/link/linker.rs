@@ -64,7 +64,7 @@ pub(super) struct Linker<'a> {
     pub reached: HashMap<ShaderId, Arc<BTreeSet<String>>>,
     /// Shaders compiled so far, by file and defines; the iterations of a repeat share them.
     pub compiled: HashMap<(FileId, Rc<Defines>), ShaderId>,
-    /// Shader files, by the graph that names them and the name there.
+    /// Shader files found so far, by the graph that names them and the name in that graph.
     pub found: HashMap<(FileId, String), FileId>,
     pub errors: Vec<Diagnostic>,
 }

@@ -6,7 +6,7 @@ use crate::ir::{Culled, ParamSet, Reason};
 use crate::schema::{Call, Expression, Number, Part, PassDecl, Reference, ResourceName, Size, is_choice};
 use crate::source::{Diagnostic, Place};
 
-/// A `when` that is false.
+/// A `when` that evaluated to false, and what decided it.
 struct False<'a> {
     condition: &'a Number,
     /// Place of the `when` in the file.
@@ -17,7 +17,7 @@ struct False<'a> {
 }
 
 impl Lowering<'_> {
-    /// Evaluates the `when` of a pass or an include. If it is false, lists the pass as culled.
+    /// Evaluates the `when` of a pass or an include; true if there is none. If it is false, lists the pass as culled.
     pub(super) fn wanted(
         &mut self,
         level: &Level,
@@ -58,7 +58,7 @@ impl Lowering<'_> {
         Ok(())
     }
 
-    /// Lists a pass as culled, with its removed uses.
+    /// Lists a pass or an include as culled, and records the resources and parameters that it would have used.
     fn leave_out(&mut self, level: &Level, pass: &PassDecl, place: &Place, why: &False) {
         let Some(Parts { name, users, numbers, shaders }) = Parts::of(pass) else { return };
         let name = format!("{}{name}{}", level.prefix, level.suffix);
@@ -108,7 +108,7 @@ struct Parts<'a> {
 }
 
 impl Parts<'_> {
-    /// Lists the names that a pass or an include mentions; `None` for repeats and swaps.
+    /// Collects the names that a pass or an include mentions; `None` for repeats and swaps.
     fn of(pass: &PassDecl) -> Option<Parts<'_>> {
         Some(match pass {
             PassDecl::Dispatch { name, shader, size, bind, push, .. } => {

@@ -28,16 +28,16 @@ pub(super) struct Declared {
     pub default: Option<(Setting, usize)>,
     /// The include that exposes the parameter; `None` for the graph's own.
     pub part: Option<String>,
-    /// The includes that the parameter comes through, innermost first.
+    /// The includes through which the parameter is exposed, innermost first.
     pub around: Vec<Rc<Around>>,
 }
 
 /// Parameters of an included graph that its includer does not expose.
 #[derive(Debug, Default)]
 pub(super) struct Around {
-    /// Parameters in `set`, with their values over the includer's names.
+    /// Parameters in `set`, with their values, which are expressions over the includer's names.
     pub set: BTreeMap<String, Given>,
-    /// Parameters with default values, and the places of their declarations.
+    /// Parameters that keep their defaults, and the places of their declarations.
     hidden: BTreeMap<String, Span>,
 }
 
@@ -62,9 +62,10 @@ impl Given {
 pub(super) struct Reach {
     /// Names of the graph that has the parameter.
     pub names: BTreeSet<String>,
-    /// Names that an include of [`Declared::around`] sets, with its index.
+    /// Names in the `set` of an include, each with the include's index in [`Declared::around`].
     pub set: BTreeSet<(usize, String)>,
-    /// A parameter of an included graph that is neither exposed nor set, and the place of its declaration.
+    /// A name that an expression uses although its parameter is neither exposed nor set, and the place of its
+    /// declaration.
     pub hidden: Option<(String, Span)>,
 }
 
@@ -127,7 +128,7 @@ impl Declared {
         .collect()
     }
 
-    /// Returns the graph whose statistics the parameter can grow with.
+    /// Returns the graph that declares the parameter. The parameter can grow with this graph's statistics.
     pub fn graph(&self) -> &Graph {
         &self.graph
     }

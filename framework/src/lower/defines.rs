@@ -12,7 +12,7 @@ pub(super) struct Constants {
     pub defines: Vec<(String, String)>,
     /// Names and values of numbers beyond 32 bits. A shader that mentions one is an error.
     pub unfit: Vec<(String, String)>,
-    /// The parameters behind each name, including names of texts, which have no define.
+    /// For each name, the parameters that its value depends on. Includes names of texts, which have no define.
     pub params: BTreeMap<String, ParamSet>,
 }
 

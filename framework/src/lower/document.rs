@@ -12,7 +12,7 @@ use crate::source::{Diagnostic, Kind, Outline, Place, SourceMap, ron_error};
 pub(super) struct Opened {
     pub file: FileId,
     pub graph: Rc<Graph>,
-    /// The whole text.
+    /// Place that spans the whole file of the graph.
     pub root: Place,
     /// The summary of the outermost preset or choice, or of the graph.
     pub summary: String,
@@ -50,7 +50,7 @@ pub(super) const MAX_DEPTH: usize = 16;
 /// Maximum number of graphs reachable from a choice: nested choices could double them at each level.
 const MAX_CANDIDATES: usize = 64;
 
-/// Finds a graph named on the command line.
+/// Finds the file of a graph named on the command line. An error points into the name.
 pub(super) fn find(files: &mut SourceMap, name: &str) -> Result<FileId, Vec<Diagnostic>> {
     files.find(None, name, Kind::Graph).map_err(|error| {
         // There is no file to point into, so the diagnostic shows the name as its source text.

@@ -35,7 +35,7 @@ fn hides_the_output(inner: &Level) -> Diagnostic {
     .with_help("rename it, or make it the output")
 }
 
-/// An include as written, without its condition.
+/// The fields of an include as written, without its condition.
 pub(super) struct Written<'a> {
     pub graph: &'a str,
     pub name: &'a str,
@@ -169,8 +169,8 @@ impl Lowering<'_> {
 
     /// Adds the names of an included graph's resources to the includer: `include.resource`.
     ///
-    /// Names have their meaning at the end of the included graph: the front of a ping-pong buffer is the half left in
-    /// front. A constant that holds the name of a resource works as well, and the output is `picture`.
+    /// Names have their meaning at the end of the included graph: the front of a ping-pong buffer is the half that is
+    /// in front there. A constant that holds the name of a resource works as well, and the output is `picture`.
     fn give(&mut self, level: &mut Level, include: &str, inner: &Level) {
         let ports = &inner.graph.ports;
         let own = inner.handles.iter().filter(|(name, _)| !ports.contains_key(*name));

@@ -19,7 +19,7 @@ pub struct Lowered {
     pub removed: Vec<RemovedPass>,
     /// Uses of parameters in expressions that were not evaluated.
     pub skipped: Vec<SkippedUse>,
-    /// Uses that a `when` removed together with their pass.
+    /// Uses of resources that were removed because their pass's `when` is false.
     pub unwritten: Vec<RemovedUse>,
     /// Included graphs, includers before their includes.
     pub includes: Vec<LoweredInclude>,
@@ -56,7 +56,7 @@ impl Lowered {
         &self.declarations[id.index()]
     }
 
-    /// Returns the resource that owns the memory of `id`: a different one for the previous frame's contents.
+    /// Returns the resource that owns the memory of `id`: `id` itself, unless it stands for `last(name)`.
     pub fn real(&self, id: ResourceId) -> ResourceId {
         self.declaration(id).previous_frame_of.unwrap_or(id)
     }
@@ -162,11 +162,11 @@ pub struct ShaderName {
 /// The size of a dispatch.
 #[derive(Clone, Copy, Debug)]
 pub enum LoweredSize {
-    /// Invocations.
+    /// Number of invocations.
     Threads(Extent),
-    /// Workgroups.
+    /// Number of workgroups.
     Groups(Extent),
-    /// Three words of a buffer.
+    /// The numbers of workgroups in x, y and z are three words of a buffer.
     Indirect {
         /// Buffer that contains the words.
         buffer: ResourceId,
@@ -175,7 +175,7 @@ pub enum LoweredSize {
     },
 }
 
-/// Counts in x, y and z.
+/// Invocations or workgroups in x, y and z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Extent {
     /// The counts; 1 in dimensions that are not given.
@@ -204,7 +204,7 @@ pub struct LoweredBind {
 pub struct LoweredPush {
     /// The member's name.
     pub name: String,
-    /// Evaluated value.
+    /// Value of the member's expression.
     pub value: Value,
     /// Place of the member's name in the file.
     pub name_span: Span,

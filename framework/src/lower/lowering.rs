@@ -19,7 +19,7 @@ use crate::source::{Diagnostic, Place, SourceMap};
 /// memory.
 pub(super) const MAX_PASSES: usize = 20_000;
 
-/// Maximum work of the walk: declarations with their entries, and iterations of repeats.
+/// Maximum number of steps of the walk. Declarations, their entries and iterations of repeats count as steps.
 const MAX_STEPS: usize = 25 * MAX_PASSES;
 
 /// The state of the walk.
@@ -34,7 +34,7 @@ pub(super) struct Lowering<'a> {
     pub resource_names: BTreeMap<String, Span>,
     pub ping_pongs: Vec<PingPong>,
     pub passes: Vec<LoweredPass>,
-    /// Work so far, limited by [`MAX_STEPS`].
+    /// Number of steps so far, at most [`MAX_STEPS`].
     steps: usize,
     pub choices: Choices<'a>,
     pub known: Known,
@@ -70,7 +70,7 @@ pub(super) struct Level {
     pub handles: IndexMap<String, Option<Handle>>,
     /// Parameters that decide which resource of an include a name refers to.
     pub given: BTreeMap<String, ParamSet>,
-    /// Includes without resources: removed by the condition at this place, or invalid.
+    /// Includes without resources, with the place of the condition that removed them; `None` for invalid includes.
     pub absent: BTreeMap<String, Option<Span>>,
     /// Prefix for the names of passes and resources.
     pub prefix: String,
@@ -210,7 +210,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Adds `steps` to the work so far. Returns false if the sum exceeds [`MAX_STEPS`]; the first time, adds an error
+    /// Adds `steps` to the steps so far. Returns false if the sum exceeds [`MAX_STEPS`]; the first time, adds an error
     /// at `place`.
     pub(super) fn count(&mut self, steps: usize, place: &Place) -> bool {
         let before = self.steps;

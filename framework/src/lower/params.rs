@@ -19,12 +19,12 @@ pub(super) struct Resolved {
     /// Facts and constants, ready for `let`s and passes.
     pub names: Names,
     pub live_bytes: u64,
-    /// The parameters behind each live parameter.
+    /// For each live parameter, itself and the parameters that its default depends on.
     pub live: BTreeMap<String, ParamSet>,
     pub skipped: Vec<SkippedUse>,
 }
 
-/// A setting from the command line: its text, and the place at which errors show it.
+/// A setting from the command line: its text, and the place that errors about it point to.
 struct Text<'a> {
     value: &'a str,
     span: Span,
@@ -169,7 +169,7 @@ fn one(
     Ok(Made { param, params, range, skipped })
 }
 
-/// Returns the scopes of a parameter's expressions: of each include around it, innermost first, and of its graph.
+/// Returns the scopes of a parameter's expressions: one per include around it, innermost first, then its graph's.
 ///
 /// An include adds the values of `set`, and evaluates only those that the parameter needs: the others may use `let`s of the
 /// includer, which have no values yet.
@@ -208,7 +208,7 @@ fn around<'a>(
     Ok(all)
 }
 
-/// Returns the domain of all values of a kind, ignoring its range.
+/// Returns the domain of a parameter without its range: all values of the type.
 fn any(kind: &ParamKind) -> Domain {
     match kind {
         ParamKind::Bool { .. } => Domain::Bool,

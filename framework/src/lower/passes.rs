@@ -187,7 +187,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Evaluates the `when` of an attachment.
+    /// Evaluates the `when` of an attachment; true if there is none.
     fn attaches(&self, level: &Level, when: &Option<Number>, at: &Place) -> Result<bool, Diagnostic> {
         let truth = |when| level.names.deciding(|| level.names.truth(when, &at.field("when")));
         when.as_ref().map_or(Ok(true), truth)
@@ -213,7 +213,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Checks the colour that a target is cleared to.
+    /// Checks that a target's clear colour can be stored in the image's format.
     fn clear(&self, image: ResourceId, load: Load, at: &Place) -> Result<(), Diagnostic> {
         let Load::Clear(r, g, b, a) = load else { return Ok(()) };
         let integers =
@@ -233,7 +233,7 @@ impl Lowering<'_> {
         Ok(())
     }
 
-    /// Resolves the arguments of an indirect command.
+    /// Returns the buffer and the byte offset of an indirect command's arguments, which take `bytes` bytes.
     fn arguments(
         &self,
         level: &Level,
@@ -245,8 +245,8 @@ impl Lowering<'_> {
         self.words(level, named, (bytes, &what), at)
     }
 
-    /// Resolves a buffer and the byte offset of words in it; `at` is the place of their names. `what` describes the
-    /// words in errors.
+    /// Returns a buffer and the byte offset of words in it, after checking that they fit. `at` is the place of the two
+    /// entries, and `what` describes the words in errors.
     pub(super) fn words(
         &self,
         level: &Level,

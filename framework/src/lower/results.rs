@@ -53,7 +53,7 @@ impl<'a> Lowering<'a> {
         found
     }
 
-    /// Lists the requested outputs.
+    /// Lists the names of the outputs that the request's facts ask for.
     fn asked(&self) -> impl Iterator<Item = &'a str> + use<'a> {
         let asked = self.request.facts.host.iter().filter(|(_, value)| **value == Value::Bool(true));
         asked.filter_map(|(name, _)| name.strip_prefix(OUTPUTS))
@@ -96,7 +96,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Adds the statistics of a graph.
+    /// Adds the statistics of a graph to the plan's, and checks their words.
     pub(super) fn stats(&mut self, level: &Level) {
         for (name, (buffer, offset)) in &level.graph.stats {
             let at = level.root.field("stats").field(name);

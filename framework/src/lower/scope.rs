@@ -35,7 +35,7 @@ pub(super) struct Notes {
 }
 
 impl Notes {
-    /// Returns both kinds.
+    /// Returns the union of both kinds.
     pub fn all(mut self) -> ParamSet {
         self.read.append(&mut self.decided);
         self.read
@@ -70,7 +70,7 @@ impl Names {
         }
     }
 
-    /// Redefines a name.
+    /// Defines a name, and hides what it meant before: another value or a live parameter.
     pub fn shadow(&mut self, name: &str, value: Value, params: ParamSet) {
         self.live.remove(name);
         self.params.remove(name);
@@ -88,7 +88,7 @@ impl Names {
         }
     }
 
-    /// Takes the records since the last call.
+    /// Returns the parameters recorded since the last call, and clears the record.
     pub fn take_notes(&self) -> Notes {
         self.notes.take()
     }
@@ -100,7 +100,7 @@ impl Names {
         (result, self.notes.replace(outer).all())
     }
 
-    /// Evaluates a count or a choice of a resource, and records its parameters as decisive.
+    /// Evaluates a count or a choice of a resource, and records the parameters read as [`Notes::decided`].
     pub fn deciding<T>(&self, evaluate: impl FnOnce() -> T) -> T {
         let (result, read) = self.traced(evaluate);
         self.note_decided(&read);
