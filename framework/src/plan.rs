@@ -31,7 +31,7 @@ pub struct Plan {
     pub name: String,
     /// One line that describes the graph.
     pub summary: String,
-    /// The graphs and presets that the graph is based on, the graph last; empty for a graph.
+    /// The graphs and presets that the requested preset or choice leads to, the graph last; empty if `name` is a graph.
     pub based_on: Vec<String>,
     /// The graphs of a choice that are passed over, in order; the last one's fallback is this plan's graph.
     pub fallbacks: Vec<Fallback>,
@@ -145,6 +145,7 @@ impl Plan {
     }
 
     /// Describes the effect of a parameter in a sentence: the passes that depend on it, or the reason why none does.
+    /// `None` for an unknown name.
     pub fn effect_text(&self, parameter: &str) -> Option<String> {
         let effect = self.effect(parameter)?;
         if let Some(why) = &effect.none {
@@ -187,7 +188,7 @@ impl Plan {
         bytes
     }
 
-    /// Returns the total bytes of the memory blocks. A device may round images up.
+    /// Returns the total bytes of the memory blocks. A device may need more, because it pads images.
     pub fn transient_bytes(&self) -> u64 {
         let largest = |block: &Block| block.aliases.iter().map(|id| self.resource(*id).bytes()).max();
         self.blocks.iter().filter_map(largest).sum()
@@ -327,12 +328,12 @@ pub struct Dependency<P = PassId, R = ResourceId> {
     pub masks: Masks,
 }
 
-/// A reason for a command of an API that orders passes: accesses of `before` conflict with accesses of `after`.
+/// A reason for a synchronisation command: accesses of the pass `before` conflict with accesses of `after`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cause<P = PassId, R = ResourceId> {
     /// The kind of conflict.
     pub hazard: Hazard,
-    /// The pass that waits. It can be a later one than the pass after the command.
+    /// The pass that waits. Other passes may run between the command and this pass.
     pub before: P,
     /// The resource that the waiting pass accesses.
     pub resource: R,
@@ -345,7 +346,7 @@ pub struct Cause<P = PassId, R = ResourceId> {
 }
 
 impl Cause {
-    /// Returns the cause with other references to passes and resources.
+    /// Returns the cause with another kind of reference to passes and resources.
     pub fn map<P, R>(&self, pass: impl Fn(PassId) -> P, resource: impl Fn(ResourceId) -> R) -> Cause<P, R> {
         Cause {
             hazard: self.hazard,

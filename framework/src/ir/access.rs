@@ -16,8 +16,8 @@ bitflags! {
     /// Pipeline stages, after `VkPipelineStageFlagBits2`.
     ///
     /// The stages of one pipeline are ordered: `INDIRECT`, `VERTEX`, `EARLY_TESTS`, `FRAGMENT`, `LATE_TESTS`,
-    /// `COLOR_OUTPUT` for draws, and `INDIRECT`, `COMPUTE` for dispatches. (`INDIRECT` of a draw is not before `COMPUTE`.) `COPY`, `CLEAR` and `HOST`
-    /// are unordered.
+    /// `COLOR_OUTPUT` for draws, and `INDIRECT`, `COMPUTE` for dispatches. (`INDIRECT` of a draw is not before
+    /// `COMPUTE`.) `COPY`, `CLEAR` and `HOST` are unordered.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Stages: u32 {
         /// Reads the arguments of indirect commands.
@@ -70,7 +70,7 @@ bitflags! {
     }
 }
 
-/// Writes sets of flags by name: as `A | B` in text, as a list in data.
+/// Implements `Display` (`A | B`) and serde (a list of names) for sets of flags.
 macro_rules! named {
     ($($set:ident),*) => { $(
         impl fmt::Display for $set {
@@ -163,7 +163,7 @@ pub struct Masks {
 }
 
 impl Masks {
-    /// Combines two sides, each with stages and accesses.
+    /// Creates masks from the stages and accesses of each side.
     pub fn new(source: (Stages, Accesses), target: (Stages, Accesses)) -> Masks {
         Masks {
             source_stages: source.0,
@@ -173,17 +173,17 @@ impl Masks {
         }
     }
 
-    /// Returns the source's half.
+    /// Returns the masks of the source, with an empty target.
     pub fn source(self) -> Masks {
         Masks { target_stages: Stages::empty(), target_accesses: Accesses::empty(), ..self }
     }
 
-    /// Returns the target's half.
+    /// Returns the masks of the target, with an empty source.
     pub fn target(self) -> Masks {
         Masks { source_stages: Stages::empty(), source_accesses: Accesses::empty(), ..self }
     }
 
-    /// Adds the bits of another mask.
+    /// Adds the bits of other masks.
     pub fn add(&mut self, bits: Masks) {
         self.source_stages |= bits.source_stages;
         self.source_accesses |= bits.source_accesses;
@@ -191,13 +191,13 @@ impl Masks {
         self.target_accesses |= bits.target_accesses;
     }
 
-    /// Returns the union with another mask.
+    /// Returns the union with other masks.
     pub fn with(mut self, bits: Masks) -> Masks {
         self.add(bits);
         self
     }
 
-    /// Returns the bits that another mask lacks.
+    /// Returns the bits of these masks that `bits` lacks.
     pub fn without(self, bits: Masks) -> Masks {
         Masks {
             source_stages: self.source_stages - bits.source_stages,

@@ -30,7 +30,7 @@ impl Format {
         Format::Depth32Float,
     ];
 
-    /// Returns GLSL's name of the format, which graphs use as well; `depth32f`, which GLSL has no name for.
+    /// Returns the format's name in graphs. It is GLSL's name, except for `depth32f`, for which GLSL has none.
     pub fn name(self) -> &'static str {
         match self {
             Format::Rgba8Unorm => "rgba8",

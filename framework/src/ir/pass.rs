@@ -16,7 +16,7 @@ pub const HOST: &str = "host";
 /// The frequency of a pass: once, or in every frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Run {
-    /// In the prologue.
+    /// Once, in the prologue.
     Once,
     /// In every frame.
     Frame,
@@ -25,7 +25,7 @@ pub enum Run {
 /// One dispatch, draw, fill or export.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pass<S = ShaderId, G = Groups> {
-    /// Unique in the plan, for instance `sort.histogram[2]`.
+    /// Name, unique in the plan, for instance `sort.histogram[2]`.
     pub name: String,
     /// Group under which the pass's GPU time is summed: `key`, `sort`, `draw`, ...
     pub phase: String,
@@ -134,7 +134,7 @@ pub enum Groups {
     /// An excess in x is folded into y: shaders compute their index as `gl_WorkGroupID.y * gl_NumWorkGroups.x +
     /// gl_WorkGroupID.x` and ignore indices beyond the end.
     Direct([u32; 3]),
-    /// Three words of a buffer.
+    /// The numbers of workgroups in x, y and z are three words of a buffer.
     Indirect {
         /// Buffer that contains the words.
         buffer: ResourceId,
@@ -153,7 +153,7 @@ pub enum DrawCall {
         /// Number of instances.
         instances: u32,
     },
-    /// Four words of a buffer: vertices, instances, first vertex, first instance.
+    /// The numbers are four words of a buffer: vertices, instances, first vertex, first instance.
     Indirect {
         /// Buffer that contains the words.
         buffer: ResourceId,
@@ -178,12 +178,12 @@ pub struct Target<R = ResourceId> {
 pub struct DepthTarget<R = ResourceId> {
     /// The image, of the format [`Format::Depth32Float`](super::Format::Depth32Float).
     pub image: R,
-    /// Its use.
+    /// What the draw does with the image: test and write, or only test.
     pub access: DepthAccess,
 }
 
 impl<R> DepthTarget<R> {
-    /// Returns the same with another kind of reference to the resource.
+    /// Returns the attachment with another kind of reference to the image.
     pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> DepthTarget<T> {
         DepthTarget { image: resource(&self.image), access: self.access }
     }

@@ -55,9 +55,9 @@ pub struct HostBuffer {
 pub struct Attribute {
     /// Bytes of an element.
     pub stride: u64,
-    /// Elements of a plane.
+    /// Number of elements of each plane.
     pub count: u64,
-    /// Buffers that the attribute is split into.
+    /// Number of buffers that the attribute is split into.
     pub planes: u32,
 }
 
@@ -70,7 +70,7 @@ pub struct Request<'a> {
     pub set: &'a [(String, String)],
     /// Minimum values of growing parameters, from earlier frames; entries for other parameters are ignored.
     pub capacities: &'a [(String, i64)],
-    /// Known values of scene, device and viewport.
+    /// Facts of the scene, the device and the viewport.
     pub facts: &'a Facts,
     /// Data that the graph can import.
     pub catalog: &'a Catalog,

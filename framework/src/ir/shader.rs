@@ -32,9 +32,9 @@ pub struct Msl {
     pub entry: String,
     /// Argument indices of the reachable bindings, sorted by binding and element.
     pub arguments: Vec<MslArgument>,
-    /// Index in the table of buffers for the push constants.
+    /// Index in the table of buffers for the push constants; `None` if the shader has none.
     pub push: Option<u32>,
-    /// Index in the table of buffers for the sizes in bytes of buffers whose length the code queries.
+    /// Index in the table of buffers for the sizes in bytes of buffers; `None` if the code queries no buffer's length.
     ///
     /// The sizes are 32-bit words, by buffer index.
     pub sizes: Option<u32>,
@@ -84,7 +84,7 @@ pub enum ShaderStage {
 }
 
 impl ShaderStage {
-    /// Returns the stage for a file's extension.
+    /// Returns the stage that a file name's extension stands for; `None` for any other extension.
     pub fn of_file(name: &str) -> Option<ShaderStage> {
         match name.rsplit_once('.')?.1 {
             "vert" => Some(ShaderStage::Vertex),
@@ -106,7 +106,7 @@ pub struct Reflection {
     pub shared_bytes: u32,
     /// The bindings that the entry point can reach, sorted by number.
     pub bindings: Vec<ReflectedBinding>,
-    /// The push constants.
+    /// The push-constant block; `None` if the shader has none.
     pub push: Option<PushBlock>,
     /// Stage inputs with a location, sorted by location.
     pub inputs: Vec<Varying>,
@@ -135,7 +135,7 @@ pub struct ReflectedBinding {
     pub reads: bool,
     /// True if the code stores to the binding, directly, through a function argument or by an atomic.
     pub writes: bool,
-    /// True if every load and store is atomic, so that invocations may overlap.
+    /// True if every load and store is atomic, so that concurrent invocations do not race.
     pub atomics_only: bool,
     /// True if the first access in the code is a plain store, as in a shader that clears counters before use.
     pub writes_first: bool,

@@ -127,7 +127,7 @@ impl Changes {
     }
 }
 
-/// The parts of a plan on the walk.
+/// The stages of the walk: the prologue, then the frame twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     Prologue,
@@ -295,7 +295,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Records the pass's accesses.
+    /// Records the pass's accesses in their cells, for later passes to depend on.
     fn record(&mut self, pass: PassId, group: &Group) {
         let mark = |touch| Mark { part: self.part, pass, touch, settled: false };
         let all = || group.accesses.iter().map(|access| (mark(access.touch), &access.cells));
@@ -317,7 +317,7 @@ impl Walk<'_> {
     }
 }
 
-/// Returns the smallest range that contains both.
+/// Returns the smallest range that contains both ranges.
 fn hull(one: &Range<u64>, other: &Range<u64>) -> Range<u64> {
     one.start.min(other.start)..one.end.max(other.end)
 }

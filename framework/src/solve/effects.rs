@@ -13,11 +13,11 @@ use crate::lower::{Lowered, RemovedPass, SkippedUse};
 use crate::plan::Plan;
 use crate::source::SourceMap;
 
-/// The parameters behind the parts of a plan, before its passes are numbered.
+/// The parameters that each pass and resource of a plan depends on, collected before the passes are numbered.
 pub(super) struct Causes {
-    /// The parameters behind each pass, in the plan's order.
+    /// The parameters that each pass depends on, in the plan's order.
     passes: Vec<ParamSet>,
-    /// The parameters behind each resource, by name.
+    /// The parameters that each resource depends on, by the resource's name.
     resources: BTreeMap<String, ParamSet>,
     /// Parameters that decide which passes exist; see [`Effect::shape`].
     shape: ParamSet,
@@ -71,7 +71,7 @@ impl Causes {
         }
     }
 
-    /// Collects the effects. `starts` precede all other passes.
+    /// Returns the effect of each parameter. `starts` are the passes that clear histories, before all others.
     pub fn effects(self, plan: &Plan, starts: &[Pass]) -> Vec<Effect> {
         let none = ParamSet::new();
         let of_start = |start: &Pass| match start.work {

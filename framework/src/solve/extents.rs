@@ -94,7 +94,8 @@ impl Extents {
     }
 }
 
-/// Returns the bytes of a resource that an access covers: all, except for reads by the command itself.
+/// Returns the byte ranges of a resource that an access covers: the whole resource, except for indirect arguments and
+/// exported statistics.
 #[allow(clippy::single_range_in_vec_init)] // Usually a list of a single range.
 fn bytes(plan: &Plan, pass: &Pass, touch: &Use) -> Vec<Range<u64>> {
     let arguments = |buffer: ResourceId, offset: u64, bytes: u64| {

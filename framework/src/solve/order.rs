@@ -30,7 +30,8 @@ pub(super) struct Order {
 /// A graph of passes; each edge has the resource that orders its passes.
 type Needs = DiGraph<usize, ResourceId>;
 
-/// Orders the passes. The last of them are the roots of culling: the export and the host pass.
+/// Orders the passes, and finds those that the results need. The last passes of the list, the export and the host
+/// pass, are the roots of this search.
 pub(super) fn order(passes: &[LinkedPass], lowered: &Lowered) -> Result<Order, Vec<Diagnostic>> {
     let mut errors = Vec::new();
     let users = users(passes, lowered.plan.resources.len());

@@ -54,7 +54,7 @@ fn writes_first(pass: &LinkedPass, resource: ResourceId, shaders: &[Shader]) -> 
     blocks.peek().is_some() && blocks.all(|block| block.writes_first)
 }
 
-/// Describes a pass that modifies undefined contents in place.
+/// Returns the warning for a pass that modifies undefined contents in place.
 fn first_touch(pass: &LinkedPass, resource: ResourceId, lowered: &Lowered) -> Diagnostic {
     let declared = lowered.declaration(resource).span;
     let message = format!(
@@ -69,7 +69,8 @@ fn first_touch(pass: &LinkedPass, resource: ResourceId, lowered: &Lowered) -> Di
         )
 }
 
-/// Describes includes with culled passes whose intended result another pass reads.
+/// Returns a warning for each include with culled passes that write to a port, if a pass outside it reads that port's
+/// resource.
 fn idle_includes(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Diagnostic> {
     // For each include, its culled passes, including those of nested includes.
     let mut idle: Vec<Vec<usize>> = vec![Vec::new(); lowered.includes.len()];
