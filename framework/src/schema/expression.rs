@@ -45,7 +45,7 @@ pub struct Reference {
     pub text: String,
     /// `name`, `front(name)`, `back(name)` or `last(name)`; `None` for a choice and for invalid text.
     pub name: Option<ResourceName>,
-    /// `condition ? 'a' : 'b'`
+    /// An expression that chooses the resource: `condition ? 'a' : 'b'`; `None` for the other forms.
     pub choice: Option<Expression>,
 }
 

@@ -64,7 +64,7 @@ pub struct Preset {
 pub struct GraphChoice {
     /// One line that describes the choice.
     pub summary: String,
-    /// The graphs, the preferred first.
+    /// The graphs, in order of preference.
     pub of: Vec<Candidate>,
 }
 
@@ -74,7 +74,7 @@ pub struct GraphChoice {
 pub struct Candidate {
     /// The graph, a preset or another choice.
     pub graph: String,
-    /// Requirements in this choice, in addition to the graph's own.
+    /// Requirements that the choice adds to the graph's own.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
 }
@@ -90,13 +90,13 @@ pub struct Graph {
     /// Requirements of the graph: conditions over facts, each with a description.
     #[serde(default)]
     pub require: Vec<(Expression, String)>,
-    /// Parameters, in the order of panels. They may use each other, but not in a cycle.
+    /// Parameters, in the order in which panels show them. They may use each other, but not in a cycle.
     #[serde(default)]
     pub params: IndexMap<String, ParamDecl>,
     /// Named expressions over parameters, facts and earlier entries.
     #[serde(default, rename = "let")]
     pub lets: IndexMap<String, Number>,
-    /// Data of the scene and the host.
+    /// Imported data of the scene and the host.
     #[serde(default)]
     pub imports: IndexMap<String, Import>,
     /// Resources that an includer supplies.
@@ -167,9 +167,9 @@ impl<'de> Deserialize<'de> for Number {
 /// A parameter's declaration.
 #[derive(Clone, Debug, Deserialize)]
 pub enum ParamDecl {
-    /// A change rebuilds the plan.
+    /// A constant: a change rebuilds the plan.
     Const(ParamKind),
-    /// A change writes one uniform.
+    /// A live parameter: a change writes one uniform.
     Live(ParamKind),
 }
 
@@ -269,13 +269,13 @@ impl ParamKind {
     }
 }
 
-/// Imports data of the scene or the host.
+/// An import of data from the scene or the host.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Import {
     /// Full name of the data: `scene.*` or `frame.*`.
     pub from: String,
-    /// Number of planes to bind as an array of blocks.
+    /// Number of planes to bind as an array of blocks; 1 by default.
     #[serde(default)]
     pub planes: Option<Number>,
 }
@@ -461,9 +461,9 @@ fn every_frame() -> Run {
 pub enum Size {
     /// Enough workgroups for this many invocations.
     Threads(Extent),
-    /// Workgroups.
+    /// This many workgroups.
     Groups(Extent),
-    /// Three words of a buffer, at a byte offset.
+    /// Numbers of workgroups from three words of a buffer, at a byte offset.
     Indirect(Reference, Number),
 }
 
@@ -507,7 +507,7 @@ pub enum Call {
         /// Number of instances.
         instances: Number,
     },
-    /// Four words of a buffer, at a byte offset: vertices, instances, first vertex, first instance.
+    /// Numbers from four words of a buffer, at a byte offset: vertices, instances, first vertex, first instance.
     Indirect(Reference, Number),
 }
 
@@ -532,9 +532,9 @@ pub struct TargetDecl {
 pub struct DepthDecl {
     /// The image, of the format `depth32f`.
     pub image: Reference,
-    /// Clears, tests and writes it, or only tests.
+    /// What the draw does with the image: clear, test and write, or only test.
     pub access: DepthAccess,
-    /// Removes the attachment where it is false.
+    /// Removes the attachment if false.
     #[serde(default)]
     pub when: Option<Number>,
 }

@@ -81,7 +81,7 @@ pub trait SpirvStore: Send + Sync + std::fmt::Debug {
 /// The message of a cancelled build.
 pub const CANCELLED: &str = "the build was cancelled";
 
-/// Cancels builds. The default never does.
+/// A condition for cancelling a build. The default never cancels.
 #[derive(Clone, Default)]
 pub struct Cancel(Option<Arc<dyn Fn() -> bool + Send + Sync>>);
 

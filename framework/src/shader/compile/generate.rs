@@ -37,7 +37,7 @@ pub(super) struct Key {
 pub(super) enum Failure {
     /// The log of glslang, or the limit that it exceeded.
     Log(String),
-    /// The compiler ended without an answer, which may not happen again.
+    /// The compiler ended without an answer. A second attempt may succeed.
     Crash(String),
     /// Includes that cannot be followed.
     Includes(Vec<IncludeFailure>),
@@ -48,7 +48,7 @@ pub(super) enum Failure {
 /// An include that cannot be followed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct IncludeFailure {
-    /// The unit that includes.
+    /// Index of the unit with the `#include`.
     pub unit: usize,
     /// The name in the `#include`.
     pub name: String,
@@ -58,7 +58,7 @@ pub(super) struct IncludeFailure {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum IncludeProblem {
     Missing,
-    /// Nested units when the maximum depth was reached, the shader itself first.
+    /// The chain of units that exceeds the maximum depth, the shader itself first.
     TooDeep(Vec<usize>),
     TooMuch,
 }
@@ -101,7 +101,7 @@ impl IncludeHandler for Includes<'_> {
     }
 }
 
-/// Runs glslang on this thread.
+/// Runs glslang on this thread, and returns the SPIR-V.
 pub(super) fn generate(key: &Key) -> Result<Vec<u32>, Failure> {
     let failed = |error: GlslangError| match error {
         GlslangError::PreprocessError(log)

@@ -91,7 +91,7 @@ fn entries(log: &str) -> Vec<Entry<'_>> {
     entries
 }
 
-/// Splits off a prefix like `0:12:5: `.
+/// Splits a place such as `0:12:5: ` from the start of the text; `None` if there is none.
 fn split_place(text: &str) -> (Option<Place>, &str) {
     let parse = || {
         let (head, rest) = text.split_once(": ")?;
@@ -284,8 +284,7 @@ fn printed_columns(text: &str, line_start: usize, tokens: &[Token]) -> Vec<usize
     columns
 }
 
-/// Rewrites messages such as `syntax error, unexpected SEMICOLON, expecting COMMA or RIGHT_PAREN`, spelling out the
-/// tokens.
+/// The tokens in a message such as `syntax error, unexpected SEMICOLON, expecting COMMA or RIGHT_PAREN`.
 struct SyntaxError<'m> {
     unexpected: &'m str,
     expecting: Vec<&'m str>,
@@ -352,7 +351,7 @@ fn quoted(name: &str) -> String {
     }
 }
 
-/// Spells a token of the grammar. Keywords are named in capitals there.
+/// Returns the spelling of a token from its name in the grammar, where keywords are in capitals.
 fn grammar_spelling(name: &str) -> &str {
     match name {
         "LEFT_OP" => "<<",
@@ -404,7 +403,7 @@ fn grammar_spelling(name: &str) -> &str {
     }
 }
 
-/// Returns the token of the text for glslang's quotation.
+/// Returns a token's spelling in the text. `quoted` is glslang's quotation of the token.
 fn spelling(quoted: &str) -> &str {
     match quoted {
         "assign" => "=",

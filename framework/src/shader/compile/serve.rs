@@ -21,7 +21,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(5);
 /// Serves as the compiler of a [`Worker`](super::Worker) and then exits, if this process was started as a worker.
 /// Otherwise returns at once.
 ///
-/// A program that names itself as its worker must call this first.
+/// A program that serves as its own worker must call this at the start of `main`.
 pub fn serve_if_asked() {
     let Some(limits) = std::env::var(VARIABLE).ok().and_then(|text| Limits::of_text(&text)) else { return };
     system::restrict(limits.memory_bytes.saturating_add(BESIDES));
@@ -145,7 +145,7 @@ mod system {
         }
     }
 
-    /// Returns standard output for messages only; from now on other output is discarded.
+    /// Returns a private copy of standard output for messages. Anything that is printed later is discarded.
     pub fn private_output() -> File {
         // SAFETY: descriptors 1 and 2 are open (the parent set both), and the copy has no other owner.
         unsafe {

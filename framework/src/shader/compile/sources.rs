@@ -188,7 +188,7 @@ impl Sources {
         error.with_nearest(name, defined, format!("`defined({name})` asks whether it is"))
     }
 
-    /// Reports a mentioned constant that does not fit: shaders have 32-bit numbers, and `#if` signed ones.
+    /// Reports a mentioned constant that is too large: shaders have 32-bit numbers, and an `#if` has signed ones.
     pub fn too_large(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
         let unfit = request.unfit.iter().find(|(name, _)| self.identifiers.contains(name));
         let (name, value, limit) = match unfit {

@@ -72,7 +72,7 @@ pub(super) fn accesses(module: &Module, variables: &HashSet<Word>) -> Result<Acc
     Ok(accesses)
 }
 
-/// Returns the index of the member of `variable` that an access chain selects.
+/// Returns the index of the member of `variable` that an access chain selects; `None` for all other instructions.
 fn selected(module: &Module, i: &Instruction, variable: Word) -> Option<u64> {
     if !matches!(i.class.opcode, Op::AccessChain | Op::InBoundsAccessChain) || id(i, 0).ok()? != variable {
         return None;

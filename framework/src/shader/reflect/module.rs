@@ -479,7 +479,7 @@ impl Module {
     }
 }
 
-/// Returns the values of integer constants, with defaults for specialization constants.
+/// Values of integer constants; specialization constants have their defaults.
 #[derive(Default)]
 struct Constants(HashMap<Word, u64>);
 
