@@ -11,7 +11,7 @@ pub(super) const LARGEST_FILE: u64 = 16 << 20;
 /// The contents of a path, identified by a hash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Content {
-    /// No file. A folder counts as none, and does not end a search either.
+    /// No file: nothing at all, or a folder. A search for the file continues.
     Missing,
     /// An unreadable entry, a special file (a pipe, a device), or a file that is too large.
     Unusable,
@@ -59,7 +59,7 @@ impl Content {
 
 /// Entry at a path, with links followed.
 pub(super) enum Found {
-    /// Nothing, or a folder, which does not end a search.
+    /// Nothing, or a folder. A search for a file continues.
     Nothing,
     /// A regular file.
     File(File),

@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::ir::Span;
 
-/// A place with a text, which may be empty.
+/// A span with a text to show under it. The text may be empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
     /// Range of the source text.

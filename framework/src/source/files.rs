@@ -95,7 +95,7 @@ struct File {
 /// A file on disk.
 #[derive(Clone, Debug)]
 struct OnDisk {
-    /// The content read.
+    /// Hash of the contents as they were read.
     content: Content,
     /// Folders of the files that this file may name, inherited from its graph.
     roots: Roots,
@@ -121,9 +121,9 @@ pub struct NotFound {
     pub kind: Kind,
     /// The paths tried, in order.
     pub tried: Vec<String>,
-    /// The nearest existing name.
+    /// The nearest existing name; `None` if none is near.
     pub nearest: Option<String>,
-    /// The reason why the last of `tried` exists but cannot be read.
+    /// If the last path in `tried` exists, the reason why its file cannot be used.
     pub why: Option<String>,
 }
 
@@ -404,7 +404,7 @@ impl SourceMap {
         roots.iter().chain(&self.library.include_roots).any(|root| path.starts_with(root))
     }
 
-    /// Finds the existing name most similar to `name`.
+    /// Finds the existing name most similar to `name`; `None` if none is near.
     fn nearest_name(&self, from: Option<FileId>, name: &str, kind: Kind) -> Option<String> {
         let mut candidates: Vec<String> = Vec::new();
         let mut offer = |path: &str| {
@@ -549,7 +549,7 @@ fn parent(path: &str) -> &str {
     }
 }
 
-/// Splits a folder before its last component called `pipelines` or `shaders`.
+/// Splits a folder before its last component called `pipelines` or `shaders`; `None` without one.
 fn root_and_rest(folder: &str) -> Option<(&str, &str)> {
     let mut end = folder.len();
     loop {

@@ -143,7 +143,7 @@ struct Parser<'a> {
     duplicates: Vec<Diagnostic>,
 }
 
-/// Boxed, because a diagnostic is much larger than an index.
+/// Result of a parsing step. The error is boxed, because a diagnostic is much larger than an index.
 type ParseResult<T> = Result<T, Box<Diagnostic>>;
 
 impl<'a> Parser<'a> {
@@ -315,7 +315,7 @@ impl<'a> Parser<'a> {
         Box::new(Diagnostic::new(message, span, label))
     }
 
-    /// Reports an element that is followed by neither a comma nor the closing bracket.
+    /// Returns the error for an element that is followed by neither a comma nor the closing bracket.
     fn expected_separator(&mut self, closer: char) -> Box<Diagnostic> {
         let starts_element = matches!(
             self.peek_kind(0),
@@ -344,7 +344,7 @@ impl<'a> Parser<'a> {
         error
     }
 
-    /// Reports an unexpected token.
+    /// Returns the error for an unexpected token; `what` names what is missing.
     fn expected(&mut self, what: &str) -> Box<Diagnostic> {
         let Some(token) = self.peek(0) else { return self.expected_more(what) };
         let found = match &token.kind {
@@ -375,7 +375,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Reports an unexpected end of the text.
+    /// Returns the error for an unexpected end of the text.
     fn expected_more(&mut self, what: &str) -> Box<Diagnostic> {
         if let Some(error) = self.lexical_error.take() {
             return Box::new(error);
@@ -399,7 +399,7 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// Reports an expression without quotes.
+/// Returns the error for an expression without quotes.
 pub(super) fn unquoted(name: &str, span: Span) -> Diagnostic {
     Diagnostic::new(format!("`{name}` is not in quotes"), span, "an expression")
         .with_help(format!("write it as a text: `\"{name}\"`"))

@@ -25,7 +25,7 @@ impl Place {
         Place { outline: outline.clone(), node: outline.root, exists: true }
     }
 
-    /// Steps to a field or a key; keys that are not strings are named as written.
+    /// Returns the element of a field or a key. Keys that are not strings are spelled as in the file.
     pub fn field(&self, name: &str) -> Place {
         self.step(match &self.node().content {
             Content::Record { children, .. } => children.get(name).copied(),
@@ -33,7 +33,7 @@ impl Place {
         })
     }
 
-    /// Steps to an index, counted from 0.
+    /// Returns the element at an index, counted from 0.
     pub fn index(&self, index: usize) -> Place {
         self.step(match &self.node().content {
             Content::List { children, .. } => children.get(index).copied(),
@@ -62,8 +62,9 @@ impl Place {
         self.outline.span(self.node().inside())
     }
 
-    /// Returns the span of the field's name or the map's key before the element; of a string, without its quotes. Returns the span
-    /// of the element itself if it has neither, or does not exist.
+    /// Returns the span of the field's name or the map's key before the element. A string's span is without quotes.
+    ///
+    /// If the element has neither, or does not exist, returns its own span.
     pub fn key(&self) -> Span {
         let node = self.node();
         self.outline.span(node.key.clone().filter(|_| self.exists).unwrap_or(node.inside()))
@@ -75,7 +76,7 @@ impl Place {
         self.outline.span(self.node().shallow())
     }
 
-    /// Returns the file offset of byte `offset` of a string, after its escapes are resolved, or the nearest offset in it.
+    /// Returns the file offset of a byte of a string. `offset` counts bytes after escapes are resolved, and is clamped.
     pub fn string_offset(&self, offset: usize) -> usize {
         let node = self.node();
         match &node.content {
@@ -84,8 +85,8 @@ impl Place {
         }
     }
 
-    /// Returns the span of a byte range of a string after its escapes are resolved, for errors of expressions in it. Returns the
-    /// whole element if it is not a string.
+    /// Returns the span of a byte range of a string, for errors of expressions in it. `range` counts bytes after
+    /// escapes are resolved. Returns the whole element if it is not a string.
     pub fn within_string(&self, range: Range<usize>) -> Span {
         if !matches!(self.node().content, Content::Text(_)) {
             return self.span();
@@ -94,7 +95,7 @@ impl Place {
         self.outline.span(start..end.max(start))
     }
 
-    /// Makes an error at the element.
+    /// Creates an error at the element.
     pub fn error(&self, message: impl Into<String>, label: impl Into<String>) -> Diagnostic {
         Diagnostic::new(message, self.span(), label)
     }

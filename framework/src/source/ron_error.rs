@@ -168,7 +168,7 @@ impl Translator<'_> {
         self.error(message, place, &label).with_help(help)
     }
 
-    /// Reports a value of the wrong kind; `wanted` names the expected one.
+    /// Returns the error for a value of the wrong kind; `wanted` names the expected one.
     fn wrong_kind(&self, wanted: &str) -> Diagnostic {
         let place = self.value_at_cursor();
         let Some(node) = self.node_at_cursor() else {
@@ -200,7 +200,7 @@ impl Translator<'_> {
         error
     }
 
-    /// Reports a value that was read only in part, where `wanted` was expected.
+    /// Returns the error for a value that was read only in part, where `wanted` was expected.
     fn wrong_kind_before(&self, wanted: &str) -> Diagnostic {
         let place = self.value_at_cursor();
         let message = format!("expected {wanted}, found `{}`", &self.text[place.clone()]);
@@ -230,7 +230,7 @@ impl Translator<'_> {
         (!name.is_empty() && is_near).then_some(start..start + name.len())
     }
 
-    /// Reports a float where an integer was expected: the crate stops at the decimal point.
+    /// Returns true if the cursor is inside a number: for a float in place of an integer, the crate stops at the point.
     fn cursor_is_inside_a_number(&self) -> bool {
         let Some(outline) = &self.outline else { return false };
         let node = outline.innermost(self.end);
@@ -246,7 +246,7 @@ impl Translator<'_> {
         self.outline.as_ref()?.starting_at(self.end)
     }
 
-    /// Returns the element that the crate was about to read or read last.
+    /// Returns the range of the element that the crate was about to read, or else of the one that it read last.
     fn value_at_cursor(&self) -> Range<usize> {
         let Some(outline) = &self.outline else { return self.start..self.end };
         if let Some(node) = self.node_at_cursor() {

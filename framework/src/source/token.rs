@@ -70,7 +70,7 @@ struct Lexer<'a> {
     at: usize,
 }
 
-/// Boxed, because a diagnostic is much larger than a token.
+/// Result of reading a token. The error is boxed, because a diagnostic is much larger than a token.
 type Result<T> = std::result::Result<T, Box<Diagnostic>>;
 
 impl<'a> Lexer<'a> {
@@ -176,7 +176,7 @@ impl<'a> Lexer<'a> {
         }
     }
 
-    /// Skips a block comment; they nest.
+    /// Skips a block comment, with the block comments nested in it.
     fn block_comment(&mut self) -> Result<()> {
         let start = self.at;
         let mut depth = 0;
@@ -407,7 +407,8 @@ impl<'a> Lexer<'a> {
     }
 }
 
-/// Keeps the last pair for every offset in the value. An offset after an escape is thus also after it in the file.
+/// Appends a pair, and replaces the last one if it has the same offset in the value: an offset after an escape must
+/// be after it in the file as well.
 fn push_step(steps: &mut Vec<(usize, usize)>, step: (usize, usize)) {
     match steps.last_mut() {
         Some(last) if last.0 == step.0 => *last = step,
