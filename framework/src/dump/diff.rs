@@ -54,7 +54,7 @@ pub struct PropertyChange {
     pub b: Option<String>,
 }
 
-/// A number on each side.
+/// A total of both dumps.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TotalChange {
     /// Name of the total.
@@ -110,7 +110,7 @@ pub struct BarrierChange {
 }
 
 impl Diff {
-    /// Returns true if the two plans execute the same passes in the same memory.
+    /// Returns true if the two plans have equal passes, barriers and resources.
     pub fn is_empty(&self) -> bool {
         fn none<T, C>(d: &Differences<T, C>) -> bool {
             d.only_a.is_empty() && d.only_b.is_empty() && d.changed.is_empty()

@@ -21,9 +21,9 @@ pub struct Dump {
     pub graph: String,
     /// One line that describes the graph.
     pub summary: String,
-    /// The graphs and presets that the graph is based on, in the order of reference.
+    /// The graphs and presets that the requested preset or choice leads to, in the order of reference.
     ///
-    /// The graph is last; empty for a graph.
+    /// The graph is last. Empty if the requested name is a graph's.
     #[serde(default)]
     pub based_on: Vec<String>,
     /// The graphs of a choice that are passed over, in order.
@@ -210,7 +210,7 @@ pub struct DumpPhase {
 pub struct DumpRepeat {
     /// Common prefix of the passes' names, or the first pass's name if there is none; unique.
     pub name: String,
-    /// Runs of the body, multiplied over nested repeats.
+    /// Number of times that the body runs; for nested repeats, the product.
     pub iterations: usize,
     /// Index of the first pass in [`Dump::passes`].
     pub first: usize,
@@ -223,7 +223,7 @@ pub struct DumpRepeat {
 pub struct DumpPass {
     /// Unique name in the plan.
     pub name: String,
-    /// Group that the pass's time is summed in.
+    /// Group under which the pass's GPU time is summed.
     pub phase: String,
     /// Prologue or frame.
     pub run: Run,
@@ -330,13 +330,13 @@ pub struct DumpBarrier {
     pub dependencies: Vec<DumpCause>,
 }
 
-/// One reason for a barrier, which can join the needs of several passes.
+/// One of the reasons for a barrier. A barrier can serve several passes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpCause {
-    /// The conflict.
+    /// The conflicting passes, with the resource and the hazard.
     #[serde(flatten)]
     pub conflict: Cause<Declared, Declared>,
-    /// Masks that this reason alone requires.
+    /// The part of the barrier's masks that this reason requires.
     #[serde(flatten)]
     pub masks: Masks,
 }
@@ -346,7 +346,7 @@ pub struct DumpCause {
 pub struct DumpWarning {
     /// The message, a sentence.
     pub message: String,
-    /// Suggestions.
+    /// Suggestions for a correction; may be empty.
     pub help: Vec<String>,
     /// Position of the construct.
     pub declared: Origin,
@@ -407,7 +407,7 @@ pub struct DumpUpdate {
 pub struct EncodedPass {
     /// Name of the pass.
     pub pass: String,
-    /// The barrier before the pass.
+    /// The barrier before the pass; `None` if it needs none.
     pub barrier: Option<EncoderBarrier>,
 }
 

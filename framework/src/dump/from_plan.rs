@@ -299,17 +299,17 @@ fn dependency_of(plan: &Plan, dependency: &Dependency) -> Dependency<Declared, D
 }
 
 impl Declared {
-    /// Names the passes and resources of a conflict.
+    /// Replaces the ids of a conflict's passes and resources by names and declarations.
     pub fn cause(plan: &Plan, cause: &Cause) -> Cause<Declared, Declared> {
         cause.map(|id| Declared::pass(plan, id), |id| Declared::resource(plan, id))
     }
 
-    /// Names a pass of a plan.
+    /// Returns the name and the declaration of a pass.
     pub fn pass(plan: &Plan, id: PassId) -> Declared {
         Declared { name: plan.pass(id).name.clone(), declared: plan.pass(id).origin.clone() }
     }
 
-    /// Names a resource of a plan.
+    /// Returns the name and the declaration of a resource.
     pub fn resource(plan: &Plan, id: ResourceId) -> Declared {
         Declared { name: plan.resource(id).name.clone(), declared: plan.resource(id).origin.clone() }
     }

@@ -6,7 +6,7 @@ use super::form::{BarrierTotals, Declared, Dump, DumpBarrier, DumpCause, DumpPas
 use crate::ir::{Hazard, Run};
 use crate::plan::{Cause, Dependency, Since};
 
-/// Formats bytes with a unit and three significant digits.
+/// Formats a number of bytes with a binary unit, such as `1.5 MiB`.
 pub fn bytes(n: u64) -> String {
     match n {
         0..1024 => format!("{n} B"),
@@ -154,8 +154,8 @@ fn write_pass(out: &mut String, pass: &DumpPass) -> fmt::Result {
     Ok(())
 }
 
-/// Formats earlier passes: `project (visible, splats), draw and export of the previous frame (color in the memory of
-/// depth)`.
+/// Formats the passes that a pass waits for, with the resources: `project (visible, splats), draw and export of the
+/// previous frame (color in the memory of depth)`.
 pub(super) fn comes_after(pass: &DumpPass) -> String {
     // For each earlier pass and its run, the resources.
     let mut passes: Vec<((&str, Since), Vec<String>)> = Vec::new();
@@ -218,7 +218,8 @@ fn write_barrier(out: &mut String, barrier: &DumpBarrier) -> fmt::Result {
     barrier.dependencies.iter().try_for_each(|d| writeln!(out, "    |   {}", cause_line(barrier, d)))
 }
 
-/// Formats the counts: `15 passes left out: 13 (nothing reads what it writes), 2 (its condition is false)`.
+/// Counts the culled passes by reason: `15 passes left out: 13 (nothing reads what it writes), 2 (its condition is
+/// false)`.
 pub fn left_out_counts(dump: &Dump) -> String {
     let mut reasons: Vec<(&str, usize)> = Vec::new();
     for left_out in &dump.left_out {
@@ -286,7 +287,7 @@ pub(super) fn conflict_line(conflict: &Cause<Declared, Declared>) -> String {
     line
 }
 
-/// Names a kind of conflict.
+/// Spells out a kind of conflict.
 fn hazard_words(hazard: Hazard) -> &'static str {
     match hazard {
         Hazard::ReadAfterWrite => "read after write",

@@ -95,12 +95,12 @@ impl<Job, Output> Rebuilder<Job, Output> {
         before
     }
 
-    /// Sets whether the owner holds a newer job than all queued ones, and waits for these to end.
+    /// Sets whether the owner holds a newer job, which it will submit once the queued ones have ended.
     pub fn set_outdated(&self, outdated: bool) {
         self.shared.state().outdated = outdated;
     }
 
-    /// Takes the oldest output.
+    /// Takes the oldest output, if there is one.
     pub fn poll(&self) -> Option<Result<Output, Panicked>> {
         self.shared.state().done.pop_front()
     }

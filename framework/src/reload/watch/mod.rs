@@ -32,13 +32,13 @@ use crate::source::{Content, Wanted};
 use subject::{Patience, Subject};
 use symlink_path::Walk;
 
-/// Delay of a change since the file's last write.
+/// Time between a file's last write and the report of the change.
 pub const QUIET: Duration = Duration::from_millis(20);
-/// Maximum delay of a file that keeps changing.
+/// Maximum time until a file that keeps changing is reported.
 pub const MOVING: Duration = Duration::from_secs(1);
-/// Delay of a missing or empty file: a save may have just begun.
+/// Time until a missing or empty file is reported: a save may have just begun.
 pub const GONE: Duration = Duration::from_secs(1);
-/// Maximum delay of a change while other files are changing, so that files saved together are one change.
+/// Maximum time that a change waits for other files to stop changing, so that files saved together are one change.
 pub const GATHER: Duration = Duration::from_millis(100);
 /// Interval between looks at all files while the system sends events.
 pub const ROUNDS: Duration = Duration::from_secs(2);
@@ -183,7 +183,8 @@ impl Watcher {
         let _ = self.inbox.send(Message::Watch(wanted.to_vec()));
     }
 
-    /// Takes the changes since the last call. The caller must then begin a build, because the watcher relies on it.
+    /// Takes the changes since the last call; `None` if there are none. The caller must then begin a build: the watcher
+    /// assumes that it reads the new contents.
     pub fn take(&mut self) -> Option<FileChange> {
         let Found { files, first_seen } = lock(&self.shared).found.take()?;
         Some(FileChange { files: files.into_keys().collect(), first_seen })
@@ -302,7 +303,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         due.chain(rounds).min()
     }
 
-    /// Replaces the set of paths.
+    /// Replaces the set of watched paths.
     fn want(&mut self, wanted: Vec<Wanted>) {
         let mut before: HashMap<PathBuf, Subject> =
             self.subjects.drain(..).map(|subject| (subject.given.clone(), subject)).collect();

@@ -118,7 +118,7 @@ impl Subject {
         self.glance = Some(Glance { stamp, content });
     }
 
-    /// Evaluates the last look. `noticed` is the time of its event.
+    /// Updates the pending difference from the last look. `noticed` is the time of the event that caused the look.
     pub fn weigh(&mut self, noticed: Instant, now: Instant) {
         let Some(glance) = self.glance else { return };
         if glance.content == self.told {
