@@ -31,7 +31,7 @@ pub struct Plan {
     pub name: String,
     /// One line that describes the graph.
     pub summary: String,
-    /// The graphs and presets that the requested preset or choice leads to, the graph last; empty if `name` is a graph.
+    /// The graphs and presets that the requested preset or choice leads to, the graph last. Empty if `name` is a graph.
     pub based_on: Vec<String>,
     /// The graphs of a choice that are passed over, in order; the last one's fallback is this plan's graph.
     pub fallbacks: Vec<Fallback>,
@@ -269,9 +269,9 @@ pub struct Resource {
     pub name: String,
     /// Size, and format of an image.
     pub shape: Shape,
-    /// Uses over all passes.
+    /// All uses of the resource by passes of the plan.
     pub usage: Usage,
-    /// Owner of the memory.
+    /// Owner of the memory, and writer of the contents.
     pub source: Source,
     /// The memory of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
@@ -402,7 +402,7 @@ pub struct LayoutChange {
     pub new: Layout,
     /// The pass that needs the new layout.
     pub before: PassId,
-    /// True in the handover, which transitions the image to its layout between frames; `before` is the first pass of
-    /// the frame that accesses the image.
+    /// True in the handover, which transitions the image to its layout between frames. `before` is then the first pass
+    /// of the frame that accesses the image.
     pub handover: bool,
 }

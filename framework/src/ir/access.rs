@@ -136,7 +136,7 @@ pub enum Layout {
     TransferTarget,
 }
 
-/// The conflict behind a dependency.
+/// The kind of conflict that causes a dependency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Hazard {
     /// A read must see an earlier write.

@@ -6,7 +6,7 @@ use std::fmt;
 bitflags! {
     /// Optional features that a shader uses, or with which a device was opened.
     ///
-    /// [`Features::LIST`] names the Vulkan features behind each. It omits features that every Vulkan 1.3 device has,
+    /// [`Features::LIST`] has the name of each in Vulkan. It omits features that every Vulkan 1.3 device has,
     /// and features that no backend enables: shaders that need the latter are refused at compilation.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Features: u64 {

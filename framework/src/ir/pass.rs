@@ -173,7 +173,7 @@ pub struct Target<R = ResourceId> {
     pub blend: Blend,
 }
 
-/// Describes a depth attachment.
+/// A depth attachment of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DepthTarget<R = ResourceId> {
     /// The image, of the format [`Format::Depth32Float`](super::Format::Depth32Float).

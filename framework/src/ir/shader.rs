@@ -34,9 +34,9 @@ pub struct Msl {
     pub arguments: Vec<MslArgument>,
     /// Index in the table of buffers for the push constants; `None` if the shader has none.
     pub push: Option<u32>,
-    /// Index in the table of buffers for the sizes in bytes of buffers; `None` if the code queries no buffer's length.
+    /// Index in the table of buffers for the buffer sizes; `None` if the code queries no buffer's length.
     ///
-    /// The sizes are 32-bit words, by buffer index.
+    /// The sizes in bytes are 32-bit words, by buffer index.
     pub sizes: Option<u32>,
 }
 
@@ -137,7 +137,7 @@ pub struct ReflectedBinding {
     pub writes: bool,
     /// True if every load and store is atomic, so that concurrent invocations do not race.
     pub atomics_only: bool,
-    /// True if the first access in the code is a plain store, as in a shader that clears counters before use.
+    /// True if the first access in the code is a plain store. Example: a shader that clears counters before use.
     pub writes_first: bool,
 }
 

@@ -45,7 +45,7 @@ pub(super) struct Around {
 #[derive(Debug)]
 pub(super) struct Given {
     pub setting: Setting,
-    /// The parameter's graph.
+    /// The included graph, which declares the parameter.
     graph: Rc<Graph>,
     name: String,
 }

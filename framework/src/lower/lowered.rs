@@ -29,7 +29,7 @@ pub struct Lowered {
     pub live_glsl: String,
     /// The uniform block of the live parameters.
     pub live: ResourceId,
-    /// The parameters behind each live parameter: the parameter itself, and those that its default depends on.
+    /// For each live parameter, the parameter itself and those that its default depends on.
     pub live_params: BTreeMap<String, ParamSet>,
     /// Parameters that conditions, counts of repeats and swaps depend on.
     pub shape: ParamSet,
@@ -109,13 +109,13 @@ pub struct RemovedPass {
     pub reason: Option<Reason>,
     /// Parameters that the condition depends on.
     pub decided: ParamSet,
-    /// Parameters behind the names in the pass's expressions.
+    /// Parameters that the names in the pass's expressions depend on.
     pub named: ParamSet,
     /// The graph file that declares the pass.
     pub file: FileId,
     /// File names of the pass's shaders.
     pub shaders: Vec<String>,
-    /// Parameters behind each constant: see [`LoweredPass::constants`].
+    /// Parameters that each constant depends on; see [`LoweredPass::constants`].
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 
@@ -146,7 +146,7 @@ pub struct LoweredPass {
     pub decided: ParamSet,
     /// Parameters that the pass's numbers depend on: size, push constants, offsets, fill word.
     pub read: ParamSet,
-    /// Parameters behind the constants that shaders can use.
+    /// Parameters that each constant depends on, by the constant's name in shaders.
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 

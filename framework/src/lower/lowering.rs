@@ -82,7 +82,7 @@ pub(super) struct Level {
     pub around: ParamSet,
     pub defines: Rc<Vec<(String, String)>>,
     pub unfit: Rc<Vec<(String, String)>>,
-    /// Parameters behind the constants; see [`LoweredPass::constants`].
+    /// Parameters that each constant depends on; see [`LoweredPass::constants`].
     pub constants: Rc<BTreeMap<String, ParamSet>>,
 }
 

@@ -111,9 +111,9 @@ pub(super) fn resolve(
 /// A parameter, with the other parameters of the root graph that it depends on.
 struct Made {
     param: Param,
-    /// Parameters behind the parameter's value.
+    /// Parameters that the value depends on.
     params: ParamSet,
-    /// Parameters behind the parameter's range.
+    /// Parameters that the range depends on.
     range: ParamSet,
     /// Parameters that the value's expression names but did not read.
     skipped: ParamSet,
@@ -251,7 +251,7 @@ pub(super) fn texts(declaration: &ParamDecl) -> (&str, &str) {
     }
 }
 
-/// Evaluates the domain, the default (at its own place and in its own scope) and the exact value of a declaration.
+/// Evaluates the domain, the default and the exact value of a declaration. The default has its own place and scope.
 fn domain(
     kind: &ParamKind,
     place: &Place,
@@ -343,8 +343,8 @@ pub(super) fn given(
     within(value, domain).map_err(|m| at.error("this value does not fit the parameter", m))
 }
 
-/// Returns the reason for a value of [`given`], the parameters that it depends on, and further parameters that its
-/// expression names. Empty for a literal.
+/// Returns the reason for a value of [`given`], and the parameters that it depends on. The second set has further
+/// parameters that its expression names. All are empty for a literal.
 fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, ParamSet, ParamSet) {
     match (number, domain) {
         (Number::Literal(_), _) => Default::default(),
@@ -419,8 +419,8 @@ pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
     within(parsed.ok_or_else(|| format!("is not {}", wanted(domain)))?, domain)
 }
 
-/// Evaluates a parameter of an included graph, and finds the parameters of the root graph behind it. `given` is the
-/// includer's setting, its scope, and its place.
+/// Evaluates a parameter of an included graph, and finds the parameters of the root graph that it depends on.
+/// `given_here` is the includer's setting, with its scope and its place.
 pub(super) fn included(
     declared: &Declared,
     setting: Option<&Setting>,

@@ -13,7 +13,7 @@ use crate::source::{Diagnostic, Kind, SourceMap};
 #[derive(Debug)]
 pub(super) struct Chosen {
     pub opened: Rc<Opened>,
-    /// The graphs passed over.
+    /// Graphs of the choice that were passed over, in order.
     pub fallbacks: Vec<Fallback>,
     /// Unmet requirements; empty unless no graph suits the facts.
     pub unmet: Vec<Unmet>,

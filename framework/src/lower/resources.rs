@@ -195,7 +195,7 @@ impl Lowering<'_> {
         self.histories.push(History { name, previous_frame, of: of.clone() });
     }
 
-    /// Finds the resource behind each `last(name)`. Call it once all swaps of the frame are known.
+    /// Finds the resource that each `last(name)` reads. Call it once all swaps of the frame are known.
     pub(super) fn end_histories(&mut self) {
         for History { name, previous_frame, of } in std::mem::take(&mut self.histories) {
             let real = match of {

@@ -20,7 +20,7 @@ pub(super) struct Names {
     pub values: Values,
     /// Live parameters, which have no value when the plan is built.
     pub live: BTreeSet<String>,
-    /// The parameters of the root graph behind each name; names without any are absent.
+    /// The parameters of the root graph that each name depends on; names without any are absent.
     pub params: BTreeMap<String, ParamSet>,
     notes: RefCell<Notes>,
 }
@@ -62,7 +62,7 @@ impl Names {
         Names { values: facts.named(), ..Names::default() }
     }
 
-    /// Adds a name, and the parameters behind its value.
+    /// Adds a name, with the parameters that its value depends on.
     pub fn define(&mut self, name: &str, value: Value, params: ParamSet) {
         self.values.insert(name.into(), value);
         if !params.is_empty() {
@@ -112,7 +112,7 @@ impl Names {
         self.notes.borrow_mut().decided.extend(params);
     }
 
-    /// Returns the parameters behind all names in a number, even if its evaluation does not read them.
+    /// Returns the parameters that any name in a number depends on, even if its evaluation does not read the name.
     pub fn named_by(&self, number: &Number) -> ParamSet {
         match number {
             Number::Literal(_) => ParamSet::new(),
@@ -120,7 +120,7 @@ impl Names {
         }
     }
 
-    /// Returns the parameters behind all names in a choice of a resource.
+    /// Returns the parameters that any name in a choice of a resource depends on.
     pub fn named_by_choice(&self, reference: &Reference) -> ParamSet {
         match &reference.choice {
             Some(choice) => self.named(choice),
@@ -128,7 +128,7 @@ impl Names {
         }
     }
 
-    /// Returns the parameters behind all names in an expression.
+    /// Returns the parameters that any name in an expression depends on.
     pub fn named(&self, expression: &Expression) -> ParamSet {
         let names = expression.parsed.iter().flat_map(|expr| expr.names());
         names.filter_map(|(name, _)| self.params.get(name)).flatten().copied().collect()

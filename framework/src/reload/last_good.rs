@@ -92,7 +92,7 @@ impl<P, E> LastGood<P, E> {
         }
     }
 
-    /// Returns the newest product.
+    /// Returns the newest product; `None` before the first success.
     pub fn good(&self) -> Option<&P> {
         self.good.as_ref()
     }

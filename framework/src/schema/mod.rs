@@ -526,7 +526,7 @@ pub struct TargetDecl {
     pub when: Option<Number>,
 }
 
-/// Declares a depth attachment.
+/// The declaration of a depth attachment.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, rename = "Depth")]
 pub struct DepthDecl {

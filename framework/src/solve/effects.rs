@@ -1,8 +1,8 @@
 //! Finds the parts of the plan that depend on each parameter, or the reason why none does.
 //!
-//! Lowering and linking found the parameters behind each pass and each resource of the graph. This module collects them
-//! for the passes of the plan. The accesses of a culled pass count as well: it still separates the passes before and
-//! after it, and with other accesses it could be needed.
+//! Lowering and linking found the parameters that each pass and each resource of the graph depends on. This module
+//! collects them for the passes of the plan. The accesses of a culled pass count as well: it still separates the passes
+//! before and after it, and with other accesses it could be needed.
 
 use std::collections::BTreeMap;
 

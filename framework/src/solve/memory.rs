@@ -132,7 +132,7 @@ fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
     frame.iter().map(level).collect()
 }
 
-/// Returns true if no alias is alive during `life`, or so close to it that a pass would have to wait.
+/// Returns true if no alias is alive during `life`, or so shortly before or after it that a pass would have to wait.
 fn is_free(aliases: &BTreeMap<usize, Life>, life: Life) -> bool {
     // They are disjoint, so only the immediate neighbours in time can overlap.
     let before = aliases.range(..=life.last).next_back();

@@ -69,7 +69,7 @@ fn first_touch(pass: &LinkedPass, resource: ResourceId, lowered: &Lowered) -> Di
         )
 }
 
-/// Returns a warning for each include with culled passes that write to a port, if a pass outside it reads that port's
+/// Returns a warning for each include in which culled passes write to a port, although a pass outside reads its
 /// resource.
 fn idle_includes(passes: &[LinkedPass], live: &[bool], lowered: &Lowered) -> Vec<Diagnostic> {
     // For each include, its culled passes, including those of nested includes.

@@ -246,7 +246,7 @@ impl Translator<'_> {
         self.outline.as_ref()?.starting_at(self.end)
     }
 
-    /// Returns the range of the element that the crate was about to read, or else of the one that it read last.
+    /// Returns the range of the element that the crate was about to read, or of the one that it read last.
     fn value_at_cursor(&self) -> Range<usize> {
         let Some(outline) = &self.outline else { return self.start..self.end };
         if let Some(node) = self.node_at_cursor() {

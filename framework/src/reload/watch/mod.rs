@@ -54,7 +54,7 @@ pub struct FileChange {
     pub first_seen: Instant,
 }
 
-/// The watcher cannot start.
+/// The reason why a watcher cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
     /// The system refuses to start a thread.
@@ -88,7 +88,7 @@ pub struct Watcher {
     thread: Option<JoinHandle<()>>,
 }
 
-/// The thread's results.
+/// Results of the watcher's thread.
 #[derive(Debug)]
 struct Shared {
     kind: WatchKind,
@@ -457,7 +457,7 @@ impl<Wake: Fn()> LookOut<Wake> {
     }
 }
 
-/// True to watch all folders along a path up to the root; false for only the last ones and those with links.
+/// Whether to watch all folders along a path up to the root, or only the last ones and those with links.
 ///
 /// On macOS a watched folder sends the events of everything below it: for the root, those of the whole machine. There,
 /// changes further up wait for the next regular look.

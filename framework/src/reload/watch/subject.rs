@@ -64,7 +64,7 @@ struct Pending {
     glance: Glance,
 }
 
-/// The current difference.
+/// A file's difference from the contents last built or reported.
 #[derive(Clone, Copy, Debug)]
 pub struct Difference {
     pub first_seen: Instant,

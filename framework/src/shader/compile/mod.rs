@@ -63,7 +63,7 @@ impl Glslang {
         Glslang::default()
     }
 
-    /// Returns a compiler with an empty cache that runs in a separate process, which contains crashes and limits memory
+    /// Returns a compiler with an empty cache that runs in a separate process. This contains crashes, and limits memory
     /// and time. The process starts with the first compilation and ends when this value is dropped.
     pub fn in_worker(worker: Worker) -> Self {
         Glslang { worker: Some(worker::Parent::new(worker)), ..Glslang::default() }
@@ -86,7 +86,7 @@ impl Glslang {
 }
 
 impl ShaderCompiler for Glslang {
-    /// Compiles a shader, or fails with at least one diagnostic, each at its place in the shader or an included file.
+    /// Compiles a shader. Fails with at least one diagnostic, each at its place in the shader or an included file.
     fn compile(
         &mut self,
         files: &mut SourceMap,

@@ -206,7 +206,9 @@ impl Sources {
         Some(Diagnostic::new(message, span, "used here"))
     }
 
-    /// Locates the first identifier of the units that a message quotes (`` `so` ``); the shader's first line if none is found.
+    /// Locates the first identifier of the units that a message quotes (`` `so` ``).
+    ///
+    /// Returns the shader's first line if none is found.
     pub fn find_quoted(&self, files: &mut SourceMap, request: &ShaderRequest, message: &str) -> Span {
         for quoted in message.split('`').skip(1).step_by(2).filter(|quoted| !quoted.is_empty()) {
             for (index, unit) in self.units.iter().enumerate() {

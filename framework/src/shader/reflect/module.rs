@@ -94,9 +94,9 @@ pub(super) struct Module {
     pub extensions: Vec<String>,
     /// GLSL extensions that the source text requires.
     pub source_extensions: Vec<String>,
-    /// Types of all constants.
+    /// Type of each constant, by the constant's id.
     pub constants: HashMap<Word, Word>,
-    /// Values of integer constants.
+    /// Value of each integer constant, by the constant's id.
     pub values: HashMap<Word, u64>,
     pub types: HashMap<Word, TypeInfo>,
     pub variables: Vec<Variable>,
