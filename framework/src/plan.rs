@@ -74,17 +74,17 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Returns the resource of an id.
+    /// Returns the resource with this id.
     pub fn resource(&self, id: ResourceId) -> &Resource {
         &self.resources[id.index()]
     }
 
-    /// Returns the pass of an id.
+    /// Returns the pass with this id.
     pub fn pass(&self, id: PassId) -> &Pass {
         &self.passes[id.index()]
     }
 
-    /// Returns the shader of an id.
+    /// Returns the shader with this id.
     pub fn shader(&self, id: ShaderId) -> &Shader {
         &self.shaders[id.index()]
     }
@@ -246,7 +246,7 @@ impl Plan {
         &self.dependencies[from..from + count]
     }
 
-    /// Lists the other resources in the same memory.
+    /// Lists the other resources that share the block of `id`.
     pub fn aliases(&self, id: ResourceId) -> impl Iterator<Item = ResourceId> + '_ {
         let block = self.resource(id).block.map(|block| &self.blocks[block.index()]);
         block.into_iter().flat_map(|block| &block.aliases).copied().filter(move |other| *other != id)

@@ -27,7 +27,7 @@ pub struct Param {
     pub grows: Option<String>,
     /// The values that the parameter may take.
     pub domain: Domain,
-    /// The path to the shaders.
+    /// The way in which the value reaches the shaders.
     pub binding: ParamBinding,
     /// Position of the parameter's declaration.
     pub origin: Origin,
@@ -71,7 +71,7 @@ pub enum Domain {
     Choice(Vec<String>),
 }
 
-/// The path of a parameter to the shaders.
+/// The way in which a parameter's value reaches the shaders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParamBinding {
     /// A constant of the plan and a define of the shaders.

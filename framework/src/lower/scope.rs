@@ -190,7 +190,7 @@ impl Names {
         u64::try_from(v).map_err(|_| place.error("this cannot be negative", format!("is {v}")))
     }
 
-    /// Evaluates non-negative integers in one to three dimensions.
+    /// Evaluates one to three non-negative integers. Missing dimensions are 1.
     pub fn extent(&self, extent: &schema::Extent, place: &Place) -> Result<Extent, Diagnostic> {
         let mut size = [1; 3];
         for (axis, number) in extent.0.iter().enumerate() {

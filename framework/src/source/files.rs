@@ -45,7 +45,7 @@ impl fmt::Display for Kind {
     }
 }
 
-/// Files that are not on disk.
+/// Files that can be found besides those in a graph's own folders on disk.
 #[derive(Clone, Debug, Default)]
 pub struct Library {
     /// Paths and texts of files built into the binary: `pipelines/splat.ron`, `shaders/sort/scatter.comp`.
@@ -230,7 +230,7 @@ impl SourceMap {
         (line as u32 + 1, column as u32 + 1)
     }
 
-    /// Returns the start of a span.
+    /// Returns the path, line and column of a span's start.
     pub fn origin(&self, span: Span) -> Origin {
         let (line, column) = self.line_column(span);
         Origin { file: self.path(span.file).to_string(), line, column }

@@ -18,7 +18,7 @@ const MOST_LINKS: u32 = 40;
 pub struct Entry {
     /// The folder that contains the entry: absolute, without links.
     pub folder: PathBuf,
-    /// The folder's path and the entry's name.
+    /// The entry's own path: `folder`, joined with the entry's name.
     pub path: PathBuf,
     pub is_link: bool,
 }
@@ -84,7 +84,7 @@ enum Step {
     Into(OsString),
 }
 
-/// Returns the steps of a path, the first one last.
+/// Returns the steps of a path, in reverse order.
 fn steps(path: &Path) -> Vec<Step> {
     let step = |component| match component {
         Component::Prefix(prefix) => Some(Step::Root(prefix.as_os_str().to_owned())),

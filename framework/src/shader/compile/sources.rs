@@ -166,7 +166,7 @@ impl Sources {
         None
     }
 
-    /// Follows the preprocessor; `None` if the texts cannot be followed.
+    /// Finds the names that the shader reaches with `defines`; `None` if the texts cannot be followed.
     pub fn follow(&self, defines: &[(String, String)]) -> Option<Reached> {
         let texts: Vec<reached::Text> = self.units.iter().map(Unit::followed).collect();
         reached::reached(&texts, defines)
