@@ -10,7 +10,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// A list of views; the unique name of each is its camera's `img_name`.
+/// The user's saved views. A view's unique name is its camera's `img_name`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Views {
     list: Vec<Camera>,
@@ -22,7 +22,7 @@ impl Views {
         &self.list
     }
 
-    /// Adds a view at the end, and returns its index. A name that is taken gets a number, and an empty one is `view`.
+    /// Adds a view at the end, and returns its index. A name already in use gets a number; an empty one becomes `view`.
     pub fn add(&mut self, name: &str, camera: Camera) -> usize {
         let img_name = self.free_name(name, None);
         self.list.push(Camera { img_name, ..camera });
@@ -61,7 +61,7 @@ impl Views {
     }
 }
 
-/// An error while writing cameras.
+/// An error while writing a file of cameras.
 #[derive(Debug, thiserror::Error)]
 pub enum SaveError {
     /// The list of cameras is empty.
@@ -78,10 +78,10 @@ pub enum SaveError {
     Output(#[from] OutputError),
 }
 
-/// Writes files of cameras, and replaces only files that it wrote itself.
+/// The window's writer of camera files; it overwrites only files that it wrote itself.
 #[derive(Clone, Debug, Default)]
 pub struct CameraFiles {
-    /// Written texts, by absolute path.
+    /// Text of each file that was written, by absolute path.
     written: BTreeMap<PathBuf, String>,
 }
 

@@ -9,11 +9,11 @@ use std::path::PathBuf;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RendererId {
-    /// Renderer of the scene: the whole view, or the part left of the split line.
+    /// The renderer of the scene: it fills the view, or the part left of the split line.
     A,
     /// The renderer of the comparison.
     B,
-    /// The renderer of the window itself: pictures and user interface.
+    /// The renderer of the window's own graph, which draws the pictures and the user interface.
     Window,
 }
 
@@ -46,7 +46,7 @@ pub enum Event {
         /// The errors, without colours.
         text: String,
     },
-    /// A plan was built again after a failure.
+    /// After a failure, a plan was built or a frame drawn again.
     Mended {
         /// Renderer of the plan.
         renderer: RendererId,
@@ -126,7 +126,7 @@ pub enum Event {
         psnr: f64,
         /// SSIM; `None` for pictures smaller than its window.
         ssim: Option<f64>,
-        /// Largest difference of a channel.
+        /// Largest difference of a colour channel; 1 is white.
         worst: f64,
     },
     /// The window's content has a new size or scale.
@@ -166,7 +166,7 @@ pub enum Event {
 }
 
 impl Event {
-    /// Adds the renderer to an event.
+    /// Converts an event of a renderer to an event of the viewer.
     pub fn of(renderer: RendererId, event: RendererEvent) -> Event {
         match event {
             RendererEvent::Swapped(swap) => Event::Swapped { renderer, swap },

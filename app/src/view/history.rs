@@ -19,7 +19,7 @@ pub const WINDOW: usize = 300;
 #[derive(Clone, Debug)]
 struct Sample {
     plan: Arc<Plan>,
-    /// Number of the frame.
+    /// Number of the frame in this history, from 1.
     number: u64,
     prologue: bool,
     total_ms: Option<f64>,
@@ -128,7 +128,7 @@ impl History {
         Quantiles::of(&mut self.steady().filter_map(|s| s.total_ms).collect::<Vec<_>>())
     }
 
-    /// Lists the milliseconds of the newest `count` frames of all plans, oldest first.
+    /// Lists the GPU times of the newest `count` frames, in milliseconds, oldest first, across all plans.
     pub fn recent(&self, count: usize) -> Vec<f64> {
         let skipped = self.samples.len().saturating_sub(count);
         self.samples.iter().skip(skipped).filter_map(|sample| sample.total_ms).collect()
@@ -136,8 +136,8 @@ impl History {
 
     /// Computes the median time of a frame outside of its passes, in milliseconds.
     ///
-    /// Drivers on the CPU write the timestamps of compute passes when the whole submission ends, so it is nearly the
-    /// whole frame there.
+    /// CPU drivers write the timestamps of compute passes only when the whole submission ends: nearly the whole frame
+    /// is then outside of its passes.
     pub fn unattributed(&self) -> Option<f64> {
         let rest = |sample: &Sample| {
             let passes: Option<f64> = sample.phases.iter().map(|(_, ms)| *ms).sum();
@@ -200,7 +200,7 @@ impl History {
         collect(self.steady(), passes)
     }
 
-    /// Lists the numbers of the first frames of each new plan.
+    /// Lists the number of each recorded frame that was the first of a new plan.
     pub fn changes(&self) -> Vec<f64> {
         let pairs = self.samples.iter().zip(self.samples.iter().skip(1));
         pairs.filter(|(a, b)| !Arc::ptr_eq(&a.plan, &b.plan)).map(|(_, b)| b.number as f64).collect()
@@ -215,7 +215,7 @@ impl History {
         passes.filter_map(|row| Some((row.name, row.ms?.median))).collect()
     }
 
-    /// Iterates over the frames of the newest recorded plan that did not run the prologue.
+    /// Iterates over the frames of the newest recorded plan, without those that ran the prologue.
     fn steady(&self) -> impl DoubleEndedIterator<Item = &Sample> {
         let newest = self.plan();
         self.samples.iter().filter(move |sample| {

@@ -1,4 +1,4 @@
-//! Restores the window's arrangement from the last start: tools, theme, and recently opened scenes.
+//! Saves the window's arrangement for the next start: tools, theme, and recently opened scenes.
 //!
 //! It is a JSON file in the user's state folder. A file that cannot be read, or has another version, is reported and
 //! replaced.
@@ -23,7 +23,7 @@ struct Kept {
     arrangement: Arrangement,
 }
 
-/// Returns the file's path; `None` if the system names no folder for it.
+/// Returns the file's path; `None` if the system defines no folder for application state.
 pub fn path() -> Option<PathBuf> {
     Some(folders::state()?.join("splatgraph/window.json"))
 }
@@ -48,7 +48,7 @@ pub fn restore(path: &Path, panels: &mut Panels) -> Result<Option<Theme>, String
     Ok(Some(if kept.light { Theme::Light } else { Theme::Dark }))
 }
 
-/// Writes the file, unless its content is the same.
+/// Writes the file, unless its content would not change.
 ///
 /// # Errors
 /// The file cannot be written; the previous one stays.

@@ -151,7 +151,7 @@ impl Opening {
         Ok(())
     }
 
-    /// Takes the next file that was read and not cancelled.
+    /// Takes the next file that has been read; `None` if there is none. Results of cancelled requests are dropped.
     pub fn take(&mut self) -> Option<Opened> {
         loop {
             let opened = self.finished.1.try_recv().ok()?;
@@ -164,7 +164,7 @@ impl Opening {
         }
     }
 
-    /// Reads a file on another thread. `failed` makes the content if reading panics.
+    /// Reads a file on another thread. If reading panics, `failed` converts the message to the content.
     fn start(
         &mut self,
         path: &Path,

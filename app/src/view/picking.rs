@@ -22,7 +22,7 @@ impl Drop for Request {
     }
 }
 
-/// Searches for the splats of a pixel.
+/// The search for the splats of a pixel, and its last result.
 pub struct Picker {
     request: Option<Request>,
     wake: Wake,

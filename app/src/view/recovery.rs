@@ -5,8 +5,8 @@
 //! dropped, another device is opened, and the scene, which is still in host memory, is uploaded again. Contents of
 //! histories are lost.
 //!
-//! A graph that loses the device again soon after is the likely cause. It then waits for a change instead of causing a
-//! third loss.
+//! If the new device is lost soon after, the graph is the likely cause. It is not built again until something changes,
+//! to prevent a third loss.
 
 use super::events::Event;
 use super::shell::{Frame, FrameRequest, Shell};
@@ -46,15 +46,15 @@ struct Loss {
     since: Instant,
     attempts: u32,
     next: Instant,
-    /// True if the device had already been lost shortly before.
+    /// True if another device had been lost shortly before.
     again: bool,
 }
 
-/// Reopens a device after its loss; see the module's documentation.
+/// The state of reopening a device after its loss; see the module's documentation.
 pub struct Recovery<D> {
     open: Open<D>,
     loss: Option<Loss>,
-    /// Time at which a device was last reopened.
+    /// Time at which a device was last reopened; `None` if none was.
     opened: Option<Instant>,
 }
 

@@ -88,7 +88,7 @@ pub struct Shell<D: Device> {
     events: Vec<Event>,
     /// Content of the window's newest frame, without the user interface.
     shown: Option<Content>,
-    /// True if the window should have been drawn, but its device could not take the frame.
+    /// True if a frame of the window is due that its device could not accept yet.
     owed: bool,
     /// True if a frame of the window in flight is read back.
     reading: bool,
@@ -100,7 +100,7 @@ pub struct Shell<D: Device> {
     seen: u64,
 }
 
-/// Numbers and arrangement of the pictures in the window.
+/// Numbers and arrangement of the pictures in the window, which tell whether it must be drawn again.
 #[derive(PartialEq)]
 struct Content {
     pictures: [Option<u64>; 2],
@@ -169,7 +169,7 @@ impl<D: Device> Shell<D> {
         self.canvas.device_mut()
     }
 
-    /// Returns the failure of the window's own graph if it has no plan, so that nothing can be shown.
+    /// Returns the failure of the window's own graph, if it has no plan: then nothing can be shown.
     pub fn is_blind(&self) -> Option<&Failure> {
         if self.canvas.plan().is_some() { None } else { self.canvas.failure() }
     }
@@ -449,7 +449,7 @@ impl<D: Device> Shell<D> {
         self.viewer.give(device)
     }
 
-    /// Closes everything else, and returns the devices of the scene and of the window, except lost ones.
+    /// Closes the shell, and returns the devices of the scene and of the window, except lost ones.
     pub fn into_devices(self) -> Vec<D> {
         let Shell { viewer, canvas, .. } = self;
         [viewer.into_device(), canvas.into_device()].into_iter().flatten().collect()

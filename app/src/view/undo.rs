@@ -26,7 +26,7 @@ struct Side {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     scene: PathBuf,
-    /// Scene of B, if it has its own.
+    /// File of B's scene, if B has its own.
     other: Option<PathBuf>,
     a: Side,
     b: Option<Side>,
@@ -36,7 +36,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Returns the settings of a viewer, including the scene that is being loaded.
+    /// Returns the settings of a viewer. A scene that is being loaded counts as loaded.
     pub fn of<D: Device>(viewer: &Viewer<D>) -> Settings {
         let side =
             |renderer: &Renderer<D>| Side { graph: renderer.graph().to_owned(), set: renderer.set().clone() };
@@ -53,7 +53,7 @@ impl Settings {
         }
     }
 
-    /// Applies the settings that differ to a viewer.
+    /// Applies these settings to a viewer, where they differ from its own.
     fn apply<D: Device>(&self, viewer: &mut Viewer<D>) {
         let mut now = Settings::of(viewer);
         if now.scene != self.scene && now.other.as_ref() == Some(&self.scene) {
@@ -85,7 +85,7 @@ impl Settings {
         }
     }
 
-    /// Names the differences from other settings: `digit_bits`, `graph`, `2 parameters`.
+    /// Describes the difference from other settings: `digit_bits`, `graph`, `2 parameters`.
     fn difference(&self, other: &Settings) -> String {
         let mut parts: Vec<String> = Vec::new();
         if self.scene != other.scene || self.other != other.other {

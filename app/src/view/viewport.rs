@@ -1,8 +1,8 @@
 //! Draws one of the two pictures of the scene, and records its times and inspections.
 //!
 //! A frame is drawn if it would differ from the last one (another plan, size, camera or live parameter), if something
-//! is to be read from it, or if the last one failed or lost its results. So an idle scene costs nothing. A plan whose
-//! frames may differ for equal inputs is drawn continuously.
+//! is to be read from it, or if the last one failed or lost its results. An idle scene therefore costs nothing. A plan
+//! whose frames may differ for equal inputs is drawn continuously.
 //!
 //! The window's graph reads the picture on the device; if the window has its own device, the picture reaches it through
 //! host memory.
@@ -78,7 +78,7 @@ pub(super) struct View<'a> {
     pub to_host: bool,
 }
 
-/// Inputs of a frame that its picture depends on.
+/// Inputs of a frame that affect its picture.
 struct Drawn {
     plan: Arc<Plan>,
     uniforms: BTreeMap<String, Vec<u8>>,
@@ -91,7 +91,7 @@ impl PartialEq for Drawn {
     }
 }
 
-/// A picture for the window.
+/// The picture that the window shows, with its origin.
 struct Exhibit {
     shown: Shown,
     /// Number of the picture, unique among all viewports.
@@ -121,7 +121,7 @@ pub struct Viewport<D: Device> {
     exhibit: Option<Exhibit>,
     /// True if frames of the plan may differ for equal inputs.
     animated: bool,
-    /// True if a due frame could not be submitted.
+    /// True if a frame is due that could not be submitted.
     waits: bool,
     readings: u64,
     track: GpuTrack,
@@ -150,14 +150,15 @@ impl<D: Device> Viewport<D> {
         self.stats.iter().find(|(stat, _)| stat == name).map(|(_, value)| *value)
     }
 
-    /// Describes the fallback that is drawn if the device does not meet the graph's requirements.
+    /// Describes the fallback that is drawn because the device does not meet the graph's requirements; `None` without
+    /// one.
     pub fn fallback(&self) -> Option<String> {
         let lacking = Fallback::lacking(&self.renderer.plan()?.fallbacks);
         let all: Vec<String> = lacking.map(ToString::to_string).collect();
         (!all.is_empty()).then(|| all.join("; "))
     }
 
-    /// Describes what the facts decided: the graph behind a preset, and the constants with their reasons.
+    /// Describes choices that depend on facts: the graph behind a preset, and constants with their reasons.
     pub fn decisions(&self) -> Option<String> {
         let plan = self.renderer.plan()?;
         let decisions = plan.decisions();
@@ -168,8 +169,8 @@ impl<D: Device> Viewport<D> {
         })
     }
 
-    /// Describes the newest finished frame if it was incomplete: `drawn in part: 1,234 of 5,678 entries`. A frame that
-    /// is not shown does not count.
+    /// Describes the newest finished frame if it was incomplete: `drawn in part: 1,234 of 5,678 entries`. `None` if the
+    /// frame is not shown.
     pub fn in_part(&self) -> Option<String> {
         if self.is_held_back() { None } else { self.part() }
     }
@@ -180,7 +181,7 @@ impl<D: Device> Viewport<D> {
         (!short.is_empty()).then(|| format!("drawn in part: {}", short.join(", ")))
     }
 
-    /// Describes the newest finished frame if it was incomplete and the next will be: there is no more capacity.
+    /// Describes the newest finished frame if it was incomplete and the next ones will be, for lack of capacity.
     pub fn stays_in_part(&self) -> Option<String> {
         let ended = self.short.iter().any(|short| short.room >= short.most);
         let reason = match self.renderer.crowded() {
@@ -262,7 +263,7 @@ impl<D: Device> Viewport<D> {
         self.animated
     }
 
-    /// Returns true if a due frame could not be submitted.
+    /// Returns true if a frame is due that could not be submitted.
     pub(super) fn waits(&self) -> bool {
         self.waits
     }
@@ -325,7 +326,7 @@ impl<D: Device> Viewport<D> {
         self.collect(view.to_host);
     }
 
-    /// Passes a picture of `plan` to the window.
+    /// Makes `shown`, drawn by `plan`, the picture in the window.
     fn exhibit(&mut self, shown: Shown, plan: Arc<Plan>) {
         static NUMBERS: AtomicU64 = AtomicU64::new(0);
         let number = NUMBERS.fetch_add(1, Ordering::Relaxed);
@@ -360,7 +361,7 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Records the read-backs of a submitted frame.
+    /// Records which read-backs a submitted frame contains.
     fn note(&mut self, inputs: &FrameInputs) {
         if inputs.read_output && matches!(self.reading, Reading::Wanted) {
             self.reading = Reading::InFlight(self.renderer.submitted());
@@ -392,7 +393,7 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Returns true if the inspection must be read soon, not merely with the next frame.
+    /// Returns true if a reading of the inspection was requested, so that a frame is due for it.
     fn asks(&self) -> bool {
         self.inspection.as_ref().is_some_and(|inspection| inspection.asked)
     }

@@ -16,7 +16,7 @@ pub struct Scrolled {
     pub swiped: [f64; 2],
 }
 
-/// The last device that scrolled.
+/// The device that scrolled last: a wheel or a touchpad.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wheel {
     is_touchpad: bool,

@@ -41,20 +41,20 @@ const STEEPEST: f64 = 89.9 * std::f64::consts::PI / 180.0;
 pub const ZOOM_PER_NOTCH: f64 = 0.15;
 /// Zoom per point of a drag, as an exponent of `e`.
 const ZOOM_PER_POINT: f64 = 0.01;
-/// Minimum and maximum distance to the pivot, in sizes of the scene.
+/// Minimum and maximum distance to the pivot, as multiples of the scene's size.
 const DISTANCES: (f64, f64) = (1e-6, 1e4);
-/// Maximum distance to the scene's centre, in sizes of the scene.
+/// Maximum distance to the scene's centre, as a multiple of the scene's size.
 const FARTHEST: f64 = 1e6;
-/// Initial speed of flying, in sizes of the scene per second.
+/// Initial speed of flying, in scene sizes per second.
 const FLY_SPEED: f64 = 0.2;
-/// Factor of the flying speed per notch of the wheel.
+/// Factor by which one notch of the wheel changes the flying speed.
 const SPEED_PER_NOTCH: f64 = 1.2;
-/// Minimum and maximum factor on the initial flying speed.
+/// Minimum and maximum of the factor on [`FLY_SPEED`] that the wheel sets.
 const SPEEDS: (f64, f64) = (1e-3, 1e3);
-/// Factor on the flying speed with Shift, and divisor with Ctrl.
+/// Factor on the flying speed while Shift is held; its inverse applies while Ctrl is held.
 const HURRY: f64 = 4.0;
-/// Cosine between the camera's down and the world's up above which the camera is upside down. It is 0 for a camera that
-/// looks straight up or down.
+/// Limit for the cosine of the angle between the camera's down and the world's up: above it, the camera is upside down.
+/// The cosine is 0 for a camera that looks straight up or down.
 const UPSIDE_DOWN: f64 = 1e-3;
 /// Share of the viewport that a framed scene may fill.
 const FILL: f64 = 0.92;
@@ -131,7 +131,7 @@ pub struct Keys {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pose {
     position: DVec3,
-    /// Rotation from the camera's axes to the world's, of length 1.
+    /// Rotation from the camera's axes to the world's, as a unit quaternion.
     orientation: DQuat,
     /// Tangent of half the vertical field of view.
     tan_y: f64,
@@ -160,8 +160,8 @@ impl Pose {
 
     /// Turns the camera in place or about its pivot, and keeps its roll against the horizon.
     ///
-    /// `yaw` is about the world's up, positive to the left seen from above; `pitch` is upwards. Both are in radians. A camera that is
-    /// upside down turns to the left and up of its image.
+    /// `yaw` is about the world's up, positive to the left seen from above; `pitch` is upwards. Both are in radians.
+    /// For an upside-down camera, left and up are those of its image.
     fn turned(mut self, up: DVec3, yaw: f64, pitch: f64, about_pivot: bool) -> Pose {
         let sense = if self.down().dot(up) > UPSIDE_DOWN { -1.0 } else { 1.0 };
         let (yaw, pitch) = (sense * yaw, sense * pitch);
@@ -180,7 +180,8 @@ impl Pose {
         self
     }
 
-    /// Multiplies the distance to the pivot by `e` to the power of `exponent`.
+    /// Multiplies the distance to the pivot by `e` to the power of `exponent`, within [`DISTANCES`]. `scale` is the
+    /// scene's size.
     fn zoomed(mut self, exponent: f64, scale: f64) -> Pose {
         let pivot = self.pivot();
         let (nearest, farthest) = (DISTANCES.0 * scale, DISTANCES.1 * scale);
@@ -191,7 +192,8 @@ impl Pose {
         self
     }
 
-    /// Interpolates between two poses. The pivot moves in a straight line, the distance geometrically.
+    /// Interpolates from this pose at `t = 0` to another at `t = 1`. The pivot moves in a straight line, the distance
+    /// geometrically.
     fn towards(&self, to: &Pose, t: f64) -> Pose {
         let geometric = |a: f64, b: f64| a * (b / a).powf(t);
         let pivot = self.pivot().lerp(to.pivot(), t);
@@ -219,12 +221,11 @@ struct Goal {
 struct Flight {
     from: Pose,
     to: Goal,
-    /// Time since the first update, in seconds; `None` before it. The time before, while the window was idle, does not
-    /// count.
+    /// Seconds since the flight's first update; `None` before it. A window that was idle until then delays the start.
     seconds: Option<f64>,
 }
 
-/// Moves the camera; see the module's documentation.
+/// The state of the viewer's camera; see the module's documentation.
 #[derive(Clone, Debug)]
 pub struct Navigation {
     pose: Pose,
@@ -244,10 +245,10 @@ pub struct Navigation {
 }
 
 impl Navigation {
-    /// Creates a navigation that starts at the camera `start`, in a scene with most of its splats in `bounds` (see
-    /// [`splatgraph_assets::Scene::robust_bounds`]).
+    /// Creates a navigation that starts at the camera `start`.
     ///
-    /// `up` is [`mean_up`] of the scene's cameras, or [`DEFAULT_UP`].
+    /// `bounds` is the box around most of the scene's splats ([`splatgraph_assets::Scene::robust_bounds`]). `up` is
+    /// [`mean_up`] of the scene's cameras, or [`DEFAULT_UP`].
     pub fn new(bounds: &Bounds, start: &Camera, up: DVec3) -> Navigation {
         let pose = Pose {
             position: DVec3::ZERO,
@@ -316,7 +317,7 @@ impl Navigation {
         FLY_SPEED * self.speed * self.scale
     }
 
-    /// Returns the centre of orbiting.
+    /// Returns the point that the camera orbits, in world units.
     pub fn pivot(&self) -> DVec3 {
         self.pose.pivot()
     }
@@ -387,7 +388,8 @@ impl Navigation {
         self.arrive(goal);
     }
 
-    /// Frames the whole scene, with the same direction and field of view. `size` is the view's, in any unit.
+    /// Frames the whole scene, with the same direction and field of view. Only the aspect ratio of `size`, the view's,
+    /// counts.
     pub fn frame(&mut self, size: [f64; 2]) {
         let goal = Goal { pose: self.framing(size), camera: None };
         self.go_to(goal);

@@ -46,7 +46,7 @@ impl From<Picture> for Shown {
     }
 }
 
-/// The comparison of two pictures.
+/// Way in which the view shows pictures A and B.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
     /// A alone.
@@ -72,13 +72,13 @@ pub struct Composition {
     pub a: Option<Shown>,
     /// Picture B, drawn right of the split line.
     pub b: Option<Shown>,
-    /// The comparison of A and B.
+    /// Way in which A and B are shown.
     pub mode: Mode,
     /// Position of the split line, from 0 at the view's left border to 1 at its right border.
     pub split: f32,
     /// Amplification of the difference.
     pub amplification: f32,
-    /// Colour outside of the pictures, display-encoded.
+    /// Colour around the pictures, display-encoded.
     pub background: [f32; 3],
 }
 

@@ -58,7 +58,7 @@ impl Area {
     }
 }
 
-/// The area of a mesh, and a hash of its content.
+/// A mesh, reduced to its area and a hash of its content.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Piece {
     /// Pixels that the mesh may change.
@@ -99,7 +99,7 @@ impl Interface {
         Interface { window, view, background, texels, pieces }
     }
 
-    /// Returns true if `other` looks the same.
+    /// Returns true if `other` would draw the same pixels.
     pub fn is(&self, other: &Interface) -> bool {
         self.is_placed_as(other) && self.pieces == other.pieces
     }
@@ -139,8 +139,8 @@ impl Interface {
     }
 }
 
-/// Iterates over the meshes that differ at the same index of the two lists; if the lengths differ, over all between the
-/// common start and the common end.
+/// Iterates over the meshes that differ at the same index of the two lists. If the lengths differ, iterates over all
+/// meshes between the common start and the common end.
 fn changed<'a>(before: &'a [Piece], now: &'a [Piece]) -> impl Iterator<Item = &'a Piece> {
     let same = |(a, b): &(&Piece, &Piece)| a == b;
     let (mut first, mut last) = (0, 0);

@@ -83,7 +83,7 @@ pub fn offer(catalog: &mut Catalog) {
     catalog.uniforms.insert(WINDOW.to_owned(), WINDOW_BYTES);
 }
 
-/// Packs egui's meshes and textures; one per egui context.
+/// Packer of egui's meshes and textures; each egui context needs its own.
 #[derive(Debug, Default)]
 pub struct Painter {
     textures: Textures,
@@ -201,7 +201,7 @@ impl Painter {
     }
 }
 
-/// The packed meshes.
+/// Vertices, indices and clip rectangles of the packed meshes, for the frame's buffers.
 #[derive(Default)]
 struct Meshes {
     vertices: Vec<Vertex>,

@@ -133,7 +133,8 @@ impl Textures {
         }
     }
 
-    /// Finds the first gap of `count` texels between textures, or the end of the last.
+    /// Returns the first texel of a gap of at least `count` texels between textures, or else the end of the last
+    /// texture.
     fn room(&self, count: usize) -> usize {
         let mut taken: Vec<&Texture> = self.known.values().collect();
         taken.sort_by_key(|texture| texture.texels);

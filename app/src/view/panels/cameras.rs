@@ -13,7 +13,7 @@ use splatgraph_api::Device;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// A click in a list.
+/// Action of a click in a list of views or keys.
 enum Act {
     Go,
     Remove,
@@ -206,7 +206,7 @@ pub fn toggle<D: Device>(viewer: &mut Viewer<D>) {
     }
 }
 
-/// Finds the first in a folder of `NAME-1.cameras.json`, `NAME-2.cameras.json`, ... that does not exist.
+/// Returns the first path of `NAME-1.cameras.json`, `NAME-2.cameras.json`, ... in a folder that does not exist yet.
 fn free_name(folder: &Path, stem: &str) -> PathBuf {
     let name = |number: u32| folder.join(format!("{stem}-{number}.cameras.json"));
     (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))

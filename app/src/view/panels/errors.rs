@@ -10,7 +10,7 @@ use egui::{Align2, Context, Rect, RichText};
 use splatgraph_api::Device;
 use splatgraph_framework::ir::Origin;
 
-/// Errors that the user closed; they reappear when they change.
+/// Errors that the user closed; a card reappears when its errors change.
 #[derive(Default)]
 pub struct State {
     closed: Option<Vec<String>>,

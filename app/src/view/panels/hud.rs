@@ -14,9 +14,9 @@ use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use std::time::{Duration, Instant};
 
-/// Duration of a toast.
+/// Time for which a toast is shown.
 const STAY: Duration = Duration::from_secs(5);
-/// Duration of a toast about a failure.
+/// Time for which a toast about a failure is shown.
 const STAY_LONG: Duration = Duration::from_secs(12);
 /// Maximum number of toasts at the same time.
 const MOST: usize = 4;
@@ -38,7 +38,7 @@ struct Toast {
     end: Instant,
 }
 
-/// Messages that appear over the picture and disappear by themselves.
+/// Toasts: messages that appear over the picture and disappear by themselves.
 #[derive(Default)]
 pub struct Toasts {
     shown: Vec<Toast>,
@@ -46,7 +46,7 @@ pub struct Toasts {
 }
 
 impl Toasts {
-    /// Shows a message.
+    /// Shows a toast for something that was done.
     pub fn done(&mut self, text: String) {
         self.add(text, Kind::Done, STAY);
     }
@@ -61,7 +61,7 @@ impl Toasts {
         self.shown.push(Toast { number: self.count, text, kind, end: Instant::now() + stay });
     }
 
-    /// Shows an event, if the user waits for it or must know it.
+    /// Shows an event as a toast if the user waits for it or needs to know it.
     pub fn tell(&mut self, event: &Event) {
         match event {
             Event::Swapped { renderer, swap } => {
@@ -208,7 +208,7 @@ pub fn progress<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
     ui.painter().galley(rect.min + vec2(12.0, 8.0), galley, Color32::WHITE);
 }
 
-/// Draws the name of a viewport next to the split line, on the half `towards`.
+/// Draws the name of a viewport beside the split line `line`, to the left if `towards` is -1, to the right if it is 1.
 pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     let at = pos2(line + towards * 18.0, view.top() + 24.0);
     if view.contains(at) {

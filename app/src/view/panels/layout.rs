@@ -175,7 +175,7 @@ impl Layout {
         floating
     }
 
-    /// Shows the docked tools, and sets the lengths of all tiles for an area.
+    /// Shows the docked tools, or only the picture if `hidden`, and sets the lengths of all tiles for an area.
     pub fn arrange(&mut self, area: Rect, hidden: bool) {
         let floating = self.floating(area.size());
         let panes: Vec<(TileId, Tool)> = self.tree.tiles.iter().filter_map(pane).collect();

@@ -130,9 +130,9 @@ pub struct Panels {
     before: Option<Instant>,
     /// Number of A's frames at the last draw of the panels.
     drawn: u64,
-    /// The last compared plan, and its renderer.
+    /// The plan that the next change of a parameter is compared with, and its renderer.
     compared: Option<(Arc<Plan>, RendererId)>,
-    /// Changed constants whose plan is not compared yet, and their renderer.
+    /// Constants that changed since that plan, and their renderer; `None` once the change was reported.
     changed: Option<(RendererId, Vec<String>)>,
 }
 
@@ -313,7 +313,7 @@ impl Panels {
         }
     }
 
-    /// Records the time since the last frame.
+    /// Records the time since the last frame. `drawn` is the number of A's frames so far.
     fn time(&mut self, drawn: u64) {
         let now = Instant::now();
         // Frames without a picture of the scene do not count.

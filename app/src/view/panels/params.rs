@@ -14,7 +14,7 @@ use splatgraph_framework::ir::{Domain, Param, ParamBinding, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 
-/// Range in powers of ten above which a slider is logarithmic.
+/// Powers of ten that a range must span for its slider to be logarithmic.
 const DECADES: f64 = 2.0;
 
 /// Width of a number field, in points.
@@ -37,7 +37,7 @@ pub struct State {
 type Change = (String, Option<Value>);
 
 impl State {
-    /// Shows the effect of a parameter's last change on the plan, above the rows, whose positions do not change.
+    /// Shows the effect of a parameter's last change on the plan, above the rows, which keep their positions.
     pub fn tell(&mut self, parameter: &str, effect: String) {
         self.effect = Some((parameter.to_owned(), effect));
     }
@@ -134,8 +134,8 @@ impl State {
     }
 }
 
-/// Names a parameter's group: the part of the graph that owns it; in a graph without parts, the phase whose passes
-/// depend on it.
+/// Returns the title of a parameter's group: the part of the graph that owns it; in a graph without parts, the phase of
+/// the passes that depend on it.
 fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     if let Some(part) = &control.part {
         return part.clone();
@@ -160,7 +160,7 @@ struct Groups {
 }
 
 impl Groups {
-    /// Adopts the parameters of a graph, unless they are known.
+    /// Starts over for another graph. For the same graph, adds new parameters, and removes those it no longer has.
     fn update(&mut self, plan: Option<&Plan>, all: &[Control]) {
         let Some(plan) = plan else { return };
         if self.graph != plan.name {

@@ -89,7 +89,8 @@ fn columns_heading(ui: &mut Ui, frames: usize) {
     );
 }
 
-/// Draws median and 99th percentile in their columns; leaves out values that are not numbers.
+/// Draws 99th percentile and median in their columns. `None` is shown as unknown; a 99th percentile that is NaN is left
+/// out.
 fn numbers(ui: &mut Ui, ms: Option<Quantiles>, grey: bool) {
     match ms {
         Some(Quantiles { median, p99 }) => {

@@ -27,7 +27,7 @@ pub enum Cause {
     Prologue,
     /// The device was lost and opened again.
     Device,
-    /// A frame exceeded the capacity that this parameter sets.
+    /// A frame overflowed a list; this parameter sets the list's capacity.
     Room(String),
     /// The last attempt failed for lack of something that may be available now, such as memory.
     Retry,
@@ -58,7 +58,7 @@ impl fmt::Display for Cause {
 pub struct Causes(Vec<Cause>);
 
 impl Causes {
-    /// Returns true if `cause` is one of them.
+    /// Returns true if `cause` is among the causes.
     pub fn contains(&self, cause: &Cause) -> bool {
         self.0.contains(cause)
     }
@@ -77,7 +77,7 @@ impl Causes {
         }
     }
 
-    /// Returns true if frames need more capacity, and nothing else changed.
+    /// Returns true if all causes are lists that overflowed.
     pub(super) fn is_room_alone(&self) -> bool {
         !self.0.is_empty() && self.0.iter().all(|cause| matches!(cause, Cause::Room(_)))
     }
@@ -124,7 +124,7 @@ pub enum Failure {
     Backend(BackendError),
     /// The build panicked, which is a bug of this program.
     Panicked(String),
-    /// A newer request replaced the build, which took long.
+    /// The build took long, and was cancelled for a newer request.
     Cancelled,
     /// The device was lost repeatedly with this graph, which therefore waits for a change.
     Held(String),
@@ -147,7 +147,7 @@ impl Failure {
         }
     }
 
-    /// Returns true if the same build may succeed later without a change of files or parameters.
+    /// Returns true if the same build may succeed later, without a change of files or parameters.
     pub fn may_pass(&self) -> bool {
         match self {
             Failure::Backend(error) => {
@@ -171,7 +171,8 @@ pub struct Swap {
     pub plan_ms: f64,
     /// Milliseconds to prepare the device: memory, pipelines, uploads.
     pub prepare_ms: f64,
-    /// Milliseconds from the change, or the system's notification, to the end of the first frame on the device.
+    /// Milliseconds from the change, or its notification by the system, to the end of the plan's first frame on the
+    /// device.
     pub latency_ms: f64,
 }
 

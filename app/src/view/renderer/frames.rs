@@ -15,8 +15,8 @@ const LONGEST_PAUSE: Duration = Duration::from_micros(400);
 impl<D: Device> Renderer<D> {
     /// Draws a frame; returns true if one was submitted. The live parameters in `inputs` are replaced.
     ///
-    /// Draws none without a plan, before the next attempt after a [`Renderer::trouble`], and while the device does not
-    /// finish an older frame within the patience.
+    /// No frame is submitted without a plan, before the next attempt after a [`Renderer::trouble`], or if the device
+    /// does not finish an older frame within the patience.
     ///
     /// # Errors
     /// The device fails. The caller passes the error to [`Renderer::report`], unless it retries with other inputs.
@@ -78,7 +78,7 @@ impl<D: Device> Renderer<D> {
     /// Waits for the frames in flight.
     ///
     /// # Errors
-    /// [`BackendError::Stuck`] if the device is not done within this time, and errors of the device.
+    /// [`BackendError::Stuck`] if the device is not done after `within`, and errors of the device.
     pub fn finish(&mut self, within: Duration) -> Result<(), BackendError> {
         let end = Instant::now() + within;
         while !self.in_flight.is_empty() {
@@ -90,7 +90,7 @@ impl<D: Device> Renderer<D> {
         Ok(())
     }
 
-    /// Returns the time of the newest submission in flight.
+    /// Returns the submission time of the newest frame in flight; `None` if there is none.
     pub(in crate::view) fn newest(&self) -> Option<Instant> {
         self.in_flight.back().map(|frame| frame.submitted)
     }

@@ -83,7 +83,7 @@ struct PendingSwap {
 
 type Ready<D> = <<D as Device>::Loader as Loader>::Ready;
 
-/// Draws a graph on a device; see the module's documentation.
+/// A graph on a device, with its plan, builds and frames in flight; see the module's documentation.
 pub struct Renderer<D: Device> {
     /// Maximum wait for a frame in [`Renderer::submit`].
     pub patience: Duration,
@@ -91,7 +91,7 @@ pub struct Renderer<D: Device> {
     pub(super) paused: bool,
     device: DeviceState<D>,
     info: DeviceInfo,
-    /// Number of devices so far, which identifies the current one.
+    /// Number of devices so far, which identifies the current device.
     epoch: u64,
     graph: String,
     set: IndexMap<String, String>,
@@ -99,11 +99,12 @@ pub struct Renderer<D: Device> {
     capacities: Capacities,
     /// Capacities of the current plan.
     drawn_with: Capacities,
-    /// Set if the device refused more capacity: nothing grows before another change or the next attempt.
+    /// The device's refusal of more capacity. While it is set, nothing grows; a change or the next attempt clears it.
     crowded: Option<Crowded>,
     /// True if the newest finished frame of the current plan was complete; `None` before its first one.
     whole: Option<bool>,
-    /// Number of changes of scene or graph among the plans so far.
+    /// Number of plans so far that drew a new scene or graph, or were the first on their device; see
+    /// [`Renderer::subject`].
     subject: u64,
     /// Number of submitted frames.
     submitted: u64,
@@ -120,12 +121,12 @@ pub struct Renderer<D: Device> {
     /// Time of the last poll.
     now: Instant,
     controls: Vec<Control>,
-    /// Size of the plan's pictures, and the identity of its scene.
+    /// Size of the plan's pictures, in pixels.
     size: (u32, u32),
     scene: Option<u64>,
     pending_swap: Option<PendingSwap>,
     in_flight: VecDeque<FrameInFlight>,
-    /// The pass that the device did not finish within the patience.
+    /// The pass that the device was running when a frame was not done within the patience.
     stalled: Option<Running>,
     /// True if a frame ended without results.
     forgot: bool,
@@ -133,13 +134,13 @@ pub struct Renderer<D: Device> {
     events: Vec<RendererEvent>,
     /// The last reported failure.
     failed: Option<String>,
-    /// The device number of each build that is not taken yet, in order.
+    /// For each build whose result was not taken yet, the number of its device; in order of the requests.
     jobs: VecDeque<u64>,
     progress: Arc<Mutex<String>>,
 }
 
 impl<D: Device> Renderer<D> {
-    /// Creates a renderer of `graph`, a built-in one's name or a path, with the parameters in `set`.
+    /// Creates a renderer that draws `graph`, a built-in graph's name or a path, with the parameters in `set`.
     pub fn new(
         device: D,
         graph: &str,
@@ -242,7 +243,7 @@ impl<D: Device> Renderer<D> {
         &self.set
     }
 
-    /// Returns the failure of the newest files and parameters, if they have no plan.
+    /// Returns the failure of the newest build, or `None` if the newest files and parameters have a plan.
     pub fn failure(&self) -> Option<&Failure> {
         self.state.error(self.now)
     }
@@ -267,12 +268,13 @@ impl<D: Device> Renderer<D> {
         self.in_flight.len()
     }
 
-    /// Counts the changes of scene, graph and device among the plans so far, the first plan included.
+    /// Returns the number of plans so far that drew a new scene or graph, or were the first on their device. Pictures
+    /// with equal numbers show the same scene and graph.
     pub fn subject(&self) -> u64 {
         self.subject
     }
 
-    /// Counts the changes that panels show, apart from finished frames: builds, failures, plans.
+    /// Returns the number of changes that panels show, apart from finished frames: builds, failures, plans.
     pub(super) fn changes(&self) -> u64 {
         self.changes
     }
@@ -291,7 +293,7 @@ impl<D: Device> Renderer<D> {
         [rebuild, self.room_again(), self.state.due(self.now)].into_iter().flatten().min()
     }
 
-    /// Returns the time of the next attempt to draw after a [`Renderer::trouble`].
+    /// Returns the time of the next attempt to draw after a [`Renderer::trouble`]; `None` without one.
     pub(super) fn retry(&self) -> Option<Instant> {
         match self.device {
             DeviceState::Failing { retry, .. } => Some(retry),
@@ -304,7 +306,7 @@ impl<D: Device> Renderer<D> {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Returns the way in which files are watched.
+    /// Returns how files are watched: by notifications or by polling.
     pub fn watching(&self) -> WatchKind {
         self.watcher.kind()
     }
@@ -361,7 +363,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Requests a build for changes, the first of which occurred at the time `asked`.
+    /// Requests a build because of `causes`, the first of which occurred at the time `asked`.
     pub fn want(&mut self, causes: impl Into<Causes>, asked: Instant) {
         let (causes, now) = (causes.into(), Instant::now());
         self.changes += 1;
@@ -509,7 +511,7 @@ impl<D: Device> Renderer<D> {
         self.apply_set();
     }
 
-    /// Applies settings that changed since the plan was requested.
+    /// Applies to the plan's parameters the settings that changed after the plan was requested.
     fn apply_set(&mut self) {
         for Control { param, .. } in &mut self.controls {
             let text = self.set.get(&param.name);

@@ -10,12 +10,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl<D: Device> Renderer<D> {
-    /// Returns the device's reason for refusing a plan with more capacity, if it did since the last change.
+    /// Returns the reason for which the device refused more capacity; `None` if it did not since the last change.
     pub fn crowded(&self) -> Option<&str> {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
     }
 
-    /// Returns true until the first frame of a plan that may need more capacity has ended, if frames can be drawn.
+    /// Returns true if the plan has lists that can grow, and its first frame has not ended. False if frames cannot be
+    /// drawn.
     pub fn may_grow(&self) -> bool {
         self.whole.is_none() && self.trouble().is_none() && self.grows()
     }
@@ -30,7 +31,7 @@ impl<D: Device> Renderer<D> {
         self.plan().is_some_and(|plan| plan.params.iter().any(|param| param.grows.is_some()))
     }
 
-    /// Returns true if frames of the current plan are complete, or no plan with more capacity is on its way.
+    /// Returns true if no plan with more capacity is needed, or none is on its way.
     pub fn is_at_best(&self) -> bool {
         !self.grows() || self.whole.is_some_and(|whole| whole || !self.busy())
     }
@@ -68,7 +69,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Records a plan that failed. If only its capacity had changed, it is abandoned, and frames stay incomplete.
+    /// Records the failure of a build. If only capacity had changed, the build is given up, and frames stay incomplete.
     pub(super) fn refuse(&mut self, causes: &Causes, failure: Failure) {
         let ended = match &failure {
             Failure::Backend(error) => ends_device(error),

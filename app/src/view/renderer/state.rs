@@ -8,7 +8,7 @@ use splatgraph_framework::reload::Attempt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Interval between attempts to draw or build after a transient failure, such as a lack of memory.
+/// Interval between attempts to draw or build after a transient failure, such as too little memory.
 pub const RETRY: Duration = Duration::from_millis(250);
 
 /// A callback that announces new content to draw; any thread may call it.
@@ -40,15 +40,15 @@ impl PlanInputs {
     }
 }
 
-/// State of a renderer's device.
+/// State of a renderer's device: drawing, failing or lost.
 pub(super) enum DeviceState<D> {
     /// The device draws frames.
     Drawing(D),
     /// The last frame failed. The next is drawn no earlier than `retry`.
     Failing { device: D, error: BackendError, retry: Instant },
-    /// The device, or its window, is lost. It stays here until it is released.
+    /// The device, or its window, is lost. The device is kept until it is released.
     Lost { device: D, error: BackendError },
-    /// The device was released, and not replaced yet.
+    /// The device was released, and has not been replaced yet.
     Released,
 }
 
@@ -122,7 +122,7 @@ pub(super) enum BuildState {
     Idle,
     /// The device was lost repeatedly: nothing is built before a change.
     Held,
-    /// The last build lacked something, such as memory. The next begins at this time.
+    /// The last build failed because something was short, such as memory. The next begins at this time.
     Retry(Instant),
     /// A build is requested.
     Asked(PendingBuild),
@@ -196,10 +196,10 @@ impl PendingBuild {
     }
 }
 
-/// A refusal of a plan with more capacity.
+/// The device's refusal of a plan with more capacity.
 pub(super) struct Crowded {
     pub reason: String,
-    /// Time of the next attempt, if the device may accept the plan by then.
+    /// Time of the next attempt; `None` if the device will not accept the plan later either.
     pub retry: Option<Instant>,
 }
 

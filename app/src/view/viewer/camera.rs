@@ -14,7 +14,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 use std::path::Path;
 
-/// Size of the cameras that are compared to detect a change.
+/// Picture size for comparing cameras: at the same size, unequal cameras mean a movement.
 const ANY_SIZE: (u32, u32) = (1, 1);
 
 impl<D: Device> Viewer<D> {
@@ -65,8 +65,7 @@ impl<D: Device> Viewer<D> {
         moved || played.is_some()
     }
 
-    /// Returns true while the camera moves without input: during a flight to another camera, or along a path that is
-    /// played.
+    /// Returns true while the camera moves without input: during a flight to another camera, or while a path is played.
     pub fn is_moving(&self) -> bool {
         self.navigation.is_moving() || self.play.is_playing()
     }
@@ -135,7 +134,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Adds cameras that were read to the saved views, or makes them the keys of the path.
+    /// Adds the cameras of a file to the saved views, or makes them the keys of the path.
     pub(super) fn take_world_cameras(
         &mut self,
         role: CameraRole,

@@ -1,4 +1,4 @@
-//! Measures the device's bandwidth for copies between buffers, with which times of passes are compared.
+//! Measures the device's bandwidth for copies between buffers, the scale for the times of passes.
 //!
 //! A graph makes the copies in its own frames, between the frames of the pictures.
 
@@ -10,16 +10,16 @@ use crate::view::viewport::View;
 use splatgraph_api::Device;
 use std::time::Instant;
 
-/// Name of the graph that copies, and of the pass that does so.
+/// Name of the graph that makes the copies, in its pass `PASS`.
 const GRAPH: &str = "bench/copy";
 const PASS: &str = "copy";
-/// Number of frames whose median is taken.
+/// Number of frames whose times give the median.
 const FRAMES: u64 = 40;
 /// Size of the measurement's pictures, which are not shown, in pixels.
 const SIZE: (u32, u32) = (16, 16);
 
 impl<D: Device> Viewer<D> {
-    /// Returns the device's copy limit in 10^9 bytes per second, read and written; `None` before it was measured.
+    /// Returns the device's copy limit in 10^9 bytes per second, read and written; `None` before it is measured.
     pub fn copy_limit(&self) -> Option<f64> {
         match &self.copy {
             CopyLimit::Known(rate) => Some(*rate),

@@ -49,9 +49,9 @@ pub enum ViewerError {
 
 /// A scene, a camera and one or two viewports; see the module's documentation.
 pub struct Viewer<D: Device> {
-    /// A's scene, in whose coordinates the camera and the selectable cameras are.
+    /// A's scene. The camera and the selectable cameras are in its coordinates.
     subject: Subject,
-    /// B's scene, if it is not A's.
+    /// B's scene; `None` if B draws A's.
     other: Option<Subject>,
     /// Selectable cameras, in the scene's coordinates.
     pub cameras: Vec<Camera>,
@@ -68,11 +68,11 @@ pub struct Viewer<D: Device> {
     /// The last camera that the player showed.
     played: Option<Camera>,
     camera_files: CameraFiles,
-    /// The viewport of the picture, or of its left part.
+    /// The viewport that draws the picture, or the part left of the split line.
     pub a: Viewport<D>,
-    /// The viewport for comparison. It keeps its parameters while it is hidden.
+    /// The viewport that A is compared with. It keeps its parameters while it is hidden.
     pub b: Option<Viewport<D>>,
-    /// Way in which A and B are compared; A alone if they are not.
+    /// Way in which A and B are compared; [`Mode::A`] if they are not.
     pub compare: Mode,
     /// Position of the split line, as a share of the width.
     pub split: f32,
@@ -157,7 +157,7 @@ impl<D: Device> Viewer<D> {
         })
     }
 
-    /// Returns a viewport; `None` for the window, and for B before the first comparison.
+    /// Returns a viewport; `None` for the window, and for B until A and B are first compared.
     pub fn viewport(&mut self, id: RendererId) -> Option<&mut Viewport<D>> {
         match id {
             RendererId::A => Some(&mut self.a),
@@ -196,7 +196,7 @@ impl<D: Device> Viewer<D> {
         self.continuous || self.is_measuring_copy() || self.shown().any(Viewport::is_animated)
     }
 
-    /// Returns true if a due frame could not be submitted yet.
+    /// Returns true if a frame is due that could not be submitted yet.
     pub(super) fn waits(&self) -> bool {
         self.shown().any(Viewport::waits)
     }
@@ -264,12 +264,12 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Opens a scene or a graph in A, or cameras, by extension. Scenes are loaded in the background.
+    /// Opens a file by its extension: a scene or a graph in A, or cameras. Scenes are loaded in the background.
     pub fn open(&mut self, path: &Path) {
         self.open_in(RendererId::A, path);
     }
 
-    /// Opens a scene or a graph in a viewport, or cameras, by extension.
+    /// Opens a file by its extension: a scene or a graph in a viewport, or cameras.
     pub fn open_in(&mut self, id: RendererId, path: &Path) {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         match ending.as_str() {
@@ -359,7 +359,7 @@ impl<D: Device> Viewer<D> {
 
     /// Takes finished results, and draws the pictures that are due. `size` is the view's, in pixels of the window.
     ///
-    /// Errors are the renderers': see [`Renderer::problem`] and [`Viewer::lost`].
+    /// Errors are kept in the renderers: see [`Renderer::problem`] and [`Viewer::lost`].
     pub fn frame(&mut self, size: (u32, u32)) {
         zone!("pictures");
         self.reload_scenes();
@@ -474,7 +474,7 @@ impl<D: Device> Viewer<D> {
         std::mem::take(&mut self.events)
     }
 
-    /// Closes everything else, and returns A's device; `None` if it is lost.
+    /// Closes the viewer, and returns A's device; `None` if it is lost.
     pub fn into_device(self) -> Option<D> {
         let Viewer { a, b, copy, .. } = self;
         drop((b, copy));

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// A scene with its file and its imports for graphs.
+/// A scene, its file, and the imports that graphs take from it.
 pub(super) struct Subject {
     pub scene: Arc<Scene>,
     pub path: PathBuf,
@@ -25,7 +25,7 @@ impl Subject {
     }
 }
 
-/// Makes the first view of a scene without cameras.
+/// Creates the navigation for a scene without cameras: it frames the scene.
 pub(super) fn at_start(scene: &Scene) -> Navigation {
     let (width, height) = facts::DEFAULT_SIZE;
     let camera = Camera::framing(scene, width, height);
@@ -47,7 +47,7 @@ pub struct Comparison {
     pub size: [usize; 2],
 }
 
-/// Everything that a comparison depends on.
+/// Everything that the result of a comparison depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Compared {
     pub camera: Camera,

@@ -1,4 +1,4 @@
-//! Watches the files that place several scenes: a changed file is loaded again, and the camera stays.
+//! Watches files that place several scenes. A changed file is loaded again; the camera stays.
 
 use crate::view::events::RendererId;
 use crate::view::renderer::Wake;

@@ -48,7 +48,7 @@ impl<D: Device> Viewer<D> {
         self.opening.scene(id)
     }
 
-    /// Loads a scene for A on another thread; the previous one stays until then. The last of several requests wins.
+    /// Loads a scene for A on another thread; the current one stays until then. The last of several requests wins.
     pub fn open_scene(&mut self, path: &Path) {
         self.open_scene_in(RendererId::A, path);
     }
@@ -128,7 +128,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Takes a file that was read.
+    /// Takes a file that was read, and shows its scene or cameras.
     pub(super) fn take(&mut self, opened: Opened) {
         let Opened { path, load_ms, number, content } = opened;
         match content {

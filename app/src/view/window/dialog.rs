@@ -11,10 +11,10 @@ use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake as TaskWake, Waker};
 use std::thread::Thread;
 
-/// The chosen file, and the use of its cameras if only cameras were requested.
+/// The chosen file. If only cameras were requested, also their role.
 type Answer = Option<(PathBuf, Option<CameraRole>)>;
 
-/// The dialog of a window; one is open at a time.
+/// The file dialog of a window; only one is open at a time.
 pub struct Dialog {
     answers: (Sender<Answer>, Receiver<Answer>),
     is_open: bool,
@@ -22,12 +22,12 @@ pub struct Dialog {
 }
 
 impl Dialog {
-    /// Creates a closed dialog. `wake` is called when a file has been chosen.
+    /// Creates the dialog without opening it. `wake` is called when a file has been chosen.
     pub fn new(wake: Wake) -> Dialog {
         Dialog { answers: channel(), is_open: false, wake }
     }
 
-    /// Opens the dialog in the folder of `near`, for any file, or only for cameras with this use.
+    /// Opens the dialog in the folder of `near`: for any file, or for cameras with a given role.
     pub fn ask(&mut self, window: &winit::window::Window, near: &Path, cameras: Option<CameraRole>) {
         if std::mem::replace(&mut self.is_open, true) {
             return;

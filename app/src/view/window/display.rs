@@ -65,13 +65,13 @@ mod wayland {
 }
 
 thread_local! {
-    /// Owner of the code that this thread is running within [`guarded`]; a panic is attributed to the owner.
+    /// Owner of the code that this thread runs within [`guarded`]. A panic is attributed to it.
     static RUNNING: Cell<Option<Whose>> = const { Cell::new(None) };
     /// The last panic on this thread.
     static PANIC: RefCell<Option<Panic>> = const { RefCell::new(None) };
 }
 
-/// Owner of the code that panics.
+/// Owner of code, for attributing its panic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Whose {
     /// This program, and its libraries except the window library.
@@ -153,7 +153,7 @@ fn run_as<T>(whose: Whose, work: impl FnOnce() -> T) -> T {
     work()
 }
 
-/// A window. Each call of it runs as a call of the window library.
+/// A window. Its methods run winit's calls within [`library`].
 pub struct Handle(Arc<Window>);
 
 impl Handle {
@@ -182,7 +182,7 @@ impl Handle {
     }
 }
 
-/// True while devices are open, which a thread may be using.
+/// True while devices are open. A thread may be using them.
 static OPEN: AtomicBool = AtomicBool::new(false);
 
 /// Records that devices are open, or closed again.
@@ -206,7 +206,7 @@ pub fn set_open(open: bool) {
     }
 }
 
-/// Returns true if devices were left open, because they are busy or could not be closed in order.
+/// Returns true if devices are open. At exit, this means that they were busy or could not be closed in order.
 pub fn is_left_open() -> bool {
     OPEN.load(Ordering::Relaxed)
 }

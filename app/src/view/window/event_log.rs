@@ -8,7 +8,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// The destination of events, one JSON object per line.
+/// A writer of events, one JSON object per line.
 pub struct EventLog {
     out: Log,
     begun: Instant,
@@ -29,7 +29,7 @@ impl EventLog {
         EventLog { out, begun: Instant::now(), window: None, controls: BTreeMap::new() }
     }
 
-    /// Writes the events of a frame; `frame` is the last of them.
+    /// Writes the events of a frame, and `frame` after them.
     pub fn write(
         &mut self,
         mut events: Vec<Event>,

@@ -49,7 +49,8 @@ const REOPENING: Duration = Duration::from_millis(50);
 /// Minimum and maximum interval between polls of a frame in flight.
 const LOOKS: (Duration, Duration) = (Duration::from_millis(1), Duration::from_millis(50));
 
-/// Divisor of a frame's age that gives the interval between polls, and so bounds the added delay.
+/// Divisor that gives the interval between polls from the age of a frame in flight. It bounds the delay relative to the
+/// age.
 const LOOK: u32 = 16;
 
 /// Maximum wait for the device and for a build when the window closes. Anything still running then ends with the
@@ -62,7 +63,7 @@ const BLIND: Duration = Duration::from_secs(3);
 /// Duration of one pass after which the window's title names it.
 const SLOW: Duration = Duration::from_secs(1);
 
-/// Number of frames after which a view without pixels is assumed to stay so.
+/// Number of frames after which a view without pixels counts as permanently empty.
 const MANY: u64 = 30;
 
 /// A function that sets the initial state of the shell, for a window of this size.
@@ -78,9 +79,9 @@ pub struct WindowOptions {
     pub set: Vec<(String, String)>,
     /// Selectable cameras, in the scene's coordinates.
     pub cameras: Vec<Camera>,
-    /// Size of the window's content, in pixels. The window is smaller if the display is.
+    /// Size of the window's content, in pixels. It is reduced to fit on the display.
     pub size: (u32, u32),
-    /// True to use this size on any display.
+    /// True to keep this size even if it does not fit on the display.
     pub exact_size: bool,
     /// Graphics API of the device.
     pub backend: Api,
@@ -90,7 +91,7 @@ pub struct WindowOptions {
     pub vsync: bool,
     /// True to draw continuously, even if nothing changes. A number of frames or a screenshot implies it.
     pub continuous: bool,
-    /// File that keeps the arrangement between starts; `None` to start with the default.
+    /// File that keeps the arrangement between starts; `None` to use the default arrangement.
     pub kept: Option<PathBuf>,
     /// Callback that sets the initial state of the shell.
     pub setup: Setup,
@@ -149,9 +150,9 @@ struct Running {
     frames: u64,
     closing: Closing,
     log: Option<EventLog>,
-    /// The window's title.
+    /// The window's current title.
     title: String,
-    /// Start of the period in which the window's own graph could not be built.
+    /// Time since which the window's own graph could not be built; `None` if it can.
     blind: Option<Instant>,
     /// The pass named by the last event about a slow pass.
     slow: Option<String>,
@@ -165,7 +166,7 @@ struct Running {
     save_a: Option<PathBuf>,
 }
 
-/// The conditions for closing the window.
+/// Options that close the window: a screenshot, or a number of frames.
 struct Closing {
     screenshot: Option<PathBuf>,
     frames: Option<u64>,
@@ -432,7 +433,8 @@ impl Running {
         Ok(close && self.save.is_none())
     }
 
-    /// Returns true if this frame is the last: everything is built, so that it shows the requested state.
+    /// Returns true if this frame is the last: it shows the requested state, and enough frames were drawn. False
+    /// without a screenshot or a number of frames.
     ///
     /// # Errors
     /// The requested state cannot be shown.
@@ -589,7 +591,7 @@ fn title(scene: &Path) -> String {
     format!("{} - splatgraph", one_line(&scene.file_name().unwrap_or_default().to_string_lossy()))
 }
 
-/// Returns the first name of `NAME-1.png`, `NAME-2.png`, ... that does not exist.
+/// Returns the first file name of `NAME-1.png`, `NAME-2.png`, ... that does not exist yet.
 fn fresh_name(stem: &str, extension: &str) -> PathBuf {
     let name = |number: u32| PathBuf::from(format!("{stem}-{number}.{extension}"));
     (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))
