@@ -43,8 +43,8 @@ pub(crate) fn unit(raw: [f64; 4]) -> ([f32; 4], f64) {
     (raw.map(|c| if norm > 0.0 { (c / norm) as f32 } else { c as f32 }), norm)
 }
 
-/// Completes a unit quaternion with its largest component, at index `omitted`. The `others` are in ascending order of
-/// index.
+/// Computes the component of a unit quaternion that was omitted, its largest, and inserts it at index `omitted`. The
+/// `others` are in ascending order of index.
 #[inline]
 pub(crate) fn with_omitted(omitted: usize, others: [f64; 3]) -> [f64; 4] {
     let largest = (1.0 - others.iter().map(|c| c * c).sum::<f64>()).max(0.0).sqrt();
@@ -66,7 +66,7 @@ pub(crate) fn largest_positive(quaternion: [f32; 4]) -> (usize, [f64; 4]) {
     (largest, quaternion.map(|c| f64::from(c) * sign))
 }
 
-/// Quantises a number from 0 to 1 to the nearest of `0..=most`.
+/// Quantises a value, clamped to 0..1, to the nearest of `most + 1` equidistant levels, numbered from 0.
 #[inline]
 pub(crate) fn quantised(value: f64, most: u32) -> u32 {
     (value.clamp(0.0, 1.0) * f64::from(most)).round() as u32

@@ -14,7 +14,7 @@ use std::ops::Range;
 /// Maximum number of planes of spherical harmonics; planes above the stored degree are zero.
 const MAX_SH_PLANES: u32 = 12;
 
-/// The names of the attributes.
+/// Names of the attributes of splats.
 ///
 /// Positions and scales have 3 floats, wide positions 6 (the rounded position, then the remainder), rotations 4 (a
 /// quaternion w x y z), opacities 1. Spherical harmonics come in planes of 4 floats: float `3 * k + c` of coefficient
@@ -42,8 +42,8 @@ impl Scene {
 
     /// Writes a part of one plane of an attribute: the bytes from `offset` on that fill `out`.
     ///
-    /// A plane has `stride` times `count` bytes ([`Scene::attribute`]); a part consists of whole entries. Attributes of a mesh are zeros
-    /// without one.
+    /// A plane has `stride` times `count` bytes ([`Scene::attribute`]); a part consists of whole entries. In a scene
+    /// without a mesh, the mesh's attributes are zeros.
     ///
     /// # Errors
     /// The name, the plane or the part is invalid; the text says which.
@@ -111,7 +111,8 @@ impl Scene {
         });
     }
 
-    /// Hashes everything that can be drawn, once. Equal scenes have equal hashes, regardless of their files.
+    /// Returns a hash of everything that can be drawn, computed once. Equal scenes have equal hashes, whatever their
+    /// files.
     pub fn identity(&self) -> u64 {
         *self.identity.get_or_init(|| {
             let c = &self.columns;

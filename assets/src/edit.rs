@@ -115,7 +115,7 @@ impl Scene {
         Ok(joined.with_offset(offset).with_notes(notes).with_mesh(mesh))
     }
 
-    /// Adds a mesh, moved to its place in the world, to that of the scene.
+    /// Adds a mesh, transformed by `by` in the world, to the scene's own.
     pub fn beside(self, mesh: &Mesh, by: &Similarity) -> Self {
         let mut all = self.mesh().cloned().unwrap_or_default();
         all.append(&mesh.transformed(by, [0.0; 3], self.offset()));

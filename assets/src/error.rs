@@ -245,7 +245,7 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    /// The splats are disks, which project by other rules.
+    /// The error for splats that are disks (2DGS), which are projected by other rules.
     pub(crate) const SURFELS: Self = Self::Unsupported {
         format: "a scene of 2D Gaussians (2DGS), which are disks",
         advice: "only 3D Gaussians are drawn",

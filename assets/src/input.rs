@@ -30,7 +30,7 @@ const PIECE: usize = 1 << 20;
 /// [`SceneError::Cancelled`] once every thread has stopped.
 pub type Progress<'a> = &'a (dyn Fn(u64, u64) -> ControlFlow<()> + Sync);
 
-/// Ignores the progress of a load.
+/// A callback that ignores the progress of a load.
 pub const QUIET: Progress<'static> = &|_, _| ControlFlow::Continue(());
 
 /// Contents of a scene file's header.
@@ -140,7 +140,7 @@ pub(crate) fn fill<const N: usize>(
     })
 }
 
-/// Sums the progress of parallel chunks, and stops all of them if the load is cancelled.
+/// The summed progress of parallel chunks. If the load is cancelled, all of them stop.
 pub(crate) struct Done<'a> {
     done: AtomicU64,
     of: u64,
@@ -155,7 +155,7 @@ impl<'a> Done<'a> {
         Ok(begun)
     }
 
-    /// Continues the progress after `done` bytes.
+    /// Creates the progress of a load after `done` of `of` bytes.
     pub(crate) fn after(done: u64, of: u64, tell: Progress<'a>) -> Self {
         Self { done: AtomicU64::new(done), of, tell, cancelled: AtomicBool::new(false) }
     }
@@ -174,7 +174,7 @@ impl<'a> Done<'a> {
     }
 }
 
-/// The bytes of a scene.
+/// The bytes of a scene file.
 pub(crate) enum Source<'a> {
     /// Bytes in memory.
     Bytes(&'a [u8]),
@@ -215,7 +215,7 @@ impl Source<'_> {
     }
 }
 
-/// Reads a source sequentially to its end.
+/// A sequential reader of a source, up to its end.
 pub(crate) struct SourceReader<'a> {
     source: &'a Source<'a>,
     at: u64,

@@ -42,7 +42,7 @@ fn float(bytes: &[u8], at: usize) -> f32 {
     f32::from_bits(word(bytes, at))
 }
 
-/// Returns true if the bytes may begin a file: the format has a version, but no magic number.
+/// Returns true if the bytes may begin a `.ksplat` file. The format has no magic number, so header fields are checked.
 pub(crate) fn is_plausible(head: &[u8]) -> bool {
     head.len() >= HEADER
         && head[0] == 0
@@ -80,7 +80,7 @@ struct Section {
     centers: Vec<[f32; 3]>,
 }
 
-/// Bytes of a value of position, scale or rotation, and of the harmonics, per level.
+/// Bytes per value at each level: of position, scale and rotation, and then of the harmonics.
 const VALUE: [usize; 3] = [4, 2, 2];
 const HARMONIC: [usize; 3] = [4, 2, 1];
 
@@ -121,7 +121,7 @@ impl Header {
         10 * VALUE[self.level] + 4
     }
 
-    /// Reads the headers of all sections, and the buckets if `buckets`.
+    /// Reads the headers of all sections, and their buckets if `buckets` is true.
     fn sections(&self, source: &Source, buckets: bool) -> Result<Vec<Section>, SceneError> {
         let mut sections = Vec::new();
         let mut at = HEADER as u64 + self.sections * SECTION as u64;
@@ -288,7 +288,7 @@ impl Section {
         Ok(())
     }
 
-    /// Finds the bucket of a row.
+    /// Returns the index of the bucket that contains a row.
     fn bucket(&self, index: usize) -> usize {
         if index < self.full.saturating_mul(self.capacity) {
             return index / self.capacity;
@@ -297,7 +297,7 @@ impl Section {
     }
 }
 
-/// Reads the headers of a file.
+/// Reads the number of splats and their degree from a file's headers.
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let header = Header::read(source)?;
     let sections = header.sections(source, false)?;
@@ -308,7 +308,7 @@ fn degree(sections: &[Section]) -> u32 {
     sections.iter().map(|section| section.degree).max().unwrap_or(0)
 }
 
-/// Parses a scene.
+/// Parses the splats of a `.ksplat` file.
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let source = input.source;
     let header = Header::read(source)?;

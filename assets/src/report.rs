@@ -31,7 +31,7 @@ pub struct Report {
     pub stored_sh_degree: u32,
     /// Highest band that is not zero in every splat.
     pub effective_sh_degree: u32,
-    /// Highest band that is not zero in every splat whose opacity is above the alpha floor.
+    /// Highest band that is not zero in every splat with an opacity of at least the alpha floor.
     pub shown_sh_degree: u32,
     /// Lengths of the quaternions before normalisation.
     pub quaternions: QuaternionNorms,
@@ -80,18 +80,18 @@ pub struct PlaceReport {
     pub robust_bounds: Bounds,
     /// Centre of the robust box.
     pub center: [f64; 3],
-    /// Number of centres beyond ten times the robust box.
+    /// Number of centres outside the robust box scaled by ten.
     pub outliers: u64,
 }
 
-/// View depths of the splats in front of a camera's near plane ([`NEAR`]), whether inside the image or not.
+/// View depths of the splats beyond a camera's near plane ([`NEAR`]), whether inside the image or not.
 ///
 /// A sort by depth processes all of them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DepthReport {
     /// Name of the camera, or its number.
     pub camera: String,
-    /// Number of splats in front of the near plane.
+    /// Number of splats beyond the near plane.
     pub in_front: u64,
     /// Range of their depths; `None` if there are none.
     pub range: Option<DepthRange>,
@@ -117,7 +117,7 @@ pub struct DepthRange {
 }
 
 impl Report {
-    /// Examines a scene. Without cameras, depths are those of [`Camera::framing`].
+    /// Examines a scene. Without `cameras`, depths are those of [`Camera::framing`].
     pub fn new(scene: &Scene, cameras: &[Camera]) -> Self {
         let robust_bounds = scene.robust_bounds();
         let robust_extent = robust_bounds.extent();
@@ -195,7 +195,7 @@ impl DepthReport {
     }
 }
 
-/// Formats a box as `(x, y, z) to (x, y, z)`.
+/// A box, formatted as `(x, y, z) to (x, y, z)`.
 struct Shown<'a>(&'a Bounds);
 
 impl fmt::Display for Shown<'_> {

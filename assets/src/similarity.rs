@@ -1,11 +1,11 @@
-//! Places in the world: a rotation, a scaling and a translation.
+//! Defines similarity transforms of the world: a rotation, a uniform scale and a translation.
 
 use glam::{DQuat, DVec3};
 
 /// A rotation, a uniform scale and a translation of the world: maps `p` to `scale * rotation * p + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
-    /// The rotation, of unit length.
+    /// Rotation, as a unit quaternion.
     pub rotation: DQuat,
     /// The scale factor, above 0.
     pub scale: f64,

@@ -42,12 +42,12 @@ pub(crate) fn is_plausible(head: &[u8]) -> bool {
     count > 0 && 2 * unit > count
 }
 
-/// Returns the quaternion w, x, y, z.
+/// Decodes the quaternion w, x, y, z of a row, without normalising it.
 fn quaternion(row: &[u8]) -> [f64; 4] {
     std::array::from_fn(|at| (f64::from(row[28 + at]) - 128.0) / 128.0)
 }
 
-/// Counts the splats of a file.
+/// Computes the number of splats from a file's length.
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let length = source.length();
     let count = length / STRIDE as u64;
@@ -63,7 +63,7 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     Ok(SceneHeader { count, stored_degree: 0 })
 }
 
-/// Parses a scene.
+/// Parses the splats of a `.splat` file.
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let SceneHeader { count, .. } = header(input.source)?;
     let mut columns = input.allocate(count, 0, false, (STRIDE, 0))?;

@@ -1,8 +1,8 @@
-//! The words of attributes: their layout, copies as bytes, and hashes.
+//! Defines the layout of attributes, copies their words as bytes, and hashes them.
 
 use rayon::prelude::*;
 
-/// Values that one task of a parallel loop converts.
+/// Number of values that one task of a parallel loop converts.
 const CHUNK: usize = 8192;
 
 /// Memory layout of an attribute.
@@ -12,7 +12,7 @@ pub struct AttributeInfo {
     pub stride: u64,
     /// Number of planes with data: 1; for `scene.sh`, as many as the stored degree needs.
     pub planes: u32,
-    /// Number of elements: of the splats, or of a list of the mesh.
+    /// Number of elements: splats, or entries of one of the mesh's lists.
     pub count: u64,
 }
 
@@ -22,7 +22,7 @@ pub(crate) fn write_words(words: &[u32], offset: u64, out: &mut [u8]) {
     out.chunks_exact_mut(4).zip(words).for_each(|(out, word)| out.copy_from_slice(&word.to_le_bytes()));
 }
 
-/// Writes values of floats, in parallel.
+/// Copies the bytes of floats, in parallel.
 pub(crate) fn write_floats<T: bytemuck::Pod + Sync>(values: &[T], out: &mut [u8]) {
     let values: &[f32] = bytemuck::cast_slice(values);
     out.par_chunks_mut(4 * CHUNK).zip(values.par_chunks(CHUNK)).for_each(|(out, values)| {

@@ -31,10 +31,10 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
 
-/// A call on the session, run on its thread.
+/// A call on the session, made on the drawing thread.
 type Work = Box<dyn FnOnce(&mut Session<Backend>) + Send>;
 
-/// A request to the thread.
+/// A request to the drawing thread.
 enum Request {
     Draw(Draw),
     Call(Work),
@@ -202,7 +202,7 @@ impl Engine {
         thread.requests.send(request).map_err(ended)
     }
 
-    /// Calls a function with the session, on its thread, and returns the result.
+    /// Calls a function with the session, on the drawing thread, and returns its result.
     fn ask<T: Send + 'static>(
         &self,
         py: Python<'_>,
@@ -271,7 +271,7 @@ impl Drop for Pending {
     }
 }
 
-/// Answers requests until the channel is closed.
+/// Draws and answers requests until the channel is closed.
 fn serve(session: &mut Session<Backend>, requests: &Receiver<Request>) {
     let mut flying = VecDeque::new();
     loop {

@@ -7,7 +7,7 @@ use splatgraph::cli;
 use std::ffi::OsString;
 use std::sync::{Mutex, PoisonError};
 
-/// Indices of views done now, indices of views done before, and failed views with the reason.
+/// Views done now, views done before, and failed views with the reason; by index.
 type Ran = (Vec<usize>, Vec<usize>, Vec<(usize, String)>);
 
 /// The views of a command line: `render`, `trade`, `sweep` or `evaluate` with its arguments.

@@ -25,14 +25,14 @@ use std::thread::JoinHandle;
 /// Threads of cancelled studies that finish their last step. The process waits for them, since they use a driver.
 static CANCELLED: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
 
-/// A message from a study's thread.
+/// A message from a study's thread: progress, a text, or the result.
 enum News<T> {
     Progress(String, u64, u64, String),
     Message(String),
     Done(T),
 }
 
-/// Sends a study's messages; dropping the receiver cancels the study.
+/// A listener that sends a study's messages. Dropping the receiver cancels the study.
 struct Reporter<T>(Sender<News<T>>);
 
 impl<T> Listener for Reporter<T> {

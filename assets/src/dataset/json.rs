@@ -39,14 +39,14 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<Dataset, CameraError> {
     })
 }
 
-/// Deserialises a text and refuses anything after it.
+/// Deserialises a text, and returns an error if anything follows the value.
 fn whole<'de, S: DeserializeSeed<'de>>(text: &'de str, seed: S) -> serde_json::Result<S::Value> {
     let mut json = serde_json::Deserializer::from_str(text);
     let value = seed.deserialize(&mut json)?;
     json.end().map(|()| value)
 }
 
-/// Deserialises a list entry by entry, so that an error has the line and index of its entry.
+/// A deserialiser of a list, entry by entry, so that an error has the line and index of its entry.
 struct List<'a, T, F> {
     reached: &'a Cell<Option<usize>>,
     /// Converts an entry to a view.
@@ -137,7 +137,8 @@ macro_rules! either {
     };
 }
 
-/// Converts a frame to a view; raises `off_center` to the distance of its principal point from the centre.
+/// Converts a frame to a view. Raises `off_center` to the distance of the view's principal point from the image's
+/// centre.
 fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> Result<View, String> {
     let photograph = frame.file_path.as_deref().ok_or("missing field `file_path`")?;
     let matrix = frame.transform_matrix.ok_or("missing field `transform_matrix`")?;
@@ -209,7 +210,7 @@ fn transforms(text: &str, path: &Path, reached: &Cell<Option<usize>>) -> serde_j
     Ok(Dataset { views, photographs: Some(folder), off_center })
 }
 
-/// Deserialises the list `frames` of an object.
+/// A deserialiser of the list `frames` of an object.
 struct Frames<'a, F>(List<'a, Fields, F>);
 
 impl<'de, F: FnMut(Fields) -> Result<View, String>> DeserializeSeed<'de> for Frames<'_, F> {

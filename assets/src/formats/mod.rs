@@ -51,7 +51,7 @@ pub enum Content {
     Mesh(Mesh),
 }
 
-/// Opens a file and reads it by `one`, unless it names several scenes.
+/// Opens a file and recognises its content. Reads a single scene with `one`, and a mesh or a composition itself.
 fn open<T>(path: &Path, one: impl FnOnce(&Source) -> Result<T, SceneError>) -> Result<Found<T>, LoadError> {
     let inner = || {
         let file = OpenFile::open(path)?;
@@ -70,7 +70,7 @@ fn open<T>(path: &Path, one: impl FnOnce(&Source) -> Result<T, SceneError>) -> R
     inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
 }
 
-/// Reads the text of a composition.
+/// Reads the text of a composition, and returns its parts.
 fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
     let length = source.length();
     if length > composition::MAX_BYTES {
@@ -85,7 +85,7 @@ fn placed(source: &Source, path: &Path) -> Result<Vec<Placed>, SceneError> {
 
 /// Returns true for a glTF file without Gaussian splats: its JSON does not name their extension.
 fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
-    /// Bytes of JSON that are searched.
+    /// Maximum number of bytes that are searched.
     const MOST: u64 = 1 << 26;
     let binary = head.starts_with(b"glTF");
     // A header of 12 bytes, the length of the JSON, and its kind.
@@ -96,18 +96,18 @@ fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
     Ok(!text.windows(name.len()).any(|window| window == name))
 }
 
-/// Reads a mesh, with the files beside it.
+/// Reads a mesh, with the buffers and images beside its file.
 fn mesh(source: &Source, path: &Path) -> Result<Mesh, SceneError> {
     let bytes = source.head(usize::try_from(source.length()).unwrap_or(usize::MAX))?;
     Mesh::parse(&bytes, Some(path.parent().unwrap_or(Path::new(""))))
 }
 
-/// Refuses a mesh where splats are needed.
+/// Returns the error for a mesh where splats are needed.
 fn alone(path: &Path) -> LoadError {
     LoadError { path: path.to_owned(), problem: SceneError::MeshAlone }
 }
 
-/// Refuses several scenes within several scenes.
+/// Returns the error for a composition that is part of another.
 fn nested(path: &Path) -> LoadError {
     let message = "expected one scene, found several".into();
     LoadError { path: path.to_owned(), problem: SceneError::Scenes { message } }

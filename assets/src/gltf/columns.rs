@@ -5,7 +5,7 @@ use super::document::{Accessor, item, wrong};
 use crate::error::SceneError;
 use crate::input::Source;
 
-/// Values of an accessor.
+/// The elements of an accessor, with their location and type.
 pub(super) struct Column<'a> {
     source: Source<'a>,
     start: u64,
@@ -84,7 +84,7 @@ impl<'a> Column<'a> {
         Ok(Self { source, start: start + byte_offset, stride, component, normalized, width, count })
     }
 
-    /// Returns the bytes of the values.
+    /// Returns the number of bytes of all values, without padding between elements.
     pub(super) fn bytes(&self) -> u64 {
         self.count * (self.width * self.component.bytes()) as u64
     }

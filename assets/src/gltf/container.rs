@@ -47,10 +47,10 @@ fn field(at: u64, name: &str, message: String) -> SceneError {
     SceneError::Field { at, field: name.into(), message }
 }
 
-/// Offset and length of a chunk.
+/// Offset and length of a chunk in the file, in bytes.
 type Chunk = (u64, u64);
 
-/// Returns the chunk of the JSON, and the binary chunk if there is one.
+/// Returns the JSON chunk, and the binary chunk if there is one. A text file is all JSON.
 fn chunks(source: &Source) -> Result<(Chunk, Option<Chunk>), SceneError> {
     let length = source.length();
     let head = source.head(20)?;
@@ -91,7 +91,7 @@ fn chunks(source: &Source) -> Result<(Chunk, Option<Chunk>), SceneError> {
     Ok(((20, json), Some((at + 8, bytes))))
 }
 
-/// Parses the document of a file.
+/// Reads and parses the JSON of a file.
 pub(super) fn document(source: &Source) -> Result<Document, SceneError> {
     let ((at, length), _) = chunks(source)?;
     if length > MOST_JSON {

@@ -13,7 +13,7 @@ pub(super) fn wrong(part: impl Into<String>, message: impl Into<String>) -> Scen
     SceneError::Part { part: part.into(), message: message.into() }
 }
 
-/// Finds an item by its index.
+/// Returns the item at `index`; the error names the list `of`.
 pub(super) fn item<'a, T>(items: &'a [T], index: usize, of: &str) -> Result<&'a T, SceneError> {
     let count = items.len();
     items.get(index).ok_or_else(|| wrong(of, format!("expected an index below {count}, found {index}")))
@@ -121,7 +121,7 @@ pub(super) struct Splats<'a> {
     pub place: Place,
 }
 
-/// A rotation, a uniform scale and a translation.
+/// The transform of a node: a rotation, a uniform scale and a translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Place {
     pub rotation: DQuat,
@@ -141,7 +141,7 @@ const TOLERANCE: f64 = 1e-4;
 const FARTHEST: f64 = 1e18;
 
 impl Document {
-    /// Parses the text.
+    /// Parses the JSON. Fails if it requires extensions that this reader does not know.
     pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
         let document: Self = serde_json::from_slice(text).map_err(|error| SceneError::Row {
             line: error.line() as u64,
@@ -156,7 +156,7 @@ impl Document {
         }
     }
 
-    /// Finds the splats of the scene, node by node.
+    /// Lists the primitives of splats in the scene, once per node that places them.
     pub(super) fn splats(&self) -> Result<Vec<Splats<'_>>, SceneError> {
         let roots = match self.scene.or((!self.scenes.is_empty()).then_some(0)) {
             Some(scene) => item(&self.scenes, scene, "scene")?.nodes.clone(),

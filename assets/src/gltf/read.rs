@@ -73,7 +73,7 @@ impl Change {
         Self { place, turn, origin, degree }
     }
 
-    /// Returns the origin in the scene's world.
+    /// Returns the origin, converted to the axes of scenes.
     fn offset(&self) -> [f64; 3] {
         let [x, y, z] = self.origin.to_array();
         // Without the sign of a zero.
@@ -244,7 +244,7 @@ fn packed(
     Ok((moved, fields))
 }
 
-/// Parses a scene of the file at `path`.
+/// Parses the splats of a glTF file. `path` locates the buffers beside it.
 pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
     let container = Container::open(input.source, path)?;
     let all = container.document.splats()?;

@@ -106,7 +106,7 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     })
 }
 
-/// Writes the bytes of each splat.
+/// Writes `count` rows in batches. `row` appends the bytes of the splat at an index.
 fn rows(count: usize, out: &mut impl Write, row: impl Fn(usize, &mut Vec<u8>)) -> Result<()> {
     let mut bytes = Vec::new();
     for first in (0..count).step_by(BATCH) {

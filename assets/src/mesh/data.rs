@@ -1,4 +1,4 @@
-//! The triangles, materials and texels of a mesh, and their words in GPU buffers.
+//! Defines the triangles, materials and texels of a mesh, and packs them for GPU buffers.
 
 use crate::similarity::Similarity;
 use crate::words::{AttributeInfo, hash, mix, write_words};
@@ -16,40 +16,40 @@ pub const MESH_ATTRIBUTES: [&str; 8] = [
     "mesh.light",
 ];
 
-/// An image of a material among the texels of its mesh.
+/// The location of a material's image among the texels of its mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Texture {
-    /// Index of its first texel; rows follow from the top.
+    /// Index of the first texel, at the top left. Rows follow without gaps.
     pub first: u32,
-    /// Texels across, at most 65,535; 0 for no image.
+    /// Width in texels, at most 65,535; 0 for no image.
     pub width: u32,
-    /// Texels down, at most 65,535.
+    /// Height in texels, at most 65,535.
     pub height: u32,
 }
 
-/// The material of triangles: the metallic-roughness model of glTF 2.0.
+/// The material of a triangle: the metallic-roughness model of glTF 2.0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshMaterial {
-    /// Linear red, green, blue, and alpha. Factor of the image.
+    /// Linear red, green, blue, and alpha; multiplied by the image.
     pub base_color: [f32; 4],
-    /// Metalness, 0 to 1. Factor of the image's blue.
+    /// Metalness, 0 to 1; multiplied by the image's blue channel.
     pub metallic: f32,
-    /// Roughness, 0 to 1. Factor of the image's green.
+    /// Roughness, 0 to 1; multiplied by the image's green channel.
     pub roughness: f32,
-    /// Factor of the normal image's x and y.
+    /// Factor on x and y of the normals in the image.
     pub normal_scale: f32,
-    /// Fragments of less alpha are discarded; 0 keeps all.
+    /// Minimum alpha: fragments below it are discarded. 0 keeps all.
     pub alpha_cutoff: f32,
-    /// Display-encoded colours and alpha.
+    /// Image of display-encoded colours and alpha.
     pub base_color_image: Texture,
-    /// Roughness in green, metalness in blue.
+    /// Image with roughness in green and metalness in blue.
     pub metallic_roughness_image: Texture,
-    /// Normals in tangent space, from -1 to 1.
+    /// Image of normals in tangent space, from -1 to 1.
     pub normal_image: Texture,
 }
 
 impl Default for MeshMaterial {
-    /// The default of glTF: white, metallic and rough.
+    /// Returns glTF's default material: white, metallic and rough.
     fn default() -> Self {
         Self {
             base_color: [1.0; 4],
@@ -71,25 +71,25 @@ pub struct Light {
     pub direction: [f32; 3],
     /// Linear red, green and blue. A white surface that faces a light of 1 is white.
     pub color: [f32; 3],
-    /// Light from everywhere, as a share of the base colour.
+    /// Ambient light, as a share of the base colour.
     pub ambient: f32,
 }
 
 impl Default for Light {
-    /// White light from the upper left, on the side of -z.
+    /// Returns white light from the upper left, on the side of -z.
     fn default() -> Self {
         Self { direction: [-0.48, -0.64, -0.6], color: [1.0; 3], ambient: 0.25 }
     }
 }
 
-/// Triangles with materials.
+/// A mesh: triangles with materials, and the light on them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Corners, in world units, relative to [`Scene::offset`](crate::Scene::offset).
     pub positions: Vec<[f32; 3]>,
     /// Unit normals, one per position.
     pub normals: Vec<[f32; 3]>,
-    /// Places in images, one per position; (0, 0) is the top left corner, images repeat.
+    /// Texture coordinates, one per position. (0, 0) is the image's top left corner; images repeat.
     pub uvs: Vec<[f32; 2]>,
     /// Indices of the corners of each triangle.
     pub triangles: Vec<[u32; 3]>,
@@ -99,14 +99,15 @@ pub struct Mesh {
     pub materials: Vec<MeshMaterial>,
     /// Texels of all images: red, green, blue and alpha of 8 bits.
     pub texels: Vec<[u8; 4]>,
-    /// The light.
+    /// The light on the mesh.
     pub light: Light,
 }
 
 impl Mesh {
-    /// Returns the layout of an attribute and its number of elements; `None` if the name is not among [`MESH_ATTRIBUTES`].
+    /// Returns the layout of an attribute and its number of elements; `None` if the name is not among
+    /// [`MESH_ATTRIBUTES`].
     ///
-    /// A list without elements has one of zeros, since no buffer is empty.
+    /// An empty list counts as one element of zeros, because no buffer may be empty.
     pub fn attribute(&self, name: &str) -> Option<AttributeInfo> {
         let (stride, count) = match name {
             "mesh.position" => (12, self.positions.len()),
@@ -122,7 +123,7 @@ impl Mesh {
         Some(AttributeInfo { stride, planes: 1, count: count.max(1) as u64 })
     }
 
-    /// Writes a piece of an attribute of [`MESH_ATTRIBUTES`], whose bytes from `offset` on are there.
+    /// Writes the part of an attribute of [`MESH_ATTRIBUTES`] that begins at byte `offset` and fills `out`.
     pub(crate) fn write_attribute(&self, name: &str, offset: u64, out: &mut [u8]) {
         match name {
             "mesh.position" => write_words(bytemuck::cast_slice(&self.positions), offset, out),
@@ -139,7 +140,7 @@ impl Mesh {
         }
     }
 
-    /// Moves the mesh: to a place in the world, whose coordinates then are relative to `offset` and not to `from`.
+    /// Transforms the mesh in the world. Its positions are relative to `from`; the result's are relative to `offset`.
     pub(crate) fn transformed(&self, by: &Similarity, from: [f64; 3], offset: [f64; 3]) -> Self {
         let point = |p: &[f32; 3]| -> [f32; 3] {
             let world = DVec3::from(p.map(f64::from)) + DVec3::from(from);
@@ -154,7 +155,7 @@ impl Mesh {
         }
     }
 
-    /// Appends the triangles, materials and images of another mesh. The light is that of the first.
+    /// Appends the triangles, materials and images of another mesh. Takes its light only if this mesh has no triangles.
     pub fn append(&mut self, other: &Self) {
         if self.triangles.is_empty() {
             self.light = other.light;

@@ -1,8 +1,9 @@
 //! Reads meshes from glTF 2.0, as text or binary (`.gltf`, `.glb`).
 //!
-//! The crate `gltf` parses and validates the JSON. Bytes of buffers are read here, with every range checked against the buffer. Nodes of
-//! the default scene are walked once each, and the transform of each is applied to its mesh. Of lights, the direction and the colour of
-//! the first directional one are read (`KHR_lights_punctual`). Skins, morph targets, animations and cameras are not.
+//! The crate `gltf` parses and validates the JSON. Bytes of buffers are read here, and every range is checked against
+//! its buffer. Each node of the default scene is visited once, and its transform is applied to its mesh. Of the lights
+//! (`KHR_lights_punctual`), only the first directional one is read: its direction and colour. Skins, morph targets,
+//! animations and cameras are ignored.
 
 use super::data::{Light, Mesh, MeshMaterial, Texture};
 use super::image::{self, MOST_TEXELS};
@@ -18,13 +19,13 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Component, Path};
 
-/// Largest file of a mesh, of a buffer beside it and of an image beside it, in bytes.
+/// Maximum size of a mesh's file, and of a buffer or an image beside it, in bytes.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// Largest number of triangles, and of vertices, of all nodes.
+/// Maximum number of triangles, and of vertices, over all nodes.
 const MOST_ELEMENTS: usize = 1 << 26;
 
-/// Returns true if the first bytes of a file are those of glTF: its magic number, or a JSON object.
+/// Returns true if a file begins as glTF: with its magic number, or with a JSON object.
 pub(crate) fn begins_as_gltf(head: &[u8]) -> bool {
     head.starts_with(b"glTF") || (head.trim_ascii_start().starts_with(b"{") && mentions(head, b"\"asset\""))
 }
@@ -88,7 +89,7 @@ impl Mesh {
     }
 }
 
-/// Checks that a binary file (`.glb`) is as long as its header says.
+/// Checks that a binary file (`.glb`) is at least as long as its header says.
 fn check_length(bytes: &[u8]) -> Result<(), SceneError> {
     if !bytes.starts_with(b"glTF") {
         return Ok(());
@@ -104,7 +105,7 @@ fn check_length(bytes: &[u8]) -> Result<(), SceneError> {
     }
 }
 
-/// Checks the accessors that primitives name: the crate's own validation reads them before it checks them.
+/// Checks that the accessors of primitives exist. The crate's own validation would use them before it checks them.
 fn check_accessors(json: &gltf::json::Root) -> Result<(), SceneError> {
     let count = json.accessors.len();
     for (index, mesh) in json.meshes.iter().enumerate() {
@@ -120,14 +121,14 @@ fn check_accessors(json: &gltf::json::Root) -> Result<(), SceneError> {
     Ok(())
 }
 
-/// The bytes that a file names.
+/// Sources of the bytes that a document refers to: its folder, and the binary chunk.
 struct Files<'a> {
     folder: Option<&'a Path>,
     blob: Option<&'a [u8]>,
 }
 
 impl Files<'_> {
-    /// Reads a data URI, or a file in the folder.
+    /// Decodes a data URI, or reads a file in the folder.
     fn read(&self, uri: &str, part: &str) -> Result<Vec<u8>, SceneError> {
         if let Some(data) = uri.strip_prefix("data:") {
             let base64 = data.split_once(";base64,").map(|(_, text)| text);
@@ -151,13 +152,13 @@ struct Reader<'a> {
     buffers: Vec<Cow<'a, [u8]>>,
     /// Images that were read, by index.
     images: HashMap<usize, Texture>,
-    /// Materials of the mesh, by index in the file; the default one has none.
+    /// Indices of materials in the mesh, by index in the file; `None` is the default material.
     materials: HashMap<Option<usize>, u32>,
     mesh: Mesh,
 }
 
 impl<'a> Reader<'a> {
-    /// Walks the nodes of the default scene, or else of the first.
+    /// Reads the meshes of all nodes of the default scene, or of the first scene if none is the default.
     fn nodes(&mut self) -> Result<(), SceneError> {
         let scene = self.document.default_scene().or_else(|| self.document.scenes().next());
         let scene = scene.ok_or_else(|| wrong("scenes", "expected a scene, found none"))?;
@@ -293,7 +294,7 @@ impl<'a> Reader<'a> {
         bytes.ok_or_else(|| wrong(part, format!("buffer view {} is beyond its buffer", view.index())))
     }
 
-    /// Reads floats, or normalised bytes and words.
+    /// Reads vectors of floats, or of normalised 8- or 16-bit integers.
     fn floats<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[f32; N]>, SceneError> {
         let expected = if N == 3 { Dimensions::Vec3 } else { Dimensions::Vec2 };
         let part = format!("accessor {}", accessor.index());
@@ -372,7 +373,7 @@ impl<'a> Reader<'a> {
         Ok(index)
     }
 
-    /// Unpacks an image, once.
+    /// Unpacks an image into the mesh's texels, unless it already is. Without an index, returns the empty texture.
     fn image(&mut self, index: Option<usize>) -> Result<Texture, SceneError> {
         let Some(index) = index else { return Ok(Texture::default()) };
         if let Some(known) = self.images.get(&index) {

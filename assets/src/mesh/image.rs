@@ -6,9 +6,9 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// Most texels across and down.
+/// Maximum width and height of an image, in texels.
 const MOST_SIDE: u32 = 16_384;
-/// Most texels of all images of a mesh: 256 MiB.
+/// Maximum number of texels of all images of a mesh: 256 MiB.
 pub(super) const MOST_TEXELS: u64 = 1 << 26;
 
 /// An unpacked image, row 0 at the top.

@@ -1,11 +1,11 @@
 //! Stores a triangle mesh beside the splats of a scene.
 //!
-//! A mesh is one list of vertices and one of triangles, whatever nodes and primitives its file has: their transforms are applied on load.
-//! A material has factors and up to three images (base colour, metalness and roughness, normals), after glTF 2.0. [`Mesh::parse`] reads
-//! glTF, [`Mesh::write_glb`] writes it.
+//! A mesh is one list of vertices and one list of triangles. The nodes and primitives of its file are joined on load,
+//! with their transforms applied. A material has factors and up to three images (base colour, metalness and roughness,
+//! normals), as in glTF 2.0. [`Mesh::parse`] reads glTF, [`Mesh::write_glb`] writes it.
 //!
-//! Axes of files point left, up and front, those of scenes right, down and front. On load, x and y change their signs, as for splats in
-//! glTF.
+//! A file's axes point left, up and to the front; a scene's point right, down and to the front. On load, x and y change
+//! their signs, as for splats in glTF.
 
 mod data;
 mod gltf;

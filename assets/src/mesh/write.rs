@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::io::{Error, Write};
 
-/// Bytes of the binary chunk, and the JSON that describes them.
+/// A document in progress: the bytes of the binary chunk, and the JSON that describes them.
 #[derive(Default)]
 struct Writer {
     bytes: Vec<u8>,
@@ -16,7 +16,7 @@ struct Writer {
 }
 
 impl Writer {
-    /// Appends bytes, and returns the index of their view.
+    /// Appends bytes, and returns the index of their buffer view.
     fn view(&mut self, bytes: &[u8]) -> usize {
         let offset = self.bytes.len();
         self.bytes.extend(bytes);
@@ -45,7 +45,7 @@ impl Writer {
         self.accessors.len() - 1
     }
 
-    /// Writes an image as PNG; `None` for a texture without one.
+    /// Appends an image as PNG, and returns the JSON that refers to it; `None` for an empty texture.
     fn image(&mut self, mesh: &Mesh, texture: Texture) -> Result<Option<Value>, Error> {
         if texture.width == 0 {
             return Ok(None);

@@ -36,7 +36,7 @@ pub(crate) struct Line<'a> {
 pub(crate) struct Lines<'a> {
     source: &'a Source<'a>,
     place: Place,
-    /// Bytes of the file; the range `next` has not been returned yet.
+    /// A piece of the file. The bytes in the range `next` have not been returned yet.
     buffer: Vec<u8>,
     next: Range<usize>,
 }

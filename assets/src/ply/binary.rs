@@ -47,7 +47,7 @@ fn word<const BIG: bool, const N: usize>(bytes: &[u8]) -> [u8; N] {
     word
 }
 
-/// Reads the length of a list from all of `raw`; `None` if it is negative.
+/// Reads the length of a list, stored in all of `raw`; `None` if it is negative.
 fn length(raw: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
     let value = raw.iter().enumerate().fold(0u64, |sum, (i, b)| {
         let shift = 8 * if big { raw.len() - 1 - i } else { i };
@@ -61,8 +61,9 @@ fn length(raw: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
     }
 }
 
-/// Measures the bytes of an element's rows per property, from offset `start`; for a truncated file, counts the whole
-/// rows.
+/// Sums the bytes of each property over all rows of an element, from offset `start` on.
+///
+/// The inner error is that of a truncated file: the number of whole rows.
 ///
 /// # Errors
 /// The file cannot be read.
@@ -104,7 +105,7 @@ pub(crate) fn measure(
     Ok(Ok(sizes))
 }
 
-/// A piece of a file that moves forward.
+/// A buffered piece of a file, which only moves forward.
 struct Window<'a> {
     source: &'a Source<'a>,
     /// Offset of the first of `bytes`.
@@ -116,7 +117,7 @@ impl Window<'_> {
     /// Bytes read at a time.
     const PIECE: u64 = 64 << 10;
 
-    /// Returns `count` bytes at offset `at`, which never descends; `None` beyond the end of the file.
+    /// Returns `count` bytes at offset `at`, which must not decrease between calls; `None` beyond the end of the file.
     fn get(&mut self, at: u64, count: usize) -> Result<Option<&[u8]>, SceneError> {
         let left = self.source.length().saturating_sub(at);
         if left < count as u64 {

@@ -27,7 +27,7 @@ impl Encoding {
     }
 }
 
-/// A scalar type.
+/// The type of a number: of a property's value, or of a list's length and items.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scalar {
     I8,
@@ -96,14 +96,14 @@ impl PropertyType {
     }
 }
 
-/// A property, one column of an element.
+/// A property of an element: a column of its table.
 #[derive(Clone, Debug)]
 pub(crate) struct Property {
     pub name: String,
     pub kind: PropertyType,
 }
 
-/// An element, a table of rows.
+/// An element of the file: a table of rows.
 #[derive(Clone, Debug)]
 pub(crate) struct Element {
     pub name: String,

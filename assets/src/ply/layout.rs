@@ -41,7 +41,7 @@ pub(crate) struct Layout {
     pub stride: usize,
     /// Slot of each value: [`NAMES`], then `f_rest_*`.
     pub slots: Vec<Slot>,
-    /// Slot of each column.
+    /// Index of the slot that each column fills; `None` for a column that no splat uses.
     pub slot_of: Vec<Option<usize>>,
 }
 

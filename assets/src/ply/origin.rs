@@ -15,7 +15,7 @@ pub(super) const STEP: f64 = 1024.0;
 /// Maximum number of sampled rows.
 const SAMPLES: u64 = 1000;
 
-/// A sample of positions from which the origin is chosen.
+/// Sampled positions, from which the origin is chosen.
 pub(super) struct Sample {
     /// Sampling stride, in rows.
     pub every: u64,

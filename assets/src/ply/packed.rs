@@ -54,7 +54,7 @@ pub(super) struct Packed {
     pub degree: u32,
     /// Offset of each of [`VERTEX`] in a row.
     vertex: [usize; 4],
-    /// Offset of each of [`CHUNK`] in a row; 12 without bounds of colours.
+    /// Offset of each of [`CHUNK`] in a row; only the first 12 if the file has no bounds of colours.
     chunk: Vec<usize>,
     /// Offset of each `f_rest_*` in a row.
     rest: Vec<usize>,
@@ -166,7 +166,7 @@ impl Packed {
         input::finish((columns, gathered), count, size_breakdown, header.notes)
     }
 
-    /// Reads the bounds of the chunks that splats need.
+    /// Reads the bounds of all chunks that `count` splats occupy.
     fn bounds(&self, input: &Input, table: Table, count: u64) -> Result<Vec<Bounds>, SceneError> {
         let needed = count.div_ceil(CHUNK_SPLATS as u64) as usize;
         let mut bounds: Vec<Bounds> =
@@ -227,7 +227,7 @@ fn used(element: &str, property: &Property) -> bool {
     }
 }
 
-/// Finds the offset of a property of a type in a binary row.
+/// Returns the offset of a property in a binary row. Fails if it is missing, or not of the type `scalar`.
 fn offset(element: &Element, name: &str, scalar: Scalar) -> Result<usize, SceneError> {
     let mut offset = 0;
     for property in &element.properties {

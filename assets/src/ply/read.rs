@@ -91,7 +91,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     Ok(scene.with_offset(origin))
 }
 
-/// A file with a parsed header.
+/// The input of a load, with the parsed header and layout.
 struct File<'a> {
     input: &'a Input<'a>,
     source: &'a Source<'a>,

@@ -30,8 +30,8 @@ use std::sync::{Arc, OnceLock};
 /// Opacity below which the reference rasteriser never draws a splat.
 pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
 
-/// Rounding error of positions that is ignored, in standard deviations: its effect is below the picture's rounding, at
-/// 100 dB.
+/// Rounding error of positions that is ignored, in standard deviations of the splat. Its effect on a picture, at 100
+/// dB, is below that of rounding the picture.
 const INVISIBLE: f32 = 1.0 / 16_384.0;
 
 /// The range of a scene's colours, which storage formats must cover.
@@ -141,7 +141,7 @@ impl Scene {
         }
     }
 
-    /// Generates a scene like [`Scene::try_generate`], whose positions have more precision than f32.
+    /// Generates a scene like [`Scene::try_generate`], with positions of more precision than f32.
     ///
     /// `splat` returns the position separately; the splat's own is ignored.
     ///

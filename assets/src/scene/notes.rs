@@ -62,12 +62,12 @@ impl Serialize for SortKey {
     }
 }
 
-/// Tags of a file.
+/// Tags of a file: the rules for drawing its splats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct FileNotes {
     /// The filter of the training.
     pub low_pass: Filter,
-    /// The order of the splats.
+    /// The distance by which the splats are sorted.
     pub key_of: SortKey,
     /// The world's direction up, of unit length; `None` if the file names none.
     pub up: Option<[f64; 3]>,

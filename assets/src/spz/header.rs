@@ -15,7 +15,7 @@ use std::ops::RangeInclusive;
 /// Maximum ratio of unpacked to packed bytes: 258 bytes in 2 bits of a gzip stream (RFC 1951).
 const MOST_UNPACKED: u64 = 1032;
 
-/// Initial growth of an array, in bytes.
+/// Minimum growth of an array, in bytes.
 const PIECE: usize = 64 << 10;
 
 /// Fields of a file's header.
@@ -93,7 +93,7 @@ impl Header {
     }
 }
 
-/// Converts an error of unpacking a field of `expected` bytes.
+/// Converts an error that occurred while a field of `expected` bytes was unpacked.
 pub(super) fn unpacked(error: io::Error, at: u64, name: &str, expected: u64) -> SceneError {
     match error.kind() {
         ErrorKind::UnexpectedEof => {
@@ -110,12 +110,12 @@ pub(super) fn unpacked(error: io::Error, at: u64, name: &str, expected: u64) -> 
 /// The unpacked arrays of a file.
 pub(super) struct Unpacked {
     pub header: Header,
-    /// The arrays, in order.
+    /// The arrays, one after the other.
     pub data: Vec<u8>,
     pub tables: [Table; 6],
-    /// The packed bytes of the arrays.
+    /// Packed size of each array.
     pub fields: Vec<FieldSize>,
-    /// Packed bytes before the arrays.
+    /// Number of packed bytes before the arrays.
     pub header_bytes: u64,
     /// The compression's name.
     pub packing: &'static str,

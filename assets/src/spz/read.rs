@@ -64,7 +64,7 @@ fn packed_quaternion(word: u32) -> [f64; 4] {
     [w, x, y, z]
 }
 
-/// Unpacks a file. From version 4 on, it begins with an uncompressed [`MAGIC`].
+/// Unpacks a file of any version. From version 4 on, it begins with an uncompressed [`MAGIC`].
 fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     match is_plain(input.source)? {
         true => streams::unpack(input),
@@ -76,7 +76,7 @@ fn is_plain(source: &Source) -> Result<bool, SceneError> {
     Ok(source.head(MAGIC.len())? == MAGIC)
 }
 
-/// Reads the header of a file.
+/// Reads the number of splats and their degree from a file's header.
 pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     let header = match is_plain(source)? {
         true => streams::header(source)?.0,
@@ -85,7 +85,7 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     Ok(SceneHeader { count: header.count.into(), stored_degree: header.degree.min(3) })
 }
 
-/// Parses a scene.
+/// Parses the splats of an SPZ file.
 pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
     let Unpacked { header, data, tables, fields, header_bytes, packing, records: (records, at) } =
         unpack(input)?;

@@ -12,7 +12,7 @@ use crate::size_breakdown::FieldSize;
 use ruzstd::decoding::StreamingDecoder;
 use std::io::Read;
 
-/// Reads the header of a file; also returns the offset of the table of contents.
+/// Reads the header of a file of version 4; also returns the offset of the table of contents.
 pub(super) fn header(source: &Source) -> Result<(Header, u64), SceneError> {
     let bytes = source.head(LONG_HEADER)?;
     let length = source.length();
@@ -41,7 +41,7 @@ pub(super) fn header(source: &Source) -> Result<(Header, u64), SceneError> {
     Ok((header, table))
 }
 
-/// Unpacks a file.
+/// Unpacks a file of version 4.
 pub(super) fn unpack(input: &Input) -> Result<Unpacked, SceneError> {
     let source = input.source;
     let (header, table_at) = header(source)?;

@@ -1,6 +1,6 @@
 //! Generates scenes that each take one property to its limit, small enough for tests.
 //!
-//! All but `uniform` are for [`camera`]: at the origin, looking along +z.
+//! Most are seen by [`camera`]: from the origin, looking along +z. The others have their own cameras here.
 
 use super::random::Random;
 use crate::camera::Camera;
@@ -154,7 +154,7 @@ pub(super) fn empty_view(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates splats with the logarithms of each axis anywhere from -30 to 20.
+/// Generates splats with scales from `e^-30` to `e^20`, different on each axis.
 pub(super) fn giants(count: u32, seed: u64) -> Made {
     Scene::try_generate(count, 0, |i| {
         let random = &mut Random::new(seed, i as u64);

@@ -33,7 +33,7 @@ pub struct Generator {
     make: fn(u32, u64) -> Made,
 }
 
-/// The name of the generated mesh, and a description of it, in a line.
+/// Name of the generated mesh, and a one-line description of it.
 pub const MESH: (&str, &str) =
     ("ring", "a mesh for the demo scene (.glb): a bronze ring, upright and half sunk into the pond");
 
@@ -69,12 +69,12 @@ fn origin() -> Vec<Camera> {
     vec![extremes::camera()]
 }
 
-/// Returns the entry of a test scene seen from the origin.
+/// Creates the generator of a test scene that is seen from the origin.
 const fn extreme(name: &'static str, summary: &'static str, make: fn(u32, u64) -> Made) -> Generator {
     Generator { name, summary, default_count: 5_000, cameras: origin, make }
 }
 
-/// Returns the entry of a scene of 4,096 layers.
+/// Creates the generator of a scene of 4,096 layers, seen from the origin.
 const fn layered(name: &'static str, summary: &'static str, make: fn(u32, u64) -> Made) -> Generator {
     Generator { name, summary, default_count: 4096, cameras: origin, make }
 }

@@ -15,7 +15,7 @@ const STEPS: [u32; 2] = [192, 24];
 /// Texels of the images, along and around.
 const TEXELS: [u32; 2] = [512, 64];
 
-/// Evaluates a smooth function of the torus, about -1 to 1; `scale` is a whole number of its patches.
+/// Evaluates a smooth periodic pattern on the torus, about -1 to 1. `scale` is an integer factor on its frequencies.
 fn patches(at: DVec2, scale: f64) -> f64 {
     const WAVES: [[f64; 3]; 5] =
         [[7.0, 1.0, 0.4], [11.0, -1.0, 1.9], [5.0, 2.0, 4.2], [16.0, 1.0, 2.7], [3.0, -2.0, 5.5]];
@@ -30,7 +30,7 @@ fn hammered(at: DVec2) -> f64 {
     dent(x + 0.3 * patches(at, 1.0)) * dent(y + 0.5 * (x.floor() % 2.0))
 }
 
-/// Makes the ring.
+/// Generates the mesh of the ring.
 pub(super) fn ring() -> Mesh {
     let mut mesh = Mesh::default();
     for (row, column) in (0..=STEPS[1]).flat_map(|row| (0..=STEPS[0]).map(move |column| (row, column))) {
@@ -60,7 +60,7 @@ pub(super) fn ring() -> Mesh {
     mesh
 }
 
-/// Appends an image of values from 0 to 1.
+/// Appends an image to the mesh's texels. `texel` gives its channels, 0 to 1.
 fn image(mesh: &mut Mesh, texel: fn(DVec2) -> DVec3) -> Texture {
     let [width, height] = TEXELS;
     let texture = Texture { first: mesh.texels.len() as u32, width, height };
@@ -83,7 +83,7 @@ fn colors(at: DVec2) -> DVec3 {
     shade * DVec3::new(0.80, 0.58, 0.34).lerp(DVec3::new(0.35, 0.60, 0.52), verdigris(at))
 }
 
-/// Roughness in green, metalness in blue.
+/// Returns roughness in green and metalness in blue.
 fn surface(at: DVec2) -> DVec3 {
     let green = verdigris(at);
     DVec3::new(0.0, 0.38 + 0.5 * green + 0.05 * patches(at, 5.0), 1.0 - green)

@@ -10,7 +10,7 @@ use std::path::Path;
 /// Maximum length of a photograph's name, in bytes.
 const LONGEST_NAME: usize = 4096;
 
-/// A file read field by field.
+/// A reader of a file's binary fields, one after the other.
 struct Fields<'a> {
     file: BufReader<File>,
     path: &'a Path,
@@ -60,7 +60,7 @@ impl<'a> Fields<'a> {
         Ok(f64::from_le_bytes(self.take(field)?))
     }
 
-    /// Reads the number of entries of at least `bytes` bytes each.
+    /// Reads a number of entries. Fails if the rest of the file cannot hold so many of at least `bytes` bytes each.
     fn count(&mut self, field: &'static str, bytes: u64) -> Result<u64, CameraError> {
         let (at, count) = (self.at, self.long(field)?);
         let most = (self.length - self.at) / bytes;

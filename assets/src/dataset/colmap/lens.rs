@@ -20,7 +20,7 @@ pub(super) struct Lens {
     off_center: f64,
 }
 
-/// Lenses of a model, by their numbers.
+/// Lenses of a sparse model, by `CAMERA_ID`.
 pub(super) type Lenses = HashMap<u32, Lens>;
 
 /// A lens model: the names of its parameters, in order.
@@ -31,7 +31,7 @@ pub(super) struct Model {
     is_pinhole: bool,
 }
 
-/// The models by their numbers, from COLMAP's `src/colmap/sensor/models.h`.
+/// Lens models; the index is COLMAP's model ID, from its `src/colmap/sensor/models.h`.
 pub(super) const MODELS: [Model; 11] = [
     Model { name: "SIMPLE_PINHOLE", parameters: &["f", "cx", "cy"], is_pinhole: true },
     Model { name: "PINHOLE", parameters: &["fx", "fy", "cx", "cy"], is_pinhole: true },
@@ -66,7 +66,7 @@ pub(in crate::dataset) const UNDISTORT: &str =
 pub(super) type Fault = (&'static str, String);
 
 impl Model {
-    /// Refuses a model that is not a pinhole for any parameters.
+    /// Returns an error for a model that bends rays even if its coefficients are zero.
     pub(super) fn check(&self) -> Result<(), Fault> {
         if self.is_pinhole {
             return Ok(());
@@ -74,7 +74,7 @@ impl Model {
         Err(("MODEL", format!("expected a pinhole camera, found {}; {UNDISTORT}", self.name)))
     }
 
-    /// Creates a lens; there must be a value for each parameter of the model.
+    /// Creates a lens of this model. `values` has one entry for each of the model's parameters.
     pub(super) fn lens(&self, width: u32, height: u32, values: &[f64]) -> Result<Lens, Fault> {
         let mut lens = Lens { width, height, fx: 0.0, fy: 0.0, off_center: 0.0 };
         for (name, value) in self.parameters.iter().zip(values) {
@@ -102,7 +102,7 @@ impl Model {
     }
 }
 
-/// Adds the view of an image; the rotation is w, x, y, z.
+/// Adds the view of an image to a dataset. The rotation is a quaternion w, x, y, z.
 pub(super) fn push(
     dataset: &mut Dataset,
     lenses: &Lenses,

@@ -74,7 +74,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// Parses the next word of a line.
+/// Parses the first word of `rest`, and removes it.
 fn value<T: FromStr>(rest: &mut &str, field: &'static str) -> Result<T, Fault> {
     let word = word(rest, field)?;
     word.parse().map_err(|_| (field, format!("expected a number, found `{word}`")))

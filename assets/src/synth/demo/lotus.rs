@@ -14,7 +14,7 @@ struct Ring {
     width: f64,
     /// Slope at the root and at the tip, in degrees above the water.
     rise: (f64, f64),
-    /// Rotation of the first petal, in petals.
+    /// Rotation of the ring, as a share of the angle between petals.
     turn: f64,
 }
 

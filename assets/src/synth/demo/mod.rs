@@ -31,7 +31,7 @@ struct Part {
     mirrored: bool,
 }
 
-/// The parts; the rest of the thousand is the reflection.
+/// Parts of the scene. The reflection gets the thousandths that they leave.
 const PARTS: [Part; 12] = [
     Part { share: 235, make: knot::knot, mirrored: true },
     Part { share: 165, make: lotus::petals, mirrored: true },

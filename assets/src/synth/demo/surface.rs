@@ -33,7 +33,7 @@ impl Patch {
     /// Returns a splat that covers its share of the surface.
     ///
     /// `count` splats are spread evenly over the unit square of parameters. `stretch` is the elongation along u
-    /// relative to an even share; `cover` is the size in shares.
+    /// relative to an even share; `cover` is the splat's size relative to its share.
     pub(super) fn splat(
         &self,
         count: usize,
