@@ -100,7 +100,7 @@ impl Camera {
         camera
     }
 
-    /// Translates the camera from the world's coordinates to those of a scene whose [`Scene::offset`] is `origin`.
+    /// Converts the camera from the world's coordinates to a scene's. `origin` is the scene's [`Scene::offset`].
     pub fn relative_to(&self, origin: [f64; 3]) -> Self {
         Self { position: std::array::from_fn(|axis| self.position[axis] - origin[axis]), ..self.clone() }
     }

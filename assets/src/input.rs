@@ -261,8 +261,9 @@ pub(crate) struct OpenFile {
     modified: Option<SystemTime>,
 }
 
-/// Age at which a file's modification time is certain to differ from the current time: file system clocks tick at least
-/// every 10 ms.
+/// Age at which a file's modification time differs from the current time for certain.
+///
+/// File system clocks tick at least every 10 ms.
 const SETTLED: Duration = Duration::from_millis(20);
 
 impl OpenFile {

@@ -1,5 +1,4 @@
-//! Determines how much memory this process can still allocate, so that scenes that cannot fit are refused before they
-//! are read.
+//! Determines how much memory this process can still allocate. Scenes that cannot fit are refused before they are read.
 //!
 //! On Linux, three limits apply at once: the memory that the system can provide without evicting pages in use, the
 //! limit of the control group (a container's), and the process's address-space limit (`ulimit -v`). On other systems

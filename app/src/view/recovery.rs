@@ -26,8 +26,7 @@ const BUILDS: Duration = Duration::from_secs(5);
 /// Maximum time between two losses that count as having the same cause.
 const SOON: Duration = Duration::from_secs(30);
 
-/// A function that opens devices for a window of this size, with or without vsync: one for the window, and one for the
-/// scene.
+/// A function that opens two devices for a window of this size: the window's and the scene's. The flag turns vsync on.
 pub type Open<D> = Box<dyn FnMut((u32, u32), bool) -> Result<(D, D), BackendError>>;
 
 /// The device could not be opened again.

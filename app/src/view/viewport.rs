@@ -245,8 +245,7 @@ impl<D: Device> Viewport<D> {
         self.exhibit.as_ref().map(|exhibit| (exhibit.shown.clone(), exhibit.number))
     }
 
-    /// Returns true if the window does not show a picture of this scene and graph yet: frames so far overflowed, or
-    /// none is finished.
+    /// Returns true if the window shows no picture of this scene and graph yet: no frame has ended, or all overflowed.
     pub fn is_held_back(&self) -> bool {
         self.renderer.plan().is_some()
             && self.exhibit.as_ref().map(|exhibit| exhibit.subject) != Some(self.renderer.subject())
@@ -268,8 +267,10 @@ impl<D: Device> Viewport<D> {
         self.waits
     }
 
-    /// Returns true if a frame of the current plan can be shown: an incomplete one only if there is no more capacity,
-    /// or the scene and the graph were shown before.
+    /// Returns true if a frame of the current plan can be shown.
+    ///
+    /// An incomplete frame is shown only if there is no more capacity, or if the window already shows this scene and
+    /// graph.
     fn can_show(&self) -> bool {
         !self.is_held_back() || self.renderer.is_at_best()
     }

@@ -22,7 +22,7 @@ use crate::camera::Camera;
 use crate::file;
 use std::path::{Path, PathBuf};
 
-/// Sampling stride of test views for a dataset that names none, as in the reference implementation (`llffhold`).
+/// Sampling stride of test views if the dataset does not specify any, as in the reference implementation (`llffhold`).
 pub const TEST_EVERY: usize = 8;
 
 impl Dataset {

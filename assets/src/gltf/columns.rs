@@ -37,7 +37,7 @@ impl Component {
 }
 
 impl<'a> Column<'a> {
-    /// Finds the values of an attribute whose elements have `width` components.
+    /// Finds the values of an attribute with `width` components per element.
     pub(super) fn open(
         container: &'a Container,
         name: &str,

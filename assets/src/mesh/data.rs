@@ -4,7 +4,7 @@ use crate::similarity::Similarity;
 use crate::words::{AttributeInfo, hash, mix, write_words};
 use glam::DVec3;
 
-/// The names of a mesh's attributes, which graphs import.
+/// Names of a mesh's attributes, for the imports of graphs.
 pub const MESH_ATTRIBUTES: [&str; 8] = [
     "mesh.position",
     "mesh.normal",

@@ -93,8 +93,8 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// Reads the next piece after the unread bytes, which move to the front of the buffer; `left` bytes remain in the
-    /// file.
+    /// Moves the unread bytes to the front of the buffer, and reads the next piece after them. `left` is the number of
+    /// bytes left in the file.
     fn read_more(&mut self, left: u64) -> Result<(), SceneError> {
         let unread = self.next.len();
         self.buffer.copy_within(self.next.clone(), 0);

@@ -15,11 +15,11 @@ pub(super) const STEP: f64 = 1024.0;
 /// Maximum number of sampled rows.
 const SAMPLES: u64 = 1000;
 
-/// Sampled positions, from which the origin is chosen.
+/// A sample of the positions, for choosing the origin.
 pub(super) struct Sample {
     /// Sampling stride, in rows.
     pub every: u64,
-    /// The axes whose numbers are wider than f32.
+    /// For each axis, true if the file's numbers are wider than f32.
     pub wide: [bool; 3],
     values: [Vec<f64>; 3],
 }

@@ -18,7 +18,7 @@ use crate::scene::{CHUNK, Columns, Gathered, Rows, Scene};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};
 use std::sync::Mutex;
 
-/// The layout in which a file stores its splats.
+/// The layout of a file's splats.
 enum Stored {
     /// A property per value: the reference layout.
     Plain(Layout),

@@ -41,7 +41,7 @@ impl Rows<'_> {
         self.first
     }
 
-    /// Returns the number of splats in the chunk, each of which must be pushed once.
+    /// Returns the number of splats in the chunk. The reader must push each of them once.
     pub(crate) fn len(&self) -> usize {
         self.opacity.len()
     }

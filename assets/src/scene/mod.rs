@@ -206,7 +206,7 @@ impl Scene {
         self.mesh.as_deref()
     }
 
-    /// Shares the mesh beside the splats.
+    /// Returns a shared reference to the mesh beside the splats.
     pub(crate) fn shared_mesh(&self) -> Option<Arc<Mesh>> {
         self.mesh.clone()
     }

@@ -46,7 +46,7 @@ fn unpacker<'a>(source: &'a Source<'a>) -> Unpacker<'a> {
     GzDecoder::new(Counted { inner, taken: 0 })
 }
 
-/// Returns true if the bytes begin a gzip stream whose content begins as SPZ.
+/// Returns true if the bytes begin a gzip stream that contains SPZ.
 pub(crate) fn begins_as_spz(head: &[u8]) -> bool {
     let mut magic = [0; 4];
     GzDecoder::new(head).read_exact(&mut magic).is_ok() && magic == *MAGIC

@@ -28,8 +28,8 @@ pub(super) const ANTIALIASED: u8 = 1;
 /// Bit of `flags`: records follow the arrays.
 pub(super) const EXTENSIONS: u8 = 2;
 
-/// Type of the extension record that names the axes (Adobe).
+/// Type of the extension record that specifies the axes (Adobe).
 pub(super) const COORDINATE_SYSTEM: u32 = 0xADBE_0003;
 
-/// Scale of band 0 in `colors`: byte / 255 = 0.15 c + 0.5, so that the bytes extend beyond the colours 0 and 1.
+/// Scale of band 0 in `colors`: byte / 255 = 0.15 c + 0.5. The bytes thus cover colours below 0 and above 1.
 pub(super) const COLOR_SCALE: f64 = 0.15;

@@ -275,7 +275,7 @@ pub(super) fn layers_dark(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Generates layers without falloff, whose opacities are the floats around 1/255.
+/// Generates layers without falloff. Their opacities are the floats around 1/255.
 ///
 /// At the alpha floor, a single float decides whether a layer is drawn: three of eight are below it.
 pub(super) fn floor(count: u32, seed: u64) -> Made {
@@ -301,7 +301,7 @@ pub(super) fn bright(count: u32, seed: u64) -> Made {
     })
 }
 
-/// Direction in which [`crossing_camera`] looks, across the plates of [`crossing`].
+/// View direction of [`crossing_camera`], across the plates of [`crossing`].
 const CROSSING: [f64; 3] = [0.0, 0.939_692_620_785_908_4, 0.342_020_143_325_668_7];
 
 /// Generates six plates, close behind one another, and twelve points far in front of and behind them.
@@ -362,8 +362,9 @@ pub(super) fn surveyed(count: u32, seed: u64) -> Made {
     Ok(scene.with_offset([9_999_360.0, -9_999_360.0, 9_999_360.0]))
 }
 
-/// Generates two clouds ten million units apart on two axes: two thirds of the splats in one, and a third in front of
-/// [`two_clouds_camera`].
+/// Generates two clouds, ten million units apart on two axes.
+///
+/// Two thirds of the splats are in one cloud. The other third is in the cloud in front of [`two_clouds_camera`].
 pub(super) fn two_clouds(count: u32, seed: u64) -> Made {
     let scene = Scene::try_generate_wide(count, 0, |i| {
         let splat = small_cloud(&mut Random::new(seed, i as u64), count / 3);
@@ -384,7 +385,7 @@ pub(super) fn two_clouds_camera() -> Camera {
     Camera { img_name: "smaller".into(), ..camera().relative_to(TWO_CLOUDS.map(|v| -v)) }
 }
 
-/// Returns a distant camera whose picture is filled by a ball of this radius.
+/// Returns a distant camera with a field of view about as wide as a ball of this radius at the origin.
 pub(super) fn telephoto_camera(distance: f64, radius: f64) -> Camera {
     let degrees = 3.0 * (radius / distance).atan().to_degrees();
     let eye = [0.28 * distance, -0.3 * distance, -0.911_921 * distance];

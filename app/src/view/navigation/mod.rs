@@ -53,7 +53,8 @@ const SPEED_PER_NOTCH: f64 = 1.2;
 const SPEEDS: (f64, f64) = (1e-3, 1e3);
 /// Factor on the flying speed while Shift is held; its inverse applies while Ctrl is held.
 const HURRY: f64 = 4.0;
-/// Limit for the cosine of the angle between the camera's down and the world's up: above it, the camera is upside down.
+/// Cosine of the angle between the camera's down and the world's up, above which the camera is upside down.
+///
 /// The cosine is 0 for a camera that looks straight up or down.
 const UPSIDE_DOWN: f64 = 1e-3;
 /// Share of the viewport that a framed scene may fill.

@@ -11,8 +11,9 @@ pub const WINDOW: &str = "frame.window";
 /// Size of the uniform block, in bytes.
 pub const WINDOW_BYTES: u64 = size_of::<Block>() as u64;
 
-/// Name of the buffer with the arguments of the view's draws: one for each part of picture A, and one for everything
-/// else.
+/// Name of the buffer with the arguments of the view's draws.
+///
+/// There is one draw for each part of picture A, and one for everything else.
 pub const VIEW_DRAW: &str = "frame.view_draw";
 /// Names of the buffers with the pixels of pictures A and B, packed. Each picture is split into parts of whole rows, so
 /// that no part exceeds the maximum size of a storage binding.
@@ -46,7 +47,7 @@ impl From<Picture> for Shown {
     }
 }
 
-/// Way in which the view shows pictures A and B.
+/// Choice of what the view shows: A, or a comparison of A and B.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
     /// A alone.
@@ -72,7 +73,7 @@ pub struct Composition {
     pub a: Option<Shown>,
     /// Picture B, drawn right of the split line.
     pub b: Option<Shown>,
-    /// Way in which A and B are shown.
+    /// Choice between A and the comparisons of A and B.
     pub mode: Mode,
     /// Position of the split line, from 0 at the view's left border to 1 at its right border.
     pub split: f32,
@@ -122,7 +123,7 @@ impl Composition {
         bytemuck::bytes_of(&block).to_vec()
     }
 
-    /// Packs the arguments of the view's draws: for each part of a picture shown pixel by pixel, and for everything
+    /// Packs the arguments of the view's draws: one per part of a picture shown pixel by pixel, and one for everything
     /// else.
     pub(super) fn draws(&self) -> [[u32; 4]; PARTS + 1] {
         let [_, _, width, height] = self.view;
@@ -163,7 +164,7 @@ impl Shown {
         }
     }
 
-    /// Returns the first row of a part and its number of rows; `None` for a part that the picture does not need.
+    /// Returns the first row of a part and its number of rows; `None` if the picture does not need the part.
     fn rows(&self, part: u32) -> Option<(u32, u32)> {
         let rows = self.rows_per_part();
         let first = part.checked_mul(rows).filter(|first| *first < self.height)?;

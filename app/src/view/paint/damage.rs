@@ -110,8 +110,8 @@ impl Interface {
             && Arc::ptr_eq(&other.texels, &self.texels)
     }
 
-    /// Lists the areas to draw over a window that shows `former`, each with a flag: true if its background must also be
-    /// drawn.
+    /// Lists the areas to redraw in a window that shows `former`. The flag is true if the area's background is redrawn,
+    /// too.
     pub fn areas(&self, former: Option<&Interface>) -> Vec<(Area, bool)> {
         let [width, height] = self.window.map(|side| side as f32);
         let [left, top, across, down] = self.view.map(|length| length as f32);

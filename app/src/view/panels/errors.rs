@@ -1,5 +1,6 @@
-//! Shows errors over the last good picture until they are corrected: underlined as in a terminal, with buttons to copy
-//! the text and to open an editor.
+//! Shows errors over the last good picture until they are corrected.
+//!
+//! Errors are underlined as in a terminal, and have buttons to copy the text and to open an editor.
 
 use super::controls::{Command, Controls};
 use super::theme::{HEADING, Palette, TEXT, strong};

@@ -208,7 +208,8 @@ pub fn progress<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
     ui.painter().galley(rect.min + vec2(12.0, 8.0), galley, Color32::WHITE);
 }
 
-/// Draws the name of a viewport beside the split line `line`, to the left if `towards` is -1, to the right if it is 1.
+/// Draws the name of a viewport beside the split line, which is at x = `line`. `towards` is -1 for the left side, 1 for
+/// the right.
 pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     let at = pos2(line + towards * 18.0, view.top() + 24.0);
     if view.contains(at) {

@@ -124,7 +124,7 @@ pub struct Panels {
     marked: bool,
     /// Milliseconds between recent frames.
     frame_ms: VecDeque<f64>,
-    /// Phase whose passes are plotted.
+    /// Phase whose passes are plotted; `None` to plot all phases.
     plotted: Option<String>,
     /// Start of the last frame.
     before: Option<Instant>,

@@ -134,8 +134,10 @@ impl State {
     }
 }
 
-/// Returns the title of a parameter's group: the part of the graph that owns it; in a graph without parts, the phase of
-/// the passes that depend on it.
+/// Returns the title of a parameter's group.
+///
+/// The group is the part of the graph that owns the parameter. In a graph without parts, it is the phase of the passes
+/// that depend on it.
 fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     if let Some(part) = &control.part {
         return part.clone();

@@ -79,8 +79,9 @@ pub fn touches(pass: &DumpPass, resource: &str) -> (bool, bool) {
     (of(&pass.reads), of(&pass.writes))
 }
 
-/// Sums the sizes of the resources that a pass reads and that it writes, in bytes: an upper bound of its traffic if
-/// each byte is touched once.
+/// Sums the sizes of the resources that a pass reads, and of those that it writes, in bytes.
+///
+/// Each sum is an upper bound of the pass's traffic if it touches each byte once.
 pub fn bound_bytes(dump: &Dump, pass: &DumpPass) -> (u64, u64) {
     let sum = |touches: &[Use<String>]| {
         touches.iter().filter_map(|touch| resource(dump, &touch.resource)).map(|r| r.bytes).sum()

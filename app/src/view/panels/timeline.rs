@@ -480,7 +480,7 @@ fn draw_pass(
     }
 }
 
-/// Draws an arrow for each hazard of a barrier: from the passes that it waits for to the pass that needs it.
+/// Draws an arrow for each hazard of a barrier, from the passes waited for to the pass that needs it.
 fn draw_dependencies(painter: &Painter, dump: &Dump, columns: &[Column], view: &View, id: u32, y: f32) {
     let Some(barrier) = barrier(dump, id) else { return };
     let middle = |name: &str| {

@@ -75,7 +75,7 @@ struct FrameInFlight {
     result: Option<FrameResult>,
 }
 
-/// A swap whose first frame has not ended yet.
+/// A swap that is reported once the first frame of its plan has ended.
 struct PendingSwap {
     swap: Swap,
     asked: Instant,
@@ -134,7 +134,7 @@ pub struct Renderer<D: Device> {
     events: Vec<RendererEvent>,
     /// The last reported failure.
     failed: Option<String>,
-    /// For each build whose result was not taken yet, the number of its device; in order of the requests.
+    /// Device numbers of the builds in progress, oldest first; see `epoch`.
     jobs: VecDeque<u64>,
     progress: Arc<Mutex<String>>,
 }
@@ -263,7 +263,7 @@ impl<D: Device> Renderer<D> {
         self.submitted
     }
 
-    /// Returns the number of frames in flight, whose results were not taken yet.
+    /// Returns the number of frames in flight: submitted, with results not taken yet.
     pub(super) fn in_flight(&self) -> usize {
         self.in_flight.len()
     }
@@ -363,7 +363,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Requests a build because of `causes`, the first of which occurred at the time `asked`.
+    /// Requests a build because of `causes`. `asked` is the time of the first change.
     pub fn want(&mut self, causes: impl Into<Causes>, asked: Instant) {
         let (causes, now) = (causes.into(), Instant::now());
         self.changes += 1;

@@ -55,7 +55,8 @@ impl<D: Device> Renderer<D> {
         short
     }
 
-    /// Returns the time from which frames may request more capacity again.
+    /// Returns the time at which frames may request more capacity again; `None` if they may now, or only after a
+    /// change.
     pub(super) fn room_again(&self) -> Option<Instant> {
         self.crowded.as_ref()?.retry
     }

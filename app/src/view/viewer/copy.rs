@@ -13,7 +13,7 @@ use std::time::Instant;
 /// Name of the graph that makes the copies, in its pass `PASS`.
 const GRAPH: &str = "bench/copy";
 const PASS: &str = "copy";
-/// Number of frames whose times give the median.
+/// Number of frames measured; their median is the result.
 const FRAMES: u64 = 40;
 /// Size of the measurement's pictures, which are not shown, in pixels.
 const SIZE: (u32, u32) = (16, 16);

@@ -72,7 +72,7 @@ pub struct Viewer<D: Device> {
     pub a: Viewport<D>,
     /// The viewport that A is compared with. It keeps its parameters while it is hidden.
     pub b: Option<Viewport<D>>,
-    /// Way in which A and B are compared; [`Mode::A`] if they are not.
+    /// Choice between A alone and the comparisons of A and B.
     pub compare: Mode,
     /// Position of the split line, as a share of the width.
     pub split: f32,
@@ -88,7 +88,7 @@ pub struct Viewer<D: Device> {
     pub folder: PathBuf,
     /// The splats of the last picked pixel; see [`Viewer::pick`].
     pub picked: Option<Picked>,
-    /// The viewport in which the splat was picked.
+    /// The viewport of the last picked splats.
     picked_in: RendererId,
     picker: Picker,
     /// True if the window uses another device, so that pictures reach it through host memory.
@@ -207,7 +207,7 @@ impl<D: Device> Viewer<D> {
         self.all().map(of).sum()
     }
 
-    /// Returns the time of the next frame that is due even if nothing wakes the owner and no frame in flight ends.
+    /// Returns the time at which the next frame is due if no event comes before: neither a wake nor the end of a frame.
     pub(super) fn next(&self) -> Option<Instant> {
         let of = |viewport: &Viewport<D>| {
             let retry = viewport.renderer.retry().filter(|_| viewport.waits());
@@ -322,8 +322,8 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Searches on another thread for the splats at a position in a viewport's picture, in its pixels from the top left
-    /// corner.
+    /// Searches on another thread for the splats of a pixel in a viewport's picture. `at` is in its pixels, from the
+    /// top left.
     ///
     /// A later frame stores them in [`Viewer::picked`]; the newest request replaces all earlier ones. A position
     /// outside of the picture picks nothing. The rules are those of [`crate::draw::pick`], for every graph.
@@ -341,7 +341,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Returns the viewport in which splats were picked last.
+    /// Returns the viewport of the last picked splats.
     pub fn picked_in(&self) -> RendererId {
         self.picked_in
     }

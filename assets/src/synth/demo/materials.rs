@@ -30,7 +30,7 @@ static RIM: LazyLock<Zonal> = LazyLock::new(|| Zonal::fit(-0.2, |t| (1.0 - t.cla
 static FILM_COS: LazyLock<Zonal> = LazyLock::new(|| film(f64::cos));
 static FILM_SIN: LazyLock<Zonal> = LazyLock::new(|| film(f64::sin));
 
-/// Fits the interference colours of a thin film, whose phase changes from facing to grazing views.
+/// Fits the interference colours of a thin film. Their phase changes from facing to grazing views.
 fn film(wave: fn(f64) -> f64) -> Zonal {
     const TURNS: f64 = 0.75;
     Zonal::fit(-0.05, |t| wave(std::f64::consts::TAU * TURNS * (1.0 - t)))
