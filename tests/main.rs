@@ -61,6 +61,7 @@ mod storage;
 #[cfg(target_os = "linux")]
 mod sweep;
 mod tiles;
+mod timeline;
 #[cfg(target_os = "linux")]
 mod trade;
 mod tutorial;

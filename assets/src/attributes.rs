@@ -10,6 +10,7 @@ use crate::scene::{CHUNK, Scene, sh_floats};
 use crate::words::{AttributeInfo, hash, mix, write_floats};
 use rayon::prelude::*;
 use std::ops::Range;
+use tracing::info_span;
 
 /// Maximum number of planes of spherical harmonics; planes above the stored degree are zero.
 const MAX_SH_PLANES: u32 = 12;
@@ -115,6 +116,7 @@ impl Scene {
     /// files.
     pub fn identity(&self) -> u64 {
         *self.identity.get_or_init(|| {
+            let _span = info_span!("hash the scene").entered();
             let c = &self.columns;
             let head = [u64::from(self.count()), u64::from(c.degree)];
             let columns = [

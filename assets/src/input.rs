@@ -20,6 +20,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
+use tracing::info_span;
 
 /// Bytes of rows that a thread reads at a time; at least one row.
 const PIECE: usize = 1 << 20;
@@ -125,9 +126,11 @@ pub(crate) fn fill<const N: usize>(
                 let mut pieces: [&[u8]; N] = [&[]; N];
                 for (table, piece) in tables.iter().zip(&mut pieces) {
                     let (rows, others) = left.split_at_mut(count * table.stride);
-                    source.read(table.start + (first * table.stride) as u64, rows)?;
+                    info_span!("read rows", bytes = rows.len())
+                        .in_scope(|| source.read(table.start + (first * table.stride) as u64, rows))?;
                     (*piece, left) = (rows, others);
                 }
+                let _span = info_span!("convert rows", count).entered();
                 for row in 0..count {
                     let at =
                         |table: usize| &pieces[table][row * tables[table].stride..][..tables[table].stride];

@@ -5,6 +5,7 @@ use crate::plan::Plan;
 use crate::shader::{CANCELLED, ShaderCompiler};
 use crate::source::{Diagnostic, SourceMap};
 use crate::{link, lower, solve};
+use tracing::info_span;
 
 /// Reads a graph, lowers it, compiles and links its shaders, and solves for order, memory and dependencies.
 ///
@@ -58,11 +59,11 @@ pub fn build(
     files: &mut SourceMap,
     compiler: &mut dyn ShaderCompiler,
 ) -> Result<Plan, Vec<Diagnostic>> {
-    let lowered = lower::lower(request, files)?;
-    let linked = link::link(lowered, request, files, compiler)?;
+    let lowered = info_span!("lower the graph").in_scope(|| lower::lower(request, files))?;
+    let linked = info_span!("link the shaders").in_scope(|| link::link(lowered, request, files, compiler))?;
     if compiler.is_cancelled() {
         let span = linked.lowered.output_span;
         return Err(vec![Diagnostic::new(CANCELLED, span, "")]);
     }
-    solve::solve(linked, request.share_memory, files)
+    info_span!("solve").in_scope(|| solve::solve(linked, request.share_memory, files))
 }

@@ -46,16 +46,19 @@ use crate::draw::planner::{self, GraphErrors};
 use crate::draw::session::SessionError;
 use crate::draw::shader_cache::ShaderCache;
 use crate::io::load;
-use crate::io::output::{self, say, say_styled, terminal};
+use crate::io::output::{self, say, say_styled, shell_word, terminal};
+use crate::io::timeline::Timeline;
 use crate::{draw::backend, draw::builtin};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use job::{Shard, Work};
 use outcome::{Outcome, Usage, colour};
 use splatgraph_framework::shader::Worker;
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Instant;
+use tracing::info_span;
 
 pub use job::{Job, Ran};
 
@@ -137,6 +140,14 @@ enum Command {
 }
 
 impl Command {
+    /// Returns the file for the timeline of the command.
+    fn timeline(&self) -> Option<&Path> {
+        match self {
+            Command::Render(args) => args.timeline.as_deref(),
+            _ => None,
+        }
+    }
+
     /// Returns the shard of a command that has one, and true if validation was requested.
     fn shard(&self) -> Option<(Shard, bool)> {
         let (shard, validate) = match self {
@@ -186,6 +197,7 @@ pub fn main() -> ExitCode {
 ///
 /// `worker` compiles shaders, and `store` keeps them between runs.
 pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<ShaderCache>) -> u8 {
+    let begun = Instant::now();
     output::signals::end_cleanly();
     let parsed = command(&arguments)
         .try_get_matches_from(&arguments)
@@ -194,7 +206,11 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
         Ok(cli) => cli,
         Err(error) => return terminal::say_usage(&error, colour()),
     };
-    threads::build_pool();
+    let timeline = match cli.command.timeline().map(|path| Timeline::start(path, begun)).transpose() {
+        Ok(timeline) => timeline,
+        Err(error) => return report(&error.into()),
+    };
+    info_span!("start threads").in_scope(threads::build_pool);
     if cli.ignore_tags {
         load::ignore_tags();
     }
@@ -203,6 +219,14 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
     let result = match cli.command.shard() {
         Some((shard, validate)) => cli.command.work().and_then(|work| job::run(work, shard, validate)),
         None => run_command(&cli.command),
+    };
+    // A failed command may have found that the file is one of its inputs.
+    let result = match timeline {
+        Some(timeline) => result.and_then(|outcome| {
+            say(timeline.finish(&command_line(&arguments))?);
+            Ok(outcome)
+        }),
+        None => result,
     };
     let code = match result {
         Ok(Outcome::Done) => 0,
@@ -218,6 +242,12 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
         output::signals::end_now(code);
     }
     code
+}
+
+/// Writes the arguments as a shell would read them.
+fn command_line(arguments: &[OsString]) -> String {
+    let words = arguments.iter().skip(1).map(|word| shell_word(&word.to_string_lossy()));
+    ["splatgraph".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ")
 }
 
 fn run_command(command: &Command) -> anyhow::Result<Outcome> {

@@ -21,6 +21,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
+use tracing::info_span;
 pub use crate::draw::builtin::DEFAULT_PIPELINE;
 
 /// Parses `NAME=VALUE`.
@@ -72,6 +73,7 @@ pub fn load_scene(path: &Path) -> Result<Scene> {
 /// Loads a scene, or a mesh that is drawn beside one, with progress.
 pub fn load_any(path: &Path) -> Result<Content> {
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
+    let _span = info_span!("load the scene", path = %path.display()).entered();
     let content = load::any(path, &|done, of| {
         // Called from many threads: while one reports, the others need not.
         if let Ok(mut progress) = progress.try_lock() {
@@ -93,7 +95,8 @@ pub fn scene_or_demo(path: Option<&Path>) -> Result<(Scene, PathBuf, Option<Came
         let path = demo::path().context(
             "the demo scene has no folder: set XDG_CACHE_HOME or HOME to an absolute path, or name a scene",
         )?;
-        if demo::ensure(&path).context("the demo scene cannot be generated")? {
+        let generated = info_span!("find the demo scene").in_scope(|| demo::ensure(&path));
+        if generated.context("the demo scene cannot be generated")? {
             say(format!("the demo scene was generated into {}", path.display()));
         }
         return Ok((load_scene(&path)?, path, demo::camera()));

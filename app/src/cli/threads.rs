@@ -57,7 +57,8 @@ fn start(wanted: usize) -> Vec<Sender<ThreadBuilder>> {
                 worker.run();
             }
         };
-        match Builder::new().spawn(work) {
+        let name = format!("worker {}", waiting.len() + 1);
+        match Builder::new().name(name).spawn(work) {
             Ok(_) => waiting.push(sender),
             Err(_) => break,
         }

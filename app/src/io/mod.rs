@@ -7,7 +7,8 @@
 //! - [`program`]: the build of the program;
 //! - [`progress`]: progress on standard error;
 //! - [`load`]: scene files;
-//! - [`demo`]: the demo scene.
+//! - [`demo`]: the demo scene;
+//! - [`timeline`]: where the time of a command goes.
 
 pub mod demo;
 pub mod film;
@@ -18,3 +19,4 @@ pub mod output;
 pub mod program;
 pub mod progress;
 pub mod report;
+pub mod timeline;

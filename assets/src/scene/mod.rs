@@ -26,6 +26,7 @@ use crate::size_breakdown::SizeBreakdown;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::{Arc, OnceLock};
+use tracing::info_span;
 
 /// Opacity below which the reference rasteriser never draws a splat.
 pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
@@ -360,12 +361,16 @@ impl Scene {
 
     /// Returns the box from the 1st to the 99th percentile of each coordinate, which ignores outliers.
     pub fn robust_bounds(&self) -> Bounds {
-        *self.robust.get_or_init(|| Bounds::percentiles(&self.columns.position, 0.01, 0.99))
+        *self.robust.get_or_init(|| {
+            let _span = info_span!("find the robust bounds").entered();
+            Bounds::percentiles(&self.columns.position, 0.01, 0.99)
+        })
     }
 
     /// Returns the range of the spherical harmonics and of the resulting colours. Computed once.
     pub fn color_range(&self) -> ColorRange {
         *self.colors.get_or_init(|| {
+            let _span = info_span!("find the range of colours").entered();
             let range = |sh: &[f32]| ColorRange {
                 largest_sh: sh.iter().fold(0.0, |most: f32, c| most.max(c.abs())),
                 brightest: harmonics::brightest(sh),

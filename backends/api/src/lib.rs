@@ -249,6 +249,11 @@ pub struct FrameResult {
     pub pass_ms: Vec<(PassId, Option<f64>)>,
     /// GPU milliseconds from the first to the last command of the frame.
     pub total_ms: Option<f64>,
+    /// Start of the frame in milliseconds on the device's clock, whose origin is unknown and which may wrap. `None`
+    /// without timestamps.
+    pub start_ms: Option<f64>,
+    /// Milliseconds from the frame's start to each pass's, one entry per entry of `pass_ms`.
+    pub pass_start_ms: Vec<Option<f64>>,
     /// Host milliseconds spent recording and submitting.
     pub record_ms: f64,
     /// The plan's statistics, in the plan's order.

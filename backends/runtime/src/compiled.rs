@@ -20,6 +20,7 @@ use splatgraph_framework::shader::Cancel;
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::BTreeSet;
 use std::sync::Arc;
+use tracing::info_span;
 
 /// A plan with all its objects. Fields are dropped in order, once no frame of the plan is in flight.
 pub(crate) struct CompiledPlan<G: Gpu> {
@@ -68,11 +69,14 @@ impl<G: Gpu> CompiledPlan<G> {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Self, BackendError> {
         let gpu = &shared.gpu;
-        check::check(&plan, gpu.limits())?;
+        info_span!("check the plan").in_scope(|| check::check(&plan, gpu.limits()))?;
         let identity = scene.identity();
-        let synchronization = synchronization.map_or_else(|| G::synchronization(&plan), Ok)?;
+        let synchronization = info_span!("lower the dependencies")
+            .in_scope(|| synchronization.map_or_else(|| G::synchronization(&plan), Ok))?;
         let plan = Arc::new(plan);
-        let pipelines = shared.compilers.create(gpu, &plan, cancel, progress)?;
+        let pipelines = info_span!("wait for the pipelines")
+            .in_scope(|| shared.compilers.create(gpu, &plan, cancel, progress))?;
+        let allocating = info_span!("allocate and bind").entered();
         let recipes = results::recipes(&plan, identity);
         let mut taken = if share_results { shared.results.find(&plan, &recipes) } else { Default::default() };
         let skipped = results::skipped(&plan, &mut taken);
@@ -85,6 +89,7 @@ impl<G: Gpu> CompiledPlan<G> {
         let (resources, missing) = Resources::create(gpu, &plan, identity, &mut planes, (&taken, &once))?;
         let bindings = Bindings::new(gpu, &plan, &pipelines, &resources, &skipped)?;
         let slots = [PlanSlot::new(gpu, &plan)?, PlanSlot::new(gpu, &plan)?];
+        drop(allocating);
         // The upload is last because it is slowest: a plan that cannot run is refused before it.
         upload(shared, scene, &missing, &planes, progress)?;
         // Planes that every frame reads must not be in host memory.

@@ -17,6 +17,7 @@ use splatgraph_framework::ir::{PassId, Shape};
 use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use tracing::info_span;
 
 pub(crate) struct Slot<G: Gpu> {
     encoder: G::Encoder,
@@ -83,7 +84,7 @@ impl<G: Gpu> Slot<G> {
             readback: readback.as_deref(),
             shared: output.map(Arc::as_ref),
         };
-        let recorded = recorder.record()?;
+        let recorded = info_span!("record").in_scope(|| recorder.record())?;
         let waiting = Instant::now();
         let image = match (&mut swapchain, compiled.resources.image(compiled.plan.output)) {
             (Some(swapchain), Some(output)) => {
@@ -93,7 +94,7 @@ impl<G: Gpu> Slot<G> {
         };
         let waited = waiting.elapsed();
         let show = swapchain.as_mut().zip(image).and_then(|(swapchain, image)| swapchain.show(image, slot));
-        gpu.submit(&mut self.encoder, show)?;
+        info_span!("give to the queue").in_scope(|| gpu.submit(&mut self.encoder, show))?;
         if compiled.prologue_due {
             shared.results.add(compiled.results());
         }
@@ -148,6 +149,8 @@ impl<G: Gpu> Slot<G> {
         let result = FrameResult {
             pass_ms: pending.passes.iter().enumerate().map(|(i, &pass)| (pass, times.pass(i))).collect(),
             total_ms: times.total(),
+            start_ms: times.start(),
+            pass_start_ms: (0..pending.passes.len()).map(|i| times.pass_start(i)).collect(),
             record_ms: pending.record_ms,
             stats: plan.stats.iter().map(|stat| stat.name.clone()).zip(words).collect(),
             output: pending.readback.and_then(|buffer| pixels(plan, buffer)),

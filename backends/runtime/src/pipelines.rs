@@ -17,6 +17,7 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
+use tracing::info_span;
 
 /// Maximum number of abandoned compiler threads before other plans wait for one to end.
 const MOST_ABANDONED: usize = 8;
@@ -181,8 +182,15 @@ impl Compilers {
 
 /// Creates the pipelines, as long as a receiver listens.
 fn work<G: Gpu>(gpu: &Arc<G>, plan: &Plan, sender: &Sender<Message<G::Pipelines>>) {
-    let mut next = |next| sender.send(Message::Next(next)).map_err(|_| BackendError::Cancelled);
+    let mut span = None;
+    let mut next = |next: NextPipeline| {
+        // The span of the pipeline before ends here.
+        drop(span.take());
+        span = Some(info_span!("make a pipeline", shader = plan.shader(next.shader).name).entered());
+        sender.send(Message::Next(next)).map_err(|_| BackendError::Cancelled)
+    };
     let made = gpu.create_pipelines(plan, &mut next);
+    drop(span);
     // The receiver may be gone.
     let _ = sender.send(Message::Made(made));
 }

@@ -48,6 +48,17 @@ impl Times {
         self.between(queries(index), queries(index) + 1)
     }
 
+    /// Returns the milliseconds from the frame's start to the start of a pass.
+    pub fn pass_start(&self, index: usize) -> Option<f64> {
+        self.between(0, queries(index))
+    }
+
+    /// Returns the frame's start on the device's clock, in milliseconds.
+    pub fn start(&self) -> Option<f64> {
+        let ticks = self.ticks.first().copied().flatten()?;
+        Some(milliseconds(0, ticks, self.bits, self.period))
+    }
+
     pub fn total(&self) -> Option<f64> {
         self.between(0, 1)
     }

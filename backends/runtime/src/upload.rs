@@ -10,6 +10,7 @@ use crate::watch::{Submission, Ticket};
 use splatgraph_api::{BackendError, Progress, SceneData};
 use splatgraph_framework::ir::Usage;
 use std::ops::Range;
+use tracing::info_span;
 
 /// Maximum bytes of one copy, rounded down to whole entries.
 const CHUNK: u64 = 16 << 20;
@@ -28,6 +29,7 @@ pub(crate) fn upload<G: Gpu>(
     if missing.is_empty() {
         return Ok(());
     }
+    let _span = info_span!("upload the scene").entered();
     Uploader::new(shared, missing, planes)?.run(scene, missing, progress)
 }
 
@@ -105,8 +107,12 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         let Half { staging, encoder, busy } = &mut self.halves[half];
         let (target, bytes) = (&self.planes[key], range.end - range.start);
         let memory = &mut staging.mapped_mut()[..bytes as usize];
-        scene.write(&key.attribute, key.plane, range.start, memory).map_err(|reason| {
-            BackendError::Scene { attribute: key.attribute.clone(), plane: key.plane, reason }
+        let written = info_span!("convert for the device", attribute = key.attribute, bytes)
+            .in_scope(|| scene.write(&key.attribute, key.plane, range.start, memory));
+        written.map_err(|reason| BackendError::Scene {
+            attribute: key.attribute.clone(),
+            plane: key.plane,
+            reason,
         })?;
         encoder.begin()?;
         encoder.copy_buffer((staging, 0), (target, range.start), bytes);
@@ -120,6 +126,7 @@ impl<'a, G: Gpu> Uploader<'a, G> {
     fn wait(&mut self, half: usize) -> Result<(), BackendError> {
         let Half { encoder, busy, .. } = &mut self.halves[half];
         if let Some(ticket) = busy {
+            let _span = info_span!("wait for a copy").entered();
             self.shared.watch.wait(&self.shared.gpu, encoder, ticket)?;
             *busy = None;
         }

@@ -21,6 +21,7 @@ use splatgraph_runtime::{
 use std::ffi::CStr;
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
+use tracing::info_span;
 
 impl Gpu for VulkanGpu {
     type Memory = Memory;
@@ -45,12 +46,16 @@ impl Gpu for VulkanGpu {
         options: &Options,
         window: Option<Arc<dyn Window>>,
     ) -> Result<(DeviceInfo, Arc<Self>), BackendError> {
+        let creating = info_span!("create the instance").entered();
         let (instance, extensions): (_, &[&CStr]) = match window {
             Some(window) => (Instance::in_window(options.validation, window)?, &[khr::swapchain::NAME]),
             None => (Instance::new(options.validation, &[])?, &[]),
         };
-        let physical = device::choose(device::all(&instance)?, options.device.as_deref())?;
-        let gpu = VulkanGpu::new(instance, &physical, extensions, options)?;
+        drop(creating);
+        let found = info_span!("list the devices").in_scope(|| device::all(&instance))?;
+        let physical = device::choose(found, options.device.as_deref())?;
+        let gpu = info_span!("create the device")
+            .in_scope(|| VulkanGpu::new(instance, &physical, extensions, options))?;
         let mut info = physical.info;
         if options.unchecked {
             info.robustness = Robustness::default();

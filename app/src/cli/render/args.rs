@@ -30,6 +30,7 @@ pub const EXAMPLES: &str = "Examples:
   splatgraph render garden.ply statue.spz --at 1,0,-2 -o both.png        # two scenes, one sort
   splatgraph render scene.ply --pipeline digit4 --set cutoff=3.0 -o out.png
   splatgraph render scene.ply --repeat 100 --json -                      # times, as medians
+  splatgraph render scene.ply -o out.png --timeline trace.json           # where the time goes
   splatgraph render scene.ply --inspect keys@scatter=keys.npy -o out.png
   splatgraph render scene.ply --pipeline my/graph.ron --validate -o out.png
   splatgraph render scene.ply --backend reference -o exact.npy           # exactly, on the CPU
@@ -75,6 +76,12 @@ pub struct Args {
     /// Write statistics as JSON, one entry per camera; `-` is standard output
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     pub(super) json: Option<PathBuf>,
+    /// Record where the time goes: a trace for https://ui.perfetto.dev, and a summary on standard error
+    ///
+    /// The trace has a track for each thread, one for the passes on the GPU by their timestamps, and one for each frame in flight. A
+    /// line of the summary is the time of a step without the steps within it.
+    #[arg(long, value_name = "FILE.json")]
+    pub timeline: Option<PathBuf>,
     /// Number of frames per camera; times are their medians. If N is above 1, the device is first warmed up for a fifth of a
     /// second
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = repeat)]
@@ -195,8 +202,8 @@ pub fn prepare(args: &Args) -> Result<Work> {
         args.scenes.claim(&mut guard)?;
         cameras::claim(&mut guard, args.drawing.cameras.as_deref(), args.scenes.scene.as_deref())?;
         guard.input("the graph", Path::new(&args.drawing.pipeline))?;
-        if let Some(path) = &args.json {
-            guard.output("--json", path)?;
+        for (option, path) in [("--json", &args.json), ("--timeline", &args.timeline)] {
+            path.iter().try_for_each(|path| guard.output(option, path))?;
         }
         for stem in &stems {
             if let Some(destination) = &destination {
@@ -259,7 +266,8 @@ fn refuse_for_reference(given: &[(&str, bool)]) -> Result<(), Usage> {
 
 impl Args {
     pub(super) fn stdout(&self) -> Stdout {
-        let others = self.files().map(|(_, file)| file);
+        let timeline = self.timeline.as_deref().filter(|path| is_standard_output(path));
+        let others = self.files().map(|(_, file)| file).chain(timeline);
         let picture = self.picture().ok().flatten();
         Stdout::of(picture.into_iter().chain(self.json.as_deref()).chain(others))
     }

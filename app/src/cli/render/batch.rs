@@ -19,6 +19,7 @@ use splatgraph_api::{Device, FRAMES_IN_FLIGHT, FrameId, Pixels};
 use splatgraph_assets::Camera;
 use std::collections::VecDeque;
 use std::path::PathBuf;
+use tracing::info_span;
 
 /// The cameras whose frames are submitted, but not yet reported.
 pub struct Batch {
@@ -153,7 +154,8 @@ impl Batch {
             others.iter().try_for_each(|(path, output)| output.save(path))?;
             let line = match (destination, output) {
                 (Some(destination), Some(pixels)) => {
-                    let image = image_of(&pixels).context(no_colours)?;
+                    let image = info_span!("convert the pixels").in_scope(|| image_of(&pixels));
+                    let image = image.context(no_colours)?;
                     // The device can use its memory again.
                     drop(pixels);
                     let path = destination.path(&stem);
@@ -175,6 +177,7 @@ impl Batch {
     /// # Errors
     /// A picture cannot be written.
     pub fn finish(&mut self, progress: &Progress) -> Result<&[CameraStats]> {
+        let _span = info_span!("wait for files").entered();
         while let Some(told) = self.pictures.wait()? {
             self.tell(told, progress)?;
         }

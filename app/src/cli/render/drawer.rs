@@ -18,6 +18,7 @@ use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::Rules;
 use std::path::PathBuf;
 use std::sync::Arc;
+use tracing::info_span;
 
 /// A scene and its cameras, in the scene's coordinates.
 #[derive(Clone)]
@@ -68,8 +69,9 @@ impl Drawer {
             let rules = changed(Rules::of(&loaded.scene))?;
             return Ok(Drawer { loaded, stems, with: With::Exact { rules, done: Vec::new() } });
         };
-        let device = Backend::open(api, &args.device.options())?;
-        args.scenes.check_header(device.info(), &args.drawing)?;
+        let device = info_span!("open the device").in_scope(|| Backend::open(api, &args.device.options()))?;
+        info_span!("check the scene's header")
+            .in_scope(|| args.scenes.check_header(device.info(), &args.drawing))?;
         let loaded = load()?;
         let (pipeline, set) = (&args.drawing.pipeline, &args.drawing.set);
         let mut session = Session::new(device, loaded.scene.clone(), pipeline, set);
@@ -145,6 +147,7 @@ impl Drawer {
 
     /// Closes the device; returns the validation messages.
     pub fn close(self) -> Vec<String> {
+        let _span = info_span!("close the device").entered();
         match self.with {
             With::Device { session, .. } => session.into_device().close(),
             With::Exact { .. } => Vec::new(),
@@ -166,6 +169,7 @@ fn draw(
     }
     let loaded = frames::prepare_plan(session, camera)?;
     if loaded {
+        let _span = info_span!("check files and settings").entered();
         progress.suspend(|| session.settings_without_effect().iter().for_each(say));
         claim_graph_files(guard, &session.files())?;
     }
@@ -200,6 +204,7 @@ fn draw_exactly(
     (camera, stem): (&Camera, &str),
     cameras: usize,
 ) -> Result<TruthStats> {
+    let _span = info_span!("draw exactly").entered();
     let truth = Truth::draw(scene, camera, args.background, rules);
     for (name, file) in args.named() {
         let output =

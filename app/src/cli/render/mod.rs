@@ -4,6 +4,7 @@ use super::job::Manifest;
 use super::options;
 use super::outcome::Outcome;
 use anyhow::Result;
+use tracing::info_span;
 
 mod args;
 mod batch;
@@ -24,7 +25,7 @@ pub(super) use views::{COMMAND, Views};
 
 pub fn run(args: &Args) -> Result<Outcome> {
     // Errors of the command line and of the device are reported before a large scene is loaded.
-    let work = prepare(args)?;
+    let work = info_span!("check the command line").in_scope(|| prepare(args))?;
     if let Some(Destination::Folder(folder, _)) = &work.destination {
         Manifest::refuse(folder)?;
     }

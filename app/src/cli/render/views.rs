@@ -30,6 +30,7 @@ impl Views {
         let inspects = !args.inspect.is_empty();
         job::refuse(&[
             ("--json", args.json.is_some()),
+            ("--timeline", args.timeline.is_some()),
             ("--inspect", inspects),
             ("--repeat", args.repeat > 1),
         ])?;

@@ -18,6 +18,7 @@ use crate::draw::inspect::{self, InspectError};
 use crate::draw::planner::{self, GraphErrors, Planner};
 use crate::io::image::Image;
 use crate::io::output::say;
+use crate::io::timeline;
 use half::f16;
 use splatgraph_api::{
     BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Pixels, Progress, SceneData,
@@ -30,6 +31,7 @@ use splatgraph_framework::reload::Wanted;
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::sync::Arc;
+use tracing::info_span;
 
 /// An error of a session.
 #[derive(Debug, thiserror::Error)]
@@ -334,8 +336,9 @@ impl<D: Device> Session<D> {
         if self.is_prepared(size) {
             return Ok(false);
         }
-        let (facts, catalog) = self.facts(size);
-        let plan = self.planner.plan(&self.pipeline, &self.set, &facts, &catalog)?;
+        let (facts, catalog) = info_span!("collect facts").in_scope(|| self.facts(size));
+        let plan = info_span!("build the plan")
+            .in_scope(|| self.planner.plan(&self.pipeline, &self.set, &facts, &catalog))?;
         if !plan.warnings.is_empty() && !std::mem::replace(&mut self.warned, true) {
             // A warning that cannot be written is no reason to stop.
             let _ = std::io::stderr().write_all(self.planner.warnings(&plan, false).as_bytes());
@@ -344,7 +347,8 @@ impl<D: Device> Session<D> {
             self.told.clone_from(&plan.fallbacks);
             Fallback::lacking(&plan.fallbacks).for_each(say);
         }
-        self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress)?;
+        info_span!("load the plan")
+            .in_scope(|| self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress))?;
         self.loaded = Some((Arc::new(plan), size));
         Ok(true)
     }
@@ -391,7 +395,8 @@ impl<D: Device> Session<D> {
             untimed_passes: request.untimed_passes,
             ..FrameInputs::default()
         };
-        let id = self.device.submit(&inputs)?;
+        let id = info_span!("submit a frame").in_scope(|| self.device.submit(&inputs))?;
+        timeline::submitted(id.0);
         Ok(Flight { id, camera, request, number, plan: plan.clone(), growths: self.growths })
     }
 
@@ -404,7 +409,9 @@ impl<D: Device> Session<D> {
     /// The device fails, or a frame needs more capacity than a parameter's range or the device allows. The plan then
     /// stays unchanged.
     pub fn wait(&mut self, frame: FrameId) -> Result<FrameResult, SessionError> {
-        let mut result = self.device.wait(frame)?;
+        let flight = self.flying.iter().find(|flight| flight.id == frame);
+        let plan = flight.map(|flight| &flight.plan).or(self.loaded.as_ref().map(|(plan, _)| plan)).cloned();
+        let mut result = self.land(frame, plan.as_deref())?;
         let Some(index) = self.flying.iter().position(|flight| flight.id == frame) else { return Ok(result) };
         let mut drawn = self.flying.remove(index);
         loop {
@@ -414,8 +421,24 @@ impl<D: Device> Session<D> {
             }
             self.grow(&short, (drawn.camera.width, drawn.camera.height))?;
             drawn = self.repeat(drawn)?;
-            result = self.device.wait(drawn.id)?;
+            result = self.land(drawn.id, Some(&drawn.plan))?;
         }
+    }
+
+    /// Waits for a frame of a plan.
+    fn land(&mut self, id: FrameId, plan: Option<&Plan>) -> Result<FrameResult, BackendError> {
+        let result = info_span!("wait for a frame").in_scope(|| self.device.wait(id))?;
+        if let Some(plan) = plan {
+            timeline::completed(id.0, |submitted, seen| timeline::Frame {
+                number: id.0,
+                submitted,
+                seen,
+                start_ms: result.start_ms,
+                total_ms: result.total_ms,
+                passes: timed(plan, &result),
+            });
+        }
+        Ok(result)
     }
 
     /// Builds and loads a plan with the capacity that a frame lacked, unless the current plan has it.
@@ -450,6 +473,15 @@ impl<D: Device> Session<D> {
         }
         self.fly(camera, request, number)
     }
+}
+
+/// Lists the timed passes of a frame.
+fn timed(plan: &Plan, result: &FrameResult) -> Vec<timeline::Pass> {
+    let passes = result.pass_ms.iter().zip(&result.pass_start_ms);
+    let timed = passes.filter_map(|((pass, ms), start)| {
+        Some(timeline::Pass { name: plan.pass(*pass).name.clone(), start_ms: (*start)?, ms: (*ms)? })
+    });
+    timed.collect()
 }
 
 /// Supplies a scene's attributes for upload; none for a graph that draws without a scene.

@@ -20,6 +20,7 @@ use pixels::has_extension;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use tracing::info_span;
 
 pub use exr::save_values;
 pub use npy::{npz_names, save_words};
@@ -89,6 +90,7 @@ impl Image {
     /// # Errors
     /// The file cannot be written; an existing file is then kept.
     pub fn save_as(&self, format: Format, path: &Path) -> Result<(), ImageError> {
+        let _span = info_span!("encode and write", path = %path.display()).entered();
         Ok(output::write(path, |out| match format {
             Format::Png => png::write(self, out),
             Format::Exr => exr::write(self, out),

@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 use std::sync::TryLockError;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use tracing::info_span;
 
 /// An error of any writer.
 pub type Cause = Box<dyn std::error::Error + Send + Sync>;
@@ -59,6 +60,22 @@ pub fn write(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>
 /// See [`write()`].
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     write(path, |out| Ok(out.write_all(bytes)?))
+}
+
+/// Checks that [`write()`] can begin a file, and creates its folder. Nothing else changes.
+///
+/// # Errors
+/// The folder or the file cannot be created.
+pub fn check(path: &Path) -> Result<(), OutputError> {
+    let check = || match Target::of(path)? {
+        Target::StandardOutput => Ok(()),
+        Target::Direct(path) => OpenOptions::new().append(true).open(path).map(drop),
+        Target::File(target) => {
+            fs::create_dir_all(folder_of(&target))?;
+            Unfinished::create(target).map(drop)
+        }
+    };
+    check().map_err(|error: io::Error| OutputError { path: path.to_owned(), cause: error.into() })
 }
 
 fn write_to(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), Cause> {
@@ -261,11 +278,11 @@ impl Unfinished {
             hand_on_permissions(&old, &self.file);
         }
         faults::step()?;
-        synced(self.file.sync_all())?;
+        info_span!("put on the disk").in_scope(|| synced(self.file.sync_all()))?;
         self.name()?;
         // The name is on the disk when the folder is.
         match File::open(folder_of(&self.target)) {
-            Ok(folder) => synced(folder.sync_all()),
+            Ok(folder) => info_span!("put on the disk").in_scope(|| synced(folder.sync_all())),
             // A folder that may be written need not be readable.
             Err(_) => Ok(()),
         }

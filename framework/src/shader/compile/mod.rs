@@ -28,6 +28,8 @@ mod worker;
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
+use tracing::info_span;
+
 use generate::{Failure, Key};
 pub use serve::serve_if_asked;
 use sources::Sources;
@@ -92,7 +94,8 @@ impl ShaderCompiler for Glslang {
         files: &mut SourceMap,
         request: &ShaderRequest,
     ) -> Result<Compiled, Vec<Diagnostic>> {
-        let sources = Sources::gather(files, request)?;
+        let _span = info_span!("prepare a shader", shader = files.path(request.file)).entered();
+        let sources = info_span!("read GLSL").in_scope(|| Sources::gather(files, request))?;
         if let Some(diagnostic) =
             sources.taken_name(files, request).or_else(|| sources.too_large(files, request))
         {
@@ -117,7 +120,7 @@ impl ShaderCompiler for Glslang {
             Some(Err(failure)) => return Err(failure.diagnose(files, request, &sources)),
             None => {}
         }
-        let followed = sources.follow(&key.defines);
+        let followed = info_span!("follow the branches").in_scope(|| sources.follow(&key.defines));
         if let Some((unit, place)) = followed.as_ref().and_then(|followed| followed.undefined.clone()) {
             return Err(vec![sources.undefined(files, request, unit, place)]);
         }
@@ -132,7 +135,7 @@ impl ShaderCompiler for Glslang {
                 return Err(diagnostics);
             }
         };
-        let reflection = reflect(&spirv).map_err(|problem| {
+        let reflection = info_span!("reflect").in_scope(|| reflect(&spirv)).map_err(|problem| {
             let span = sources.find_quoted(files, request, &problem);
             vec![Diagnostic::new(problem, span, "")]
         })?;
@@ -187,11 +190,13 @@ impl Glslang {
     fn stored_or_generated(&mut self, key: &Key) -> Result<Vec<u32>, Failure> {
         // A key that cannot be serialised is not stored.
         let stored = self.store.clone().and_then(|store| Some((store, serde_json::to_vec(key).ok()?)));
-        if let Some(spirv) = stored.as_ref().and_then(|(store, bytes)| store.load(bytes)) {
+        let found = info_span!("look up SPIR-V")
+            .in_scope(|| stored.as_ref().and_then(|(store, bytes)| store.load(bytes)));
+        if let Some(spirv) = found {
             return Ok(spirv);
         }
         self.compiled += 1;
-        let spirv = self.generate(key)?;
+        let spirv = info_span!("compile GLSL").in_scope(|| self.generate(key))?;
         if let Some((store, bytes)) = stored {
             store.store(&bytes, &spirv);
         }

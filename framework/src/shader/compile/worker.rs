@@ -18,6 +18,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
+use tracing::info_span;
 
 use super::generate::{Failure, Key};
 use crate::shader::compiler::Cancel;
@@ -208,6 +209,7 @@ struct Process {
 
 impl Process {
     fn start(worker: &Worker) -> io::Result<Process> {
+        let _span = info_span!("start the compiler").entered();
         let mut command = Command::new(&worker.program);
         command
             .args(&worker.arguments)

@@ -1,0 +1,40 @@
+//! Tells where the time of a command goes: a trace for Perfetto, and a summary as text.
+
+mod record;
+mod summary;
+mod trace;
+
+use crate::io::output::{self, OutputError};
+use serde_json::Value as Json;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+pub use record::{Frame, Pass, completed, submitted};
+
+/// A timeline that is being recorded for a file.
+pub struct Timeline {
+    path: PathBuf,
+}
+
+impl Timeline {
+    /// Starts to record work that began at `begun`.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn start(path: &Path, begun: Instant) -> Result<Timeline, OutputError> {
+        output::file::check(path)?;
+        record::start(begun, "read the command line");
+        Ok(Timeline { path: path.to_owned() })
+    }
+
+    /// Ends the recording, writes the trace and returns the summary.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn finish(self, command: &str) -> Result<String, OutputError> {
+        let recording = record::finish().unwrap_or_default();
+        let trace: Json = trace::json(&recording, command);
+        output::write_bytes(&self.path, format!("{trace}\n").as_bytes())?;
+        Ok(summary::text(&recording))
+    }
+}

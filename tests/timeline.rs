@@ -1,0 +1,123 @@
+//! `render --timeline`: a trace of the process, whose spans nest and leave little of its time unnamed.
+
+use crate::common;
+use crate::place::Place;
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// A complete event of a trace, in microseconds.
+struct Span {
+    name: String,
+    begin: f64,
+    end: f64,
+}
+
+/// Rounding of times in a trace, in microseconds.
+const ROUNDING: f64 = 0.01;
+
+/// Returns the spans of each track by its name, in the order of their starts, outer ones first.
+fn tracks(trace: &Value) -> BTreeMap<String, Vec<Span>> {
+    let events = trace["traceEvents"].as_array().expect("events");
+    let of_kind = |kind: &'static str| events.iter().filter(move |event| event["ph"] == kind);
+    let mut tracks = BTreeMap::new();
+    for track in of_kind("M").filter(|event| event["name"] == "thread_name") {
+        let on = of_kind("X").filter(|event| event["tid"] == track["tid"] && event["pid"] == track["pid"]);
+        let mut spans: Vec<Span> = on
+            .map(|event| {
+                let [begin, length] = ["ts", "dur"].map(|key| event[key].as_f64().expect("a time"));
+                assert!(begin >= 0.0 && length >= 0.0, "{event}");
+                let name = event["name"].as_str().expect("a name").to_owned();
+                Span { name, begin, end: begin + length }
+            })
+            .collect();
+        spans.sort_by(|a, b| a.begin.total_cmp(&b.begin).then(b.end.total_cmp(&a.end)));
+        let name = track["args"]["name"].as_str().expect("a name");
+        tracks.entry(name.to_owned()).or_insert_with(Vec::new).extend(spans);
+    }
+    let on_tracks: usize = tracks.values().map(Vec::len).sum();
+    assert_eq!(on_tracks, of_kind("X").count(), "every span is on a track with a name of its own");
+    tracks
+}
+
+/// Asserts that spans of a track lie within or beside each other; returns the time of the outermost.
+fn nested_time(track: &str, spans: &[Span]) -> f64 {
+    let mut around: Vec<&Span> = Vec::new();
+    let mut time = 0.0;
+    for span in spans {
+        while around.last().is_some_and(|outer| outer.end <= span.begin + ROUNDING) {
+            around.pop();
+        }
+        match around.last() {
+            Some(outer) => assert!(
+                span.end <= outer.end + ROUNDING,
+                "{track}: `{}` begins within `{}` and ends after it",
+                span.name,
+                outer.name
+            ),
+            None => time += span.end - span.begin,
+        }
+        around.push(span);
+    }
+    time
+}
+
+#[test]
+fn spans_nest_on_each_track_and_name_nine_tenths_of_the_main_threads_time() {
+    let place = Place::empty();
+    place.done("synth demo --count 4000 -o scene.ply --cameras four.json");
+    let said = place.said("render scene.ply -c four.json --size 160x90 -o out --timeline trace.json").1;
+    let trace = place.json("trace.json");
+    let tracks = tracks(&trace);
+    let times: BTreeMap<&str, f64> =
+        tracks.iter().map(|(name, spans)| (name.as_str(), nested_time(name, spans))).collect();
+    let total = 1e3 * trace["otherData"]["total_ms"].as_f64().expect("a time");
+    assert!(times["main"] <= total && times["main"] >= 0.9 * total, "{} of {total} us", times["main"]);
+
+    let count = |track: &str, name: &str| tracks[track].iter().filter(|span| span.name == name).count();
+    for step in ["open the device", "load the scene", "build the plan", "load the plan", "close the device"] {
+        assert_eq!(count("main", step), 1, "{step}");
+        assert!(said.contains("timeline: ") && said.contains("main thread"), "{said}");
+    }
+    assert!(count("pipelines", "make a pipeline") > 5);
+    let written = |track: &&String| track.starts_with("worker ");
+    let written: usize = tracks.keys().filter(written).map(|track| count(track, "encode and write")).sum();
+    assert_eq!(written, 4, "on the pool's threads");
+
+    // The camera of each picture is drawn once, and its passes are on the GPU's track.
+    let flown: usize =
+        tracks.iter().filter(|(name, _)| name.starts_with("in flight")).map(|(_, s)| s.len()).sum();
+    assert_eq!(flown, 4);
+    assert!(tracks.contains_key("in flight 2") && !tracks.contains_key("in flight 3"));
+    match tracks.get("GPU") {
+        Some(gpu) => {
+            let frames = gpu.iter().filter(|span| span.name.starts_with("frame ")).count();
+            assert!(frames == 4 && gpu.len() > 8 * frames, "{frames} frames of {} spans", gpu.len());
+        }
+        None => common::not_run("the GPU's track of a timeline", "a device with timestamps"),
+    }
+}
+
+#[test]
+fn a_timeline_that_cannot_be_written_is_an_error_before_anything_is_drawn() {
+    let place = Place::empty();
+    place.done("synth demo --count 500 -o scene.ply");
+    place.write("file", "text");
+    for (path, why) in
+        [("file/trace.json", "file/trace.json"), ("/proc/trace.json", "/proc/trace.json cannot be written")]
+    {
+        let output = place.run(&format!("render scene.ply --size 32x32 -o out.png --timeline {path}"));
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{errors}");
+        assert!(errors.contains(why), "{errors}");
+        assert!(!place.at("out.png").exists());
+    }
+    // The scene stays: a timeline over an input is a wrong command line.
+    let before = place.bytes("scene.ply");
+    let output = place.run("render scene.ply --size 32x32 -o out.png --timeline scene.ply");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(before == place.bytes("scene.ply") && !place.at("out.png").exists());
+    // Processes that share views would write one file.
+    let output = place.run("render scene.ply --shard 0/2 -o shared --timeline trace.json");
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && errors.contains("--timeline"), "{errors}");
+}
