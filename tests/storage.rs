@@ -3,6 +3,7 @@
 use crate::common::{self, settings};
 use crate::golden::Golden;
 use crate::images::{self, bytes, draw_scene, psnr};
+use crate::place::Place;
 use splatgraph::draw::backend::Backend;
 use splatgraph::draw::session::Session;
 use splatgraph::io::image::Image;
@@ -95,4 +96,51 @@ fn packed_captures_keep_their_decibels() {
             assert!(worst >= least, "{name}, {storage}: {worst:.1} dB");
         }
     }
+}
+
+#[test]
+fn a_limit_of_memory_chooses_the_storage_of_the_splats() {
+    let place = Place::empty();
+    place.done("synth demo --count 4000 -o scene.ply");
+    let render = "render scene.ply -p tiled_cpu --size 96x54";
+    let (code, error) = place.code(&format!("{render} -o a.png --memory 1000"));
+    assert!(code == Some(1) && error.contains("expected a plan of at most 1000 bytes"), "{error}");
+    assert!(!place.at("a.png").exists());
+    let (_, needed) = error.split_once("(storage=b24) needs ").expect("the smallest storage");
+    let needed: u64 =
+        needed.split_once(" bytes").and_then(|(bytes, _)| bytes.parse().ok()).expect("a number");
+
+    for (memory, setting, chosen) in [
+        (needed.to_string(), "--set storage=b24", "storage=b24"),
+        ("8GiB".to_owned(), "", "the graph's own storage"),
+    ] {
+        let said = place.said(&format!("{render} -o limited.png --json limited.json --memory {memory}")).1;
+        assert!(said.contains(&format!("storage: {chosen} needs ")), "{said}");
+        place.done(&format!("{render} -o set.png --json set.json {setting}"));
+        assert!(place.bytes("limited.png") == place.bytes("set.png"), "{chosen}");
+        let [limited, set] = ["limited.json", "set.json"].map(|name| place.json(name));
+        assert_eq!(limited[0]["parameters"], set[0]["parameters"]);
+        // The report gives the same choice.
+        place.done(&format!(
+            "info scene.ply -p tiled_cpu --size 96x54 --device=llvmpipe --memory {memory} --json=info.json"
+        ));
+        let info = place.json("info.json");
+        let tried = info["storage"]["tried"].as_array().expect("settings");
+        assert_eq!(tried.last().expect("one")["setting"], chosen);
+        let resident: u64 = info["buffers"]
+            .as_array()
+            .expect("buffers")
+            .iter()
+            .filter(|b| b["freed"] == false)
+            .map(|b| b["bytes"].as_u64().expect("bytes"))
+            .sum();
+        assert!(tried.last().expect("one")["bytes"].as_u64().expect("bytes") <= resident, "{info}");
+    }
+    place.refuses(
+        "",
+        &[
+            ("render scene.ply --backend reference -o a.png --memory 1GiB", 2, "--memory is for graphs"),
+            ("render scene.ply -o a.png --memory much", 2, "expected bytes, such as 8GiB"),
+        ],
+    );
 }

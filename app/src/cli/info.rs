@@ -1,12 +1,13 @@
 //! Runs `splatgraph info`: reports a scene's contents, flaws and memory.
 
 use super::advise::{bands_text, keys_text};
-use super::options::{self, Drawing};
+use super::options::{self, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit::{self, Target, Wanted};
 use crate::draw::keys::{self, Seen};
 use crate::draw::planner::Planner;
+use crate::draw::storage::Choice;
 use crate::studies::advise::harmonics;
 use anyhow::Result;
 use serde_json::json;
@@ -17,6 +18,7 @@ use std::path::{Path, PathBuf};
 pub const EXAMPLES: &str = "Examples:
   splatgraph info scene.ply
   splatgraph info scene.ply --cameras cameras.json --pipeline key16
+  splatgraph info scene.ply --memory 500MB       # the storage that fits
   splatgraph info scene.ply --json";
 
 /// Show the size breakdown of a scene file, its flaws, and the GPU memory that a graph needs for it
@@ -32,6 +34,8 @@ pub struct Args {
     scene: PathBuf,
     #[command(flatten)]
     drawing: Drawing,
+    #[command(flatten)]
+    memory: MemoryArgs,
     /// Build the plan for this device: a part of its name, its index in `splatgraph devices`, a name listed by
     /// `splatgraph check --help`, or a file from `splatgraph devices --json` [default: that of this machine]
     #[arg(long, value_name = "NAME|INDEX|FILE")]
@@ -70,24 +74,37 @@ pub fn run(args: &Args) -> Result<Outcome> {
         // The report of the scene itself needs neither graph nor device.
         options::write_text(None, &worksheet)?;
     }
-    let device = match args.device.as_deref() {
+    let mut device = match args.device.as_deref() {
         Some(wanted) => options::target(Some(wanted))?,
         // Without a device, the smallest supported one stands in.
         None => options::target(None).unwrap_or_else(|_| Target::nominal()),
     };
     let catalog = facts::catalog(&scene);
-    let wanted = Wanted {
-        graph: &args.drawing.pipeline,
-        set: &args.drawing.set,
-        scene: SceneFacts::of(&scene),
-        catalog: &catalog,
-        size,
-    };
+    let scene_facts = SceneFacts::of(&scene);
     let mut planner = Planner::default();
+    let (mut set, limit) = (args.drawing.set.clone(), args.memory.memory);
+    let free = fit::available(&device.heap);
+    let chosen = limit.into_iter().chain(free).min().map(|memory| {
+        let facts = facts::facts(&scene_facts, &device.facts, size);
+        Choice::of(&set, memory, |set| planner.plan(&args.drawing.pipeline, set, &facts, &catalog))
+    });
+    let chosen = match chosen {
+        Some(Ok(choice)) => Some(choice).filter(|choice| limit.is_some() || choice.set.is_some()),
+        Some(Err(error)) if limit.is_some() => return Err(error.into_error()),
+        // Without a limit, the report says what does not fit.
+        _ => None,
+    };
+    set.extend(chosen.iter().filter_map(|choice| choice.set.clone()));
+    if let Some(limit) = limit {
+        device.heap.available = Some(free.map_or(limit, |free| free.min(limit)));
+    }
+    let wanted =
+        Wanted { graph: &args.drawing.pipeline, set: &set, scene: scene_facts, catalog: &catalog, size };
     let (plan, fit) = fit::fit(&mut planner, &wanted, &device)?;
     let mut fits = vec![fit];
     // Other machines may have smaller devices.
     if args.device.is_none()
+        && limit.is_none()
         && device != Target::nominal()
         && let Ok((_, fit)) = fit::fit(&mut planner, &wanted, &Target::nominal())
         && !fit.fits
@@ -112,6 +129,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             "key_bits": key_bits,
             "bands": bands,
             "pipeline": plan.name,
+            "storage": chosen.as_ref().map(Choice::json),
             "size": [size.0, size.1],
             "buffers": buffers,
             "fits": fits,
@@ -119,7 +137,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         options::write_json(path, &all)?;
     } else {
         let fits: String = fits.iter().map(|fit| format!("\n{fit}")).collect();
-        options::write_text(None, &format!("\n{}{fits}", memory(&dump, size)))?;
+        let chosen = chosen.map_or_else(String::new, |choice| format!("{choice}\n"));
+        options::write_text(None, &format!("\n{chosen}{}{fits}", memory(&dump, size)))?;
     }
     Ok(Outcome::Done)
 }

@@ -7,6 +7,7 @@ use crate::draw::builtin;
 use crate::draw::facts;
 use crate::draw::fit::Target;
 use crate::draw::interleaved::Frames;
+use crate::draw::storage;
 use crate::io::output::{self, OutputGuard, say};
 use crate::io::progress::Progress;
 use crate::io::{demo, load};
@@ -20,8 +21,8 @@ use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-
 use tracing::info_span;
+
 pub use crate::draw::builtin::DEFAULT_PIPELINE;
 
 /// Parses `NAME=VALUE`.
@@ -336,6 +337,17 @@ impl Drawing {
     pub fn cameras(&self, scene: Option<&Path>) -> Result<Option<Vec<Camera>>> {
         super::cameras::load(self.cameras.as_deref(), scene)
     }
+}
+
+/// The memory for a graph and its scene.
+#[derive(Debug, clap::Args)]
+pub struct MemoryArgs {
+    /// Choose the most accurate storage of the splats that fits so much memory of the device, such as 8GiB
+    ///
+    /// The buffers and images that stay after the first frame count. Storage is a parameter of the graph, so `--set storage=...`
+    /// leaves nothing to choose. The default is the device's free memory, for scenes that may exceed it.
+    #[arg(long, value_name = "SIZE", value_parser = storage::parse_bytes)]
+    pub memory: Option<u64>,
 }
 
 /// Options for the number of frames of a measurement.

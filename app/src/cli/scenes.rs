@@ -40,10 +40,8 @@ impl ScenesArgs {
     }
 
     /// Refuses a first scene that cannot fit the device, from its header ([`fit::check_header`]).
-    pub fn check_header(&self, device: &DeviceInfo, drawing: &options::Drawing) -> Result<()> {
-        self.scene
-            .iter()
-            .try_for_each(|path| fit::check_header(path, device, &drawing.pipeline, &drawing.set))
+    pub fn check_header(&self, device: &DeviceInfo, pipeline: &str, set: &[(String, String)]) -> Result<()> {
+        self.scene.iter().try_for_each(|path| fit::check_header(path, device, pipeline, set))
     }
 
     /// Loads the scenes, moves the further ones, and joins all. Also returns the demo scene's camera if that scene is

@@ -1,12 +1,16 @@
 //! Runs `splatgraph view`: opens a window on a scene.
 
 use super::cameras;
-use super::options::{self, BackendArgs, Drawing};
+use super::options::{self, BackendArgs, Drawing, MemoryArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::backend::Backend;
 use crate::draw::camera;
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::fit;
+use crate::draw::planner::Planner;
+use crate::draw::storage::Choice;
 use crate::io::image::Format;
-use crate::io::output::{Log, OutputGuard, is_standard_output};
+use crate::io::output::{Log, OutputGuard, is_standard_output, say};
 use crate::view::events::RendererId;
 use crate::view::kept;
 use crate::view::paint::Mode;
@@ -17,6 +21,7 @@ use crate::view::window::{self, WindowOptions};
 use anyhow::Result;
 use clap::ValueEnum;
 use indexmap::IndexMap;
+use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -45,6 +50,8 @@ pub struct Args {
     scene: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
+    #[command(flatten)]
+    memory: MemoryArgs,
     /// Background colour, display-encoded, 0 to 1
     #[arg(long, value_name = "R,G,B", default_value = "0,0,0", allow_hyphen_values = true, value_parser = options::colour)]
     background: [f32; 3],
@@ -232,7 +239,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let cameras = args.drawing.cameras.as_deref().map(cameras::parse).transpose()?;
     let (scene, cameras) = scene_and_cameras(args, cameras)?;
     let events = args.events.as_deref().map(Log::create).transpose()?;
-    let (pipeline, set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
+    let (pipeline, mut set) = (args.drawing.pipeline.clone(), args.drawing.set.clone());
+    set.extend(storage(args, &scene.0)?);
     let initial = InitialState::of(args);
     let messages = window::run(WindowOptions {
         scene,
@@ -254,6 +262,33 @@ pub fn run(args: &Args) -> Result<Outcome> {
         frames: args.frames,
     })?;
     Ok(super::outcome::validated(args.device.validate, &messages))
+}
+
+/// Chooses the storage of the splats for the memory of --memory or of the device; `None` for the graph's own.
+fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
+    let limit = args.memory.memory;
+    if limit.is_none() && !fit::may_exceed_any(scene.count().into()) {
+        return Ok(None);
+    }
+    let device = args.device.open()?;
+    let free = fit::available(&device.heap());
+    let Some(memory) = limit.into_iter().chain(free).min() else { return Ok(None) };
+    let scaled = |side: u32| ((side as f32 * args.scale) as u32).max(1);
+    let size = (scaled(args.size().0), scaled(args.size().1));
+    let facts = facts::facts(&SceneFacts::of(scene), &device.info().facts, size);
+    let (mut planner, catalog) = (Planner::default(), facts::catalog(scene));
+    let plan = |set: &[_]| planner.plan(&args.drawing.pipeline, set, &facts, &catalog);
+    match Choice::of(&args.drawing.set, memory, plan) {
+        Ok(choice) => {
+            if limit.is_some() || choice.set.is_some() {
+                say(choice.to_string());
+            }
+            Ok(choice.set)
+        }
+        Err(error) if limit.is_some() => Err(error.into_error()),
+        // The window shows why the plan has no room.
+        Err(_) => Ok(None),
+    }
 }
 
 /// Loads the scene and its cameras; returns the scene with its path.

@@ -103,8 +103,29 @@ impl Needs {
     }
 }
 
+/// Counts the bytes of a plan's resources that stay on the device after the first frame.
+pub fn resident_bytes(plan: &Plan) -> u64 {
+    Needs::of(plan).total
+}
+
+/// Returns true for a scene of so many splats that may exceed the device's memory or its buffers.
+///
+/// For other scenes nothing needs to be built to find out.
+pub fn may_exceed(count: u64, device: &DeviceInfo) -> bool {
+    let least = available(&device.heap).unwrap_or(u64::MAX).min(device.facts.max_storage_bytes);
+    count.saturating_mul(USUAL) > least
+}
+
+/// Returns true for a scene of so many splats that [may exceed](may_exceed) some device.
+pub fn may_exceed_any(count: u64) -> bool {
+    count.saturating_mul(USUAL) > Target::nominal().facts.max_storage_bytes
+}
+
+/// Bytes per splat below whose total a scene certainly fits: twice the largest buffer of the built-in graphs.
+const USUAL: u64 = 96;
+
 /// Returns the available bytes of the device's memory; `None` if unknown.
-fn available(heap: &Heap) -> Option<u64> {
+pub fn available(heap: &Heap) -> Option<u64> {
     heap.available.or(Some(heap.bytes).filter(|bytes| *bytes > 0))
 }
 
@@ -222,14 +243,11 @@ pub fn check_header(
     graph: &str,
     set: &[(String, String)],
 ) -> anyhow::Result<()> {
-    /// Bytes per splat below whose total a scene certainly fits: twice the largest buffer of the built-in graphs.
-    const USUAL: u64 = 96;
     let SceneHeader { count, stored_degree } = SceneHeader::load(path)?;
-    let target = Target { name: device.name.clone(), facts: device.facts, heap: device.heap };
-    let least = available(&target.heap).unwrap_or(u64::MAX).min(target.facts.max_storage_bytes);
-    if count.saturating_mul(USUAL) <= least {
+    if !may_exceed(count, device) {
         return Ok(());
     }
+    let target = Target { name: device.name.clone(), facts: device.facts, heap: device.heap };
     let catalog = facts::nominal_catalog();
     let scene = facts::SceneFacts {
         count,

@@ -12,6 +12,7 @@
 //! - [`capacity`]: detection of incomplete frames, and growing capacities;
 //! - [`planner`]: building of plans from graphs;
 //! - [`fit`]: test whether a scene fits a device;
+//! - [`storage`]: choice of the most accurate storage that fits a given memory;
 //! - [`render_command`]: command that draws a picture again;
 //! - [`inspect`]: contents of a resource after a pass;
 //! - [`outputs`]: images of a frame besides its picture;
@@ -44,4 +45,5 @@ pub mod render_command;
 pub mod session;
 pub mod shader_cache;
 pub mod stats;
+pub mod storage;
 pub mod truth;

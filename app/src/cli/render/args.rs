@@ -7,7 +7,7 @@ use super::stdout::Stdout;
 use crate::cli::cameras;
 use crate::cli::job::ShardArgs;
 use crate::cli::look_at::LookAtArgs;
-use crate::cli::options::{self, DeviceArgs, Drawing, MAX_SIDE};
+use crate::cli::options::{self, DeviceArgs, Drawing, MAX_SIDE, MemoryArgs};
 use crate::cli::outcome::Usage;
 use crate::cli::scenes::ScenesArgs;
 use crate::draw::backend::Api;
@@ -98,6 +98,8 @@ pub struct Args {
     /// `sort.scatter[1]`, ... For sort keys, the output reports whether they ascend.
     #[arg(long, value_name = "RESOURCE@PASS[=FILE.npy]", value_parser = inspect_request)]
     pub(super) inspect: Vec<InspectRequest>,
+    #[command(flatten)]
+    pub(super) memory: MemoryArgs,
     #[command(flatten)]
     pub shard: ShardArgs,
     #[command(flatten)]
@@ -225,6 +227,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
         let more = [
             ("--repeat", args.repeat != 1),
             ("--jobs", args.jobs.is_some()),
+            ("--memory", args.memory.memory.is_some()),
             ("--inspect", !args.inspect.is_empty()),
         ];
         refuse_for_reference(&more)?;

@@ -7,7 +7,9 @@ use super::frames::{self, Drawn, Wanted};
 use crate::cli::options;
 use crate::cli::outcome::{Usage, claim_graph_files};
 use crate::draw::backend::Backend;
+use crate::draw::facts::DEFAULT_SIZE;
 use crate::draw::session::Session;
+use crate::draw::storage::Choice;
 use crate::draw::truth::{self, Truth, TruthStats};
 use crate::io::output::{OutputGuard, one_line, say};
 use crate::io::progress::Progress;
@@ -70,16 +72,31 @@ impl Drawer {
             return Ok(Drawer { loaded, stems, with: With::Exact { rules, done: Vec::new() } });
         };
         let device = info_span!("open the device").in_scope(|| Backend::open(api, &args.device.options()))?;
-        info_span!("check the scene's header")
-            .in_scope(|| args.scenes.check_header(device.info(), &args.drawing))?;
-        let loaded = load()?;
         let (pipeline, set) = (&args.drawing.pipeline, &args.drawing.set);
+        info_span!("check the scene's header").in_scope(|| {
+            let checked = |set: &[_]| args.scenes.check_header(device.info(), pipeline, set);
+            // A scene that is too large may fit once it is packed. Its error is of the storage that the user knows.
+            checked(set).or_else(|error| match Choice::smallest(set) {
+                Some(smallest) => checked(&[set.as_slice(), &[smallest]].concat()).map_err(|_| error),
+                None => Err(error),
+            })
+        })?;
+        let loaded = load()?;
         let mut session = Session::new(device, loaded.scene.clone(), pipeline, set);
         if !args.inspect.is_empty() {
             session.keep_contents();
         }
         let names: Vec<String> = args.named().map(|(name, _)| name.to_owned()).collect();
         session.set_outputs(&names);
+        let sizes = loaded.cameras.iter().map(|camera| (camera.width, camera.height));
+        let largest = sizes.max_by_key(|(width, height)| u64::from(*width) * u64::from(*height));
+        let limit = args.memory.memory;
+        match session.choose_storage(limit, largest.unwrap_or(DEFAULT_SIZE)) {
+            Ok(Some(choice)) if limit.is_some() || choice.set.is_some() => say(choice.to_string()),
+            // Without a limit, the device refuses the plan itself.
+            Err(error) if limit.is_some() => return Err(error.into_error()),
+            _ => {}
+        }
         let files: Vec<(String, PathBuf)> =
             args.named().map(|(name, file)| (name.to_owned(), file.to_owned())).collect();
         let batch =

@@ -64,9 +64,10 @@ impl job::Work for Views {
         let mut drawer = Drawer::open(&self.args, &self.work, self.loaded.clone())?;
         let loaded = drawer.loaded().clone();
         let cameras = serde_json::to_value(&loaded.cameras)?;
-        let Args { drawing, rule, background, backend, .. } = &self.args;
+        let Args { rule, background, backend, .. } = &self.args;
         let mut origin = match drawer.prepared()? {
-            Some(session) => job::origin_of(session, &cameras, (&drawing.pipeline, &drawing.set))?,
+            // With the chosen storage: a process whose device has less memory draws other pictures.
+            Some(session) => job::origin_of(session, &cameras, session.graph())?,
             None => job::origin(loaded.scene.identity(), &cameras)?,
         };
         let outputs: Vec<&str> = self.args.named().map(|(name, _)| name).collect();

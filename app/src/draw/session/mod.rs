@@ -14,8 +14,10 @@
 use crate::draw::camera;
 use crate::draw::capacity::{self, Capacities, Overflow};
 use crate::draw::facts::{self, SceneFacts};
+use crate::draw::fit;
 use crate::draw::inspect::{self, InspectError};
 use crate::draw::planner::{self, GraphErrors, Planner};
+use crate::draw::storage::{Choice, StorageError};
 use crate::io::image::Image;
 use crate::io::output::say;
 use crate::io::timeline;
@@ -280,6 +282,36 @@ impl<D: Device> Session<D> {
         let plan = self.planner.plan(pipeline, set, &facts, &catalog);
         self.planner.capacities = capacities;
         Ok(plan?)
+    }
+
+    /// Sets the graph's storage to the most accurate one that fits `limit` bytes of the device's memory, for pictures of this size.
+    ///
+    /// Without a limit, the memory is what the device has free, and a scene that is small for it is not considered: `None`.
+    ///
+    /// # Errors
+    /// The graph has errors, or no storage fits.
+    pub fn choose_storage(
+        &mut self,
+        limit: Option<u64>,
+        size: (u32, u32),
+    ) -> Result<Option<Choice>, StorageError<SessionError>> {
+        if limit.is_none() && !fit::may_exceed(self.scene.count().into(), self.device.info()) {
+            return Ok(None);
+        }
+        let free = fit::available(&self.device.heap());
+        let Some(memory) = limit.into_iter().chain(free).min() else { return Ok(None) };
+        let (pipeline, mut set) = (self.pipeline.clone(), self.set.clone());
+        let choice = Choice::of(&set, memory, |set| self.plan_of(&pipeline, set, size))?;
+        if let Some(chosen) = &choice.set {
+            set.push(chosen.clone());
+            self.set_graph(&pipeline, &set);
+        }
+        Ok(Some(choice))
+    }
+
+    /// Returns the name of the graph and its parameters.
+    pub fn graph(&self) -> (&str, &[(String, String)]) {
+        (&self.pipeline, &self.set)
     }
 
     /// Returns the device, with its loaded plan.

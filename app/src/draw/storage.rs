@@ -1,0 +1,236 @@
+//! Chooses the storage of a scene's splats: the most accurate one that fits a given memory.
+//!
+//! A graph that can pack splats has the parameters `sh_storage` and `storage`. Their settings form a ladder, from the most accurate to the
+//! smallest. The plan of each is built and its resident bytes are counted, until one fits. Settings that a graph lacks are passed over, and
+//! so are those that the device has no buffers for. A user's own setting of these parameters leaves nothing to choose.
+
+use crate::draw::fit;
+use serde_json::{Value as Json, json};
+use splatgraph_assets::grouped;
+use splatgraph_assets::memory::display;
+use splatgraph_framework::plan::Plan;
+use std::error::Error;
+use std::fmt;
+
+/// A setting of a graph's parameters for storage.
+struct Rung {
+    set: (&'static str, &'static str),
+    /// PSNR against separate storage: the worst of the two captures in docs/accuracy-tables.md.
+    psnr: u32,
+}
+
+/// The settings after the graph's own, from the most accurate to the smallest.
+const LADDER: [Rung; 4] = [
+    Rung { set: ("sh_storage", "q8"), psnr: 79 },
+    Rung { set: ("storage", "b64"), psnr: 70 },
+    Rung { set: ("storage", "b32"), psnr: 54 },
+    Rung { set: ("storage", "b24"), psnr: 45 },
+];
+
+/// The parameters that a user's own setting decides.
+const PARAMETERS: [&str; 4] = ["storage", "sh_storage", "covariance", "position_storage"];
+
+/// The chosen storage.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Choice {
+    /// The setting to add; `None` for the graph's own storage.
+    pub set: Option<(String, String)>,
+    /// The settings that need too much, from the most accurate on, and the chosen one, each with its resident bytes.
+    tried: Vec<(String, u64)>,
+    psnr: Option<u32>,
+    memory: u64,
+}
+
+/// An error of the choice.
+#[derive(Debug, thiserror::Error)]
+pub enum StorageError<E: Error + 'static> {
+    /// No plan can be built.
+    #[error(transparent)]
+    Plan(E),
+    /// The smallest storage needs more memory.
+    #[error(
+        "expected a plan of at most {memory} bytes, found that the smallest storage ({setting}) needs {needed} bytes: fewer splats or a smaller picture may fit"
+    )]
+    TooLarge {
+        /// The memory, in bytes.
+        memory: u64,
+        /// The setting that needs least.
+        setting: String,
+        /// Its resident bytes.
+        needed: u64,
+    },
+}
+
+impl<E: Error + Send + Sync + 'static> StorageError<E> {
+    /// Converts to an error of a command: errors of the graph stay what they are.
+    pub fn into_error(self) -> anyhow::Error {
+        match self {
+            StorageError::Plan(error) => error.into(),
+            error => error.into(),
+        }
+    }
+}
+
+impl Choice {
+    /// Returns the setting of the smallest storage; `None` if the user's parameters leave no choice.
+    pub fn smallest(set: &[(String, String)]) -> Option<(String, String)> {
+        let last = LADDER.last().filter(|_| !decided(set))?;
+        Some((last.set.0.to_owned(), last.set.1.to_owned()))
+    }
+
+    /// Chooses the storage whose plan keeps at most `memory` bytes on the device after the first frame.
+    ///
+    /// `set` has the user's parameters, and `plan` builds the plan of others.
+    ///
+    /// # Errors
+    /// No plan can be built, or all need too much.
+    pub fn of<E: Error + 'static>(
+        set: &[(String, String)],
+        memory: u64,
+        mut plan: impl FnMut(&[(String, String)]) -> Result<Plan, E>,
+    ) -> Result<Choice, StorageError<E>> {
+        let ladder = if decided(set) { &[][..] } else { &LADDER[..] };
+        let (mut tried, mut error) = (Vec::new(), None);
+        for rung in [None].into_iter().chain(ladder.iter().map(Some)) {
+            let own = rung.map(|rung| (rung.set.0.to_owned(), rung.set.1.to_owned()));
+            let all: Vec<_> = set.iter().cloned().chain(own.clone()).collect();
+            match plan(&all) {
+                Ok(plan) => {
+                    let needed = fit::resident_bytes(&plan);
+                    tried.push((name(own.as_ref()), needed));
+                    if needed <= memory {
+                        return Ok(Choice { set: own, tried, psnr: rung.map(|rung| rung.psnr), memory });
+                    }
+                }
+                Err(found) => _ = error.get_or_insert(found),
+            }
+        }
+        match (tried.into_iter().min_by_key(|(_, needed)| *needed), error) {
+            (Some((setting, needed)), _) => Err(StorageError::TooLarge { memory, setting, needed }),
+            (None, Some(error)) => Err(StorageError::Plan(error)),
+            (None, None) => unreachable!("the graph's own storage is always tried"),
+        }
+    }
+}
+
+impl Choice {
+    /// Lists the tried settings with their bytes, the chosen one last.
+    pub fn json(&self) -> Json {
+        let row = |(setting, needed): &(String, u64)| json!({ "setting": setting, "bytes": needed });
+        json!({ "memory": self.memory, "tried": self.tried.iter().map(row).collect::<Vec<_>>() })
+    }
+}
+
+/// Returns true if the user's parameters leave no choice.
+fn decided(set: &[(String, String)]) -> bool {
+    set.iter().any(|(name, _)| PARAMETERS.contains(&name.as_str()))
+}
+
+/// Names a setting.
+fn name(set: Option<&(String, String)>) -> String {
+    set.map_or_else(|| "the graph's own storage".to_owned(), |(name, value)| format!("{name}={value}"))
+}
+
+impl fmt::Display for Choice {
+    /// Writes a line: the choice, its bytes, and those of the settings before it.
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Some(((chosen, needed), larger)) = self.tried.split_last() else { return Ok(()) };
+        let memory = display(self.memory);
+        write!(f, "storage: {chosen} needs {} bytes of {memory}", grouped(*needed))?;
+        for (index, (setting, needed)) in larger.iter().enumerate() {
+            let before = if index == 0 { "; " } else { ", " };
+            write!(f, "{before}{setting} would need {}", grouped(*needed))?;
+        }
+        if let Some(psnr) = self.psnr {
+            write!(f, ". Captures keep {psnr} dB with it (docs/accuracy-tables.md)")?;
+        }
+        Ok(())
+    }
+}
+
+/// Parses a size of memory: a number of bytes, or one with a unit such as `8GiB` or `500MB`.
+///
+/// # Errors
+/// The text is no size, or 0.
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
+    let expected = || format!("expected bytes, such as 8GiB, 500MB or 1073741824, found `{text}`");
+    let digits = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
+    let (number, unit) = text.split_at(digits);
+    let number: f64 = number.parse().map_err(|_| expected())?;
+    let unit = match unit.trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kib" => 1024.0,
+        "m" | "mib" => 1024f64.powi(2),
+        "g" | "gib" => 1024f64.powi(3),
+        "t" | "tib" => 1024f64.powi(4),
+        "kb" => 1e3,
+        "mb" => 1e6,
+        "gb" => 1e9,
+        "tb" => 1e12,
+        _ => return Err(expected()),
+    };
+    match number * unit {
+        bytes if bytes >= 1.0 && bytes < u64::MAX as f64 => Ok(bytes as u64),
+        _ => Err(expected()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::facts::{self, SceneFacts};
+    use crate::draw::planner::{GraphErrors, Planner};
+
+    fn choose(graph: &str, set: &[(&str, &str)], memory: u64) -> Result<Choice, StorageError<GraphErrors>> {
+        let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
+        let set: Vec<_> = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
+        let (mut planner, catalog) = (Planner::default(), facts::nominal_catalog());
+        Choice::of(&set, memory, |set| planner.plan(graph, set, &facts, &catalog))
+    }
+
+    #[test]
+    fn the_most_accurate_storage_that_fits_is_chosen_and_each_needs_less_than_the_one_before() {
+        let own = choose("tiled_cpu", &[], u64::MAX).unwrap();
+        let (mut memory, mut chosen) = (own.tried[0].1, vec![own.set]);
+        while let Ok(choice) = choose("tiled_cpu", &[], memory) {
+            assert!(choice.tried.windows(2).all(|pair| pair[0].1 > pair[1].1), "{choice}");
+            let (last, needed) = choice.tried.last().unwrap();
+            assert!(*needed <= memory && choice.to_string().contains(last), "{choice}");
+            memory = needed - 1;
+            chosen.push(choice.set);
+        }
+        let settings = LADDER.map(|rung| Some((rung.set.0.to_owned(), rung.set.1.to_owned())));
+        // The first is chosen twice: without a limit, and with just as much as it needs.
+        assert_eq!(chosen[0], chosen[1]);
+        assert_eq!(chosen[2..], settings);
+        match choose("tiled_cpu", &[], memory) {
+            Err(StorageError::TooLarge { setting, needed, .. }) => {
+                assert_eq!((setting.as_str(), needed), ("storage=b24", memory + 1));
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_users_own_storage_is_kept_and_a_graph_that_packs_nothing_has_no_choice() {
+        let needed = |choice: Result<Choice, StorageError<GraphErrors>>| match choice {
+            Err(StorageError::TooLarge { setting, needed, .. }) => (setting, needed),
+            other => panic!("{other:?}"),
+        };
+        let (setting, b32) = needed(choose("tiled_cpu", &[("storage", "b32")], 1));
+        assert_eq!(setting, "the graph's own storage");
+        let b24 = needed(choose("tiled_cpu", &[], 1));
+        assert!(b24.0 == "storage=b24" && b24.1 < b32);
+        assert!(matches!(choose("tiled_cpu", &[("storage", "much")], 1), Err(StorageError::Plan(_))));
+    }
+
+    #[test]
+    fn sizes_have_units_of_1024_or_of_1000() {
+        for (text, bytes) in [("8GiB", 8 << 30), ("1.5 g", 3 << 29), ("500MB", 500_000_000), ("77", 77)] {
+            assert_eq!(parse_bytes(text), Ok(bytes), "{text}");
+        }
+        for text in ["", "GiB", "0", "-1", "8 parsecs", "1e40", "99999999999TiB"] {
+            assert!(parse_bytes(text).unwrap_err().contains("expected bytes"), "{text}");
+        }
+    }
+}
