@@ -58,6 +58,10 @@ fn the_cameras_of_a_dataset_are_drawn_by_render_and_mistakes_are_told() {
     place.done(&format!("{render} {look}"));
     assert_eq!(std::fs::read_dir(place.at("orbit")).expect("pictures").count(), 3);
 
+    std::fs::create_dir(place.at("shared")).expect("made");
+    place.write("shared/job.json", "{}");
+    let shared = "expected a folder without job.json, found shared";
+    place.refuses("", &[("evaluate scene.ply -c views -o shared", 2, shared)]);
     std::fs::remove_file(place.at("views/images/view-0008.png")).expect("it is there");
     std::fs::create_dir(place.at("empty")).expect("a folder");
     place.refuses(

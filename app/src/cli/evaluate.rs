@@ -1,7 +1,7 @@
 //! Runs `splatgraph evaluate`: scores a scene against the photographs of its dataset.
 
 use super::cameras;
-use super::job::{self, ShardArgs};
+use super::job::{self, Manifest, ShardArgs};
 use super::options::{self, DeviceArgs};
 use super::outcome::{Outcome, Usage, validated};
 use super::render::{Renderer, refuse_graph_options, renderer};
@@ -244,6 +244,7 @@ fn as_json(mut request: Json, found: &Evaluation) -> String {
 pub fn run(args: &Args) -> Result<Outcome> {
     // Errors of the command line and of the dataset are reported before a large scene is loaded.
     let Work { views, stems } = prepare(args)?;
+    args.output.iter().try_for_each(|folder| Manifest::refuse(folder))?;
     let mut drawer = Drawer::open(args, None)?;
     let mut progress = Progress::new("scoring");
     let mut scores = Vec::with_capacity(views.len());
