@@ -23,10 +23,10 @@ use crate::io::output::say;
 use crate::io::timeline;
 use half::f16;
 use splatgraph_api::{
-    BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Pixels, Progress, SceneData,
+    BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Loader, Pixels, Progress, SceneData,
 };
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::{Catalog, Facts, Fallback, Format, Source};
+use splatgraph_framework::ir::{Catalog, Facts, Fallback, Format, Run, Source};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 use splatgraph_framework::reload::Wanted;
@@ -368,6 +368,17 @@ impl<D: Device> Session<D> {
         if self.is_prepared(size) {
             return Ok(false);
         }
+        self.load(size, false, progress)?;
+        Ok(true)
+    }
+
+    /// Builds and loads the plan; `share` reuses the results of the current plan's `Once` passes.
+    fn load(
+        &mut self,
+        size: (u32, u32),
+        share: bool,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<(), SessionError> {
         let (facts, catalog) = info_span!("collect facts").in_scope(|| self.facts(size));
         let plan = info_span!("build the plan")
             .in_scope(|| self.planner.plan(&self.pipeline, &self.set, &facts, &catalog))?;
@@ -379,10 +390,14 @@ impl<D: Device> Session<D> {
             self.told.clone_from(&plan.fallbacks);
             Fallback::lacking(&plan.fallbacks).for_each(say);
         }
-        info_span!("load the plan")
-            .in_scope(|| self.device.load(plan.clone(), &Upload(Some(&self.scene)), progress))?;
+        info_span!("load the plan").in_scope(|| {
+            let loader = self.device.loader();
+            let loader = if share { loader.sharing_results() } else { loader };
+            let ready = loader.prepare(plan.clone(), &Upload(Some(&self.scene)), progress)?;
+            self.device.swap(ready)
+        })?;
         self.loaded = Some((Arc::new(plan), size));
-        Ok(true)
+        Ok(())
     }
 
     /// Lists the settings, and the mesh, without an effect in the current plan, with the reasons, as lines for the user;
@@ -451,9 +466,16 @@ impl<D: Device> Session<D> {
             if short.is_empty() && drawn.growths == self.growths {
                 return Ok(result);
             }
-            self.grow(&short, (drawn.camera.width, drawn.camera.height))?;
+            let inspects_once = |flight: &Flight| {
+                flight.request.inspect.iter().any(|target| inspect::in_prologue(&flight.plan, target))
+            };
+            // Passes whose results are reused do not run, so that nothing can be read after them.
+            let share = !self.flying.iter().chain([&drawn]).any(inspects_once);
+            self.grow(&short, (drawn.camera.width, drawn.camera.height), share)?;
+            let former = (drawn.plan.clone(), result);
             drawn = self.repeat(drawn)?;
             result = self.land(drawn.id, Some(&drawn.plan))?;
+            keep_once_times(&former, (&drawn.plan, &mut result));
         }
     }
 
@@ -474,7 +496,7 @@ impl<D: Device> Session<D> {
     }
 
     /// Builds and loads a plan with the capacity that a frame lacked, unless the current plan has it.
-    fn grow(&mut self, short: &[Overflow], size: (u32, u32)) -> Result<(), SessionError> {
+    fn grow(&mut self, short: &[Overflow], size: (u32, u32), share: bool) -> Result<(), SessionError> {
         if let Some(Overflow { parameter, needed, most, .. }) = short.iter().find(|s| s.needed > s.most) {
             return Err(SessionError::Full { parameter: parameter.clone(), most: *most, needed: *needed });
         }
@@ -482,8 +504,8 @@ impl<D: Device> Session<D> {
         let raised: Vec<&Overflow> = short.iter().filter(|short| capacities.raise(short)).collect();
         let Some(first) = raised.first() else { return Ok(()) };
         let former = (std::mem::replace(&mut self.planner.capacities, capacities), self.loaded.take());
-        match self.prepare(size, &mut |_| {}) {
-            Ok(_) => {
+        match self.load(size, share, &mut |_| {}) {
+            Ok(()) => {
                 self.growths += 1;
                 Ok(())
             }
@@ -505,6 +527,21 @@ impl<D: Device> Session<D> {
         }
         self.fly(camera, request, number)
     }
+}
+
+/// Adds the times of `Once` passes of an incomplete frame to the frame that replaces it, if that reused their results.
+fn keep_once_times(
+    (former_plan, former): &(Arc<Plan>, FrameResult),
+    (plan, result): (&Plan, &mut FrameResult),
+) {
+    let id_of = |name: &str| plan.prologue.iter().copied().find(|id| plan.pass(*id).name == name);
+    let once = former.pass_ms.iter().filter(|(pass, _)| former_plan.pass(*pass).run == Run::Once);
+    let reused: Vec<_> = once
+        .filter_map(|(pass, ms)| Some((id_of(&former_plan.pass(*pass).name)?, *ms)))
+        .filter(|(pass, _)| result.pass_ms.iter().all(|(other, _)| other != pass))
+        .collect();
+    result.pass_start_ms.splice(0..0, reused.iter().map(|_| None));
+    result.pass_ms.splice(0..0, reused);
 }
 
 /// Lists the timed passes of a frame.
