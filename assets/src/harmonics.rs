@@ -157,7 +157,7 @@ impl Zonal {
         Self(solve(normal))
     }
 
-    /// Evaluates the function at a cosine.
+    /// Evaluates the function at the cosine of an angle to the axis.
     pub fn at(&self, cosine: f64) -> f64 {
         self.0.iter().zip(legendre(cosine)).map(|(c, p)| c * p).sum()
     }

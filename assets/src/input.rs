@@ -257,16 +257,15 @@ fn ended() -> io::Error {
     io::Error::new(ErrorKind::UnexpectedEof, "it ends before its last byte")
 }
 
-/// An opened scene file.
+/// An opened scene file, with its length and modification time.
 pub(crate) struct OpenFile {
     file: File,
     length: u64,
     modified: Option<SystemTime>,
 }
 
-/// Age at which a file's modification time differs from the current time for certain.
-///
-/// File system clocks tick at least every 10 ms.
+/// Minimum age of a file's modification time: a later change then gets another time, as file system clocks tick at
+/// least every 10 ms.
 const SETTLED: Duration = Duration::from_millis(20);
 
 impl OpenFile {

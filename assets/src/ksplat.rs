@@ -52,7 +52,7 @@ pub(crate) fn is_plausible(head: &[u8]) -> bool {
         && word(head, 16) > 0
 }
 
-/// The file's header.
+/// Fields of the file's header.
 struct Header {
     level: usize,
     sections: u64,
@@ -61,7 +61,7 @@ struct Header {
     range: [f32; 2],
 }
 
-/// A section's parsed header.
+/// A section: its parsed header, and its buckets.
 struct Section {
     /// Number of splats of the section.
     count: usize,

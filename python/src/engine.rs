@@ -341,7 +341,7 @@ fn land(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>, 
     }
 }
 
-/// Describes a parameter as JSON.
+/// Describes a parameter as JSON, for the list of `params`.
 fn control(control: &Control) -> Json {
     let param = &control.param;
     let (kind, range, step, choices) = match &param.domain {

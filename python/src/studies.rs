@@ -103,7 +103,7 @@ pub struct Effort {
 }
 
 impl Effort {
-    /// Returns the API to open.
+    /// Returns the graphics API to open, or the default.
     fn api(&self) -> PyResult<Api> {
         let api = self.backend.as_deref().map_or_else(|| Ok(Api::default()), Api::parse_drawing);
         api.map_err(|error| PyValueError::new_err(format!("backend: {error}")))

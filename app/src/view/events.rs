@@ -5,7 +5,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
 
-/// Identifies a renderer.
+/// The renderer that an event is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RendererId {
@@ -27,7 +27,7 @@ impl fmt::Display for RendererId {
     }
 }
 
-/// An event in the viewer.
+/// An event in the viewer, for the log and for `--events`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
@@ -138,7 +138,7 @@ pub enum Event {
         /// Pixels per point of the user interface.
         pixels_per_point: f32,
     },
-    /// A control moved to a new place in the window, in pixels.
+    /// A control has a new position in the window.
     Control {
         /// Name of the control.
         name: String,

@@ -48,7 +48,7 @@ pub enum CameraRole {
     Path,
 }
 
-/// A file that is being read.
+/// A file that is being read. Dropping the request cancels it.
 struct Request {
     number: u64,
     path: PathBuf,
@@ -61,7 +61,7 @@ impl Drop for Request {
     }
 }
 
-/// The files that are being read.
+/// The reader of files on other threads, with its current requests.
 pub struct Opening {
     next: u64,
     /// Requests for the scenes of A and B.

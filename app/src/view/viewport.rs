@@ -66,7 +66,7 @@ enum Reading {
     Done(Result<Pixels, String>),
 }
 
-/// The inputs of a viewport's picture.
+/// The inputs of a viewport's picture besides its graph.
 pub(super) struct View<'a> {
     pub scene: &'a Scene,
     pub camera: &'a Camera,
@@ -198,7 +198,7 @@ impl<D: Device> Viewport<D> {
         stats::unordered((*pairs).into())
     }
 
-    /// Requests the next frame's picture.
+    /// Requests that the next frame's picture is read back; see [`Viewport::take_picture`].
     pub fn want_picture(&mut self) {
         self.reading = Reading::Wanted;
     }
@@ -334,7 +334,7 @@ impl<D: Device> Viewport<D> {
         self.exhibit = Some(Exhibit { shown, number, plan, subject: self.renderer.subject() });
     }
 
-    /// Drops everything on a lost device.
+    /// Drops everything on the device, which is lost.
     pub(super) fn release(&mut self) {
         self.renderer.release();
         (self.drawn, self.exhibit) = (None, None);

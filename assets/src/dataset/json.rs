@@ -15,7 +15,7 @@ use std::cell::Cell;
 use std::marker::PhantomData;
 use std::path::Path;
 
-/// Parses either format.
+/// Parses a camera file in either format: an object is a `transforms.json`, anything else a list.
 pub(super) fn parse(text: &str, path: &Path) -> Result<Dataset, CameraError> {
     let reached = Cell::new(None);
     let parsed = if text.trim_start().starts_with('{') {

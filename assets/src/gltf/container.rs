@@ -31,7 +31,7 @@ enum Bytes<'a> {
     File(OpenFile),
 }
 
-/// A document with its buffers.
+/// A glTF document, with its buffers opened.
 pub(super) struct Container<'a> {
     pub document: Document,
     /// Number of bytes in the file outside of buffers.

@@ -97,7 +97,7 @@ pub struct Mesh {
     pub material_of: Vec<u32>,
     /// The materials.
     pub materials: Vec<MeshMaterial>,
-    /// Texels of all images: red, green, blue and alpha of 8 bits.
+    /// Texels of all images: red, green, blue and alpha, 8 bits each.
     pub texels: Vec<[u8; 4]>,
     /// The light on the mesh.
     pub light: Light,
@@ -181,7 +181,7 @@ impl Mesh {
         self.texels.iter().map(|texel| u32::from_le_bytes(*texel)).collect()
     }
 
-    /// Hashes everything that is drawn.
+    /// Computes a hash of everything that is drawn.
     pub(crate) fn identity(&self) -> u64 {
         let materials: Vec<u32> = self.materials.iter().flat_map(MeshMaterial::words).collect();
         let lists = [

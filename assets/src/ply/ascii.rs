@@ -107,7 +107,7 @@ impl<'a> Lines<'a> {
         Ok(())
     }
 }
-/// Splits a line into its values.
+/// Splits a line into its values, at blanks.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }

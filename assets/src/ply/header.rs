@@ -80,7 +80,7 @@ impl Scalar {
     }
 }
 
-/// The type of a property.
+/// The type of a property: a number, or a list of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PropertyType {
     Scalar(Scalar),
@@ -261,7 +261,7 @@ impl Header {
     }
 }
 
-/// Parses the words after `property`.
+/// Parses a declaration: the words after `property`.
 fn property(words: &[&str]) -> Result<Property, String> {
     let scalar = |name: &str| {
         Scalar::parse(name).ok_or_else(|| {

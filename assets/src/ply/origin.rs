@@ -39,7 +39,7 @@ impl Sample {
         }
     }
 
-    /// Chooses the origin.
+    /// Returns the origin: on each axis, the median rounded to a multiple of [`STEP`].
     pub(super) fn origin(self) -> [f64; 3] {
         self.values.map(|mut values| {
             if values.is_empty() {

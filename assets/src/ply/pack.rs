@@ -15,7 +15,7 @@ const SCALE_LIMIT: f64 = 20.0;
 /// The values of a splat that are stored relative to bounds: position, logarithms of the scale, and colour.
 type Ranged = [f64; 9];
 
-/// Formats the header.
+/// Formats the header of a file with `count` splats.
 fn header(count: usize, degree: u32, notes: FileNotes) -> String {
     let lines = |kind: &str, names: &mut dyn Iterator<Item = String>| -> String {
         names.map(|name| format!("property {kind} {name}\n")).collect()

@@ -32,7 +32,7 @@ fn kind(column: usize, wide: bool) -> (&'static str, u64) {
     if wide && column < 3 { ("double", 8) } else { ("float", 4) }
 }
 
-/// Formats the header.
+/// Formats the header of a file with `count` splats.
 fn header(count: u64, degree: u32, wide: bool, notes: FileNotes) -> String {
     let names = property_names(degree).into_iter().enumerate();
     let properties: String =

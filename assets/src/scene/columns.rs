@@ -5,7 +5,7 @@ use super::splat::{CHUNK, Splat, sh_floats};
 use crate::memory::{self, SceneMemoryError};
 use rayon::prelude::*;
 
-/// The arrays, one entry per splat.
+/// The arrays of a scene, one entry per splat.
 #[derive(Clone, Debug)]
 pub(crate) struct Columns {
     pub degree: u32,

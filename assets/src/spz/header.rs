@@ -18,7 +18,7 @@ const MOST_UNPACKED: u64 = 1032;
 /// Minimum growth of an array, in bytes.
 const PIECE: usize = 64 << 10;
 
-/// Fields of a file's header.
+/// Fields of a file's header, the same for all versions.
 pub(super) struct Header {
     pub version: u32,
     pub count: u32,

@@ -106,25 +106,25 @@ pub struct Modifiers {
 /// Keys by effect, with their default physical keys.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Keys {
-    /// W
+    /// Fly forward: W.
     pub forward: bool,
-    /// S
+    /// Fly back: S.
     pub back: bool,
-    /// A
+    /// Fly left: A.
     pub left: bool,
-    /// D
+    /// Fly right: D.
     pub right: bool,
-    /// E
+    /// Rise: E.
     pub rise: bool,
-    /// Q
+    /// Sink: Q.
     pub sink: bool,
-    /// Arrow left
+    /// Orbit left: left arrow.
     pub orbit_left: bool,
-    /// Arrow right
+    /// Orbit right: right arrow.
     pub orbit_right: bool,
-    /// Arrow up
+    /// Orbit up: up arrow.
     pub orbit_up: bool,
-    /// Arrow down
+    /// Orbit down: down arrow.
     pub orbit_down: bool,
 }
 

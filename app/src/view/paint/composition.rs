@@ -5,7 +5,7 @@ use splatgraph_api::{BufferContents, FrameInputs, Picture, ROWS_ALIGNMENT};
 use splatgraph_framework::ir::Format;
 use std::sync::Arc;
 
-/// Name of the uniform block.
+/// Name of the uniform block with the composition's layout.
 pub const WINDOW: &str = "frame.window";
 
 /// Size of the uniform block, in bytes.
@@ -21,7 +21,7 @@ pub const PICTURES: [[&str; PARTS]; 2] = [
     ["frame.picture_a0", "frame.picture_a1", "frame.picture_a2", "frame.picture_a3"],
     ["frame.picture_b0", "frame.picture_b1", "frame.picture_b2", "frame.picture_b3"],
 ];
-/// Number of parts of a picture.
+/// Maximum number of parts that a picture is split into.
 pub const PARTS: usize = 4;
 
 /// Maximum size of a storage binding that every device supports, in bytes.
@@ -101,7 +101,7 @@ struct Block {
 const _: () = assert!(size_of::<Block>() == 96);
 
 impl Composition {
-    /// Packs the uniform block.
+    /// Packs the composition as the bytes of the uniform block `WINDOW`.
     pub fn bytes(&self) -> Vec<u8> {
         let [r, g, b] = self.background;
         let block = Block {

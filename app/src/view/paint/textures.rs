@@ -62,7 +62,7 @@ impl Textures {
         self.known.get(&id).copied().filter(|texture| texture.count() > 0)
     }
 
-    /// Returns all texels.
+    /// Returns the texels of all textures, as they are uploaded.
     pub fn texels(&self) -> Arc<Vec<u8>> {
         self.texels.clone()
     }

@@ -45,7 +45,7 @@ const BINS: usize = 64;
 /// texture memory.
 const LARGEST: usize = 512;
 
-/// Settings of the inspector's contents.
+/// State of the inspector's view of contents.
 #[derive(Default)]
 pub struct State {
     first: usize,

@@ -13,14 +13,14 @@ use splatgraph_api::Device;
 use splatgraph_framework::dump::{self, Declared, Dump, DumpBarrier, DumpPass, DumpResource};
 use splatgraph_framework::ir::{Masks, Origin, Run, Use};
 
-/// The state of the tool.
+/// State of the inspector.
 #[derive(Default)]
 pub struct State {
     contents: contents::State,
 }
 
 impl State {
-    /// Draws the details of the selection.
+    /// Draws the details of the selected pass, barrier, resource or splat.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,

@@ -23,7 +23,7 @@ const MOST: usize = 100;
 /// Width of the line between tiles, in points.
 pub const LINE: f32 = 1.0;
 
-/// A part of the window.
+/// A tile of the window: the picture, or a tool.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Tool {
     /// The picture of the scene.
@@ -45,7 +45,7 @@ impl Tool {
     pub const ALL: [Tool; 5] =
         [Tool::Parameters, Tool::Cameras, Tool::Times, Tool::Inspector, Tool::Timeline];
 
-    /// Returns the title.
+    /// Returns the title of the tile's tab.
     pub fn title(self) -> &'static str {
         match self {
             Tool::Picture => "Picture",

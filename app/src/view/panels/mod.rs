@@ -78,7 +78,7 @@ pub struct Arrangement {
     recent: Vec<PathBuf>,
 }
 
-/// The state of the panels.
+/// The panels, with all that they keep from frame to frame.
 pub struct Panels {
     /// True to show the picture alone.
     pub hidden: bool,
@@ -295,7 +295,7 @@ impl Panels {
         PanelOutput { view, commands: std::mem::take(&mut self.controls.commands) }
     }
 
-    /// Draws everything over the picture.
+    /// Draws the cards and toasts over the picture.
     fn over_picture<D: Device>(
         &mut self,
         ctx: &Context,

@@ -23,7 +23,7 @@ const NUMBER: f32 = 80.0;
 /// Width of the button that resets a value, in points.
 const RESET: f32 = 24.0;
 
-/// The state of the list.
+/// State of the list of parameters.
 #[derive(Default)]
 pub struct State {
     /// Search text for parameters.

@@ -8,7 +8,7 @@ use indexmap::IndexMap;
 use splatgraph_api::Device;
 use std::path::Path;
 
-/// A graph of the list.
+/// An entry of the list: a graph and its summary.
 #[derive(Clone, Debug)]
 struct Entry {
     /// A built-in graph's name, or a path.
@@ -24,7 +24,7 @@ pub struct Presets {
 }
 
 impl Presets {
-    /// Reads the built-in graphs.
+    /// Creates the list with the built-in graphs.
     pub fn new() -> Presets {
         let entry =
             |preset: builtin::Preset| Entry { graph: preset.name.to_owned(), summary: preset.summary };

@@ -19,7 +19,7 @@ pub const ROW: f32 = 24.0;
 /// Unit of spacing, in points.
 pub const GRID: f32 = 4.0;
 
-/// Name of the semibold family.
+/// Name of the font family for emphasised text.
 const STRONG: &str = "strong";
 
 /// The colours of a theme.
@@ -178,7 +178,7 @@ impl Palette {
     }
 }
 
-/// Returns the family of emphasised text.
+/// Returns the font family for emphasised text.
 pub fn strong() -> FontFamily {
     FontFamily::Name(STRONG.into())
 }

@@ -29,7 +29,7 @@ const LANE: f32 = 20.0;
 const PHASES: f32 = 20.0;
 const PASSES: f32 = 28.0;
 const BARRIERS: f32 = 20.0;
-/// Maximum magnification.
+/// Maximum magnification, relative to the zoom that fits the width.
 const CLOSEST: f32 = 200.0;
 
 /// The times of a plan's passes.
@@ -206,7 +206,7 @@ impl State {
     }
 }
 
-/// The visible part of the timeline.
+/// The visible part of the timeline, with the colours of its theme.
 #[derive(Clone, Copy)]
 struct View {
     area: Rect,

@@ -61,7 +61,7 @@ impl<D: Device> Renderer<D> {
         self.device.device().is_none() && self.jobs.is_empty()
     }
 
-    /// Continues on another device.
+    /// Continues on another device, after [`Renderer::release`].
     pub fn give(&mut self, device: D) {
         self.info = device.info().clone();
         self.device = DeviceState::Drawing(device);

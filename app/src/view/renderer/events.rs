@@ -6,7 +6,7 @@ use splatgraph_api::{BackendError, Recovery};
 use std::fmt;
 use std::path::PathBuf;
 
-/// Cause of a build.
+/// A cause of a build.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cause {
     /// There was no plan.
@@ -115,7 +115,7 @@ impl Serialize for Causes {
     }
 }
 
-/// Failure of a build.
+/// A reason for which a build failed.
 #[derive(Debug)]
 pub enum Failure {
     /// The graph or its shaders have errors.
@@ -177,7 +177,7 @@ pub struct Swap {
 }
 
 impl Swap {
-    /// Lists the constants among the causes.
+    /// Lists the constant parameters whose changes caused the build.
     pub fn parameters(&self) -> Vec<String> {
         let name = |cause: &Cause| match cause {
             Cause::Parameter(name) => Some(name.clone()),

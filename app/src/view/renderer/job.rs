@@ -16,7 +16,7 @@ use splatgraph_framework::shader::Cancel;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// The input of a build.
+/// The input of a build, for the building thread.
 pub(super) struct Job<L> {
     pub graph: String,
     pub set: Vec<(String, String)>,
@@ -32,7 +32,7 @@ pub(super) struct Job<L> {
     pub progress: Arc<Mutex<String>>,
 }
 
-/// The result of a build.
+/// The result of a build, from the building thread.
 pub(super) struct Built<R> {
     pub outcome: Result<(Plan, Vec<Control>, R), Failure>,
     pub wanted: Vec<Wanted>,

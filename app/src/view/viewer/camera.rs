@@ -127,7 +127,7 @@ impl<D: Device> Viewer<D> {
         self.open_cameras_as(CameraRole::Path, path);
     }
 
-    /// Reads cameras on another thread.
+    /// Reads cameras on another thread, for the use `role`; reports an error as an event.
     pub(in crate::view) fn open_cameras_as(&mut self, role: CameraRole, path: &Path) {
         if let Err(error) = self.opening.open_cameras(role, path) {
             self.events.push(Event::FileFailed { path: path.to_owned(), error });

@@ -34,7 +34,7 @@ impl<D: Device> Viewer<D> {
         self.comparing.newest.as_ref().is_some_and(|(_, of)| *of == self.compares_now())
     }
 
-    /// Forgets the comparison.
+    /// Forgets the newest comparison.
     pub fn forget_comparison(&mut self) {
         self.comparing.newest = None;
     }

@@ -32,7 +32,7 @@ impl<D: Device> Viewer<D> {
         self.copy.viewport().is_some()
     }
 
-    /// Measures the copy limit with the next frames; a failure is an event.
+    /// Measures the copy limit with the next frames; reports a failure as an event.
     pub fn measure_copy(&mut self) {
         if self.is_measuring_copy() {
             return;

@@ -5,7 +5,7 @@ use crate::view::renderer::Wake;
 use splatgraph_framework::reload::{Content, Wanted, WatchError, Watcher};
 use std::path::{Path, PathBuf};
 
-/// The watched files.
+/// The watched files that place several scenes.
 #[derive(Default)]
 pub(super) struct PlacedFiles {
     /// Watcher of the files; `None` before the first file.
@@ -44,7 +44,7 @@ impl PlacedFiles {
         self.wanted.swap(0, 1);
     }
 
-    /// Takes the files that changed.
+    /// Takes the files that changed since the last call.
     pub fn take(&mut self) -> Vec<PathBuf> {
         self.watcher.as_mut().and_then(Watcher::take).map_or_else(Vec::new, |change| change.files)
     }

@@ -72,7 +72,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Loads changed files again.
+    /// Loads scenes again if the files that place them changed.
     pub(super) fn reload_scenes(&mut self) {
         for path in self.placed.take() {
             for id in [RendererId::A, RendererId::B] {
@@ -84,7 +84,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Makes B draw A's scene.
+    /// Makes B draw A's scene instead of its own.
     pub fn share_scene(&mut self) {
         self.opening.cancel_scene(RendererId::B);
         if self.other.take().is_some() && self.picked_in == RendererId::B {

@@ -14,7 +14,7 @@ pub(super) static SUN: LazyLock<DVec3> = LazyLock::new(|| DVec3::new(-0.50, -0.3
 pub(super) static SKY: LazyLock<DVec3> = LazyLock::new(|| DVec3::new(0.45, -0.75, -0.48).normalize());
 /// Position of the lotus's glow.
 pub(super) const GLOW: DVec3 = DVec3::new(0.0, -0.22, 0.0);
-/// Direction up, -y.
+/// The world's direction up, -y.
 pub(super) const UP: DVec3 = DVec3::new(0.0, -1.0, 0.0);
 
 const SUN_COLOR: DVec3 = DVec3::new(2.2, 1.12, 0.50);
@@ -42,7 +42,7 @@ pub(super) fn display(linear: DVec3) -> DVec3 {
     (exposed / (exposed + 0.75) * 1.15).min(DVec3::ONE).map_each(|c| c.powf(1.0 / 2.2))
 }
 
-/// Applies a function to each component.
+/// A vector that can apply a function to each component.
 trait MapEach {
     fn map_each(self, f: impl Fn(f64) -> f64) -> Self;
 }
@@ -131,7 +131,7 @@ impl Material {
         self
     }
 
-    /// Adds light along the silhouette.
+    /// Adds light of `color` along the silhouette of a surface with this normal.
     pub(super) fn rim(mut self, normal: DVec3, color: DVec3) -> Self {
         self.add(&RIM, normal, color);
         self

@@ -25,7 +25,7 @@ use crate::scene::{Scene, Splat};
 struct Part {
     /// Share of the splats, in thousandths.
     share: u32,
-    /// Makes the given number of splats.
+    /// Function that generates the given number of splats.
     make: fn(&mut Random, usize) -> Vec<Splat>,
     /// True if the water mirrors the part.
     mirrored: bool,
