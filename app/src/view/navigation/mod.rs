@@ -222,7 +222,7 @@ struct Goal {
 struct Flight {
     from: Pose,
     to: Goal,
-    /// Seconds since the flight's first update; `None` before it. A window that was idle until then delays the start.
+    /// Seconds since the flight's first update; `None` before it. Idle time of the window before that does not count.
     seconds: Option<f64>,
 }
 

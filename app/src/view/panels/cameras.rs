@@ -206,7 +206,7 @@ pub fn toggle<D: Device>(viewer: &mut Viewer<D>) {
     }
 }
 
-/// Returns the first path of `NAME-1.cameras.json`, `NAME-2.cameras.json`, ... in a folder that does not exist yet.
+/// Returns the first path in `folder`, of `NAME-1.cameras.json`, `NAME-2.cameras.json`, ..., that does not exist yet.
 fn free_name(folder: &Path, stem: &str) -> PathBuf {
     let name = |number: u32| folder.join(format!("{stem}-{number}.cameras.json"));
     (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))

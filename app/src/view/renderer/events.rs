@@ -77,7 +77,7 @@ impl Causes {
         }
     }
 
-    /// Returns true if all causes are lists that overflowed.
+    /// Returns true if overflowed lists are the only causes.
     pub(super) fn is_room_alone(&self) -> bool {
         !self.0.is_empty() && self.0.iter().all(|cause| matches!(cause, Cause::Room(_)))
     }

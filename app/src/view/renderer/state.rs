@@ -40,7 +40,7 @@ impl PlanInputs {
     }
 }
 
-/// State of a renderer's device: drawing, failing or lost.
+/// State of a renderer's device: drawing, failing, lost or released.
 pub(super) enum DeviceState<D> {
     /// The device draws frames.
     Drawing(D),
