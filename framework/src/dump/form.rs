@@ -489,7 +489,7 @@ impl Dump {
         of(Run::Once).chain(&self.handover).chain(of(Run::Frame))
     }
 
-    /// Finds the pass of this name.
+    /// Finds the pass with this name, if there is one.
     pub fn pass(&self, name: &str) -> Option<&DumpPass> {
         self.passes.iter().find(|p| p.name == name)
     }

@@ -250,7 +250,7 @@ fn division_by_zero(divisor: &Node) -> ExprError {
     ExprError::new("division by zero", divisor.place())
 }
 
-/// Requires a number; `who` names the user of the value in messages.
+/// Converts a value to a number. In the error for another type, `who` names the operator or function.
 fn number(node: &Node, value: Value, who: &str) -> Result<Number, ExprError> {
     match value {
         Value::Int(v) => Ok(Number::Int(v)),

@@ -32,7 +32,7 @@ impl ExprError {
 
 /// Provides the values of an expression's names.
 pub trait Scope {
-    /// Returns the value of a name.
+    /// Returns the value of a name; `None` for an unknown name.
     fn get(&self, name: &str) -> Option<Value>;
 
     /// Lists every name, to suggest the nearest one for an unknown name.

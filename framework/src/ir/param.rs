@@ -34,7 +34,8 @@ pub struct Param {
 }
 
 impl Param {
-    /// Raises a growing parameter's value to its minimum in `capacities`, but not above its range.
+    /// Raises `value` to the parameter's minimum in `capacities`, but not above its range. Returns it unchanged if the
+    /// parameter does not grow.
     pub fn with_room(&self, value: Value, capacities: &[(String, i64)]) -> Value {
         let least = capacities.iter().filter(|(name, _)| self.grows.is_some() && *name == self.name);
         match (value, &self.domain) {

@@ -22,6 +22,9 @@ use linker::{Linker, touch};
 use shaders::count_compilations;
 
 /// Compiles the shaders of every pass and validates the pass against them.
+///
+/// # Errors
+/// Errors of shaders, and of passes that do not match them or exceed the device's limits.
 pub fn link(
     mut lowered: Lowered,
     request: &Request,

@@ -34,7 +34,7 @@ pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagn
 }
 
 impl Linker<'_> {
-    /// Compiles a shader, or reuses one compiled for another pass.
+    /// Compiles a shader, or reuses one compiled for another pass. `None` after at least one error.
     pub(super) fn shader(
         &mut self,
         pass: &LoweredPass,

@@ -150,7 +150,8 @@ impl Follow<'_> {
         }
     }
 
-    /// Follows the reference of a preset or a choice at `at`. `circle` is the error message for a cycle.
+    /// Follows the reference of a preset or a choice to its graphs. `at` is the place of the reference in `file`, and
+    /// `circle` the error message for a cycle.
     fn next(
         &mut self,
         file: FileId,

@@ -56,7 +56,10 @@ pub struct Control {
     pub part: Option<String>,
 }
 
-/// Lowers the graph that `request` names.
+/// Lowers the graph that `request` names; for a choice, the first graph whose requirements hold.
+///
+/// # Errors
+/// Errors of the graph's file and the files that it refers to, or the unmet requirements if no graph suits the facts.
 pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Diagnostic>> {
     let mut walk = Lowering::new(request, files);
     let chosen = walk.choices.root(walk.files)?;
@@ -127,6 +130,9 @@ pub fn lower(request: &Request, files: &mut SourceMap) -> Result<Lowered, Vec<Di
 }
 
 /// Reads a graph's summary and parameters, without lowering its passes: for lists, help and controls.
+///
+/// # Errors
+/// Errors of the graph's file, its parameters, and the files that it refers to.
 pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec<Control>), Vec<Diagnostic>> {
     let mut choices = Choices::new(request);
     let chosen = choices.root(files)?;
@@ -155,7 +161,7 @@ pub fn controls(request: &Request, files: &mut SourceMap) -> Result<(String, Vec
 pub struct ExpressionNames(Values);
 
 impl ExpressionNames {
-    /// Returns the value of a name.
+    /// Returns the value of a name; `None` for an unknown name.
     pub fn get(&self, name: &str) -> Option<&Value> {
         self.0.get(name)
     }

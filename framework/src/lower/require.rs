@@ -94,7 +94,7 @@ impl<'a> Choices<'a> {
         }
     }
 
-    /// Checks the requirements of a graph, and of the graphs that it includes unconditionally.
+    /// Collects the unmet requirements of a graph, and of the graphs that it includes unconditionally.
     fn needs(
         &mut self,
         opened: &Opened,

@@ -280,7 +280,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Looks up a parsed name; `span` is its place.
+    /// Looks up the parsed name of a reference at `place`, like [`Self::look_up`]. `span` is the place of the name.
     pub(super) fn look_up_name(
         &self,
         level: &Level,
@@ -325,7 +325,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Like [`Self::look_up`], for places that take a single resource.
+    /// Looks up a single resource, like [`Self::look_up`]. An attribute with several planes is an error.
     pub(super) fn look_up_one(
         &self,
         level: &Level,
@@ -389,7 +389,7 @@ impl Lowering<'_> {
         }
     }
 
-    /// Checks an includer's resource against an image port.
+    /// Checks an includer's resource against an image port, and returns its handle.
     fn image_port(
         &self,
         name: &str,

@@ -59,7 +59,7 @@ impl<'a> Lowering<'a> {
         asked.filter_map(|(name, _)| name.strip_prefix(OUTPUTS))
     }
 
-    /// Finds the image of an output; `at` is the place of its name.
+    /// Finds the image of an output; `None` after an error. `at` is the place of the image's name.
     fn output_image(&mut self, level: &Level, name: &Reference, at: &Place) -> Option<ResourceId> {
         match self.look_up_one(level, name, at).and_then(|id| self.of_this_frame(id, at)) {
             Ok(Some(id)) => match self.plan.resources[id.index()].shape {

@@ -184,7 +184,7 @@ impl Names {
         }
     }
 
-    /// Evaluates a non-negative integer.
+    /// Evaluates a number that must be a non-negative integer.
     pub fn natural(&self, number: &Number, place: &Place) -> Result<u64, Diagnostic> {
         let v = self.integer(number, place)?;
         u64::try_from(v).map_err(|_| place.error("this cannot be negative", format!("is {v}")))
@@ -199,7 +199,7 @@ impl Names {
         Ok(Extent { size, dimensions: extent.0.len() })
     }
 
-    /// Evaluates a positive integer.
+    /// Evaluates a number that must be a positive integer.
     pub fn positive(&self, number: &Number, place: &Place) -> Result<u64, Diagnostic> {
         match self.natural(number, place)? {
             0 => Err(place.error("this must be at least 1", "is 0")),

@@ -71,7 +71,8 @@ impl<P, E> LastGood<P, E> {
         self.newest
     }
 
-    /// Records the product of an attempt and drops the errors. Returns false if there is a newer product.
+    /// Records the product of an attempt and drops the errors of older ones. If there is a newer product, does nothing
+    /// and returns false.
     pub fn succeeded(&mut self, attempt: Attempt, product: P) -> bool {
         if self.good.is_some() && attempt.number < self.good_attempt {
             return false;
@@ -102,13 +103,14 @@ impl<P, E> LastGood<P, E> {
         &mut self.good
     }
 
-    /// Returns the error of the newest finished attempt, unless it is delayed.
+    /// Returns the error to show: that of the newest attempt, or the error shown before while the newest is delayed or
+    /// missing.
     pub fn error(&self, now: Instant) -> Option<&E> {
         let newer = if self.is_due(now) { self.kept_back.as_ref() } else { None };
         newer.or(self.shown.as_ref())
     }
 
-    /// Returns the time at which a delayed error becomes visible.
+    /// Returns the time at which a delayed error becomes visible; `None` if no error is delayed.
     pub fn due(&self, now: Instant) -> Option<Instant> {
         self.patient_until.filter(|_| self.kept_back.is_some() && !self.is_due(now))
     }

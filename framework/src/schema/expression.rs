@@ -90,7 +90,7 @@ pub enum Part {
 }
 
 impl ResourceName {
-    /// Parses `name`, `front(name)`, `back(name)` or `last(name)`.
+    /// Parses `name`, `front(name)`, `back(name)` or `last(name)`; `None` for any other text.
     pub fn parse(text: &str) -> Option<ResourceName> {
         let (part, range) = match text.strip_suffix(')').map(|inner| inner.split_once('(')) {
             None => (Part::Whole, 0..text.len()),

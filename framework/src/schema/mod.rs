@@ -258,7 +258,7 @@ impl ParamKind {
         }
     }
 
-    /// Returns the value at which the result is exact, as written.
+    /// Returns the value at which the result is exact, as written; `None` if the graph names none.
     pub fn exact(&self) -> Option<Number> {
         match self {
             ParamKind::Bool { exact, .. } | ParamKind::Int { exact, .. } | ParamKind::Float { exact, .. } => {

@@ -32,7 +32,8 @@ struct Life {
     levels: (u32, u32),
 }
 
-/// Assigns a block to every transient resource that a pass uses.
+/// Assigns a block to every transient resource that a pass uses, and returns the blocks. Without `share`, each
+/// resource has its own.
 pub(super) fn place(
     passes: &[Pass],
     frame: &[PassId],

@@ -221,7 +221,7 @@ impl Translator<'_> {
         self.end..self.end + width
     }
 
-    /// Finds the occurrence of `name` that the crate read last.
+    /// Finds the occurrence of `name` that the crate read last; `None` if it is not just before the cursor.
     fn name_before_cursor(&self, name: &str) -> Option<Range<usize>> {
         // White space and quotes may follow it; the last occurrence before the cursor is the right one.
         let start = self.text[..self.end].rfind(name)?;
@@ -264,7 +264,7 @@ fn is_name(text: &str) -> bool {
 
 const NAME: &str = "a name";
 
-/// Describes what was expected, for errors without more information.
+/// Describes what was expected, for errors without more information. `None` for all other errors.
 fn wanted(error: &Error) -> Option<String> {
     let wanted = match error {
         Error::ExpectedArray => "a list `[...]`",

@@ -51,7 +51,7 @@ impl Text {
     }
 }
 
-/// Reads all tokens. An error is returned with the tokens before it.
+/// Reads all tokens, up to the first error. Returns the tokens, and the error if there is one.
 pub(super) fn tokens(file: FileId, text: &str) -> (Vec<Token>, Option<Diagnostic>) {
     let mut lexer = Lexer { file, text, at: 0 };
     let mut tokens = Vec::new();

@@ -291,7 +291,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
     }
 
-    /// Returns the time of the next look if no event comes.
+    /// Returns the time of the next look if no event comes; `None` if there is nothing to look at.
     fn next_look(&self) -> Option<Instant> {
         let rounds = if self.native.is_some() { self.patience.rounds } else { Some(POLLING) };
         let rounds = rounds.filter(|_| !self.subjects.is_empty()).map(|rounds| self.looked + rounds);

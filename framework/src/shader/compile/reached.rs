@@ -37,7 +37,7 @@ pub(super) struct Reached {
     pub undefined: Option<(usize, Range<usize>)>,
 }
 
-/// Follows the preprocessor through `texts[0]` with `defines`.
+/// Finds the names that the preprocessor reaches from `texts[0]` with `defines`.
 ///
 /// `None` if the texts cannot be followed: they include too much, or paste names together.
 pub(super) fn reached<'t>(texts: &'t [Text<'t>], defines: &'t [(String, String)]) -> Option<Reached> {
@@ -127,7 +127,7 @@ struct Walk<'t> {
 }
 
 impl<'t> Walk<'t> {
-    /// Walks over a text. `active` is the certainty that its `#include` is compiled.
+    /// Walks over a text; `None` if it cannot be followed. `active` is the certainty that its `#include` is compiled.
     fn text(&mut self, index: usize, active: Truth, depth: usize) -> Option<()> {
         let Text { text, includes } = &self.texts[index];
         self.bytes += text.len() + INCLUDE_BYTES;
@@ -447,7 +447,7 @@ fn combine(operator: &str, left: Option<i64>, right: Option<i64>) -> Option<i64>
     i32::try_from(value).is_ok().then_some(value)
 }
 
-/// Parses a signed 32-bit integer. Octal integers, which do not occur, are unknown.
+/// Parses an integer of 32 bits, as a signed value. `None` for octal integers, which do not occur, and other texts.
 fn number(text: &str) -> Option<i64> {
     let digits = text.trim_end_matches(['u', 'U']);
     let value = match digits.strip_prefix("0x").or(digits.strip_prefix("0X")) {

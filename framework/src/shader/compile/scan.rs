@@ -226,7 +226,7 @@ fn is_number_type(word: &str) -> bool {
     matches!(base, "uint" | "int" | "float" | "bool" | "double" | "vec2" | "vec3" | "vec4")
 }
 
-/// Returns the name in quotes or angle brackets at `at`.
+/// Returns the name in quotes or angle brackets at `at`, with its place; `None` if there is none.
 fn header_name(text: &str, at: usize) -> Option<(&str, Range<usize>)> {
     let line = text[at..].split('\n').next()?;
     let quoted = line.trim_start_matches([' ', '\t']);

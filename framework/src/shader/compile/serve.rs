@@ -197,7 +197,8 @@ mod system {
         usage().ru_maxrss.unsigned_abs() * unit
     }
 
-    /// Reads the second number of `statm`. (On Linux, `ru_maxrss` includes memory of the parent from before `exec`.)
+    /// Returns the resident memory in pages, from `statm`; `None` on systems without it. (On Linux, `ru_maxrss`
+    /// includes memory of the parent from before `exec`.)
     fn resident_pages() -> Option<u64> {
         // On the stack, because the heap may be exhausted.
         let mut text = [0; 128];

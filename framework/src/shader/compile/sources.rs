@@ -140,8 +140,8 @@ impl Sources {
         Ok(sources)
     }
 
-    /// Reports a constant of the graph that the shader also declares. The preprocessor would replace the name by the
-    /// number, and cause a misleading compiler error.
+    /// Returns the error for a constant of the graph that the shader also declares, if any. The preprocessor would
+    /// replace the name by the number, and cause a misleading compiler error.
     pub fn taken_name(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
         for unit in &self.units {
             for (name, place) in &unit.declared {
@@ -188,7 +188,8 @@ impl Sources {
         error.with_nearest(name, defined, format!("`defined({name})` asks whether it is"))
     }
 
-    /// Reports a mentioned constant that is too large: shaders have 32-bit numbers, and an `#if` has signed ones.
+    /// Returns the error for a mentioned constant that is too large, if any. Shaders have 32-bit numbers, and an `#if`
+    /// has signed ones.
     pub fn too_large(&self, files: &mut SourceMap, request: &ShaderRequest) -> Option<Diagnostic> {
         let unfit = request.unfit.iter().find(|(name, _)| self.identifiers.contains(name));
         let (name, value, limit) = match unfit {

@@ -126,7 +126,7 @@ impl Parent {
         Parent { worker, process: None }
     }
 
-    /// Compiles in the worker.
+    /// Compiles in the worker, and starts one if none is running. Retries once if the worker had ended before.
     pub fn generate(&mut self, key: &Key, cancel: &Cancel) -> Result<Vec<u32>, Failure> {
         let request = serde_json::to_vec(key).map_err(|error| Failure::Log(format!("ERROR: {error}")))?;
         loop {
@@ -323,7 +323,7 @@ pub(super) fn send(output: &mut impl Write, message: &[u8]) -> io::Result<()> {
     output.flush()
 }
 
-/// Reads one message.
+/// Reads one message. Fails if it is longer than [`MOST_BYTES`].
 pub(super) fn receive(input: &mut impl Read) -> io::Result<Vec<u8>> {
     let mut length = [0; 4];
     input.read_exact(&mut length)?;

@@ -115,7 +115,8 @@ fn leads_on(opcode: Op) -> bool {
     )
 }
 
-/// Propagates roots from an instruction's operands to its result, or into the called function.
+/// Propagates roots from an instruction's operands to its result, or into the called function. Returns true if any
+/// roots were added.
 fn propagate(
     module: &Module,
     function: Word,

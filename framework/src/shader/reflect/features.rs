@@ -111,7 +111,7 @@ fn of_capability(capability: Capability) -> Option<Features> {
     })
 }
 
-/// Returns the features of a SPIR-V extension beyond those of its capabilities.
+/// Returns the features of a SPIR-V extension beyond those of its capabilities; `None` for an unsupported extension.
 fn of_extension(name: &str) -> Option<Features> {
     match name {
         "SPV_KHR_maximal_reconvergence" => Some(Features::MAXIMAL_RECONVERGENCE),

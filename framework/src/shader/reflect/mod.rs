@@ -72,7 +72,7 @@ fn small(value: u64, what: &str) -> Result<u32, String> {
     value.try_into().map_err(|_| format!("{what} has {value} bytes, which is too large"))
 }
 
-/// Reflects a variable bound through a descriptor.
+/// Reflects a variable that is bound through a descriptor: its name, binding, type and accesses.
 fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<ReflectedBinding, String> {
     // Look through arrays to the descriptor's type.
     let mut element = variable.pointee;
