@@ -267,7 +267,7 @@ pub struct Warning {
 pub struct Resource {
     /// Name of the resource, unique in the plan.
     pub name: String,
-    /// Size, and format of an image.
+    /// Dimensions of the resource, and the format of an image.
     pub shape: Shape,
     /// All uses of the resource by passes of the plan.
     pub usage: Usage,
@@ -275,9 +275,9 @@ pub struct Resource {
     pub source: Source,
     /// The memory of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
-    /// Name under which its contents persist from frame to frame. They also persist to the next plan with a history of
-    /// the same name and shape, unless a pass of that plan's prologue writes it. (In a ping-pong resource, only the
-    /// final front has the name.)
+    /// Name under which the contents persist from frame to frame; `None` if they do not. They also persist to the next
+    /// plan with a history of the same name and shape, unless a pass of that plan's prologue writes it. (In a ping-pong
+    /// resource, only the final front has the name.)
     pub history: Option<String>,
     /// Position of the resource's declaration.
     pub origin: Origin,

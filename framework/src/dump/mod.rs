@@ -4,8 +4,8 @@
 //! of the others: [`text`] for the terminal, [`dot`] for Graphviz, [`html`] for an interactive page, and [`diff()`] to
 //! compare two dumps. A dump lists the passes in execution order with the resources that each accesses, the memory and
 //! the lifetime of each resource, and the dependencies of each pass. A backend adds the commands of its API. These are
-//! either barriers ([`Dump::with_barriers`]), each with its hazards, its passes and the lines of the graph behind it,
-//! or encoders ([`DumpEncoders`], shown by [`encoders_text`]).
+//! either barriers ([`Dump::with_barriers`]), each with its hazards, its passes and the lines of the graph that cause
+//! it, or encoders ([`DumpEncoders`], shown by [`encoders_text`]).
 //!
 //! The fields are documented here, in `docs/dump.md`, and for programs in `docs/dump.schema.json`; a test keeps the three
 //! consistent.

@@ -109,7 +109,7 @@ impl Parser<'_> {
         Ok(left)
     }
 
-    /// Parses a literal, a name, a call, a parenthesis, or one of these after `-` or `!`.
+    /// Parses a literal, a name, a call or an expression in parentheses, or one of these after `-` or `!`.
     fn operand(&mut self) -> Result<Tree, ExprError> {
         let place = self.start..self.end;
         let tree = match self.token.clone() {

@@ -156,7 +156,7 @@ impl Features {
 }
 
 impl fmt::Display for Features {
-    /// Formats for instance `64-bit floats (shaderFloat64), votes of subgroups (VK_SUBGROUP_FEATURE_VOTE_BIT)`.
+    /// Writes a list such as `64-bit floats (shaderFloat64), votes of subgroups (VK_SUBGROUP_FEATURE_VOTE_BIT)`.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let listed = Features::LIST.iter().filter(|(feature, ..)| self.contains(*feature));
         for (index, (_, words, name)) in listed.enumerate() {

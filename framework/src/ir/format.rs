@@ -42,8 +42,8 @@ impl Format {
         }
     }
 
-    /// Finds the format by its name in another API: `Rgba16Float`, `R16G16B16A16_SFLOAT`, `RGBA16F`. `None` if no format
-    /// has such a name.
+    /// Finds the format by its name in another API: `Rgba16Float`, `R16G16B16A16_SFLOAT`, `RGBA16F`. `None` if no
+    /// format has such a name.
     pub fn meant_by(name: &str) -> Option<Format> {
         let kept = |text: &str| -> String {
             text.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()

@@ -1,4 +1,4 @@
-//! Defines the parameters of a graph: their values, their path to the shaders, and their effects on the plan.
+//! Defines the parameters of a graph: their values, how they reach the shaders, and their effects on the plan.
 
 use std::collections::BTreeSet;
 

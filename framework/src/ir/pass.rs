@@ -1,7 +1,7 @@
 //! Defines passes: one dispatch, draw, fill or export each.
 //!
-//! Lowering names the shaders of a pass (`S`) and counts invocations (`G`); linking replaces both by ids and
-//! workgroups, the defaults. A dump has names in place of the resources (`R`).
+//! A lowered pass has names of shaders (`S`), and numbers of invocations or workgroups (`G`). Linking replaces them by
+//! the defaults: ids of shaders, and numbers of workgroups. A dump has names in place of ids of resources (`R`).
 
 use serde::{Deserialize, Serialize};
 

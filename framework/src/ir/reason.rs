@@ -24,7 +24,7 @@ impl Reason {
 }
 
 impl fmt::Display for Reason {
-    /// Writes for instance `device.subgroup_size = 8, scene.count = 1000`.
+    /// Writes the values: `device.subgroup_size = 8, scene.count = 1000`.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         for (index, (name, value)) in self.values.iter().enumerate() {
             write!(f, "{}{name} = {value}", if index == 0 { "" } else { ", " })?;
@@ -43,7 +43,7 @@ pub struct Unmet {
 }
 
 impl fmt::Display for Unmet {
-    /// Writes for instance `workgroups of 256 invocations (device.max_invocations = 128)`.
+    /// Writes the requirement and the reason: `workgroups of 256 invocations (device.max_invocations = 128)`.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "{} ({})", self.needs, self.reason)
     }
@@ -70,7 +70,7 @@ impl Fallback {
 }
 
 impl fmt::Display for Fallback {
-    /// Writes for instance: `splat` stands in for `tiled`, which needs workgroups of 256 invocations
+    /// Writes a sentence such as: `splat` stands in for `tiled`, which needs workgroups of 256 invocations
     /// (device.max_invocations = 128)
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let needs: Vec<String> = self.unmet.iter().map(Unmet::to_string).collect();

@@ -90,7 +90,7 @@ pub(super) fn touch(
     }
 }
 
-/// Formats a shape: "12 x 4 bytes" or "960 x 540 Rgba16Float".
+/// Formats a resource's shape: `12 elements of 4 bytes` or `an image of 960 x 540, Rgba16Float`.
 pub(super) fn describe(resource: &Resource) -> String {
     match resource.shape {
         Shape::Buffer { stride, count } => format!("{count} elements of {stride} bytes"),

@@ -1,9 +1,9 @@
 //! Lists the parameters of a graph: its own, and the exposed parameters of included graphs.
 //!
-//! An exposed parameter belongs to the includer, as if declared after the includer's own; the included graph uses its
-//! value. Its expressions can name parameters of the included graph: exposed ones have the includer's value, and those
-//! in `set` have the value from there ([`Around`]). All other names are the includer's. Includes that expose one
-//! declaration share the parameter.
+//! An exposed parameter belongs to the includer, as if declared after the includer's own, and the included graph uses
+//! its value. Its expressions can name parameters of the included graph. These have the includer's value if they are
+//! exposed, and the value in `set` if they are set ([`Around`]). All other names are the includer's. Includes that
+//! expose one declaration share the parameter.
 
 use indexmap::IndexMap;
 use std::collections::{BTreeMap, BTreeSet, HashMap};

@@ -1,4 +1,4 @@
-//! Makes the preprocessor defines for a graph's constants.
+//! Generates the preprocessor defines for a graph's constants.
 
 use std::collections::BTreeMap;
 

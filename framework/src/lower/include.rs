@@ -13,7 +13,7 @@ use crate::ir::{Param, ParamSet, Value};
 use crate::schema::{Graph, Number, ParamDecl, Part, Reference, ResourceName, is_choice};
 use crate::source::{Diagnostic, Kind, Place};
 
-/// Name of an included graph's output.
+/// Name of an included graph's output in its includer, after the include's name and a dot.
 const PICTURE: &str = "picture";
 
 /// Returns the error for a name in an included graph that collides with its output.

@@ -124,7 +124,7 @@ pub struct RemovedPass {
 pub struct LoweredPass {
     /// The pass. Linking adds its bindings, push constants and uses.
     pub pass: Pass<ShaderName, LoweredSize>,
-    /// The graph file that declares the pass: shaders are searched beside it.
+    /// The graph file that declares the pass. Its shaders are looked up relative to this file.
     pub file: FileId,
     /// Place of the pass's `name` in the file.
     pub span: Span,

@@ -1,7 +1,7 @@
 //! Checks a plan's dependencies and layout changes against the accesses of its passes.
 //!
-//! The solver walks over the passes once, with a state of memory. This check has no state. For each memory cell it
-//! lists the passes that access it, in the prologue and in three frames, and looks back from each access to its
+//! The solver walks over the passes once and tracks the state of memory. This check tracks none. For each memory cell,
+//! it lists the passes that access it, in the prologue and in three frames, and looks back from each access to its
 //! immediate predecessors. Every such pair must be in a dependency, and every stage and access of a dependency must be
 //! in such a pair.
 

@@ -1,7 +1,7 @@
 //! Defines expressions and references to resources in a graph's strings, parsed once when a file is read.
 //!
 //! A string with a syntax error keeps the error. It is reported at the string's place in the file when the graph needs
-//! the value, because the parameter can decide whether a string is an expression.
+//! the value, because the kind of a parameter can decide whether a string is an expression.
 
 use std::ops::Range;
 

@@ -51,7 +51,7 @@ pub struct Preset {
     pub graph: String,
     /// One line that describes the preset.
     pub summary: String,
-    /// Parameters with their values.
+    /// Values for parameters of the graph, by parameter name.
     pub set: IndexMap<String, Number>,
     /// Requirements in addition to those of the graph.
     #[serde(default)]
@@ -320,7 +320,7 @@ pub enum ResourceDecl {
         stride: Number,
         /// Number of elements.
         count: Number,
-        /// Makes two buffers, front and back, which `Swap` exchanges. Each frame starts with the same front.
+        /// True for a pair of buffers, front and back, which `Swap` exchanges. Each frame starts with the same front.
         #[serde(default)]
         ping_pong: bool,
         /// Keeps the contents from frame to frame: `last(name)` reads the previous frame's. Initially zeros.

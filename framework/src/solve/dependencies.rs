@@ -6,8 +6,8 @@
 //! frame adds dependencies on the prologue.
 //!
 //! Layouts come first, because they follow from the order of the passes. For an API with layouts, a layout change is a
-//! write of the image; for others it is nothing. Each dependency therefore tells whether the change waits for it. A
-//! dependency of the change only has the hazard [`Hazard::LayoutChange`].
+//! write of the image; other APIs ignore it. Each dependency therefore tells whether the change waits for it. If only
+//! the change waits, and not the pass, the hazard is [`Hazard::LayoutChange`].
 
 use super::extents::{Extents, Group};
 use crate::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Run, Source, Stages, Use};
@@ -127,7 +127,7 @@ impl Changes {
     }
 }
 
-/// The stages of the walk: the prologue, then the frame twice.
+/// The parts of the walk: the prologue, then the frame twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     Prologue,

@@ -1,8 +1,8 @@
 //! Computes the byte ranges of accesses.
 //!
-//! Memory is cut into cells at every boundary: of an alias of a block, of the arguments of an indirect command, of the
-//! word of a statistic. Dependencies are found per cell, so exporting one word of a buffer does not affect its other
-//! words, and a new alias of a block does not affect bytes beyond its end.
+//! Memory is cut into cells at the boundaries of a block's aliases, of indirect arguments, and of the words of
+//! statistics. Dependencies are found per cell, so exporting one word of a buffer does not affect its other words, and
+//! a new alias of a block does not affect bytes beyond its end.
 
 use std::collections::BTreeSet;
 use std::ops::Range;

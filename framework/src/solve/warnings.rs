@@ -1,8 +1,8 @@
 //! Warns about constructs that are allowed but probably unintended.
 //!
-//! A pass that modifies a resource in place finds undefined contents if nothing wrote the resource before. And the work
-//! of an included graph may be culled: if it leaves its result in the half of a ping-pong buffer that no pass reads,
-//! the reader gets the contents from before the include.
+//! There are two. A pass modifies a resource in place, but nothing wrote the resource before, so its contents are
+//! undefined. Or the passes of an included graph are culled, because they leave their result in the half of a ping-pong
+//! buffer that no pass reads; the reader of the other half gets the contents from before the include.
 
 use super::order::Order;
 use crate::ir::{ResourceId, Shader, Span, Work};

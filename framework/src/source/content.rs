@@ -63,7 +63,7 @@ pub(super) enum Found {
     Nothing,
     /// A regular file.
     File(File),
-    /// An entry that cannot be read as a file, with a description, such as a pipe.
+    /// An entry that cannot be read as a file, such as a pipe, with its description.
     Other(&'static str),
 }
 

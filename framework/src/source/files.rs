@@ -1,6 +1,6 @@
 //! Finds files by name, and keeps their texts, into which spans point.
 //!
-//! A name is searched in three places, in this order: in memory (texts of tests and editors), on disk, and among the
+//! A name is looked up in three places, in this order: in memory (texts of tests and editors), on disk, and among the
 //! files built into the binary. In memory and in the binary, paths are the repository's: graphs in `pipelines/`,
 //! shaders in `shaders/`. On disk, the two folders are searched around the referring file, so that a graph finds its
 //! shaders wherever the two folders were copied to.

@@ -2,8 +2,8 @@
 //!
 //! A line of the log is `ERROR: 2:14:9: 'keys' : undeclared identifier`: the number of the file, line, column, the
 //! token, and the message. The line is the file's, but the column is not: glslang parses the output of its
-//! preprocessor, with macros expanded and different spaces. The token is therefore searched in the line. If it occurs
-//! more than once, the column decides: [`printed_columns`] computes where the preprocessor puts each token.
+//! preprocessor, with macros expanded and different spaces. This module therefore looks for the token in the line. If
+//! it occurs more than once, the column decides: [`printed_columns`] computes where the preprocessor puts each token.
 
 use std::ops::Range;
 

@@ -3,7 +3,7 @@
 //! A shader is compiled in four steps:
 //!
 //! 1. *gather* ([`Sources`]): find and scan the shader and all its includes, direct or not. This shows which of the
-//!    graph's defines they mention; a parameter that a shader does not mention causes no other compilation;
+//!    graph's defines they mention; a change of any other parameter does not recompile the shader;
 //! 2. *look up*: texts, defines and stage together are the key of a cache; a [`SpirvStore`] holds the SPIR-V of earlier
 //!    runs under the same key;
 //! 3. *compile* ([`mod@generate`]): glslang preprocesses (requesting only the included texts in active branches of
@@ -11,9 +11,9 @@
 //! 4. *reflect*: see [`reflect`].
 //!
 //! glslang is C++, and some texts crash it. Its input is bounded: ASCII without zeros, [`sources::MOST_BYTES`] of text,
-//! [`generate::MOST_DEPTH`] nested includes, and a large stack (its passes recurse). It stops at the first error: if
-//! told to continue, it crashes on about one broken shader in ten thousand, and otherwise on far fewer. For untrusted
-//! texts it runs in a separate process: see [`worker`].
+//! [`generate::MOST_DEPTH`] nested includes, and a large stack (its passes recurse). It stops at the first error. If it
+//! continued, it would crash on about one broken shader in ten thousand; when it stops, it crashes on far fewer. For
+//! untrusted texts it runs in a separate process: see [`worker`].
 
 mod generate;
 mod log;

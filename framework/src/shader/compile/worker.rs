@@ -1,13 +1,13 @@
 //! Runs the compiler in a separate process, which contains crashes and limits memory and time.
 //!
-//! glslang is C++: some broken shaders make it dereference a null pointer, and macros can grow without bounds. A [`Worker`]
-//! therefore names a program that calls [`serve_if_asked`] first. It is started for the first shader, and kept. The two
-//! communicate over pipes: four bytes of length and a JSON text in each direction, and after a success the SPIR-V as a
-//! second message. The worker receives texts and opens no files.
+//! glslang is C++: some broken shaders make it dereference a null pointer, and macros can grow without bounds. It
+//! therefore runs in a [`Worker`], a program that calls [`serve_if_asked`] first. The program is started for the first
+//! shader, and kept. Parent and worker communicate over pipes: four bytes of length and a JSON text in each direction,
+//! and after a success the SPIR-V as a second message. The worker receives texts and opens no files.
 //!
 //! The worker enforces [`Limits`]: it exits with a specific code when a compilation takes too much memory or time, and
-//! silently when the pipe closes or its parent is gone. The parent kills it when it does not answer for [`PATIENCE`] or when the
-//! build is cancelled. The next compilation then starts a new worker.
+//! silently when the pipe closes or its parent is gone. The parent kills it when it does not answer for [`PATIENCE`] or
+//! when the build is cancelled. The next compilation then starts a new worker.
 
 use std::ffi::OsString;
 use std::io::{self, BufReader, Read, Write};
