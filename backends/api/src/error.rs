@@ -53,12 +53,12 @@ pub enum BackendError {
         /// The call that failed.
         call: &'static str,
     },
-    /// The device has finished no pass for too long. Submitted work stays in flight and can be waited for again.
+    /// A pass, or an upload, takes longer than the patience. It stays in flight and can be waited for again.
     #[error("{place} has been running for {seconds} s; it may never end")]
     Stuck {
-        /// The running pass and its plan, if known.
+        /// Description of the running work, as in [`Running::place`](crate::Running::place).
         place: String,
-        /// Seconds since the device last finished a pass.
+        /// Seconds for which this work has been observed running.
         seconds: u64,
     },
     /// The driver's compiler did not finish a pipeline in time, and the load was abandoned.
@@ -80,7 +80,7 @@ pub enum BackendError {
     /// The caller cancelled the load; see [`Loader::cancelled_by`](crate::Loader::cancelled_by).
     #[error("the load was cancelled")]
     Cancelled,
-    /// The device stopped; names the pass that ran last.
+    /// The device was lost. The text ends with the frame, the last completed pass and the next one, as far as known.
     #[error("device lost: {0}")]
     DeviceLost(String),
     /// Any other error from an API call.

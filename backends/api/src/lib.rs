@@ -38,24 +38,24 @@ pub struct DeviceInfo {
     pub driver: String,
     /// The facts that graphs can use; all 0 if the device's API version is too low.
     pub facts: DeviceFacts,
-    /// The bounds of out-of-range accesses, unless the device is opened without checks.
+    /// What out-of-range shader accesses can do, unless the device is opened without checks.
     pub robustness: Robustness,
     /// The largest memory heap of the device.
     pub heap: Heap,
-    /// The reason why the device cannot run plans; `None` if it can.
+    /// Reason why the device cannot run plans; `None` if it can.
     pub unfit: Option<String>,
 }
 
-/// The bounds of out-of-range shader accesses to buffers and images.
+/// What out-of-range shader accesses to buffers and images can do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Robustness {
-    /// The bounds of storage and uniform buffers.
+    /// For storage and uniform buffers.
     pub buffers: Bounds,
-    /// The bounds of storage images.
+    /// For storage images.
     pub images: Bounds,
 }
 
-/// The bound of an out-of-range access to a resource.
+/// The memory that an out-of-range access can reach.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Bounds {
@@ -97,14 +97,14 @@ pub struct Heap {
 /// Options for opening a device.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// A part of the device's name in any case, or its index in the list of devices. Default: the first discrete GPU,
-    /// else the first integrated GPU, else another device, a CPU last.
+    /// Part of the device's name (case-insensitive), or its index in the list of devices. Default: the first discrete
+    /// GPU, else the first integrated GPU, else any other device, CPUs last.
     pub device: Option<String>,
-    /// The API's validation.
+    /// Level of API validation.
     pub validation: Validation,
     /// Time that one pass may run before calls that wait for it return [`BackendError::Stuck`]. Default: 10 seconds, or
-    /// ten minutes on a CPU. If the device does not report single passes while it runs, as on lavapipe, the limit
-    /// applies to a frame.
+    /// ten minutes on a CPU. On a device whose timestamps cannot be read while it runs, such as lavapipe, the limit
+    /// applies to a whole frame.
     pub patience: Option<Duration>,
     /// Time that the driver may take for one pipeline before the load fails with [`BackendError::StuckCompiler`].
     /// Default: 60 seconds.
@@ -128,7 +128,7 @@ pub enum Validation {
 /// Memory use of a device, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceMemory {
-    /// Bytes in use by objects.
+    /// Bytes that buffers and images occupy.
     pub used: u64,
     /// Bytes allocated from the device, including unused parts of the allocations.
     pub reserved: u64,
@@ -167,7 +167,7 @@ impl SceneData for NoScene {
 pub struct FrameInputs {
     /// Bytes of each uniform block with source `Frame`, by name (`frame.camera`).
     pub uniforms: BTreeMap<String, Vec<u8>>,
-    /// Bytes of the live uniform block.
+    /// Bytes of the uniform block of live parameters.
     pub live: Vec<u8>,
     /// Contents of each host buffer, by name.
     pub buffers: BTreeMap<String, BufferContents>,
@@ -186,11 +186,12 @@ pub struct FrameInputs {
 /// The contents of a host buffer for one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BufferContents {
-    /// Bytes from the host. An [`Arc`] equal to the previous frame's is not copied again.
+    /// Bytes from the host. Passing the same [`Arc`] again (compared by pointer) avoids another copy.
     Bytes(Arc<Vec<u8>>),
-    /// The output of another plan, row 0 at the top, rows tightly packed, pixels in its format.
+    /// The output of another plan in its own format: row 0 at the top, rows tightly packed.
     Picture(Picture),
-    /// Rows of an output that exceeds the limit of a storage binding. They cannot be arguments of indirect commands.
+    /// Rows of an output that exceeds the limit of a storage binding. Indirect commands can read their arguments from
+    /// them only if `first` is 0.
     Rows {
         /// Output of another plan.
         picture: Picture,
@@ -204,9 +205,10 @@ pub enum BufferContents {
 /// Required byte alignment of the first row of [`BufferContents::Rows`]: the largest of any device.
 pub const ROWS_ALIGNMENT: u64 = 256;
 
-/// The output of a frame submitted with [`FrameInputs::show`], on the device.
+/// A frame's output on the device, kept because the frame was submitted with [`FrameInputs::show`].
 ///
-/// It can be read until its executor is dropped or shows another size or format. Frames in flight keep it alive.
+/// It can be read until its context is dropped or shows a frame of another size or format. Frames in flight keep it
+/// alive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Picture {
     /// Unique number among the pictures of a device.
@@ -228,16 +230,16 @@ pub struct Inspect {
     pub after: PassId,
 }
 
-/// A submitted frame.
+/// The number of a submitted frame, unique within its context.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct FrameId(pub u64);
 
 /// The work that a device is executing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Running {
-    /// The pass and its plan, for instance "pass `sort.scan[0]` of `splat`", as far as known.
+    /// Description, for instance "pass `sort.scan[0]` of `splat`"; "a frame of `splat`" if the pass is unknown.
     pub place: String,
-    /// The time since the device last finished a pass, or since the first query after that.
+    /// Time since a query or a wait first found the device in this pass: a lower bound.
     pub time: Duration,
 }
 
@@ -383,7 +385,7 @@ pub trait Loader: Send + 'static {
 /// }
 /// ```
 pub trait Device: Sized {
-    /// The type of [`Device::loader`].
+    /// The loader that [`Device::loader`] returns.
     type Loader: Loader;
 
     /// Describes the physical device.
@@ -411,11 +413,13 @@ pub trait Device: Sized {
         self.swap(ready)
     }
 
-    /// Returns the first half of [`Device::load`], to be run on any thread while frames are drawn. It can be taken at
-    /// any time, even before a [`Device::swap`] to another plan.
+    /// Returns a loader, which does the first half of [`Device::load`] on any thread while frames are drawn.
+    ///
+    /// It can be taken at any time, even before a [`Device::swap`] to another plan.
     fn loader(&self) -> Self::Loader;
 
-    /// Makes a prepared plan the current one, between two frames: the second half of [`Device::load`]. Never blocks.
+    /// Makes a prepared plan the current one: the second half of [`Device::load`]. Call it between two frames; it never
+    /// blocks.
     fn swap(&mut self, ready: <Self::Loader as Loader>::Ready) -> Result<(), BackendError>;
 
     /// Returns the output of the last frame that was submitted with [`FrameInputs::show`].
@@ -453,7 +457,7 @@ pub trait Device: Sized {
     /// per frame in flight.
     fn memory(&self) -> Vec<(String, u64)>;
 
-    /// Describes the largest device-local heap in its current state.
+    /// Returns the size and the available bytes of the largest device-local heap, as of now.
     fn heap(&self) -> Heap;
 
     /// Returns the validation messages since the last call; empty without validation.

@@ -8,7 +8,7 @@ use crate::gpu::{Buffer, BufferDesc, Gpu, Image, ImageDesc, Location, MemoryKind
 use splatgraph_api::BackendError;
 use std::sync::Arc;
 
-/// A member of a block to create.
+/// A buffer or an image to create in a block.
 pub(crate) enum Member<'a> {
     Buffer(BufferDesc<'a>),
     Image(ImageDesc<'a>),

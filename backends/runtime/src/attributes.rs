@@ -21,16 +21,16 @@ pub(crate) struct PlaneKey {
     pub bytes: u64,
 }
 
-/// Planes on the device, or about to be uploaded by a plan.
+/// Planes on the device, or created by a plan that is about to upload them.
 pub(crate) type Planes<B> = HashMap<PlaneKey, Arc<B>>;
 
-/// Lists the planes of `plan` for the scene with this identity, except the `unused` ones.
+/// Returns the keys of the scene's planes in `plan`, except the `unused` ones. `identity` is the scene's.
 pub(crate) fn keys(plan: &Plan, identity: u64, unused: &BTreeSet<ResourceId>) -> Vec<(ResourceId, PlaneKey)> {
     let ids = (0..plan.resources.len() as u32).map(ResourceId).filter(|id| !unused.contains(id));
     ids.filter_map(|id| Some((id, key(plan.resource(id), identity)?))).collect()
 }
 
-/// Returns the key of a resource if it is a plane of the scene; `identity` is the scene's.
+/// Returns the key of a resource that is a plane of the scene; `None` for any other. `identity` is the scene's.
 pub(crate) fn key(resource: &Resource, identity: u64) -> Option<PlaneKey> {
     let (Source::Scene { attribute, plane }, Shape::Buffer { stride, .. }) =
         (&resource.source, resource.shape)
@@ -56,8 +56,9 @@ impl<B> Default for AttributeCache<B> {
 pub(crate) type UploadGuard<'a> = MutexGuard<'a, ()>;
 
 impl<B> AttributeCache<B> {
-    /// Finds the planes of `keys`. If some are missing, waits for the right to upload and looks again: another plan may
-    /// have uploaded them meanwhile.
+    /// Finds the planes of `keys` that are on the device. If any is missing, also returns the right to upload.
+    ///
+    /// It waits for that right, then looks again: another plan may have uploaded the planes meanwhile.
     pub fn find(&self, keys: &[(ResourceId, PlaneKey)]) -> (Planes<B>, Option<UploadGuard<'_>>) {
         let held = self.lookup(keys);
         if keys.iter().all(|(_, key)| held.contains_key(key)) {

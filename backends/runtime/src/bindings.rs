@@ -18,7 +18,7 @@ pub(crate) struct Bindings<G: Gpu> {
 }
 
 impl<G: Gpu> Bindings<G> {
-    /// Creates the bindings of all passes that run, and writes those that no frame changes.
+    /// Creates the bindings of all passes that are not `skipped`, and writes all except those of host buffers.
     pub fn new(
         gpu: &Arc<G>,
         plan: &Plan,
@@ -44,7 +44,7 @@ impl<G: Gpu> Bindings<G> {
         Ok(Bindings { raw, passes })
     }
 
-    /// Clears the bindings of the prologue's passes: they do not run again.
+    /// Clears the bindings of the prologue's passes, which do not run again.
     pub fn end_prologue(&mut self, gpu: &G, plan: &Plan) {
         let once = |id: PassId| plan.pass(id).run == Run::Once;
         for (id, _) in self.passes.extract_if(.., |(id, _)| once(*id)) {
@@ -52,7 +52,7 @@ impl<G: Gpu> Bindings<G> {
         }
     }
 
-    /// Rewrites the slot's bindings of the `changed` resources. No frame that uses these bindings is in flight.
+    /// Rewrites the bindings of the `changed` resources in one slot. No frame in flight may use these bindings.
     pub fn rewrite(
         &mut self,
         gpu: &G,

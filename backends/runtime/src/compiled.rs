@@ -22,7 +22,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use tracing::info_span;
 
-/// A plan with all its objects. Fields are dropped in order, once no frame of the plan is in flight.
+/// A plan with all its objects. Fields are dropped in declaration order, once no frame of the plan is in flight.
 pub(crate) struct CompiledPlan<G: Gpu> {
     pub bindings: Bindings<G>,
     pub synchronization: G::Synchronization,
@@ -30,24 +30,24 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub slots: [PlanSlot<G>; FRAMES_IN_FLIGHT],
     pub resources: Resources<G>,
     pub plan: Arc<Plan>,
-    /// The names of the plan and its passes, for errors.
+    /// The plan's name, for errors.
     pub name: Arc<str>,
     pub pass_names: Arc<[String]>,
-    /// Distinguishes plans loaded one after another; see [`CompiledPlan::follow`].
+    /// Number of the plan within its executor, set by [`CompiledPlan::follow`]; frames refer to it.
     pub number: u64,
     /// The scene's identity; see [`SceneData::identity`].
     identity: u64,
-    /// The images' layouts after the frames submitted so far.
+    /// For each resource, its layout after the frames submitted so far; meaningful only for images.
     pub layouts: Vec<Layout>,
     /// Resources that continue a previous plan's history, until the first frame is submitted.
     pub carried: Vec<ResourceId>,
-    /// The prologue's results that other plans can reuse.
+    /// What the prologue's reusable results depend on.
     recipes: Recipes,
-    /// Prologue passes whose results were reused from another plan.
+    /// Prologue passes that do not run because their results were reused from another plan.
     skipped: Vec<PassId>,
     /// Buffers that only the prologue uses; empty once they are freed.
     used_once: BTreeSet<ResourceId>,
-    /// Readback memory for the output, each piece used by one frame at a time.
+    /// Readback buffers for the output. Each serves one frame at a time.
     readbacks: Vec<Arc<Buffer<G>>>,
     /// True until the first frame, which runs the prologue.
     pub prologue_due: bool,
@@ -120,8 +120,9 @@ impl<G: Gpu> CompiledPlan<G> {
         })
     }
 
-    /// Makes this the current plan, with this number, and continues from `histories`, the previous plan's after its
-    /// last frame. No frame of this plan has been submitted.
+    /// Makes this the executor's current plan, with this number, before its first frame.
+    ///
+    /// `histories` are the previous plan's after its last frame. This plan adopts those that fit.
     pub fn follow(&mut self, gpu: &G, number: u64, histories: &[History<G>]) {
         self.number = number;
         for id in self.ids() {
@@ -135,7 +136,7 @@ impl<G: Gpu> CompiledPlan<G> {
         }
     }
 
-    /// Frees the resources that only the prologue uses. The prologue's frame has completed.
+    /// Frees the prologue's bindings and the buffers that only it uses. The prologue's frame must have completed.
     pub fn end_prologue(&mut self, gpu: &G) {
         self.bindings.end_prologue(gpu, &self.plan);
         for id in std::mem::take(&mut self.used_once) {
@@ -163,7 +164,7 @@ impl<G: Gpu> CompiledPlan<G> {
         full.filter_map(history).collect()
     }
 
-    /// Returns the passes of the prologue, if the next frame runs it.
+    /// Returns the passes of the prologue if the next frame runs it, else an empty slice.
     pub fn prologue(&self) -> &[PassId] {
         if self.prologue_due { &self.plan.prologue } else { &[] }
     }
@@ -202,7 +203,7 @@ impl<G: Gpu> CompiledPlan<G> {
         Some(self.resources.buffer(ResourceId(index as u32), slot))
     }
 
-    /// Returns readback memory for the output that no frame writes and no caller holds; allocates it if there is none.
+    /// Returns an output readback buffer that no frame writes and no caller holds; allocates one if necessary.
     pub fn free_readback(&mut self, gpu: &Arc<G>) -> Result<Arc<Buffer<G>>, BackendError> {
         if let Some(free) = self.readbacks.iter().find(|buffer| Arc::strong_count(buffer) == 1) {
             return Ok(free.clone());
@@ -213,12 +214,12 @@ impl<G: Gpu> CompiledPlan<G> {
         Ok(buffer)
     }
 
-    /// Iterates over the allocations. Shared ones appear more than once.
+    /// Iterates over the plan's memory allocations. Shared ones appear more than once.
     pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
         self.resources.pieces().chain(self.readbacks.iter().map(|buffer| &buffer.memory))
     }
 
-    /// Lists the memory by name, in bytes; see [`splatgraph_api::Device::memory`].
+    /// Lists the plan's device memory by name, in bytes; see [`splatgraph_api::Device::memory`].
     pub fn memory(&self) -> Vec<(String, u64)> {
         let mut memory = self.resources.memory(&self.plan);
         let readback: u64 = self.readbacks.iter().map(|buffer| buffer.memory.bytes()).sum();

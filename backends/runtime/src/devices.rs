@@ -1,13 +1,13 @@
-//! Chooses a device among the machine's.
+//! Chooses one of the machine's devices.
 
 use splatgraph_api::{BackendError, DeviceInfo};
 
-/// Returns the position of the device that `wanted` names by index, or by part of its name in any case.
+/// Returns the position of the device chosen by `wanted`: its index, or part of its name (case-insensitive).
 ///
-/// Without a name, prefers the first usable discrete GPU, then an integrated GPU, then any other, a CPU last.
+/// Without `wanted`, prefers the first usable discrete GPU, then an integrated GPU, then any other, CPUs last.
 ///
 /// # Errors
-/// [`BackendError::Unavailable`] if no device matches, or if the match or the only device cannot run plans.
+/// [`BackendError::Unavailable`] if no device matches, or if the chosen device cannot run plans.
 pub fn choose(devices: &[&DeviceInfo], wanted: Option<&str>) -> Result<usize, BackendError> {
     let found = match wanted {
         Some(text) => {

@@ -19,11 +19,12 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Maximum number of results kept; older ones are dropped, for callers that submit and never wait.
+/// Maximum number of uncollected results. Older ones are dropped, so that a caller that never waits does not leak.
 const MOST_RESULTS: usize = 64;
 
-/// The memory entry of resources that only frames in flight still need: former plans, inspected resources, and shared
-/// outputs that were replaced.
+/// Name of the memory entry for objects that only frames in flight still need.
+///
+/// These are former plans, readback buffers of inspected resources, and replaced shared outputs.
 const IN_FLIGHT: &str = "frames in flight";
 
 /// An open device and the plan that it executes.
@@ -35,11 +36,11 @@ const IN_FLIGHT: &str = "frames in flight";
 /// Dropping it waits for the device and destroys the executor's objects. The device is closed with the last executor,
 /// [`Loader`] or [`Ready`] of it.
 pub struct Executor<G: Gpu> {
-    /// Id of the executor, unique across all devices.
+    /// Id of the executor, unique within the process.
     id: u64,
     info: DeviceInfo,
     compiled: Option<CompiledPlan<G>>,
-    /// Replaced plans with frames still in flight, until those are collected.
+    /// Replaced plans with frames still in flight. They are dropped when the frames are collected.
     former: Vec<CompiledPlan<G>>,
     /// The number of plans loaded so far.
     plans: u64,
@@ -47,7 +48,7 @@ pub struct Executor<G: Gpu> {
     slots: Vec<Slot<G>>,
     results: BTreeMap<FrameId, FrameResult>,
     next: u64,
-    /// The shared output of the last shared frame.
+    /// The output of the last frame submitted with [`FrameInputs::show`].
     output: Option<Arc<SharedOutput<G>>>,
     /// The window's swapchain, if the device was opened in a window.
     swapchain: Option<Swapchain<G>>,
@@ -93,12 +94,12 @@ impl<G: Gpu> Executor<G> {
         Self::in_window(info, gpu, size)
     }
 
-    /// Creates an executor on an open device, without a window.
+    /// Creates an executor without a window on an open device.
     pub fn new(info: DeviceInfo, gpu: Arc<G>) -> Result<Self, BackendError> {
         Self::on(info, Shared::new(gpu))
     }
 
-    /// Creates an executor on a device that was opened with a window of this size.
+    /// Creates an executor on a device that was opened with a window of `size` pixels.
     pub fn in_window(info: DeviceInfo, gpu: Arc<G>, size: (u32, u32)) -> Result<Self, BackendError> {
         let swapchain = Swapchain::new(&gpu, size)?;
         let mut executor = Self::new(info, gpu)?;
@@ -140,8 +141,9 @@ impl<G: Gpu> Executor<G> {
         self.shared.gpu.memory()
     }
 
-    /// Collects the result of the slot's frame, if there is one. If `patient`, waits for the frame; otherwise leaves an
-    /// unfinished frame alone.
+    /// Moves the result of the slot's frame, if there is one, to `results`.
+    ///
+    /// If `patient`, blocks until the frame has completed; otherwise leaves an unfinished frame alone.
     fn collect(&mut self, slot: usize, patient: bool) -> Result<(), BackendError> {
         let Some(Pending { plan: number, prologue, .. }) = self.slots[slot].pending else { return Ok(()) };
         let Some(compiled) = plan(&self.compiled, &self.former, number) else { return Ok(()) };
@@ -168,7 +170,7 @@ impl<G: Gpu> Executor<G> {
         self.former.retain(|compiled| pending.contains(&compiled.number));
     }
 
-    /// Finds the slot of a frame in flight.
+    /// Returns the slot of the frame if it is in flight.
     fn slot_of(&self, frame: FrameId) -> Option<usize> {
         let pending = |slot: &Slot<G>| slot.pending.as_ref().is_some_and(|pending| pending.frame == frame);
         self.slots.iter().position(pending)
@@ -189,12 +191,13 @@ impl<G: Gpu> Executor<G> {
         }
     }
 
-    /// Returns the error; if the device was lost, records the error with the place of the loss.
+    /// Returns the error. If the device was lost, first records the loss, with where it happened.
     fn losing(&self, error: BackendError) -> BackendError {
         self.shared.losing(error, || self.where_lost())
     }
 
-    /// Names the first frame in flight that is not known to be complete.
+    /// Describes where the device stopped: in the first pending frame that is not known to be complete, else after the
+    /// last. `None` if no frame is pending.
     fn where_lost(&self) -> Option<String> {
         let mut place = None;
         for back in 0..FRAMES_IN_FLIGHT as u64 {
@@ -213,7 +216,7 @@ impl<G: Gpu> Executor<G> {
     }
 }
 
-/// Finds the plan of this number, current or former.
+/// Finds the plan with this number, current or former.
 fn plan<'a, G: Gpu>(
     current: &'a Option<CompiledPlan<G>>,
     former: &'a [CompiledPlan<G>],
@@ -248,8 +251,9 @@ impl<G: Gpu> Device for Executor<G> {
         }
     }
 
-    /// Swaps to a prepared plan. It continues from the histories of the plan that is current now, not of the one when
-    /// the loader was taken.
+    /// Swaps to a prepared plan, which continues from the histories of the plan that is current now.
+    ///
+    /// The plan that was current when the loader was taken does not matter.
     fn swap(&mut self, ready: Ready<G>) -> Result<(), BackendError> {
         self.shared.check_lost()?;
         let Ready { mut compiled, executor } = ready;

@@ -21,7 +21,7 @@ use tracing::info_span;
 
 pub(crate) struct Slot<G: Gpu> {
     encoder: G::Encoder,
-    /// The frame in flight.
+    /// The submitted frame whose results are not collected yet.
     pub pending: Option<Pending<G>>,
 }
 
@@ -49,9 +49,9 @@ pub(crate) struct Frame<'a, G: Gpu> {
     pub id: FrameId,
     pub slot: usize,
     pub inputs: &'a FrameInputs,
-    /// The shared output to copy the frame's output to.
+    /// The shared output that receives a copy of the frame's output; `None` unless the frame is shown.
     pub output: Option<&'a Arc<SharedOutput<G>>>,
-    /// The window to blit the frame's output to.
+    /// The swapchain of the window that the frame's output is blitted to, if any.
     pub swapchain: Option<&'a mut Swapchain<G>>,
 }
 
@@ -60,7 +60,9 @@ impl<G: Gpu> Slot<G> {
         Ok(Slot { encoder: gpu.create_encoder("frame")?, pending: None })
     }
 
-    /// Records and submits a frame. The slot must have no frame pending. Returns the window's image to present.
+    /// Records and submits a frame. The slot must have no pending frame.
+    ///
+    /// Returns the index of the swapchain image to present, if any.
     pub fn submit(
         &mut self,
         shared: &Shared<G>,
@@ -123,7 +125,7 @@ impl<G: Gpu> Slot<G> {
         Ok(image)
     }
 
-    /// Returns the results of the slot's frame, and frees the slot unless the device is lost or stuck.
+    /// Returns the result of the slot's frame, and frees the slot unless waiting fails.
     ///
     /// If `patient`, blocks until the frame has completed; otherwise an unfinished frame gives `None`. `compiled` is
     /// the frame's plan, `slot` this slot's index.
@@ -159,7 +161,7 @@ impl<G: Gpu> Slot<G> {
         Ok(Some((pending.frame, result)))
     }
 
-    /// Returns which of the pending frame's passes are known to be complete; `None` without a timer.
+    /// Returns, for each pass of the pending frame, whether it is known to be complete; `None` without a timer.
     pub fn finished(&self, gpu: &G, own: &PlanSlot<G>) -> Option<Vec<bool>> {
         let pending = self.pending.as_ref().filter(|pending| !pending.untimed_passes)?;
         let passes = pending.passes.len();
@@ -172,7 +174,7 @@ fn pixels<G: Gpu>(plan: &Plan, buffer: Arc<Buffer<G>>) -> Option<Pixels> {
     Some(Pixels { format, width, height, bytes: PixelBytes::new(ReadbackLoan(buffer)) })
 }
 
-/// A readback buffer on loan to the caller. [`CompiledPlan::free_readback`] gives it to no frame until it is returned.
+/// A readback buffer on loan to the caller: [`CompiledPlan::free_readback`] skips it until the loan is dropped.
 struct ReadbackLoan<G: Gpu>(Arc<Buffer<G>>);
 
 impl<G: Gpu> AsRef<[u8]> for ReadbackLoan<G> {

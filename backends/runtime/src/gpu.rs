@@ -1,8 +1,8 @@
 //! Defines the trait that a graphics API implements, and the objects that it creates.
 //!
 //! [`Gpu`] is an open device. It creates objects, submits the commands recorded by an [`Encoder`], and presents images
-//! to a window. This crate decides everything above that, for every API: the objects a plan needs, frames in flight,
-//! and what continues from one plan to the next.
+//! to a window. The rest of the crate decides, for every API, which objects a plan needs, how many frames are in
+//! flight, and what continues from one plan to the next.
 //!
 //! Ownership runs one way. An executor holds the device, and every object holds its device by an [`Arc`]. The executor
 //! drops an object only when no frame in flight uses it.
@@ -23,10 +23,10 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Default time limit for compiling one pipeline; some take seconds.
+/// Default time limit for compiling one pipeline. Some pipelines take seconds.
 pub const COMPILE_PATIENCE: Duration = Duration::from_secs(60);
 
-/// A window that supports a swapchain.
+/// A window for which a surface, and so a swapchain, can be created.
 pub trait Window: HasDisplayHandle + HasWindowHandle + Send + Sync {}
 
 impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
@@ -37,7 +37,7 @@ impl<W: HasDisplayHandle + HasWindowHandle + Send + Sync> Window for W {}
 pub trait Gpu: Sized + Send + Sync + 'static {
     /// A device memory allocation, freed when it is dropped.
     type Memory: Memory;
-    /// The object that an allocation is dedicated to.
+    /// The object for which an allocation is dedicated, as in `VK_KHR_dedicated_allocation`.
     type Dedicated: Copy + Debug + PartialEq;
     /// A buffer without memory.
     type UnboundBuffer;
@@ -57,13 +57,13 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     type Timestamps: Send + Sync;
     /// A command recorder.
     type Encoder: Encoder<Self> + 'static;
-    /// The images of a window. The device must be idle when it is dropped.
+    /// A window's swapchain. The device must be idle when it is dropped.
     type Swapchain: Send + 'static;
 
     /// Lists the machine's devices.
     fn devices() -> Result<Vec<DeviceInfo>, BackendError>;
 
-    /// Opens the device that `options` choose; with a window, one that can present to it.
+    /// Opens the device chosen by `options`; with a window, only one that can present to it.
     fn open(
         options: &Options,
         window: Option<Arc<dyn Window>>,
@@ -72,10 +72,10 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Returns the device's limits.
     fn limits(&self) -> &Limits;
 
-    /// Returns the collected validation messages, which may outlive the device.
+    /// Returns the list that collects validation messages. It may outlive the device.
     fn messages(&self) -> &Arc<Messages>;
 
-    /// Reports the memory of the whole device.
+    /// Returns how much device memory all objects use.
     fn memory(&self) -> DeviceMemory;
 
     /// Returns the bytes still available in the largest device-local heap, as the driver estimates now; `None` if
@@ -91,8 +91,9 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Returns the time that the driver may take for one pipeline before the load is abandoned.
     fn compile_patience(&self) -> Duration;
 
-    /// Blocks until the device has finished all submitted work or is lost, or the time limit has passed. Returns false
-    /// if the limit has passed. Other threads can submit meanwhile.
+    /// Blocks until the device has finished all submitted work or is lost, for at most `limit`.
+    ///
+    /// Returns false if the limit has passed. Other threads can submit meanwhile.
     fn wait_idle(&self, limit: Duration) -> bool;
 
     /// Creates a buffer without memory, and returns its memory requirements.
@@ -101,13 +102,14 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         desc: &BufferDesc,
     ) -> Result<(Self::UnboundBuffer, Requirements<Self::Dedicated>), BackendError>;
 
-    /// Creates an image without memory, and returns its memory requirements. The format supports the usage.
+    /// Creates an image without memory, and returns its memory requirements. The caller has checked that the format
+    /// supports the usage.
     fn create_image(
         self: &Arc<Self>,
         desc: &ImageDesc,
     ) -> Result<(Self::UnboundImage, Requirements<Self::Dedicated>), BackendError>;
 
-    /// Allocates memory. An error names `name` and the size.
+    /// Allocates memory for an object; `name` names it in errors.
     fn allocate(
         self: &Arc<Self>,
         name: &str,
@@ -129,29 +131,27 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         memory: &Self::Memory,
     ) -> Result<Self::Image, BackendError>;
 
-    /// Lowers the dependencies of a checked plan.
+    /// Lowers the dependencies of a checked plan to this API's synchronization commands.
     fn synchronization(plan: &Plan) -> Result<Self::Synchronization, BackendError>;
 
-    /// Creates the pipelines of all dispatches and draws of a checked plan; calls `next` before each.
+    /// Creates the pipelines of all dispatches and draws of a checked plan.
     ///
-    /// An error of `next` ends it there.
-    ///
-    /// Called on a thread that may outlive its caller.
+    /// Calls `next` before each pipeline, and stops if it returns an error. Runs on a thread that may outlive its
+    /// caller.
     fn create_pipelines(
         self: &Arc<Self>,
         plan: &Plan,
         next: &mut dyn FnMut(NextPipeline) -> Result<(), BackendError>,
     ) -> Result<Self::Pipelines, BackendError>;
 
-    /// Creates the bindings of all passes that run, without writing them; [`binding_copies`] gives the copies of each
-    /// pass.
+    /// Creates the bindings of all dispatches and draws, without writing them; see [`binding_copies`].
     fn create_bindings(
         self: &Arc<Self>,
         plan: &Plan,
         pipelines: &Self::Pipelines,
     ) -> Result<Self::Bindings, BackendError>;
 
-    /// Writes one binding in one copy of a pass's bindings, which no frame in flight uses.
+    /// Writes one binding in one copy of a pass's bindings. No frame in flight may use this copy.
     fn write_binding(
         &self,
         bindings: &mut Self::Bindings,
@@ -161,39 +161,41 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         target: BindingTarget<Self>,
     );
 
-    /// Releases the objects in a pass's bindings: the pass does not run again, and the objects are freed.
+    /// Releases the references that a pass's bindings hold. The pass does not run again, and its objects may be freed.
     fn clear_bindings(&self, _bindings: &mut Self::Bindings, _pass: PassId) {}
 
     /// Creates `count` timestamps; `None` if the queue has no timer.
     fn create_timestamps(self: &Arc<Self>, count: u32) -> Result<Option<Self::Timestamps>, BackendError>;
 
-    /// Reads the first `count` timestamps in ticks; `None` for each that is not written yet.
+    /// Reads the first `count` timestamps, in ticks; `None` for each one not written yet.
     fn read_timestamps(
         &self,
         timestamps: &Self::Timestamps,
         count: u32,
     ) -> Result<Vec<Option<u64>>, BackendError>;
 
-    /// Creates an encoder; `name` appears in captures.
+    /// Creates an encoder; `name` appears in GPU captures.
     fn create_encoder(self: &Arc<Self>, name: &str) -> Result<Self::Encoder, BackendError>;
 
-    /// Submits the commands recorded in an encoder, followed by the blit to a swapchain image, if any.
+    /// Submits an encoder's commands, followed by the blit to the swapchain image `show`, if any.
     fn submit(&self, encoder: &mut Self::Encoder, show: Option<Show<Self>>) -> Result<(), BackendError>;
 
-    /// Blocks until the encoder's last submission and its blit have completed, or the time limit has passed. Returns
-    /// false if the limit has passed; otherwise the encoder has no submission.
+    /// Blocks until the encoder's last submission, including the blit, has completed, for at most `limit`.
+    ///
+    /// Returns false if the limit has passed. After true, the encoder can be reused.
     fn wait(&self, encoder: &mut Self::Encoder, limit: Duration) -> Result<bool, BackendError>;
 
-    /// Returns the size of the window's images in pixels, given the size reported to the program; `None` while the
-    /// window shows nothing.
+    /// Returns the size to create the swapchain with, in pixels; `None` while the window shows nothing.
+    ///
+    /// `told` is the window's size as reported to the program, used if the surface does not dictate one.
     fn window_size(&self, told: (u32, u32)) -> Result<Option<(u32, u32)>, BackendError>;
 
-    /// Recreates the window's surface. Its swapchain has been dropped.
+    /// Recreates the window's surface. The caller has dropped its swapchain.
     ///
     /// Calls that find the surface lost return [`BackendError::SurfaceLost`].
     fn renew_surface(&self) -> Result<(), BackendError>;
 
-    /// Creates a swapchain for the device's window. The device is idle, and `former` is not used again.
+    /// Creates a swapchain of `size` pixels for the device's window, replacing `former`. The device must be idle.
     fn create_swapchain(
         self: &Arc<Self>,
         size: (u32, u32),
@@ -201,12 +203,14 @@ pub trait Gpu: Sized + Send + Sync + 'static {
         former: Option<&Self::Swapchain>,
     ) -> Result<Self::Swapchain, BackendError>;
 
-    /// Acquires an image for the frame in `slot`, whose former frame has completed. Blocks until the window has one,
-    /// for at most two seconds.
+    /// Acquires an image for the frame in `slot`. Blocks until the window has one, for at most two seconds.
+    ///
+    /// The slot's previous frame must have completed.
     fn acquire(&self, swapchain: &mut Self::Swapchain, slot: usize) -> Result<Acquired, BackendError>;
 
-    /// Records the blit of a frame's output into an acquired image, scaled to its size. Waits for the plan's export
-    /// copies also wait for the blit.
+    /// Records the blit of a frame's output into an acquired image, scaled to the image's size.
+    ///
+    /// Later work that waits for the plan's export also waits for the blit.
     fn record_blit(
         &self,
         show: Show<Self>,
@@ -219,12 +223,12 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     fn present(&self, show: Show<Self>) -> Result<Presented, BackendError>;
 }
 
-/// The pipeline to be created next.
+/// The pipeline about to be created, for progress and errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NextPipeline {
     /// Pipelines created so far.
     pub done: usize,
-    /// Pipelines of the plan.
+    /// Total pipelines of the plan.
     pub of: usize,
     /// The pass's shader; for a draw, the vertex shader.
     pub shader: ShaderId,
@@ -233,10 +237,10 @@ pub struct NextPipeline {
 }
 
 impl NextPipeline {
-    /// Describes the next pipeline of a lowered plan. `of_pass` has each pass's pipeline.
+    /// Describes pipeline number `done` of `of`. `of_pass` has the pipeline index of each pass that has one.
     ///
     /// # Panics
-    /// Panics if no pass has the pipeline `done`.
+    /// Panics if no pass uses pipeline `done`.
     pub fn new(of_pass: &[Option<usize>], done: usize, of: usize, shader: ShaderId) -> NextPipeline {
         let pass = of_pass.iter().position(|pipeline| *pipeline == Some(done));
         NextPipeline { done, of, shader, pass: PassId(pass.expect("each pipeline is that of a pass") as u32) }
@@ -295,13 +299,13 @@ pub trait Memory: Send + Sync + 'static {
 /// The kind of memory, by its readers and writers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Location {
-    /// Memory of the device that only the device accesses.
+    /// Device memory that only the device accesses.
     Device,
-    /// The host writes, the device reads.
+    /// Mapped memory that the host writes and the device reads.
     Upload,
-    /// Host memory that only the device accesses, because the device's own memory has no room.
+    /// Host memory that only the device accesses, used if device memory has no room.
     Host,
-    /// The device writes, the host reads.
+    /// Mapped memory that the device writes and the host reads.
     Readback,
 }
 
@@ -321,7 +325,7 @@ pub struct Requirements<D> {
 /// The kind of an allocation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MemoryKind<D> {
-    /// For buffers, which allocators keep apart from images.
+    /// For buffers. Allocators keep them apart from images.
     Linear,
     /// For images, or for images and buffers.
     Optimal,
@@ -353,7 +357,7 @@ pub struct ImageDesc<'a> {
     pub usage: Usage,
 }
 
-/// The uses that a device supports for images of one format.
+/// The image uses that a device supports for one format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FormatSupport {
     /// True for use as a storage image.
@@ -396,12 +400,12 @@ impl<G: Gpu> Buffer<G> {
         Ok(Buffer { raw, bytes: desc.bytes, usage: desc.usage, memory })
     }
 
-    /// Creates a readback buffer.
+    /// Creates a mapped buffer that copies write and the host reads.
     pub(crate) fn to_host(gpu: &Arc<G>, name: &str, bytes: u64) -> Result<Self, BackendError> {
         Self::new(gpu, &BufferDesc { name, bytes, usage: Usage::COPY_TARGET }, Location::Readback)
     }
 
-    /// Returns the mapped bytes; empty if the memory is not mapped.
+    /// Returns the buffer's mapped bytes; empty if its memory is not mapped.
     pub(crate) fn mapped(&self) -> &[u8] {
         let slice = self.memory.mapped();
         &slice[..slice.len().min(self.bytes as usize)]
@@ -440,7 +444,7 @@ impl<G: Gpu> Image<G> {
         Ok(Image { raw, format: desc.format, size: desc.size, usage: desc.usage, memory })
     }
 
-    /// Returns the size of its pixels in bytes, rows tightly packed.
+    /// Returns the size of the image's pixels in bytes, rows tightly packed.
     pub fn bytes(&self) -> u64 {
         self.format.bytes_per_pixel() as u64 * self.size.0 as u64 * self.size.1 as u64
     }
@@ -461,7 +465,7 @@ pub fn binding_copies(plan: &Plan, pass: &Pass) -> usize {
     if per_frame { splatgraph_api::FRAMES_IN_FLIGHT } else { 1 }
 }
 
-/// A layout change that is not part of the plan.
+/// A layout change that the runtime adds, outside the plan.
 pub struct ImageLayout<'a, G: Gpu> {
     /// The image, whose contents are kept unless `old` is [`Layout::Undefined`].
     pub image: &'a Image<G>,
@@ -480,7 +484,7 @@ pub enum Draw<'a, G: Gpu> {
         /// Number of instances.
         instances: u32,
     },
-    /// The counts are in four words at a byte offset of a buffer.
+    /// The counts are on the device: the four words of an indirect draw, at a byte offset of a buffer.
     Indirect(&'a Buffer<G>, u64),
 }
 
@@ -496,7 +500,8 @@ pub trait Encoder<G: Gpu>: Send {
     /// Ends recording.
     fn end(&mut self) -> Result<(), BackendError>;
 
-    /// Announces the pass of the next commands, if it has any. With `timed`, writes timestamps before and after them.
+    /// Announces the pass that the next commands belong to, even if it records none. If `timed`, timestamps are written
+    /// before and after them.
     ///
     /// APIs with separate encoders choose the pass's encoder here.
     fn pass(&mut self, _pipelines: &G::Pipelines, _id: PassId, _timed: bool) {}
@@ -518,16 +523,16 @@ pub trait Encoder<G: Gpu>: Send {
         image: impl Fn(ResourceId) -> Option<&'a Image<G>>,
     );
 
-    /// Records a barrier between everything before and everything after, on all memory, with layout changes.
+    /// Records a full memory barrier between all earlier and all later commands, with layout changes.
     fn full_barrier<'a>(&mut self, changes: impl Iterator<Item = ImageLayout<'a, G>>);
 
-    /// Orders later copies into a buffer after all earlier submissions.
+    /// Makes later copies into a buffer wait for all earlier submissions.
     fn before_copy(&mut self, target: &Buffer<G>);
 
     /// Makes copies into a byte range of a buffer visible to all later submissions.
     fn after_copy(&mut self, target: &Buffer<G>, range: Range<u64>);
 
-    /// Makes all copies visible to the host once it has waited for the submission.
+    /// Makes all copies visible to the host, once it has waited for the submission.
     fn copies_to_host(&mut self);
 
     /// Binds a pass's pipeline, its bindings for the frame in `slot`, and its push constants. Does nothing for a pass
@@ -544,10 +549,10 @@ pub trait Encoder<G: Gpu>: Send {
     /// Dispatches workgroups in x, y and z.
     fn dispatch(&mut self, groups: [u32; 3]);
 
-    /// Dispatches workgroups, with the counts in three words at a byte offset of a buffer.
+    /// Dispatches workgroups. Their counts in x, y and z are three words at a byte offset of a buffer.
     fn dispatch_indirect(&mut self, arguments: &Buffer<G>, offset: u64);
 
-    /// Draws into targets, all of one size, and tests against a depth attachment.
+    /// Draws into `targets`, all of one size, with an optional depth attachment.
     fn draw<'a>(
         &mut self,
         targets: impl Iterator<Item = (&'a Target, &'a Image<G>)>,
@@ -555,10 +560,10 @@ pub trait Encoder<G: Gpu>: Send {
         draw: Draw<G>,
     );
 
-    /// Fills a buffer with a word.
+    /// Fills a whole buffer with a 32-bit word.
     fn fill(&mut self, buffer: &Buffer<G>, value: u32);
 
-    /// Fills an image with zeros; it is in [`Layout::TransferTarget`].
+    /// Fills an image with zeros. It must be in [`Layout::TransferTarget`].
     fn clear(&mut self, image: &Image<G>);
 
     /// Copies bytes from one buffer to another.

@@ -1,4 +1,4 @@
-//! Continues the contents of resources from one plan to the next: histories.
+//! Passes histories, resources whose contents persist between frames, from one plan to the next.
 //!
 //! If a plan and its predecessor both have a history of the same name and shape, for the same scene, they share the
 //! buffer or image. The new plan then skips the [`Work::ClearHistory`] that would have zeroed it. A history continues
@@ -25,14 +25,14 @@ pub(crate) struct History<G: Gpu> {
     pub transient: Transient<G>,
 }
 
-/// Returns the name of a resource's history, if it has one and does not alias other resources.
+/// Returns the name of a resource's history; `None` if it has no history or aliases other resources.
 pub(crate) fn name(plan: &Plan, id: ResourceId) -> Option<&str> {
     let resource = plan.resource(id);
     let alone = resource.source == Source::Transient && plan.aliases(id).next().is_none();
     resource.history.as_deref().filter(|_| alone)
 }
 
-/// Finds the previous history that a resource of `plan` continues from.
+/// Finds the history among `former`, the previous plan's, that a resource of `plan` continues.
 pub(crate) fn find<'a, G: Gpu>(
     plan: &Plan,
     id: ResourceId,

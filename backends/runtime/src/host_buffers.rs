@@ -1,12 +1,12 @@
 //! Manages host buffers, whose contents come with each frame
 //! ([`Source::HostBuffer`](splatgraph_framework::ir::Source::HostBuffer)).
 //!
-//! A plan holds one per frame in flight. Host bytes are copied to a mapped buffer that grows on demand, to a power of
-//! two so that a slowly growing length does not reallocate every frame. Bytes that are already there are not copied
-//! again. A shared output is not copied: the frame reads it in place.
+//! A plan holds one per frame in flight. Host bytes are copied to a mapped buffer, unless it already holds them. The
+//! buffer grows on demand, to a power of two, so that a slowly growing length does not reallocate it every frame. A
+//! shared output is not copied: the frame reads it in place.
 //!
-//! A frame may therefore need other bindings, or other lengths, than the last frame of its slot. They are rewritten
-//! when the frame is submitted; nothing of that slot is in flight then.
+//! A frame may therefore need other buffers or lengths in its bindings than the slot's previous frame. The bindings are
+//! rewritten when the frame is submitted; nothing of that slot is in flight then.
 
 use crate::check::{invalid, within_bytes};
 use crate::gpu::{Buffer, BufferDesc, Gpu, Location};
@@ -21,11 +21,11 @@ use std::sync::Arc;
 
 /// A host buffer's contents for the frame in one slot.
 pub(crate) struct HostBuffer<G: Gpu> {
-    /// Mapped buffer for host bytes; created with the first ones.
+    /// Mapped buffer for host bytes, created when the first bytes come.
     own: Option<Buffer<G>>,
-    /// The bytes in `own`. Holding the `Arc` keeps them unchanged.
+    /// The bytes that `own` contains. Holding the `Arc` keeps them from changing.
     bytes: Option<Arc<Vec<u8>>>,
-    /// The shared output to read instead of bytes, while the frame is recorded.
+    /// The shared output that the next recorded frame reads instead of bytes.
     output: Option<Arc<SharedOutput<G>>>,
     /// The contents that the frame about to be recorded reads.
     holds: Contents,
@@ -119,7 +119,7 @@ impl<G: Gpu> HostBuffer<G> {
         Ok(())
     }
 
-    /// Returns the buffer that the frame reads, and the byte range; `None` before the first contents.
+    /// Returns the buffer and the byte range that the frame reads; `None` before the first contents.
     pub fn binding(&self) -> Option<(&Buffer<G>, Range<u64>)> {
         match &self.holds {
             Contents::Nothing => None,
@@ -128,7 +128,7 @@ impl<G: Gpu> HostBuffer<G> {
         }
     }
 
-    /// Returns true if the slot's bindings are outdated.
+    /// Returns true if the slot's bindings do not point to the current contents.
     pub fn is_changed(&self) -> bool {
         self.holds != self.written
     }
@@ -138,12 +138,12 @@ impl<G: Gpu> HostBuffer<G> {
         self.written = self.holds.clone();
     }
 
-    /// Takes the shared output; the caller keeps it until the frame has completed.
+    /// Takes the shared output out of the slot. The caller keeps it until the frame has completed.
     pub fn take_output(&mut self) -> Option<Arc<SharedOutput<G>>> {
         self.output.take()
     }
 
-    /// Returns the memory of `own`.
+    /// Returns the memory of the mapped buffer; `None` before the first host bytes.
     pub fn memory(&self) -> Option<&Arc<G::Memory>> {
         self.own.as_ref().map(|own| &own.memory)
     }
@@ -181,7 +181,7 @@ fn rows(resource: &Resource, picture: &Picture, first: u32, count: u32) -> Resul
     Ok(from..to)
 }
 
-/// Returns the capacity for `bytes` bytes, on a device whose buffers have at most `most`.
+/// Returns the size to allocate for `bytes` bytes: the next power of two, capped at `most`, the device's limit.
 fn capacity(bytes: u64, most: u64) -> u64 {
     bytes.checked_next_power_of_two().map_or(bytes, |capacity| capacity.min(most.max(bytes)))
 }

@@ -7,7 +7,7 @@ use crate::shared::Shared;
 use splatgraph_api::{BackendError, FrameInputs};
 use splatgraph_framework::ir::{ResourceId, Source};
 
-/// Copies the frame's uniform blocks to its slot's buffers.
+/// Copies the frame's uniform blocks to its slot's buffers, and zeroes the rest of each.
 pub(crate) fn write_uniforms<G: Gpu>(
     compiled: &mut CompiledPlan<G>,
     slot: usize,

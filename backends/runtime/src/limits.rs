@@ -47,7 +47,7 @@ pub struct Limits {
     pub fused_fma: bool,
     /// Optional shader features that are enabled.
     pub features: Features,
-    /// Valid bits of a timestamp; 0 if the queue has no timer.
+    /// Number of valid bits in a timestamp; 0 if the queue has no timer.
     pub timestamp_bits: u32,
     /// True if timestamps can be read while the device runs, without waiting for it.
     pub live_timestamps: bool,
@@ -82,6 +82,8 @@ impl SubgroupLimits {
     }
 
     /// Returns true if workgroups of this size always run in subgroups of [`SubgroupLimits::size`] lanes.
+    ///
+    /// That holds if a pipeline can request the size, or if the device has no other.
     pub fn has_certain_size(&self, local_size: [u32; 3]) -> bool {
         let only_one = self.min_size == self.max_size && self.size == self.max_size;
         only_one || self.can_request_size(local_size)

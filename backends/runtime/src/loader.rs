@@ -1,8 +1,8 @@
 //! Prepares a plan on one thread while another draws.
 //!
-//! A [`Loader`] holds only the device, so it can be taken at any time and moved to any thread. It creates a [`Ready`]:
-//! a compiled plan that no executor has yet. All slow work, uploads included, is done by then. The drawing thread only
-//! binds the plan to the histories that it continues ([`crate::history`]).
+//! A [`Loader`] holds only the device, so it can be created at any time and moved to any thread. It creates a
+//! [`Ready`]: a compiled plan that no executor has yet. That includes all slow work, even uploads. Only binding the
+//! plan to the histories that it continues ([`crate::history`]) is left to the drawing thread.
 
 use crate::compiled::CompiledPlan;
 use crate::gpu::Gpu;
@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// Prepares plans for one [`Executor`](crate::Executor); see [`splatgraph_api::Device::loader`].
 ///
-/// It keeps the device open. The memory of a plan in preparation is not listed until the plan is swapped in.
+/// It keeps the device open. [`splatgraph_api::Device::memory`] lists the plan's memory only once it is swapped in.
 pub struct Loader<G: Gpu> {
     pub(crate) shared: Arc<Shared<G>>,
     pub(crate) executor: u64,
@@ -24,16 +24,16 @@ pub struct Loader<G: Gpu> {
 }
 
 impl<G: Gpu> Loader<G> {
-    /// Replaces the commands lowered from the plan's dependencies. Tests use this to leave out barriers and detect what
-    /// breaks.
+    /// Replaces the synchronization commands lowered from the plan's dependencies. Tests leave out barriers this way,
+    /// to check that the omission is detected.
     #[must_use]
     pub fn synchronized_by(self, synchronization: G::Synchronization) -> Self {
         Loader { synchronization: Some(synchronization), ..self }
     }
 }
 
-/// A prepared plan, to be made current by [`splatgraph_api::Device::swap`] on the [`Executor`](crate::Executor) of its
-/// loader. Dropping it unused frees its objects, on any thread.
+/// A prepared plan, made current by [`splatgraph_api::Device::swap`] on the [`Executor`](crate::Executor) that its
+/// loader came from. Dropping it unused frees its objects, on any thread.
 pub struct Ready<G: Gpu> {
     pub(crate) compiled: CompiledPlan<G>,
     pub(crate) executor: u64,

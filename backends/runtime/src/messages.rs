@@ -2,20 +2,20 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// Maximum number of messages kept; a mistake repeated in every frame must not fill the memory.
+/// Maximum number of messages kept, so that an error repeated in every frame does not fill the memory.
 const MOST_MESSAGES: usize = 1000;
 
-/// The messages of an API's validation.
+/// Messages of the API's validation, collected from any thread.
 #[derive(Debug, Default)]
 pub struct Messages(Mutex<Vec<String>>);
 
 impl Messages {
-    /// Returns the messages since the last call.
+    /// Removes and returns the messages collected since the last call.
     pub fn take(&self) -> Vec<String> {
         std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Adds a message, unless a thousand are already kept.
+    /// Adds a message; drops it if a thousand are already kept.
     pub fn add(&self, message: String) {
         let mut messages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if messages.len() < MOST_MESSAGES {

@@ -1,9 +1,9 @@
 //! Manages buffers that only the prologue uses. Most planes of the scene are such buffers: prologue passes pack them,
 //! and frames read the packed data.
 //!
-//! They are freed once the prologue's frame has completed. If the device has no room for them beside everything else,
-//! they are placed in host memory, which the device reads more slowly. If a plan reuses the results of passes, the
-//! buffers that only these passes use are not created.
+//! They are freed once the prologue's frame has completed. If device memory has no room for them as well, they are
+//! placed in host memory, which the device reads more slowly. If a plan reuses the results of passes, buffers that only
+//! these passes use are not created.
 
 use crate::attributes::PlaneKey;
 use crate::gpu::Location;
@@ -15,16 +15,16 @@ use std::collections::BTreeSet;
 /// The buffers of one plan that its frames do not use.
 #[derive(Debug)]
 pub(crate) struct UsedOnce {
-    /// Buffers that the prologue uses; freed after it.
+    /// Buffers that the prologue uses, freed after it.
     pub freed: BTreeSet<ResourceId>,
-    /// Buffers that no executed pass uses.
+    /// Buffers that no executed pass uses; they are not created.
     pub unused: BTreeSet<ResourceId>,
-    /// The location of the planes in [`UsedOnce::freed`].
+    /// Memory in which to create the scene's planes among [`UsedOnce::freed`].
     pub location: Location,
 }
 
 impl UsedOnce {
-    /// Finds the buffers that only the prologue uses, in a plan that skips the passes `skipped`.
+    /// Finds the buffers that no frame uses, in a plan whose passes `skipped` do not run.
     pub fn new(plan: &Plan, skipped: &[PassId]) -> UsedOnce {
         let runs = plan.prologue.iter().copied().filter(|pass| !skipped.contains(pass));
         let used: BTreeSet<ResourceId> = runs.flat_map(|pass| plan.pass(pass).resources()).collect();
@@ -32,8 +32,9 @@ impl UsedOnce {
         UsedOnce { freed, unused, location: Location::Device }
     }
 
-    /// Chooses the memory for a plan's resources and the `absent` planes, given `available` bytes and the `held` bytes
-    /// that it reuses.
+    /// Moves the planes that only the prologue uses to host memory if `available` bytes do not suffice for everything.
+    ///
+    /// `absent` are the planes to upload, and `held` is the size of the results that the plan reuses.
     ///
     /// `available` is the driver's estimate. Without this check, allocation would go on until it fails, or until other
     /// programs lose their memory.

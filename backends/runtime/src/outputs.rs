@@ -36,7 +36,7 @@ impl<G: Gpu> Default for SharedOutputs<G> {
 }
 
 impl<G: Gpu> SharedOutputs<G> {
-    /// Returns the buffer to copy `image` to: `current` if it fits, else a new one.
+    /// Returns the buffer to copy `image` to: `current` if its size and format fit, else a new one.
     pub fn target(
         &self,
         gpu: &Arc<G>,
@@ -58,7 +58,7 @@ impl<G: Gpu> SharedOutputs<G> {
         Ok(Arc::new(SharedOutput { picture, buffer }))
     }
 
-    /// Publishes the output of a submitted frame, replacing the executor's former one.
+    /// Makes the output of a submitted frame available to other executors, in place of the executor's `former` one.
     pub fn enter(&self, output: &Arc<SharedOutput<G>>, former: Option<&Arc<SharedOutput<G>>>) {
         let mut all = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(former) = former {
@@ -73,7 +73,7 @@ impl<G: Gpu> SharedOutputs<G> {
         all.remove(&output.picture.id);
     }
 
-    /// Finds a shared output that frames can read.
+    /// Finds a shared output by its picture; `None` if it was replaced or its executor was dropped.
     pub fn find(&self, picture: &Picture) -> Option<Arc<SharedOutput<G>>> {
         let all = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         let held = all.get(&picture.id).and_then(Weak::upgrade);

@@ -22,20 +22,20 @@ use tracing::info_span;
 /// Maximum number of abandoned compiler threads before other plans wait for one to end.
 const MOST_ABANDONED: usize = 8;
 
-/// Interval between checks for cancellation.
+/// Interval at which a wait for the compiler checks for cancellation.
 const ASK_EVERY: Duration = Duration::from_millis(20);
 
 /// Number of abandoned compiler threads in this process that still run.
 static ABANDONED: AtomicUsize = AtomicUsize::new(0);
 
-/// Counts the abandoned compiler threads of this process that still run.
+/// Returns the number of abandoned compiler threads of this process that still run.
 ///
-/// A program that exits meanwhile should skip the exit handlers of its libraries, which may wait for the compiler.
+/// If it is not 0, a program that exits should skip its libraries' exit handlers, which may wait for the compiler.
 pub fn abandoned_compilers() -> usize {
     ABANDONED.load(Ordering::Relaxed)
 }
 
-/// The abandoned compilations of a device.
+/// The abandoned compilations on a device.
 #[derive(Default)]
 pub(crate) struct Compilers {
     abandoned: Mutex<Vec<Abandoned>>,
@@ -43,16 +43,16 @@ pub(crate) struct Compilers {
 
 /// A plan whose compilation was abandoned.
 struct Abandoned {
-    /// The plan; only the thread holds it, until it ends.
+    /// The plan; it is dropped when its thread ends.
     plan: Weak<Plan>,
     current: Option<NextPipeline>,
     /// Time at which the thread started its current pipeline.
     begun: Instant,
-    /// Error reported when the driver exceeded the patience.
+    /// Error with which the plan is refused while its thread runs; `None` if the load was cancelled.
     told: Option<BackendError>,
 }
 
-/// Counts an abandoned thread as long as it lives.
+/// A guard that counts an abandoned thread in [`ABANDONED`] while it exists.
 struct AbandonedThread;
 
 impl AbandonedThread {
@@ -68,7 +68,7 @@ impl Drop for AbandonedThread {
     }
 }
 
-/// True once a thread has ended; and its entry in the count, if it was abandoned before.
+/// State of a compiler thread: whether it has ended, and its guard if it was abandoned before that.
 #[derive(Default)]
 struct End {
     over: bool,
@@ -145,7 +145,8 @@ impl Compilers {
         Err(error)
     }
 
-    /// Waits until few enough abandoned threads run. Threads of cancelled builds end by themselves.
+    /// Waits until fewer than [`MOST_ABANDONED`] abandoned threads run. Fails if the plan is refused or `cancel` is
+    /// requested.
     fn wait_for_room(&self, plan: &Plan, cancel: &Cancel, patience: Duration) -> Result<(), BackendError> {
         while !self.has_room(plan, patience)? {
             if cancel.is_requested() {
@@ -156,8 +157,11 @@ impl Compilers {
         Ok(())
     }
 
-    /// Refuses a plan that an abandoned thread is still compiling, and any plan if too many threads hang. Returns true
-    /// if another thread may start.
+    /// Returns true if another compiler thread may start.
+    ///
+    /// # Errors
+    /// [`BackendError::StuckCompiler`] if an abandoned thread is still compiling this plan, or if too many threads run
+    /// and the oldest has exceeded the patience.
     fn has_room(&self, plan: &Plan, patience: Duration) -> Result<bool, BackendError> {
         let mut abandoned = self.abandoned();
         abandoned.retain(|former| former.plan.strong_count() > 0);
@@ -180,7 +184,7 @@ impl Compilers {
     }
 }
 
-/// Creates the pipelines, as long as a receiver listens.
+/// Creates the pipelines on the compiler's thread, and stops between two pipelines once the receiver is dropped.
 fn work<G: Gpu>(gpu: &Arc<G>, plan: &Plan, sender: &Sender<Message<G::Pipelines>>) {
     let mut span = None;
     let mut next = |next: NextPipeline| {
@@ -199,7 +203,7 @@ fn end_of(end: &Mutex<End>) -> MutexGuard<'_, End> {
     end.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns true if two plans have the same pipelines: equal commands with equal shaders.
+/// Returns true if two plans are taken to have the same pipelines: equal names, shaders and pass names.
 fn compiles_as(one: &Plan, other: &Plan) -> bool {
     one.name == other.name
         && one.shaders == other.shaders

@@ -11,31 +11,31 @@ use crate::timing::queries;
 use splatgraph_api::{BackendError, FrameId, FrameInputs, Inspect};
 use splatgraph_framework::ir::*;
 
-/// The outcome of a recording.
+/// What a recorded frame does, to be applied once it is submitted.
 pub(crate) struct Recorded {
     /// The passes that the frame runs, in order.
     pub passes: Vec<PassId>,
-    /// The images' layouts after the frame.
+    /// For each resource, its layout after the frame; meaningful only for images.
     pub layouts: Vec<Layout>,
 }
 
-/// The inputs of a recording.
+/// A frame's encoder, plan and inputs, and the buffers that it copies to.
 pub(crate) struct Recorder<'a, G: Gpu> {
     pub encoder: &'a mut G::Encoder,
     pub compiled: &'a CompiledPlan<G>,
     pub inputs: &'a FrameInputs,
     pub frame: FrameId,
     pub slot: usize,
-    /// A buffer for each resource to inspect, in request order.
+    /// A readback buffer for each resource to inspect, in request order.
     pub inspected: &'a [Buffer<G>],
     /// The readback buffer for the output.
     pub readback: Option<&'a Buffer<G>>,
-    /// The shared output to copy the output to.
+    /// The shared output that receives a copy of the output.
     pub shared: Option<&'a SharedOutput<G>>,
 }
 
 impl<G: Gpu> Recorder<'_, G> {
-    /// Records the frame.
+    /// Records the whole frame, from the prologue, if due, to the copies.
     pub fn record(mut self) -> Result<Recorded, BackendError> {
         let compiled = self.compiled;
         let mut recorded = Recorded { passes: Vec::new(), layouts: compiled.layouts.clone() };
@@ -66,9 +66,9 @@ impl<G: Gpu> Recorder<'_, G> {
         Ok(recorded)
     }
 
-    /// Orders everything after the frames of another plan whose histories or results this plan reuses.
+    /// Makes later commands wait for frames of other plans whose histories or results this plan reuses.
     ///
-    /// Moves the images to the layout in which [`Work::ClearHistory`] leaves them.
+    /// Images of continued histories move to the layout in which [`Work::ClearHistory`] leaves them.
     fn take_over(&mut self, layouts: &mut [Layout]) {
         let carried = &self.compiled.carried;
         if !self.compiled.continues_previous() {
@@ -84,7 +84,7 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Records the barriers before a pass, the pass, and copies of the resources to inspect after it.
+    /// Records a pass, between its barriers and the copies of the resources to inspect after it.
     fn pass(&mut self, id: PassId, recorded: &mut Recorded) {
         let pass = self.compiled.plan.pass(id);
         let is_timed = !self.inputs.untimed_passes && self.compiled.slots[self.slot].timestamps.is_some();
@@ -169,7 +169,7 @@ impl<G: Gpu> Recorder<'_, G> {
         }
     }
 
-    /// Copies the statistics, and the output if it is read, to readback buffers.
+    /// Copies the statistics, and the output if the frame reads it back, to readback buffers.
     fn export(&mut self) {
         let (compiled, slot) = (self.compiled, self.slot);
         if let Some(target) = compiled.readback(slot) {
@@ -200,7 +200,8 @@ impl<G: Gpu> Recorder<'_, G> {
         self.encoder.pop_label();
     }
 
-    /// Copies a resource in its current state. Full barriers on both sides keep the copy free of hazards with the plan.
+    /// Copies a resource to a readback buffer. Full barriers before and after keep the copy free of hazards with the
+    /// plan.
     fn inspect(&mut self, inspect: Inspect, target: &Buffer<G>, layouts: &[Layout]) {
         let resources = &self.compiled.resources;
         let (layout, copied) = (layouts[inspect.resource.index()], Layout::TransferSource);

@@ -23,7 +23,7 @@ enum Held<G: Gpu> {
     Plane(Arc<Buffer<G>>),
     PerFrame([Buffer<G>; FRAMES_IN_FLIGHT]),
     HostBuffer([HostBuffer<G>; FRAMES_IN_FLIGHT]),
-    /// A resource that no remaining pass uses; see [`crate::once`].
+    /// A buffer that was freed after the prologue, or never created; see [`crate::once`].
     Freed,
 }
 
@@ -32,10 +32,10 @@ pub(crate) struct Resources<G: Gpu> {
 }
 
 impl<G: Gpu> Resources<G> {
-    /// Creates the resources of `plan`, except reused ones (`taken`), `planes` on the device, and resources that no
-    /// executed pass uses.
+    /// Creates the resources of `plan`, except `taken` (results of other plans), `planes` on the device, and buffers
+    /// that no executed pass uses.
     ///
-    /// Missing planes are created, added to `planes`, and returned: their data is still to be uploaded.
+    /// Missing planes are created, added to `planes`, and returned. The caller uploads their data.
     pub fn create(
         gpu: &Arc<G>,
         plan: &Plan,
@@ -79,7 +79,7 @@ impl<G: Gpu> Resources<G> {
         Ok((Resources { held }, missing))
     }
 
-    /// Returns the image of a resource, if it is one.
+    /// Returns the image of a resource; `None` if it is a buffer.
     pub fn image(&self, id: ResourceId) -> Option<&Image<G>> {
         match &self.held[id.index()] {
             Held::Transient(Transient::Image(image)) => Some(image),
@@ -95,7 +95,7 @@ impl<G: Gpu> Resources<G> {
         self.part(id, slot).0
     }
 
-    /// Returns the buffer, and the resource's byte range in it.
+    /// Returns the buffer of a resource for the frame in this slot, and the resource's byte range in it.
     ///
     /// # Panics
     /// Panics for an image, a freed buffer, or a host buffer without contents. [`crate::check::check`] guarantees that
@@ -131,7 +131,7 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Returns the host buffer of a resource for the frame in this slot, if it is one.
+    /// Returns the host buffer of a resource for the frame in this slot; `None` for other kinds.
     pub fn host_buffer_mut(&mut self, id: ResourceId, slot: usize) -> Option<&mut HostBuffer<G>> {
         match &mut self.held[id.index()] {
             Held::HostBuffer(copies) => Some(&mut copies[slot]),
@@ -139,8 +139,8 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Takes the shared outputs that the frame in this slot reads, once it is recorded. The caller keeps them until it
-    /// completes.
+    /// Takes the shared outputs that the frame in this slot reads, after recording it. The caller keeps them until the
+    /// frame completes.
     pub fn take_outputs(&mut self, slot: usize) -> impl Iterator<Item = Arc<SharedOutput<G>>> {
         self.held.iter_mut().filter_map(move |held| match held {
             Held::HostBuffer(copies) => copies[slot].take_output(),
@@ -148,7 +148,7 @@ impl<G: Gpu> Resources<G> {
         })
     }
 
-    /// Returns a transient, to be shared with another plan.
+    /// Returns the transient of a resource, to be shared with another plan; `None` for other kinds.
     pub fn transient(&self, id: ResourceId) -> Option<&Transient<G>> {
         match &self.held[id.index()] {
             Held::Transient(transient) => Some(transient),
@@ -156,7 +156,7 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Frees a buffer that no pass uses any more; another plan may still hold it.
+    /// Drops this plan's hold on a buffer that its passes no longer use. Another plan may still hold it.
     pub fn free(&mut self, id: ResourceId) {
         self.held[id.index()] = Held::Freed;
     }
@@ -179,7 +179,7 @@ impl<G: Gpu> Resources<G> {
         }
     }
 
-    /// Iterates over the allocations. Shared ones appear more than once.
+    /// Iterates over the resources' memory allocations. Shared ones appear more than once.
     pub fn pieces(&self) -> impl Iterator<Item = &Arc<G::Memory>> {
         self.held.iter().flat_map(|held| match held {
             Held::Transient(transient) => vec![transient.memory()],
@@ -233,7 +233,8 @@ impl<G: Gpu> Resources<G> {
     }
 }
 
-/// Creates the members of all blocks, except reused (`taken`) and `unused` ones, which do not share theirs.
+/// Creates the members of all blocks, except blocks with a reused (`taken`) or `unused` member, which has a block of
+/// its own.
 fn transients<G: Gpu>(
     gpu: &Arc<G>,
     plan: &Plan,
@@ -261,7 +262,7 @@ fn transients<G: Gpu>(
     Ok(all)
 }
 
-/// Refuses an image whose format the device cannot store to, draw into or blend into.
+/// Refuses an image if the device does not support a use that the plan makes of its format.
 fn check_format<G: Gpu>(
     gpu: &Arc<G>,
     plan: &Plan,

@@ -9,7 +9,7 @@
 //!
 //! A buffer has a recipe if only the prologue writes it, if it does not alias other resources, and if it depends on
 //! nothing from the host. It is entered once the frame that computes it is submitted: its readers come later in the
-//! queue, behind a barrier. It is never written again, and is freed with the last plan that holds it.
+//! queue, behind a barrier. It is never written again, and is freed when the last plan that holds it is dropped.
 
 use crate::attributes::{self, PlaneKey};
 use crate::gpu::{Buffer, Gpu};
@@ -47,7 +47,7 @@ enum Command {
     Fill { buffer: usize, value: u32 },
 }
 
-/// The recipes of a plan, by result.
+/// A plan's recipes, by the resource that holds the result.
 pub(crate) type Recipes = BTreeMap<ResourceId, Arc<Recipe>>;
 
 /// Lists the recipes of a plan for the scene with this identity.
@@ -57,8 +57,8 @@ pub(crate) fn recipes(plan: &Plan, identity: u64) -> Recipes {
     results.filter_map(|&id| Some((id, Arc::new(prologue.recipe(id, identity)?)))).collect()
 }
 
-/// Returns the prologue's passes that need not run: every resource that they write is `taken`, or used only by such
-/// passes.
+/// Returns the prologue's passes that need not run: each resource that they write is `taken`, or only such passes use
+/// it.
 ///
 /// Removes from `taken` the results that a remaining pass computes anyway.
 pub(crate) fn skipped<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Vec<PassId> {
@@ -127,7 +127,7 @@ impl<'a> Prologue<'a> {
         touched(self.plan.pass(pass)).filter(|(_, writes)| *writes).map(|(id, _)| id)
     }
 
-    /// Returns true for a buffer that keeps the prologue's data, in its own memory.
+    /// Returns true for a buffer of the plan that frames do not write, without aliases and not a history.
     fn is_result(&self, id: ResourceId) -> bool {
         let resource = self.plan.resource(id);
         resource.source == Source::Transient
@@ -137,7 +137,7 @@ impl<'a> Prologue<'a> {
             && !self.written_later.contains(&id)
     }
 
-    /// Returns the recipe of a result; `None` if it depends on more than the scene.
+    /// Returns the recipe of a result; `None` if it depends on anything besides the scene and the plan.
     fn recipe(&self, result: ResourceId, identity: u64) -> Option<Recipe> {
         let plan = self.plan;
         let mut passes = BTreeSet::new();
@@ -194,10 +194,10 @@ impl<'a> Prologue<'a> {
     }
 }
 
-/// A recipe with its result. Plans hold the buffer.
+/// A recipe and its result. The buffer is owned by the plans that use it.
 type Computed<G> = (Arc<Recipe>, Weak<Buffer<G>>);
 
-/// The results on a device that at least one plan still holds.
+/// The results on a device, as far as a plan still holds them.
 pub(crate) struct Results<G: Gpu> {
     computed: Mutex<Vec<Computed<G>>>,
 }
@@ -209,9 +209,7 @@ impl<G: Gpu> Default for Results<G> {
 }
 
 impl<G: Gpu> Results<G> {
-    /// Finds the results for a plan's recipes.
-    ///
-    /// They were created for every use that this plan makes of them.
+    /// Finds the results for a plan's recipes, among buffers that allow every use that this plan makes of them.
     pub fn find(&self, plan: &Plan, recipes: &Recipes) -> BTreeMap<ResourceId, Arc<Buffer<G>>> {
         let computed = self.computed.lock().unwrap_or_else(PoisonError::into_inner);
         let find = |(id, recipe): (&ResourceId, &Arc<Recipe>)| {
@@ -224,7 +222,7 @@ impl<G: Gpu> Results<G> {
         recipes.iter().filter_map(find).collect()
     }
 
-    /// Adds results whose frame was submitted.
+    /// Adds the results of a plan whose prologue has been submitted.
     pub fn add<'a>(&self, results: impl Iterator<Item = (&'a Arc<Recipe>, &'a Arc<Buffer<G>>)>) {
         let mut computed = self.computed.lock().unwrap_or_else(PoisonError::into_inner);
         computed.retain(|(_, buffer)| buffer.strong_count() > 0);

@@ -38,7 +38,7 @@ impl<G: Gpu> Shared<G> {
         })
     }
 
-    /// Drops objects once the device is idle; until then, which may be never, they are kept.
+    /// Keeps objects until [`Shared::drop_abandoned`] finds the device idle, which may be never.
     pub fn abandon(&self, objects: impl Send + 'static) {
         self.abandoned().push(Box::new(objects));
     }
@@ -54,7 +54,7 @@ impl<G: Gpu> Shared<G> {
         self.abandoned.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Fails if the device is lost.
+    /// Returns [`BackendError::DeviceLost`] if the device is known to be lost.
     pub fn check_lost(&self) -> Result<(), BackendError> {
         match self.lost.get() {
             Some(text) => Err(BackendError::DeviceLost(text.clone())),
@@ -62,7 +62,8 @@ impl<G: Gpu> Shared<G> {
         }
     }
 
-    /// Returns the error; the device's first loss is recorded, with `place` added.
+    /// Returns the error. If it is the device's first loss, records it, with `place` added; later losses return the
+    /// first.
     pub fn losing(&self, error: BackendError, place: impl FnOnce() -> Option<String>) -> BackendError {
         let BackendError::DeviceLost(answer) = error else { return error };
         let text = || match place() {

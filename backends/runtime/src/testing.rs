@@ -1,4 +1,4 @@
-//! A hand-made plan for unit tests; its shaders have no code that a device could run.
+//! A handwritten plan for unit tests. Its shaders have no code that a device could run.
 
 #![allow(dead_code, reason = "each backend crate that includes this file uses a part of it")]
 

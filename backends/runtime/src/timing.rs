@@ -3,8 +3,9 @@
 use crate::gpu::Gpu;
 use splatgraph_api::{BackendError, FrameId};
 
-/// Returns the number of timestamps of a frame with `passes` passes: its start and end, then one before and one after
-/// each pass.
+/// Returns the number of timestamps of a frame with `passes` passes.
+///
+/// The first two are the frame's start and end. Two for each pass follow, before and after it.
 pub(crate) fn queries(passes: usize) -> u32 {
     2 + 2 * passes as u32
 }
@@ -32,13 +33,13 @@ impl Times {
         Ok(Times { ticks, bits: limits.timestamp_bits, period: limits.timestamp_period as f64 })
     }
 
-    /// Returns which passes are known to be complete; `None` without a timer.
+    /// Returns, for each pass, whether it is known to be complete; `None` without a timer.
     pub fn finished(&self, passes: usize) -> Option<Vec<bool>> {
         let done = |pass| self.ticks[queries(pass) as usize + 1].is_some();
         (!self.ticks.is_empty()).then(|| (0..passes).map(done).collect())
     }
 
-    /// Returns the milliseconds between two timestamps.
+    /// Returns the milliseconds between two timestamps, given by index; `None` if either was not written.
     fn between(&self, from: u32, to: u32) -> Option<f64> {
         let ticks = |query: u32| self.ticks.get(query as usize).copied().flatten();
         Some(milliseconds(ticks(from)?, ticks(to)?, self.bits, self.period))
@@ -70,7 +71,7 @@ fn milliseconds(from: u64, to: u64, bits: u32, period: f64) -> f64 {
     (to.wrapping_sub(from) & mask) as f64 * period * 1e-6
 }
 
-/// Describes where a lost device stopped.
+/// Describes where a lost device stopped: the last pass known to be complete and the next one.
 pub(crate) fn lost_in(frame: FrameId, names: &[&str], finished: Option<&[bool]>) -> String {
     let Some(finished) = finished else {
         return format!("in or after frame {}; without timestamps no pass of it is known complete", frame.0);

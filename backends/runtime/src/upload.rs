@@ -1,7 +1,7 @@
 //! Uploads the scene in chunks, through staging memory.
 //!
-//! The staging memory has two halves: the scene writes one while the device copies from the other. For any size of
-//! scene, at most two [`CHUNK`]s are mapped, nothing else is allocated, and progress is reported after every chunk.
+//! The staging memory has two halves: the scene writes one while the device copies from the other. Whatever the scene's
+//! size, at most two [`CHUNK`]s are mapped, nothing else is allocated, and progress is reported after every chunk.
 
 use crate::attributes::{PlaneKey, Planes};
 use crate::gpu::{Buffer, BufferDesc, Encoder, Gpu, Location};
@@ -12,12 +12,12 @@ use splatgraph_framework::ir::Usage;
 use std::ops::Range;
 use tracing::info_span;
 
-/// Maximum bytes of one copy, rounded down to whole entries.
+/// Maximum size of one copy, in bytes. A copy has whole entries.
 const CHUNK: u64 = 16 << 20;
 
 /// Uploads the `missing` planes of the scene.
 ///
-/// When it returns, even with an error, the device no longer uses the planes: they are uploaded or can be dropped.
+/// When it returns, even with an error, the device no longer uses the planes, so they can be read or dropped.
 /// (Planes of a copy that hangs are kept.)
 pub(crate) fn upload<G: Gpu>(
     shared: &Shared<G>,
@@ -33,7 +33,7 @@ pub(crate) fn upload<G: Gpu>(
     Uploader::new(shared, missing, planes)?.run(scene, missing, progress)
 }
 
-/// Staging memory for one chunk.
+/// One half of the staging memory, for one chunk, with the encoder of its copy.
 struct Half<G: Gpu> {
     staging: Buffer<G>,
     encoder: G::Encoder,
@@ -135,7 +135,7 @@ impl<'a, G: Gpu> Uploader<'a, G> {
 }
 
 impl<G: Gpu> Drop for Uploader<'_, G> {
-    /// Waits for copies still in flight after an error or a panic of the scene.
+    /// Waits for copies still in flight, after an error or a panic of the scene.
     fn drop(&mut self) {
         let mut stuck = false;
         for half in 0..self.halves.len() {

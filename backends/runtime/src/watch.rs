@@ -7,8 +7,8 @@
 //! The executors of a device share its queue, so a frame may wait for another executor's pass. Every submission is
 //! therefore [entered](Watch::enter) in queue order. The device is running the first submission whose timestamps are
 //! not all written, in the pass after the last written one. Submissions without timestamps (uploads, and all of them if
-//! the queue has no timer or it cannot be read while the device runs) give no information. Only their own waiters name
-//! them.
+//! the queue has no timer or it cannot be read while the device runs) give no information. Only a wait for such a
+//! submission itself reports it.
 
 use crate::gpu::Gpu;
 use crate::timing::Times;
@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Maximum wait between two looks.
+/// Maximum duration of a wait between two looks.
 const SLICE: Duration = Duration::from_millis(50);
 
 /// The submissions of a device that are not known to be complete.
@@ -31,20 +31,20 @@ struct State<G: Gpu> {
     next: u64,
     /// Submissions by number, which is the queue order.
     submitted: BTreeMap<u64, Submission<G>>,
-    /// The point that the device had reached at the last look, and the time when it was first seen there.
+    /// Where the device was at the last look, and when a look first found it there.
     reached: Option<(Point, Instant)>,
 }
 
-/// A submission's number, and how many of its passes are done.
+/// A submission's number, and how many of its passes are complete.
 type Point = (u64, usize);
 
-/// A submission, as the watch sees it.
+/// What the watch knows of a submission.
 pub(crate) struct Submission<G: Gpu> {
-    /// The frame; `None` for an upload.
+    /// The frame's passes; `None` for an upload.
     pub frame: Option<Frame<G>>,
 }
 
-/// The passes of a submitted frame.
+/// The passes of a submitted frame, and the timestamps that show which are complete.
 pub(crate) struct Frame<G: Gpu> {
     /// The name of the plan.
     pub plan: Arc<str>,
@@ -55,7 +55,7 @@ pub(crate) struct Frame<G: Gpu> {
     pub timestamps: Option<Arc<G::Timestamps>>,
 }
 
-/// A submission's entry in the watch, removed on drop.
+/// A submission's registration in the watch, removed on drop.
 pub(crate) struct Ticket<G: Gpu> {
     number: u64,
     watch: Arc<Watch<G>>,
@@ -78,7 +78,7 @@ impl<G: Gpu> Watch<G> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Registers a submission.
+    /// Registers a submission, right after the ones submitted before it.
     pub fn enter(self: &Arc<Self>, submission: Submission<G>) -> Ticket<G> {
         let mut state = self.state();
         let number = state.next;
@@ -87,7 +87,7 @@ impl<G: Gpu> Watch<G> {
         Ticket { number, watch: self.clone() }
     }
 
-    /// Returns the work that the device is executing. `own` is known to be unfinished.
+    /// Returns the work that the device is executing. The caller knows that `own` is unfinished.
     pub fn look(&self, gpu: &G, own: &Ticket<G>) -> Running {
         let mut state = self.state();
         let (point, place) = state.first_unfinished(gpu, own.number);
@@ -115,13 +115,13 @@ impl<G: Gpu> Watch<G> {
     }
 }
 
-/// Returns the error of an abandoned wait.
+/// Returns the error for a wait that exceeded the patience.
 pub(crate) fn stuck(running: Running) -> BackendError {
     BackendError::Stuck { place: running.place, seconds: running.time.as_secs() }
 }
 
 impl<G: Gpu> State<G> {
-    /// Finds the first unfinished submission, at the latest `own`, and describes the device's progress in it.
+    /// Finds the first unfinished submission up to `own`, and describes the work that the device is doing there.
     fn first_unfinished(&self, gpu: &G, own: u64) -> (Point, String) {
         let live = gpu.limits().live_timestamps;
         for (&number, submission) in self.submitted.range(..=own).filter(|_| live) {

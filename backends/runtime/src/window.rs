@@ -22,12 +22,12 @@ const PATIENCE: Duration = Duration::from_secs(2);
 pub(crate) struct Swapchain<G: Gpu> {
     // Dropped first, when the device is idle.
     raw: Option<G::Swapchain>,
-    /// The window's size in pixels, as last reported to the program.
+    /// The window's size in pixels, as last reported by the caller.
     told: (u32, u32),
     vsync: bool,
     /// True if the swapchain, if any, must be replaced before the next frame is shown.
     stale: bool,
-    /// True if an image was acquired and not presented yet.
+    /// True if an image was acquired and not yet presented.
     acquired: bool,
     /// True if the swapchain was already rebuilt after `SUBOPTIMAL`; a second `SUBOPTIMAL` is ignored.
     is_best: bool,
@@ -90,12 +90,12 @@ impl<G: Gpu> Swapchain<G> {
         Ok(Some(image))
     }
 
-    /// Returns an acquired image for [`Gpu::submit`].
+    /// Returns the acquired image as an argument for [`Gpu::submit`]; `None` without a swapchain.
     pub fn show(&mut self, image: u32, slot: usize) -> Option<Show<'_, G>> {
         self.raw.as_mut().map(|swapchain| Show { swapchain, image, slot })
     }
 
-    /// Presents an image whose blit was submitted.
+    /// Presents an image. Its blit must have been submitted.
     pub fn present(&mut self, image: u32, slot: usize) -> Result<(), BackendError> {
         self.acquired = false;
         let gpu = self.gpu.clone();
@@ -111,13 +111,13 @@ impl<G: Gpu> Swapchain<G> {
         Ok(())
     }
 
-    /// Records `SUBOPTIMAL`, which some window systems report for every swapchain.
+    /// Marks the swapchain for a single rebuild: some window systems report `SUBOPTIMAL` for every swapchain.
     fn set_suboptimal(&mut self) {
         self.stale |= !self.is_best;
         self.is_best = true;
     }
 
-    /// Records that the swapchain is out of date.
+    /// Marks the swapchain as out of date: it is replaced before the next frame is shown.
     fn set_out_of_date(&mut self) {
         (self.stale, self.is_best) = (true, false);
     }
@@ -127,7 +127,7 @@ impl<G: Gpu> Swapchain<G> {
         self.surface_lost = true;
     }
 
-    /// Acquires an image; `None` if the window shows nothing now.
+    /// Acquires an image, and replaces a stale swapchain first; `None` if the window shows nothing now.
     fn acquire(&mut self, slot: usize) -> Result<Option<u32>, BackendError> {
         // A submission failed after its image was acquired: only a new swapchain gets the image back.
         self.stale |= self.acquired;

@@ -11,7 +11,7 @@ use splatgraph_framework::ir::ShaderStage;
 use splatgraph_framework::{ir::*, plan::*};
 use std::collections::HashSet;
 
-/// Invocation count that no device finishes in reasonable time: starting this many takes the fastest ten seconds.
+/// Maximum number of invocations or vertices of a pass. The fastest device takes ten seconds just to start this many.
 const MOST_INVOCATIONS: u64 = 1 << 40;
 
 /// The axes of dispatches.
@@ -54,7 +54,7 @@ pub(crate) fn invalid<T>(text: String) -> Result<T, BackendError> {
     Err(BackendError::Invalid(text))
 }
 
-/// Refuses more than `available` bytes; `what` names the limited thing.
+/// Returns [`BackendError::Limit`] if `needed` exceeds `available` bytes; `what` names the limited quantity.
 pub(crate) fn within_bytes(
     what: impl FnOnce() -> String,
     needed: u64,
@@ -63,7 +63,7 @@ pub(crate) fn within_bytes(
     within(what, needed, available, Unit::Bytes)
 }
 
-/// Refuses a count above `available`.
+/// Returns [`BackendError::Limit`] if the count `needed` exceeds `available`; `what` names the limited quantity.
 fn within_count(
     what: impl FnOnce() -> String,
     needed: impl Into<u64>,
@@ -108,7 +108,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Returns the resource `id` if it allows `usage`; `user` names its user in the error.
+    /// Returns the resource `id`; refuses it if its declared usage lacks `usage`. `user` names the user in the error.
     fn resource_for(&self, id: ResourceId, usage: Usage, user: &str) -> Result<&'a Resource, BackendError> {
         let resource = self.resources(id, user)?;
         if !resource.usage.contains(usage) {
@@ -162,7 +162,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Checks that every transient is in the block that it names, and that blocks have no other members.
+    /// Checks that each transient is listed once, in the block it names, and that blocks list nothing else.
     fn blocks(&self) -> Result<(), BackendError> {
         let mut seen = HashSet::new();
         for (index, block) in self.plan.blocks.iter().enumerate() {
@@ -255,7 +255,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Checks a buffer that `user` fills with a word.
+    /// Checks that a buffer can be filled: it allows copies into it, and its size is a multiple of 4 bytes.
     fn filled(&self, buffer: ResourceId, user: &str) -> Result<(), BackendError> {
         let bytes = self.resource_for(buffer, Usage::COPY_TARGET, user)?.bytes();
         let resource = self.words(buffer, 0, bytes, user)?;
@@ -443,8 +443,10 @@ impl<'a> Checker<'a> {
         Ok(())
     }
 
-    /// Checks the order: history clears are in the prologue; the frame ends with its export, or the export and the
-    /// host's pass.
+    /// Checks the order of special passes.
+    ///
+    /// Histories are cleared only in the prologue. The frame ends with its only export, followed by the host's pass if
+    /// the plan has statistics.
     fn order(&self) -> Result<(), BackendError> {
         let work = |pass: &PassId| &self.plan.pass(*pass).work;
         if self.plan.frame.iter().any(|pass| matches!(work(pass), Work::ClearHistory { .. })) {
