@@ -1,4 +1,4 @@
-//! Implements the runtime's graphics API with Vulkan.
+//! Implements the runtime's [`Gpu`](splatgraph_runtime::Gpu) trait with Vulkan.
 
 use crate::descriptors::DescriptorSets;
 use crate::encoder::Encoder;

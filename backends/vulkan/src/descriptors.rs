@@ -1,4 +1,4 @@
-//! Allocates descriptor sets: the bindings of a plan's passes.
+//! Allocates and writes descriptor sets, which hold the bindings of a plan's passes.
 
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
@@ -13,14 +13,14 @@ use std::sync::Arc;
 
 /// The descriptor sets of all passes of a plan.
 pub struct DescriptorSets {
-    /// By pass, then by slot; null for passes that bind nothing.
+    /// Descriptor sets by pass, then by slot; null for passes without bindings.
     sets: Vec<[vk::DescriptorSet; FRAMES_IN_FLIGHT]>,
     // Dropping the pool frees the sets.
     _pool: Option<Owned<vk::DescriptorPool>>,
 }
 
 impl DescriptorSets {
-    /// Allocates the sets of all passes that run and have bindings.
+    /// Allocates a descriptor set per copy for each dispatch and draw with bindings, without writing them.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         plan: &Plan,
@@ -48,7 +48,7 @@ impl DescriptorSets {
         Ok(DescriptorSets { sets, _pool: Some(pool) })
     }
 
-    /// Writes one binding in one copy of a pass's set.
+    /// Writes one binding in one copy of a pass's descriptor set.
     pub(crate) fn write(
         &self,
         gpu: &VulkanGpu,
@@ -83,13 +83,13 @@ impl DescriptorSets {
         unsafe { gpu.device.update_descriptor_sets(&[write], &[]) };
     }
 
-    /// Returns the set of a pass for the frame in this slot.
+    /// Returns a pass's descriptor set for the frame in this slot; null if it has no bindings.
     pub(crate) fn set(&self, pass: PassId, slot: usize) -> vk::DescriptorSet {
         self.sets[pass.index()][slot]
     }
 }
 
-/// Creates a pool for the sets of the passes `bound`; `None` if there are none.
+/// Creates a descriptor pool with room for the sets of the passes `bound`; `None` if there are none.
 fn pool(
     gpu: &Arc<VulkanGpu>,
     plan: &Plan,

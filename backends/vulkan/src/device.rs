@@ -17,7 +17,7 @@ use std::time::Duration;
 /// A physical device and its properties.
 pub(crate) struct Physical {
     pub handle: vk::PhysicalDevice,
-    /// Index of a queue family with compute and graphics that can present to the instance's window, if it has one.
+    /// Index of a queue family with compute and graphics. With a window, the family can also present to it.
     pub family: u32,
     pub info: DeviceInfo,
     pub limits: Limits,
@@ -41,7 +41,7 @@ pub(crate) fn all(instance: &Instance) -> Result<Vec<Physical>, BackendError> {
     Ok(handles.into_iter().enumerate().map(|(index, handle)| describe(instance, handle, index)).collect())
 }
 
-/// Finds the device to open; see [`splatgraph_runtime::choose`].
+/// Chooses the device to open; see [`splatgraph_runtime::choose`].
 pub(crate) fn choose(devices: Vec<Physical>, wanted: Option<&str>) -> Result<Physical, BackendError> {
     if devices.is_empty() {
         return Err(BackendError::Unavailable(NO_DRIVER.to_string()));
@@ -111,7 +111,10 @@ fn queue_family(
 
 const NO_PRESENTING: &str = "it cannot show pictures in this window";
 
-/// Returns the first family with compute and graphics that satisfies `presents`, or the reason why there is none.
+/// Returns the index of the first family with compute and graphics that satisfies `presents`.
+///
+/// # Errors
+/// The reason why there is none, for [`DeviceInfo::unfit`].
 fn fit_family(families: &[vk::QueueFlags], presents: impl Fn(u32) -> bool) -> Result<u32, &'static str> {
     let needed = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
     let mut able = (0..).zip(families).filter(|(_, flags)| flags.contains(needed)).peekable();
@@ -127,8 +130,8 @@ fn has_extension(instance: &Instance, handle: vk::PhysicalDevice, name: &CStr) -
     extensions.is_ok_and(|extensions| offers(&extensions, name))
 }
 
-/// Describes the largest device-local heap, with the available bytes if `budget` (the device has
-/// `VK_EXT_memory_budget`).
+/// Describes the largest device-local heap. The available bytes are known only if `budget`: the device has
+/// `VK_EXT_memory_budget`.
 pub(crate) fn heap(instance: &Instance, handle: vk::PhysicalDevice, budget: bool) -> Heap {
     let mut left = vk::PhysicalDeviceMemoryBudgetPropertiesEXT::default();
     let mut answer = vk::PhysicalDeviceMemoryProperties2::default();
@@ -145,14 +148,14 @@ pub(crate) fn heap(instance: &Instance, handle: vk::PhysicalDevice, budget: bool
     Heap { bytes: memory.memory_heaps[index].size, available: known.then_some(available) }
 }
 
-/// Finds the largest device-local heap.
+/// Returns the index of the largest device-local heap; `None` if there is none.
 fn largest_heap(memory: &vk::PhysicalDeviceMemoryProperties) -> Option<usize> {
     let heaps = &memory.memory_heaps[..memory.memory_heap_count as usize];
     let local = (0..heaps.len()).filter(|&i| heaps[i].flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
     local.max_by_key(|&index| heaps[index].size)
 }
 
-/// Queries the limits and the driver's name of a device of version 1.3 or later.
+/// Queries a device of version 1.3 or later for its limits and its driver's name and version.
 fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut subgroups = vk::PhysicalDeviceSubgroupProperties::default();
@@ -224,9 +227,9 @@ fn query(instance: &Instance, handle: vk::PhysicalDevice) -> (Limits, String) {
     (limits, driver.trim().to_string())
 }
 
-/// Creates the logical device, with `extensions` (a swapchain's, for instance) in addition to the crate's own.
+/// Creates the logical device, with `extensions` (such as the swapchain's) in addition to the crate's own.
 ///
-/// Bounds accesses beyond the ends of buffers and images as strictly as the device can, unless `unchecked`.
+/// Enables the strictest bounds checks of shader accesses that the device supports, unless `unchecked`.
 pub(crate) fn create(
     instance: &Instance,
     physical: &Physical,

@@ -19,7 +19,7 @@ use std::fmt::Arguments;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A command buffer, and the fence of its submission.
+/// A command buffer, and the fence that its submission signals.
 pub struct Encoder {
     pub(crate) commands: vk::CommandBuffer,
     pub(crate) fence: Owned<vk::Fence>,
@@ -49,7 +49,7 @@ impl Encoder {
         })
     }
 
-    /// Records the collected barriers, if any, in one call.
+    /// Records the barriers collected in `dependency`, if any, with one call.
     fn flush(&mut self) {
         self.memory.clear();
         self.memory.extend(self.dependency.memory.iter().map(memory_barrier));
@@ -286,8 +286,10 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
         unsafe { self.gpu.device.reset_query_pool(**timestamps, 0, count) };
     }
 
-    /// Writes a timestamp at the end of the pipeline. The difference of two timestamps is the time that the commands
-    /// between them add, even if passes overlap.
+    /// Writes a timestamp at the end of the pipeline.
+    ///
+    /// The difference of two timestamps is the time by which the commands between them delay completion, even if passes
+    /// overlap.
     fn timestamp(&mut self, timestamps: &Owned<vk::QueryPool>, index: u32) {
         let stage = vk::PipelineStageFlags2::ALL_COMMANDS;
         // SAFETY: the command buffer is being recorded outside of rendering, and the query was reset.
@@ -295,7 +297,7 @@ impl splatgraph_runtime::Encoder<VulkanGpu> for Encoder {
     }
 }
 
-/// Records a pipeline barrier outside of rendering.
+/// Records a pipeline barrier. Rendering must not be active.
 pub(crate) fn pipeline_barrier(gpu: &VulkanGpu, commands: vk::CommandBuffer, info: &vk::DependencyInfo) {
     // SAFETY: the command buffer is being recorded outside of rendering, and the resources are alive.
     unsafe { gpu.device.cmd_pipeline_barrier2(commands, info) };
@@ -314,7 +316,7 @@ fn attachment(target: &Target, image: &Image<VulkanGpu>) -> vk::RenderingAttachm
     }
 }
 
-/// Returns the depth attachment of a draw. One that is only tested is not stored, which would be a write.
+/// Returns the depth attachment of a draw. A depth test alone stores nothing, because a store counts as a write.
 fn depth_attachment(access: DepthAccess, image: &Image<VulkanGpu>) -> vk::RenderingAttachmentInfo<'static> {
     let info = vk::RenderingAttachmentInfo::default()
         .image_view(*image.raw.view)
@@ -344,7 +346,7 @@ fn memory_barrier(barrier: &MemoryBarrier) -> vk::MemoryBarrier2<'static> {
         .dst_access_mask(barrier.target.accesses)
 }
 
-/// Converts a barrier on a whole image to Vulkan's.
+/// Converts a barrier on a whole image to Vulkan's structure.
 pub(crate) fn image_barrier(barrier: &ImageBarrier) -> vk::ImageMemoryBarrier2<'static> {
     vk::ImageMemoryBarrier2::default()
         .src_stage_mask(barrier.source.stages)

@@ -6,7 +6,7 @@
 use ash::vk;
 use splatgraph_api::BackendError;
 
-/// Returns a converter for `map_err`, for errors of the Vulkan call of this name.
+/// Returns a converter for `map_err` that turns the result codes of the Vulkan function `call` into errors.
 pub(crate) fn api(call: &'static str) -> impl Fn(vk::Result) -> BackendError {
     move |answer| {
         let text = format!("{answer:?}");

@@ -1,10 +1,11 @@
-//! Selects the optional device features to enable, and lists what they allow shaders to do.
+//! Selects the optional device features to enable, and lists the shader features that they provide.
 
 use crate::instance::{Instance, offers};
 use ash::{ext, vk};
 use splatgraph_framework::ir::Features;
 
-/// The optional features with which a device is opened. Features that [`OptionalFeatures::of`] does not list stay off.
+/// The optional features that the device is opened with. Features that [`OptionalFeatures::of`] does not select stay
+/// off.
 pub(crate) struct OptionalFeatures {
     pub core: vk::PhysicalDeviceFeatures,
     pub vulkan11: vk::PhysicalDeviceVulkan11Features<'static>,
@@ -16,7 +17,7 @@ pub(crate) struct OptionalFeatures {
 }
 
 impl OptionalFeatures {
-    /// Selects the features useful to shaders from those of a device of version 1.3 or later.
+    /// Queries a device of version 1.3 or later, and selects its features that shaders can use.
     pub fn of(instance: &Instance, handle: vk::PhysicalDevice) -> OptionalFeatures {
         // SAFETY: `handle` is one of the instance's.
         let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) };
@@ -98,7 +99,7 @@ impl OptionalFeatures {
         }
     }
 
-    /// Lists the shader features that these enable.
+    /// Returns the shader features that these device features provide.
     pub fn shaders(&self) -> Features {
         let OptionalFeatures { core, vulkan11, vulkan12, .. } = self;
         let float = self.atomic_float.unwrap_or_default();

@@ -30,11 +30,12 @@ pub struct VulkanGpu {
     pub(crate) physical: vk::PhysicalDevice,
     /// True if the device has `VK_EXT_memory_budget`.
     pub(crate) budget: bool,
-    /// Pipeline cache, kept across loads: a rebuilt plan reuses the pipelines that did not change.
+    /// Pipeline cache, kept across loads, so that a rebuilt plan reuses pipelines that did not change.
     pub(crate) pipeline_cache: vk::PipelineCache,
-    /// The memory allocator; `None` once the device is being destroyed.
+    /// The memory allocator. It is `None` only while the device is being destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
-    /// Fences that a submission may still signal, but that no thread waits for.
+    /// Fences that nobody waits for any more but that a submission may still signal. They are destroyed with the
+    /// device.
     fences: Mutex<Vec<vk::Fence>>,
     /// Time limit of one pass; see [`splatgraph_runtime::Gpu::patience`].
     pub(crate) patience: Duration,
@@ -94,12 +95,12 @@ impl VulkanGpu {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Keeps a fence until it is released or the device is destroyed.
+    /// Keeps a fence until [`VulkanGpu::release`], or else until the device is destroyed.
     pub(crate) fn keep(&self, fence: vk::Fence) {
         self.fences.lock().unwrap_or_else(PoisonError::into_inner).push(fence);
     }
 
-    /// Destroys a kept fence. No submission uses it any more.
+    /// Destroys a kept fence. No submission may use it any more.
     pub(crate) fn release(&self, fence: vk::Fence) {
         self.fences.lock().unwrap_or_else(PoisonError::into_inner).retain(|&kept| kept != fence);
         // SAFETY: nothing uses it, and it is on the list no more.
@@ -114,7 +115,7 @@ impl VulkanGpu {
         properties.optimal_tiling_features
     }
 
-    /// Names an object for captures and messages.
+    /// Names an object for captures and validation messages. Does nothing without `VK_EXT_debug_utils`.
     pub(crate) fn name(&self, object: impl vk::Handle, name: &str) {
         let Some(labels) = &self.labels else { return };
         let name = c_string(name);
@@ -123,7 +124,7 @@ impl VulkanGpu {
         let _ = unsafe { labels.set_debug_utils_object_name(&info) };
     }
 
-    /// Opens a debug label around the next commands.
+    /// Opens a debug label around the next commands. Does nothing without `VK_EXT_debug_utils`.
     pub(crate) fn begin_label(&self, commands: vk::CommandBuffer, name: Arguments) {
         let Some(labels) = &self.labels else { return };
         let name = c_string(&name.to_string());
@@ -162,12 +163,12 @@ fn c_string(text: &str) -> CString {
     CString::new(text.replace('\0', " ")).unwrap_or_default()
 }
 
-/// A handle that [`Owned`] can destroy.
+/// A handle type that [`Owned`] can destroy.
 pub trait Destroy: vk::Handle + Copy {
     /// Destroys the object.
     ///
     /// # Safety
-    /// The object belongs to this device, is no longer in use, and is destroyed once.
+    /// The object must belong to this device and be unused. It must not be destroyed again.
     unsafe fn destroy(self, device: &ash::Device);
 }
 
@@ -203,7 +204,7 @@ pub struct Owned<H: Destroy> {
 }
 
 impl<H: Destroy> Owned<H> {
-    /// Takes ownership of a new object.
+    /// Takes ownership of a new object, which must belong to `gpu`.
     pub(crate) fn new(gpu: &Arc<VulkanGpu>, raw: H) -> Owned<H> {
         Owned { gpu: gpu.clone(), raw }
     }

@@ -21,10 +21,10 @@ pub(crate) const NO_DRIVER: &str = "the Vulkan loader finds no driver that works
 /// The oldest version with all functions that this crate calls (synchronization2, dynamic rendering, maintenance4).
 pub(crate) const API_VERSION: u32 = vk::API_VERSION_1_3;
 
-/// An instance that is destroyed on drop; everything created from it must be destroyed before.
+/// A Vulkan instance, destroyed on drop. Everything created from it must be destroyed first.
 pub(crate) struct Instance {
     pub raw: ash::Instance,
-    /// True if objects and command buffers can be named.
+    /// True if objects and command buffers can be named (`VK_EXT_debug_utils`).
     pub labels: bool,
     pub messages: Arc<Messages>,
     /// The surface of the device's window, if it has one.
@@ -45,12 +45,12 @@ impl Instance {
         self.surface.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the surface of its window, if it has one.
+    /// Returns the surface of the instance's window; `None` without a window.
     pub fn surface(&self) -> Option<Arc<Surface>> {
         self.lock_surface().clone()
     }
 
-    /// Recreates the surface for the same window. All swapchains of the previous one have been dropped.
+    /// Recreates the surface for the same window. All swapchains of the previous one must have been dropped.
     pub fn renew_surface(&self) -> Result<(), BackendError> {
         let mut surface = self.lock_surface();
         let Some(window) = surface.as_ref().map(|surface| surface.window.clone()) else { return Ok(()) };
@@ -60,7 +60,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Creates an instance with `extensions` (a window system's, for instance) in addition to the crate's own.
+    /// Creates an instance with `extensions` (such as a window system's) in addition to the crate's own.
     pub fn new(validation: Validation, extensions: &[&CStr]) -> Result<Instance, BackendError> {
         let entry = loader()?;
         check_version(entry)?;
@@ -127,7 +127,7 @@ impl Instance {
         Ok(instance)
     }
 
-    /// Registers the messenger from the instance's creation to its destruction.
+    /// Registers the validation messenger, which stays until the instance is destroyed.
     fn listen(&mut self, entry: &ash::Entry) -> Result<(), BackendError> {
         let functions = ext::debug_utils::Instance::new(entry, &self.raw);
         let info = messenger_info(&self.messages);
@@ -158,8 +158,9 @@ impl Drop for Instance {
     }
 }
 
-/// Returns the loader, opened once and never closed: drivers keep threads and thread-local data that do not survive
-/// unloading while another instance is in use.
+/// Returns the Vulkan loader, opened once and never closed.
+///
+/// Drivers keep threads and thread-local data that do not survive unloading while another instance is in use.
 fn loader() -> Result<&'static ash::Entry, BackendError> {
     static LOADER: OnceLock<Result<ash::Entry, String>> = OnceLock::new();
     LOADER
@@ -224,7 +225,8 @@ pub(crate) fn offers(extensions: &[vk::ExtensionProperties], name: &CStr) -> boo
     extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
 }
 
-/// Settings for synchronization validation with shader accesses, which newer layers omit by default.
+/// Returns the layer settings that make synchronization validation check shader accesses, which newer layers omit by
+/// default.
 fn synchronization_settings() -> [vk::LayerSettingEXT<'static>; 2] {
     static YES: vk::Bool32 = vk::TRUE;
     [c"validate_sync", c"syncval_shader_accesses_heuristic"].map(|name| vk::LayerSettingEXT {
@@ -237,8 +239,9 @@ fn synchronization_settings() -> [vk::LayerSettingEXT<'static>; 2] {
     })
 }
 
-/// Enables the layer's warnings and errors. (The third message type, `GENERAL`, is the loader's account of drivers and
-/// layers; it says nothing about the program.)
+/// Returns the settings of the messenger: warnings and errors of validation and performance.
+///
+/// The message type `GENERAL` is left out: it is the loader's log of drivers and layers, not about the program.
 fn messenger_info(messages: &Arc<Messages>) -> vk::DebugUtilsMessengerCreateInfoEXT<'static> {
     vk::DebugUtilsMessengerCreateInfoEXT::default()
         .message_severity(
@@ -251,7 +254,7 @@ fn messenger_info(messages: &Arc<Messages>) -> vk::DebugUtilsMessengerCreateInfo
         .user_data(Arc::as_ptr(messages).cast_mut().cast())
 }
 
-/// Called by the layer for each message, on the thread that made the call.
+/// Adds a message to the collection. The layer calls it on the thread that made the Vulkan call.
 unsafe extern "system" fn collect(
     severity: vk::DebugUtilsMessageSeverityFlagsEXT,
     _: vk::DebugUtilsMessageTypeFlagsEXT,

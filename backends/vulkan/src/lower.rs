@@ -9,12 +9,12 @@ use splatgraph_framework::ir::Reflection;
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_runtime::SubgroupLimits;
 
-/// A descriptor set layout (set 0) and the push constants beside it.
+/// The layout of descriptor set 0, and the push constants. Passes with equal interfaces share a pipeline layout.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Interface {
     pub bindings: Vec<InterfaceBinding>,
     pub push_bytes: u32,
-    /// The stages that see the descriptors and the push constants.
+    /// The shader stages that access the descriptors and the push constants.
     pub stages: vk::ShaderStageFlags,
 }
 
@@ -44,9 +44,9 @@ pub(crate) enum PipelineState {
 /// The subgroup requirements of a compute pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Subgroups {
-    /// The requested size; `None` to leave it to the driver.
+    /// The subgroup size to request; `None` to let the driver choose.
     pub size: Option<u32>,
-    /// True if every subgroup starts with all lanes active.
+    /// True to require full subgroups, in which all lanes are active at the start.
     pub full: bool,
 }
 
@@ -56,24 +56,25 @@ pub(crate) struct TargetState {
     pub blend: Option<BlendState>,
 }
 
-/// `colour = source * source factor + target * target factor`, likewise for alpha.
+/// The blend equation: `colour = source * source factor + target * target factor`, likewise for alpha.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct BlendState {
     pub color: (vk::BlendFactor, vk::BlendFactor),
     pub alpha: (vk::BlendFactor, vk::BlendFactor),
 }
 
-/// The layouts and pipelines of a whole plan.
+/// The interfaces and pipelines of a whole plan.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Lowered {
     pub interfaces: Vec<Interface>,
     /// Pipelines, each with the index of its interface.
     pub pipelines: Vec<(PipelineState, usize)>,
-    /// Index into [`Lowered::pipelines`] by pass; only dispatches and draws that run have one.
+    /// Index into [`Lowered::pipelines`], by pass; `None` for passes other than dispatches and draws, and for passes
+    /// not in the order.
     pub of_pass: Vec<Option<usize>>,
 }
 
-/// Lowers a checked plan.
+/// Lowers a checked plan to interfaces and pipelines, with equal ones merged.
 pub(crate) fn lower(plan: &Plan, subgroups: &SubgroupLimits) -> Lowered {
     let mut lowered = Lowered { of_pass: vec![None; plan.passes.len()], ..Lowered::default() };
     for id in plan.order() {
@@ -163,7 +164,7 @@ pub(crate) fn format(format: Format) -> vk::Format {
     }
 }
 
-/// Returns the aspect of a format's images.
+/// Returns the aspect of images of a format: depth or colour.
 pub(crate) fn aspect(format: Format) -> vk::ImageAspectFlags {
     match format {
         Format::Depth32Float => vk::ImageAspectFlags::DEPTH,
@@ -186,7 +187,7 @@ pub(crate) fn descriptor(kind: DescriptorKind) -> vk::DescriptorType {
     }
 }
 
-/// Lowers a blend; `None` if the fragment replaces the target.
+/// Lowers a blend mode; `None` if the fragment replaces the target.
 pub(crate) fn blend(blend: Blend) -> Option<BlendState> {
     use vk::BlendFactor as F;
     match blend {

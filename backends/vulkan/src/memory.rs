@@ -1,7 +1,7 @@
 //! Allocates buffers, images and their memory.
 //!
-//! `gpu-allocator` suballocates memory, and dropping frees it. Creation has two steps, because several objects may
-//! share memory: create the object without memory, which gives its requirements, then bind it.
+//! `gpu-allocator` suballocates memory, which is freed on drop. Creation has two steps, because several objects may
+//! share memory: create the object, which gives its memory requirements, then bind it to memory.
 
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
@@ -33,7 +33,7 @@ pub enum Dedicated {
 pub(crate) type Requirements = splatgraph_runtime::Requirements<Dedicated>;
 
 impl Memory {
-    /// Allocates memory. An error names `name` and the size.
+    /// Allocates memory that meets the requirements; `name` names it in errors.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         name: &str,
@@ -74,7 +74,7 @@ impl Memory {
         Ok(Memory { allocation: Some(allocation), gpu: gpu.clone() })
     }
 
-    /// Returns the memory handle and the offset to bind at.
+    /// Returns the memory handle, and the offset at which to bind objects.
     fn handle_and_offset(&self) -> (vk::DeviceMemory, u64) {
         // SAFETY: the handle is used only to bind objects, and their owner keeps this allocation alive.
         self.allocation.as_ref().map_or_else(Default::default, |a| (unsafe { a.memory() }, a.offset()))
@@ -106,7 +106,7 @@ impl Drop for Memory {
     }
 }
 
-/// Creates a buffer without memory.
+/// Creates a buffer without memory, and returns its memory requirements.
 pub(crate) fn create_buffer(
     gpu: &Arc<VulkanGpu>,
     desc: &BufferDesc,
@@ -156,7 +156,7 @@ pub struct Image {
     pub(crate) raw: Owned<vk::Image>,
 }
 
-/// Creates an image without memory.
+/// Creates an image without memory, and returns its memory requirements.
 pub(crate) fn create_image(
     gpu: &Arc<VulkanGpu>,
     desc: &ImageDesc,
@@ -187,7 +187,7 @@ pub(crate) fn create_image(
     Ok((image, requirements(answer, &dedicated, MemoryKind::Optimal, Dedicated::Image(raw))))
 }
 
-/// Binds an image to memory that meets its requirements.
+/// Binds an image to memory that meets its requirements, and creates its view.
 pub(crate) fn bind_image(
     gpu: &Arc<VulkanGpu>,
     image: UnboundImage,
@@ -207,7 +207,7 @@ pub(crate) fn bind_image(
     Ok(Image { view: Owned::new(gpu, view), raw: image.raw })
 }
 
-/// The single mip level and layer of every image.
+/// Subresource range of a colour image: its single mip level and layer.
 pub(crate) const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
     aspect_mask: vk::ImageAspectFlags::COLOR,
     base_mip_level: 0,
@@ -216,7 +216,7 @@ pub(crate) const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
     layer_count: 1,
 };
 
-/// The single mip level and layer of every image, for copies and blits.
+/// Subresource layers of a colour image: its single mip level and layer.
 pub(crate) const LAYER: vk::ImageSubresourceLayers = vk::ImageSubresourceLayers {
     aspect_mask: vk::ImageAspectFlags::COLOR,
     mip_level: 0,

@@ -1,7 +1,7 @@
 //! Creates pipelines and their layouts, once per plan.
 //!
-//! The lists come from [`crate::lower`]. An interface is a descriptor set layout with a pipeline layout; each pipeline
-//! names its interface.
+//! [`crate::lower`] lists them. Each interface becomes a descriptor set layout and a pipeline layout, and each pipeline
+//! refers to its interface.
 
 use crate::error::api;
 use crate::gpu::{Owned, VulkanGpu};
@@ -15,7 +15,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
-/// The layout of a pipeline's descriptor set and push constants.
+/// A pipeline layout, with its descriptor set layout.
 pub struct PipelineLayout {
     pub(crate) raw: Owned<vk::PipelineLayout>,
     pub(crate) set: Owned<vk::DescriptorSetLayout>,
@@ -38,7 +38,7 @@ pub struct Pipelines {
 }
 
 impl Pipelines {
-    /// Creates the pipelines of all dispatches and draws of a plan.
+    /// Creates the pipelines of all dispatches and draws of a plan; calls `next` before each.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         plan: &Plan,
@@ -93,13 +93,13 @@ impl Pipelines {
         Ok(Pipelines { pipelines, layouts, lowered })
     }
 
-    /// Returns a pass's pipeline and layout; `None` if it has no pipeline.
+    /// Returns a pass's pipeline and pipeline layout; `None` if it has no pipeline.
     pub(crate) fn find(&self, pass: PassId) -> Option<(&Pipeline, &PipelineLayout)> {
         let pipeline = &self.pipelines[self.lowered.of_pass[pass.index()]?];
         Some((pipeline, &self.layouts[pipeline.layout]))
     }
 
-    /// Returns the interface of a pass's pipeline.
+    /// Returns the interface of a pass's pipeline; `None` if it has no pipeline.
     pub(crate) fn interface(&self, pass: PassId) -> Option<&Interface> {
         let pipeline = self.lowered.of_pass[pass.index()]?;
         Some(&self.lowered.interfaces[self.lowered.pipelines[pipeline].1])
@@ -238,7 +238,7 @@ fn attachment(target: &TargetState) -> vk::PipelineColorBlendAttachmentState {
     }
 }
 
-/// Returns the requested pipeline. On an error Vulkan returns null handles, which need no destruction.
+/// Returns the only pipeline of a creation call. On an error, Vulkan returns null handles, which need no destruction.
 fn single(
     made: Result<Vec<vk::Pipeline>, (Vec<vk::Pipeline>, vk::Result)>,
 ) -> Result<vk::Pipeline, vk::Result> {

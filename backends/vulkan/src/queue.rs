@@ -7,7 +7,7 @@ use splatgraph_api::BackendError;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Returns a pool with one primary command buffer.
+/// Creates a command pool with one primary command buffer.
 pub(crate) fn command_pool(
     gpu: &Arc<VulkanGpu>,
 ) -> Result<(Owned<vk::CommandPool>, vk::CommandBuffer), BackendError> {
@@ -27,7 +27,7 @@ pub(crate) fn command_pool(
     Ok((pool, buffers[0]))
 }
 
-/// Begins recording into a pool's command buffer. Its last submission has completed.
+/// Begins recording into a pool's command buffer. Its last submission must have completed.
 pub(crate) fn begin(
     gpu: &VulkanGpu,
     pool: vk::CommandPool,
@@ -41,7 +41,7 @@ pub(crate) fn begin(
     unsafe { gpu.device.begin_command_buffer(commands, &info) }.map_err(api("vkBeginCommandBuffer"))
 }
 
-/// Ends a recording.
+/// Ends recording into a command buffer.
 pub(crate) fn end(gpu: &VulkanGpu, commands: vk::CommandBuffer) -> Result<(), BackendError> {
     // SAFETY: the command buffer is being recorded.
     unsafe { gpu.device.end_command_buffer(commands) }.map_err(api("vkEndCommandBuffer"))
@@ -59,7 +59,7 @@ pub(crate) fn semaphore(gpu: &Arc<VulkanGpu>) -> Result<Owned<vk::Semaphore>, Ba
     Ok(Owned::new(gpu, semaphore.map_err(api("vkCreateSemaphore"))?))
 }
 
-/// Submits one command buffer; `fence` is signalled when it completes.
+/// Submits one command buffer. `fence` is signalled when it completes.
 pub(crate) fn submit(
     gpu: &VulkanGpu,
     commands: vk::CommandBuffer,
@@ -72,7 +72,7 @@ pub(crate) fn submit(
     unsafe { gpu.device.queue_submit2(*queue, &submits, fence) }.map_err(api("vkQueueSubmit2"))
 }
 
-/// The blit of a frame's output to the window, with the semaphores for its start and end.
+/// The recorded blit of a frame's output to the window, with the semaphores for its start and end.
 #[derive(Clone, Copy)]
 pub(crate) struct Blit {
     pub commands: vk::CommandBuffer,
@@ -82,10 +82,10 @@ pub(crate) struct Blit {
     pub finished: vk::Semaphore,
 }
 
-/// Submits a frame, followed by the blit of its output; `fence` is signalled when both complete.
+/// Submits a frame, followed by the blit of its output. `fence` is signalled when both complete.
 ///
-/// They are two batches: drivers wait for a semaphore before they begin a batch, regardless of the stage that the wait
-/// names, and the frame need not wait for the window.
+/// They are two batches. Drivers wait for a semaphore before they begin a batch, whatever stage the wait names, and the
+/// frame must not wait for the window.
 pub(crate) fn submit_and_blit(
     gpu: &VulkanGpu,
     commands: vk::CommandBuffer,
@@ -130,10 +130,9 @@ pub(crate) fn present(
     unsafe { functions.queue_present(*queue, &info) }
 }
 
-/// Blocks until the fence is signalled or the time limit has passed. Resets the fence and returns true if it was
-/// signalled.
+/// Blocks until the fence is signalled, for at most `limit`. If it was signalled, resets it and returns true.
 ///
-/// The queue is not locked meanwhile.
+/// The queue is not locked during the wait.
 pub(crate) fn wait(gpu: &VulkanGpu, fence: vk::Fence, limit: Duration) -> Result<bool, BackendError> {
     let nanoseconds = u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX);
     // SAFETY: the fence is alive, and a submission will signal it.
@@ -147,8 +146,7 @@ pub(crate) fn wait(gpu: &VulkanGpu, fence: vk::Fence, limit: Duration) -> Result
     Ok(true)
 }
 
-/// Blocks until all earlier submissions have completed, or the time limit has passed. Returns false if the limit has
-/// passed.
+/// Blocks until all earlier submissions have completed, for at most `limit`. Returns false if the limit has passed.
 ///
 /// It waits for a fence of an empty submission: `vkDeviceWaitIdle` has no time limit, and needs exclusive access to the
 /// queue.

@@ -1,22 +1,22 @@
-//! Queries robustness features: the bounds of accesses beyond the ends of buffers and images.
+//! Queries robustness features, which limit what out-of-range shader accesses can reach.
 
 use crate::instance::{Instance, offers};
 use ash::{ext, vk};
 use splatgraph_api::{Bounds, Robustness};
 
-/// The robustness features of a device of version 1.3 or later; none by default.
+/// The robustness features of a device of version 1.3 or later. By default, all are off.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct RobustnessFeatures {
     /// `robustBufferAccess`.
     pub buffers: vk::Bool32,
     /// `robustImageAccess`.
     pub images: vk::Bool32,
-    /// The features of `VK_EXT_robustness2`; `None` without the extension.
+    /// Features of `VK_EXT_robustness2`; `None` without the extension.
     pub two: Option<vk::PhysicalDeviceRobustness2FeaturesEXT<'static>>,
 }
 
 impl RobustnessFeatures {
-    /// Queries the device.
+    /// Queries the robustness features of a device.
     pub fn of(instance: &Instance, handle: vk::PhysicalDevice) -> RobustnessFeatures {
         // SAFETY: `handle` is one of the instance's.
         let extensions = unsafe { instance.raw.enumerate_device_extension_properties(handle) };
@@ -36,7 +36,7 @@ impl RobustnessFeatures {
         RobustnessFeatures { buffers, images, two: has_two.then_some(two) }
     }
 
-    /// Returns the bounds that these features guarantee.
+    /// Returns the bounds of out-of-range accesses that these features guarantee.
     pub fn bounds(&self) -> Robustness {
         let bounds = |exact, memory| match (exact == vk::TRUE, memory == vk::TRUE) {
             (true, _) => Bounds::Exact,

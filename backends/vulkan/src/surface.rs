@@ -1,8 +1,8 @@
 //! Creates the surface of a window, and queries its properties.
 //!
-//! A surface belongs to an instance, not to a device. It is queried for the devices that can present to the window, the
-//! formats, and the present modes. The decisions from these ([`format()`], [`present_mode`], [`extent`] and others) are
-//! pure functions. [`crate::swapchain`] creates the swapchain.
+//! A surface belongs to an instance, not to a device. Queries on it tell which devices can present to the window, with
+//! which formats and present modes. The choices based on these ([`format()`], [`present_mode`], [`extent`] and others)
+//! are pure functions. [`crate::swapchain`] creates the swapchain.
 
 use crate::error::api;
 use ash::{khr, vk};
@@ -22,7 +22,7 @@ pub(crate) fn extensions(window: &dyn Window) -> Result<Vec<&'static CStr>, Back
     Ok(names.iter().map(|&name| unsafe { CStr::from_ptr(name) }).collect())
 }
 
-/// A surface that is destroyed on drop, which must happen before its instance is destroyed.
+/// A surface, destroyed on drop. That must happen before its instance is destroyed.
 pub(crate) struct Surface {
     pub raw: vk::SurfaceKHR,
     functions: khr::surface::Instance,
@@ -31,7 +31,7 @@ pub(crate) struct Surface {
 }
 
 impl Surface {
-    /// Creates a surface. The instance must have the window system's [`extensions`].
+    /// Creates a window's surface. The instance must have the window system's [`extensions`].
     pub fn new(
         entry: &ash::Entry,
         instance: &ash::Instance,
@@ -53,7 +53,7 @@ impl Surface {
             .unwrap_or(false)
     }
 
-    /// Queries the current capabilities of swapchains.
+    /// Queries the surface's current capabilities, such as its size and the number of images.
     pub fn capabilities(
         &self,
         device: vk::PhysicalDevice,
@@ -83,7 +83,7 @@ impl Drop for Surface {
     }
 }
 
-/// Returns a converter for `map_err`, for errors of Vulkan calls on the window.
+/// Returns a converter for `map_err` that turns the result codes of the window function `call` into errors.
 pub(crate) fn window(call: &'static str) -> impl Fn(vk::Result) -> BackendError {
     move |answer| match answer {
         vk::Result::ERROR_SURFACE_LOST_KHR => BackendError::SurfaceLost { call },
@@ -98,7 +98,7 @@ fn no_handle(error: HandleError) -> BackendError {
     BackendError::Unavailable(format!("the window cannot be drawn in now: {error}"))
 }
 
-/// Formats without conversion, best first. Colours are already display-encoded; an sRGB format would encode them again.
+/// Formats to choose from, best first. None is sRGB, because colours are already display-encoded.
 const FORMATS: [vk::Format; 3] =
     [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_UNORM, vk::Format::A2B10G10R10_UNORM_PACK32];
 
@@ -127,8 +127,10 @@ pub(crate) fn present_mode(offered: &[vk::PresentModeKHR], vsync: bool) -> vk::P
     wanted.iter().copied().find(|mode| offered.contains(mode)).unwrap_or(vk::PresentModeKHR::FIFO)
 }
 
-/// Returns the size of the window's images; `None` while the window has no pixels. On some window systems the images
-/// determine the window's size; there it is the size `told`, last reported to the program.
+/// Returns the size of the swapchain's images; `None` while the window has no pixels.
+///
+/// On some window systems the images determine the window's size. There it is `told`, the size last reported to the
+/// program.
 pub(crate) fn extent(capabilities: &vk::SurfaceCapabilitiesKHR, told: vk::Extent2D) -> Option<vk::Extent2D> {
     const ANY: vk::Extent2D = vk::Extent2D { width: u32::MAX, height: u32::MAX };
     let (least, most) = (capabilities.min_image_extent, capabilities.max_image_extent);
@@ -143,13 +145,13 @@ pub(crate) fn extent(capabilities: &vk::SurfaceCapabilitiesKHR, told: vk::Extent
     (extent.width > 0 && extent.height > 0).then_some(extent)
 }
 
-/// Returns the number of images: one more than the minimum, so that one can be drawn without waiting.
+/// Returns the number of images to request: one more than the minimum, so that one can be drawn without waiting.
 pub(crate) fn image_count(capabilities: &vk::SurfaceCapabilitiesKHR) -> u32 {
     let most = if capabilities.max_image_count == 0 { u32::MAX } else { capabilities.max_image_count };
     (capabilities.min_image_count + 1).min(most)
 }
 
-/// Chooses the alpha mode: opaque, if the window system offers it.
+/// Chooses the alpha mode: opaque if offered, else another offered one.
 pub(crate) fn composite_alpha(offered: vk::CompositeAlphaFlagsKHR) -> vk::CompositeAlphaFlagsKHR {
     use vk::CompositeAlphaFlagsKHR as Alpha;
     let known = [Alpha::OPAQUE, Alpha::INHERIT, Alpha::PRE_MULTIPLIED, Alpha::POST_MULTIPLIED];

@@ -21,11 +21,14 @@ use splatgraph_framework::ir::Stages;
 use splatgraph_runtime::{Acquired, Image, Presented};
 use std::sync::Arc;
 
-/// Maximum wait for an image, in nanoseconds. Some window systems return no image while the window is hidden, without
-/// reporting that it is; the program must go on.
+/// Maximum wait for an image, in nanoseconds.
+///
+/// Some window systems return no image while the window is hidden, and do not report that it is. The program must go
+/// on.
 const PATIENCE: u64 = 2_000_000_000;
 
-/// The images of a window and their objects. The device must be idle when it is dropped.
+/// A window's swapchain, with the semaphores and command buffers of its blits. The device must be idle when it is
+/// dropped.
 pub struct Swapchain {
     raw: vk::SwapchainKHR,
     // Outlives the swapchain.
@@ -48,8 +51,8 @@ fn window_surface(gpu: &VulkanGpu) -> Result<Arc<Surface>, BackendError> {
     gpu.instance.surface().ok_or_else(none)
 }
 
-/// Returns the size of the window's images, given the size reported to the program; `None` while the window has no
-/// pixels.
+/// Returns the size to create the swapchain with, given the size reported to the program; `None` while the window has
+/// no pixels.
 pub(crate) fn window_size(
     gpu: &VulkanGpu,
     (width, height): (u32, u32),
@@ -60,7 +63,7 @@ pub(crate) fn window_size(
 }
 
 impl Swapchain {
-    /// Creates a swapchain. The device is idle; `former` is the window's current swapchain.
+    /// Creates a swapchain that replaces `former`, the window's current one. The device must be idle.
     pub(crate) fn new(
         gpu: &Arc<VulkanGpu>,
         (width, height): (u32, u32),
@@ -135,7 +138,7 @@ impl Swapchain {
         }
     }
 
-    /// Returns the recorded blit for the frame in `slot` to an image, with its semaphores.
+    /// Returns the recorded blit of the frame in `slot` to image number `image`, with its semaphores.
     pub(crate) fn blit(&self, slot: usize, image: u32) -> Blit {
         Blit {
             commands: self.blits[slot].1,
@@ -144,7 +147,8 @@ impl Swapchain {
         }
     }
 
-    /// Records the blit of `output` into an acquired image. The export leaves `output` in the transfer-source layout.
+    /// Records the blit of `output`, left in the transfer-source layout by the export, into an acquired image.
+    ///
     /// `waiting` are the stages of later work that must wait for the blit.
     pub(crate) fn record_blit(
         &self,
@@ -185,7 +189,7 @@ impl Swapchain {
         queue::end(gpu, commands)
     }
 
-    /// Presents an image whose blit was submitted.
+    /// Presents an image once its blit has completed. The blit must have been submitted.
     pub(crate) fn present(&self, gpu: &VulkanGpu, image: u32) -> Result<Presented, BackendError> {
         let finished = *self.finished[image as usize];
         match queue::present(gpu, &self.functions, self.raw, image, finished) {
@@ -204,7 +208,7 @@ impl Drop for Swapchain {
     }
 }
 
-/// Chooses the filter: nearest for equal sizes; otherwise linear, if the device supports it.
+/// Chooses the blit's filter: nearest for equal sizes; otherwise linear, if the device supports it.
 fn filter(features: vk::FormatFeatureFlags, same_size: bool) -> vk::Filter {
     if same_size || !features.contains(vk::FormatFeatureFlags::SAMPLED_IMAGE_FILTER_LINEAR) {
         vk::Filter::NEAREST
@@ -213,15 +217,16 @@ fn filter(features: vk::FormatFeatureFlags, same_size: bool) -> vk::Filter {
     }
 }
 
-/// The barriers around the blit: a memory barrier for the plan's output, and an image barrier for the window's image.
+/// The barriers on one side of the blit: on memory for the plan's output, and on the window's image.
 #[derive(Clone, Copy)]
 struct Around {
     output: [(vk::PipelineStageFlags2, vk::AccessFlags2); 2],
     window: [(vk::PipelineStageFlags2, vk::AccessFlags2, vk::ImageLayout); 2],
 }
 
-/// The plan synchronizes its output with the export's copies only; the blit continues from there. The window's image
-/// has no contents to keep, and was acquired for the blit's stage.
+/// Barriers before the blit, which chain with the plan's barriers before the export's copies.
+///
+/// The window's old contents are discarded, and the wait for the acquired image is at the blit's stage.
 const BEFORE: Around = Around {
     output: [
         (vk::PipelineStageFlags2::COPY, vk::AccessFlags2::NONE),
@@ -237,7 +242,7 @@ const BEFORE: Around = Around {
     ],
 };
 
-/// Returns the barriers after the blit: the next frame waits for it as for the export's copies.
+/// Returns the barriers after the blit, for stages that wait for the export's copies.
 ///
 /// A semaphore hands over the window's image, so no barrier is needed on the presentation side.
 fn after(waiting: Stages) -> Around {
@@ -274,7 +279,7 @@ fn barrier(gpu: &VulkanGpu, commands: vk::CommandBuffer, around: Around, image: 
     pipeline_barrier(gpu, commands, &info);
 }
 
-/// Returns the corners of an image of this size.
+/// Returns the two corners of a blit region that covers an image of this size.
 fn corners(extent: vk::Extent2D) -> [vk::Offset3D; 2] {
     // Image sizes are far below the range of `i32`.
     [vk::Offset3D::default(), vk::Offset3D { x: extent.width as i32, y: extent.height as i32, z: 1 }]

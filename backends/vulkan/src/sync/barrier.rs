@@ -11,18 +11,20 @@ use splatgraph_framework::plan::{Cause, Plan, Transition};
 pub struct Barriers {
     /// The barriers before each pass, indexed by [`PassId`].
     pub before: Vec<Vec<Barrier>>,
-    /// Barriers recorded once, between the prologue and the first frame: they make the prologue's writes visible to
-    /// frames, and transition images to their layouts between frames.
+    /// Barriers recorded once, between the prologue and the first frame.
+    ///
+    /// They make the prologue's writes visible to frames, and transition images to the layouts they have between
+    /// frames.
     pub handover: Vec<Barrier>,
 }
 
 impl Barriers {
-    /// Returns the barriers before a pass; for `None`, the handover's.
+    /// Returns the barriers before a pass, or the handover's for `None`.
     pub fn at(&self, at: Option<PassId>) -> &Vec<Barrier> {
         at.map_or(&self.handover, |pass| &self.before[pass.index()])
     }
 
-    /// Returns the barriers of a call, mutably.
+    /// Returns the barriers before a pass, or the handover's for `None`, to be changed.
     pub fn at_mut(&mut self, at: Option<PassId>) -> &mut Vec<Barrier> {
         match at {
             Some(pass) => &mut self.before[pass.index()],
@@ -30,8 +32,9 @@ impl Barriers {
         }
     }
 
-    /// Lists the calls of the first frame with their barriers, with the handover between prologue and frame. Passes
-    /// without barriers have an empty call.
+    /// Lists the calls of the prologue, the handover (`None`) and the first frame, in order, with their barriers.
+    ///
+    /// Passes without barriers have an empty call.
     pub fn calls<'a>(&'a self, plan: &'a Plan) -> impl Iterator<Item = (Option<PassId>, &'a Vec<Barrier>)> {
         let passes = |ids: &'a [PassId]| ids.iter().copied().map(Some);
         let all = passes(&plan.prologue).chain([None]).chain(passes(&plan.frame));
@@ -70,7 +73,8 @@ pub struct Barrier {
     pub image: Option<Transition>,
     /// Stages to wait for, writes to make available, stages that wait, and accesses that the writes become visible to.
     pub masks: Masks,
-    /// Conflicts that it resolves, one entry per resource, each with the masks that it alone requires. Never empty in
+    /// The conflicts that the barrier resolves, one entry per resource, each with the masks that it alone requires.
+    /// Never empty in
     /// the result of [`barriers`](super::barriers).
     pub causes: Vec<(Cause, Masks)>,
 }

@@ -9,14 +9,14 @@ use ash::vk;
 use splatgraph_framework::ir::*;
 use splatgraph_framework::plan::Transition;
 
-/// One side of a barrier.
+/// One side of a barrier: the stages and accesses of its source or target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Scope {
     pub stages: vk::PipelineStageFlags2,
     pub accesses: vk::AccessFlags2,
 }
 
-/// All commands of the queue, with all their memory accesses.
+/// All commands of the queue, with all memory accesses.
 pub(crate) const ANYTHING: Scope = Scope {
     stages: vk::PipelineStageFlags2::ALL_COMMANDS,
     accesses: vk::AccessFlags2::from_raw(
@@ -24,19 +24,19 @@ pub(crate) const ANYTHING: Scope = Scope {
     ),
 };
 
-/// All commands of the queue, with the writes of copies.
+/// Source for copies: all commands of the queue, with the writes of earlier copies.
 pub(crate) const BEFORE_COPIES: Scope =
     Scope { stages: vk::PipelineStageFlags2::ALL_COMMANDS, accesses: vk::AccessFlags2::TRANSFER_WRITE };
 
-/// The writes of copies.
+/// Copy commands, with their writes.
 pub(crate) const COPIES: Scope =
     Scope { stages: vk::PipelineStageFlags2::COPY, accesses: vk::AccessFlags2::TRANSFER_WRITE };
 
-/// All reads by commands of the queue.
+/// Target for uploads: all commands of the queue, with all reads.
 pub(crate) const READERS: Scope =
     Scope { stages: vk::PipelineStageFlags2::ALL_COMMANDS, accesses: vk::AccessFlags2::MEMORY_READ };
 
-/// The reads of the host.
+/// Target for readback: the host, with its reads.
 pub(crate) const HOST: Scope =
     Scope { stages: vk::PipelineStageFlags2::HOST, accesses: vk::AccessFlags2::HOST_READ };
 
@@ -58,17 +58,17 @@ pub(crate) struct ImageBarrier {
     pub new: vk::ImageLayout,
 }
 
-/// The contents of one `vkCmdPipelineBarrier2`.
+/// The contents of one `vkCmdPipelineBarrier2` call, in a reusable allocation.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Dependency {
     pub memory: Vec<MemoryBarrier>,
     pub images: Vec<ImageBarrier>,
-    /// The execution dependencies of image barriers, which apply to all memory.
+    /// The execution dependencies of image barriers, repeated as barriers on all memory without accesses.
     orders: Vec<MemoryBarrier>,
 }
 
 impl Dependency {
-    /// Removes all barriers, and keeps the allocated capacity.
+    /// Removes all barriers, but keeps the allocated capacity.
     pub fn clear(&mut self) {
         self.memory.clear();
         self.images.clear();
@@ -112,9 +112,10 @@ impl Dependency {
     }
 }
 
-/// Lowers stages. `CLEAR` is the stage of fills. The specification counts `vkCmdFillBuffer` among the clear commands;
-/// validation layers before 1.3.280 counted it among the copies. Naming both stages costs nothing, as both run in the
-/// same stage of the hardware.
+/// Lowers stages. `CLEAR`, the stage of fills, becomes both `CLEAR` and `COPY`.
+///
+/// The specification counts `vkCmdFillBuffer` among the clear commands; validation layers before 1.3.280 counted it
+/// among the copies. Naming both stages costs nothing, as both run in the same stage of the hardware.
 pub(crate) fn stages(stages: Stages) -> vk::PipelineStageFlags2 {
     const TABLE: [(Stages, vk::PipelineStageFlags2); 10] = [
         (Stages::INDIRECT, vk::PipelineStageFlags2::DRAW_INDIRECT),

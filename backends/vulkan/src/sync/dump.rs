@@ -1,4 +1,4 @@
-//! Adds the barriers of a plan to its dump, with names in place of numbers.
+//! Adds the barriers of a plan to its dump, with names instead of numbers.
 
 use super::barrier::{Barrier, Barriers};
 use splatgraph_api::BackendError;

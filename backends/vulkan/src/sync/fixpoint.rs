@@ -1,16 +1,16 @@
 //! Finds barriers for frames whose walk does not reach a fixpoint.
 //!
-//! A barrier can be required in one round only because another was absent in the round before, in a cycle of odd
-//! length; then no list of barriers reproduces itself. A sufficient list without needless bits still exists: the
-//! barriers of two rounds together are sufficient, since more barriers never remove order, and every bit that can go is
-//! then removed.
+//! Sometimes a barrier is required in one round only because another was absent in the round before. If such
+//! dependences form a cycle of odd length, no list of barriers reproduces itself. A minimal sufficient list still
+//! exists. More barriers never remove order, so the barriers of two rounds together are sufficient; then every mask bit
+//! that is not needed is removed.
 
 use super::barrier::{Barrier, Step};
 use super::needs;
 use super::state::{Inputs, SyncState};
 use splatgraph_framework::ir::Masks;
 
-/// Number of frames after which the state repeats.
+/// Number of frames to replay. After these, the state repeats.
 const FRAMES: usize = 3;
 
 /// Merges the barriers of two successive rounds, and removes the mask bits that are not needed. `None` if the merged
@@ -41,7 +41,8 @@ pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) 
     Some(steps)
 }
 
-/// Merges a barrier into a call.
+/// Merges a barrier into a call: adds its masks to the call's barrier on the same image or on all memory, or inserts
+/// it.
 fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     match call.iter_mut().find(|b| b.image == barrier.image) {
         Some(known) => {
@@ -58,7 +59,7 @@ fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     }
 }
 
-/// Returns true if every requirement is met in all frames.
+/// Returns true if the barriers in `steps` meet every requirement, in all frames.
 fn holds(steps: &[Step], inputs: &Inputs) -> bool {
     let mut state = SyncState::new(inputs);
     (0..FRAMES).all(|_| {

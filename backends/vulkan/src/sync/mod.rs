@@ -31,7 +31,7 @@ use splatgraph_framework::ir::{Hazard, Masks, PassId};
 use splatgraph_framework::plan::{LayoutChange, Plan, Transition};
 use state::{Inputs, SyncState};
 
-/// Maximum number of rounds before the walk counts as cyclic; three suffice for nearly every graph.
+/// Maximum number of rounds of the walk before it is treated as cyclic. Three suffice for nearly every graph.
 const MOST_ROUNDS: usize = 8;
 
 /// Lowers the dependencies of a plan to barriers.
@@ -78,7 +78,7 @@ fn place(plan: &Plan) -> Option<Barriers> {
     Some(Barriers { before, handover })
 }
 
-/// Computes the one call between prologue and first frame; `None` if no call suffices.
+/// Computes the call between the prologue and the first frame; `None` if no call suffices.
 ///
 /// It transitions images to the layouts that frames expect, and makes the prologue's writes visible.
 fn handover(start: &SyncState, frame: &[Step], inputs: &Inputs) -> Option<Vec<Barrier>> {
@@ -106,7 +106,7 @@ fn handover(start: &SyncState, frame: &[Step], inputs: &Inputs) -> Option<Vec<Ba
 /// The handover under construction.
 struct Handover {
     memory: Masks,
-    /// The requirements that `memory` meets.
+    /// The requirements that `memory`, the barrier on all memory, meets.
     needs: Vec<Requirement>,
     /// Layout changes, each with its masks, its requirements and the first pass that accesses the image.
     images: Vec<(Transition, Masks, Vec<Requirement>, PassId)>,
@@ -140,7 +140,7 @@ impl Handover {
         barriers
     }
 
-    /// Lists the requirements of the first frame that this handover does not meet.
+    /// Lists the requirements of the first frame that this handover does not meet yet.
     fn missing(&self, start: &SyncState, frame: &[Step], inputs: &Inputs) -> Vec<Requirement> {
         let mut state = start.clone();
         // The call stands right before the first pass.
@@ -150,7 +150,7 @@ impl Handover {
         frame.iter().flat_map(|step| state.replay(step.pass, &step.barriers, inputs)).collect()
     }
 
-    /// Adds the bits that `need` requires to the call; returns false if they were already there.
+    /// Adds the mask bits that `need` requires to the call. Returns false if they were already there.
     fn add(&mut self, need: &Requirement) -> bool {
         let mut target = need.least_target();
         let before = (self.memory, self.images.iter().map(|i| i.1).collect::<Vec<_>>());
@@ -171,7 +171,7 @@ impl Handover {
         before != (self.memory, self.images.iter().map(|i| i.1).collect())
     }
 
-    /// Clears every bit that the first frame does not need.
+    /// Clears every mask bit that the first frame does not need.
     fn reduce(&mut self, start: &SyncState, frame: &[Step], inputs: &Inputs) {
         let reduced = needs::least(self.memory, |masks| {
             let less = Handover { memory: *masks, needs: self.needs.clone(), images: self.images.clone() };

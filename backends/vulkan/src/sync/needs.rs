@@ -1,4 +1,4 @@
-//! Defines requirements of a pass on the barriers before it, and finds the smallest barrier that meets one.
+//! Defines the requirements that a pass has on the barriers before it, and finds minimal barriers that meet them.
 
 use super::scopes::{Time, with_later};
 use splatgraph_framework::ir::{Accesses, Hazard, Masks, PassId, ResourceId, Stages};
@@ -10,13 +10,13 @@ pub(super) struct Reason {
     pub hazard: Hazard,
     /// The resource that the pass uses.
     pub resource: ResourceId,
-    /// The resource used before, if another one in the same memory.
+    /// The resource of the earlier access, if it is an alias of `resource`.
     pub alias: Option<ResourceId>,
     pub after: PassId,
     pub previous_frame: bool,
     /// The pass that has the requirement.
     pub before: PassId,
-    /// The time of the earlier access.
+    /// Time of the earlier access in the walk.
     pub time: Time,
 }
 
@@ -24,7 +24,7 @@ pub(super) struct Reason {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Requirement {
     pub reason: Reason,
-    /// Source stage; and the write access to make available, unless an earlier barrier already did.
+    /// Source stage and write access. The access is empty if an earlier barrier already made the write available.
     pub from: Stages,
     pub flush: Accesses,
     /// Stages to wait for instead of flushing, as a chain with earlier barriers; any one suffices. Includes later stages of
@@ -36,7 +36,7 @@ pub(super) struct Requirement {
 }
 
 impl Requirement {
-    /// Returns true if the same barriers meet both.
+    /// Returns true if the same barriers meet both requirements.
     pub fn asks_the_same_as(&self, other: &Requirement) -> bool {
         let asked = |n: &Requirement| (n.from, n.flush, n.via, n.to, n.access);
         asked(self) == asked(other)
@@ -64,7 +64,7 @@ impl Requirement {
         self.access.is_empty() && self.is_met_by(masks)
     }
 
-    /// Returns the smallest source for this need.
+    /// Returns the smallest source masks that meet the requirement.
     pub fn least_source(&self) -> Masks {
         let chained = self.via.iter().find(|stage| *stage == self.from).or(self.via.iter().next());
         match chained {
@@ -73,13 +73,13 @@ impl Requirement {
         }
     }
 
-    /// Returns the smallest target for this need.
+    /// Returns the smallest target masks that meet the requirement.
     pub fn least_target(&self) -> Masks {
         Masks { target_stages: self.to, target_accesses: self.access, ..Masks::default() }
     }
 }
 
-/// Returns a minimal barrier on all memory that meets the needs: clearing any bit would miss one.
+/// Returns a minimal barrier on all memory that meets the requirements: without any of its bits it would not.
 pub(super) fn memory_barrier(needs: &[Requirement]) -> Masks {
     let mut masks = Masks::default();
     // First the needs without alternatives, whose bits may satisfy the others.
@@ -100,7 +100,7 @@ pub(super) fn memory_barrier(needs: &[Requirement]) -> Masks {
     least(masks, |masks| needs.iter().all(|need| need.is_met_by(masks)))
 }
 
-/// Returns a minimal source that meets the needs of a layout change, whose target is the change itself.
+/// Returns the minimal source masks that meet the requirements of a layout change. The change itself is the target.
 pub(super) fn least_source(needs: &[Requirement]) -> Masks {
     let mut masks = Masks::default();
     let (forced, free): (Vec<&Requirement>, Vec<&Requirement>) = needs.iter().partition(|n| n.via.is_empty());
@@ -112,7 +112,7 @@ pub(super) fn least_source(needs: &[Requirement]) -> Masks {
     least(masks, |masks| needs.iter().all(|need| need.source_is_met_by(masks)))
 }
 
-/// Clears unneeded bits one by one.
+/// Clears mask bits one by one, as long as `is_enough` holds.
 pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool) -> Masks {
     for bit in masks.bits() {
         let less = masks.without(bit);
@@ -123,7 +123,7 @@ pub(super) fn least(mut masks: Masks, mut is_enough: impl FnMut(&Masks) -> bool)
     masks
 }
 
-/// Returns the needs, one entry per resource and hazard, as a barrier's reasons.
+/// Returns the causes of a barrier that meets the requirements, one per resource and hazard, each with its masks.
 pub(super) fn causes(needs: &[Requirement]) -> Vec<(Cause, Masks)> {
     let mut causes: Vec<(Cause, Masks)> = Vec::new();
     for need in needs {
@@ -152,7 +152,7 @@ pub(super) fn causes(needs: &[Requirement]) -> Vec<(Cause, Masks)> {
     causes
 }
 
-/// Creates a reason without earlier passes.
+/// Creates a cause that lists no earlier passes yet.
 pub(super) fn cause(hazard: Hazard, before: PassId, resource: ResourceId) -> Cause {
     Cause { hazard, before, resource, after: Vec::new(), previous_frame: false, alias: None }
 }

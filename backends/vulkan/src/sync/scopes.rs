@@ -12,13 +12,14 @@ pub(super) const STAGES: usize = Stages::all().bits().count_ones() as usize;
 /// Number of accesses that [`Accesses`] names.
 const ACCESSES: usize = Accesses::all().bits().count_ones() as usize;
 
-/// Pass number `n` of the walk happens at time `2 n`, the barriers before it at `2 n - 1`. 0 is before everything.
+/// A position in the walk. Pass number `n` is at time `2 n`, the barriers before it at `2 n - 1`. 0 precedes
+/// everything.
 pub(super) type Time = u32;
 
-/// For each origin, the time up to which its work is covered.
+/// For each [`Origin`], the time up to which its accesses are covered.
 type Since = [Time; ORIGINS];
 
-/// Returns the position of a single stage's or access's bit.
+/// Returns the bit number of a single stage or access.
 pub(super) fn index(bit: u32) -> usize {
     bit.trailing_zeros() as usize
 }
@@ -33,12 +34,12 @@ const DRAW: [Stages; 6] = [
 ];
 const DISPATCH: [Stages; 2] = [Stages::INDIRECT, Stages::COMPUTE];
 
-/// Returns the stages and later stages of their pipelines: all that wait for a barrier with this target.
+/// Returns the stages and the later stages of their pipelines: the scope of a target mask.
 pub(super) fn with_later(stages: Stages) -> Stages {
     stages | later_in(&DRAW, stages) | later_in(&DISPATCH, stages)
 }
 
-/// Returns the first of `stages` in a pipeline, and all later ones.
+/// Returns the stages of a pipeline from its first one in `stages` on.
 fn later_in(pipeline: &[Stages], stages: Stages) -> Stages {
     pipeline.iter().skip_while(|stage| !stages.contains(**stage)).copied().collect()
 }
@@ -46,11 +47,11 @@ fn later_in(pipeline: &[Stages], stages: Stages) -> Stages {
 /// Number of [`Origin`]s.
 pub(super) const ORIGINS: usize = STAGES + 1;
 
-/// The stage of a command where an access happens.
+/// The stage at which a command accesses memory.
 ///
-/// Draws and dispatches both read their arguments at [`Stages::INDIRECT`], which different stages follow. A barrier waits for the
-/// stages that it names and for earlier stages *of the same pipeline*: a barrier after `COMPUTE`
-/// does not wait for the arguments of a draw.
+/// Draws and dispatches both read their arguments at [`Stages::INDIRECT`], but as different origins, because different
+/// stages follow. A barrier waits for the stages that it names and for earlier stages *of the same pipeline*: a barrier
+/// after `COMPUTE` does not wait for the arguments of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Origin(usize);
 
@@ -71,7 +72,7 @@ impl Origin {
         if self.0 == STAGES { Stages::INDIRECT } else { Stages::from_bits_truncate(1 << self.0) }
     }
 
-    /// Returns its own stage and later stages of the command. A barrier's source must have one of them to wait for it.
+    /// Returns the origin's stage and the later stages of its pipeline. To wait for the origin, a source must name one.
     pub fn named_by(self) -> Stages {
         let stage = self.stage();
         let pipeline: &[Stages] = if self.0 == STAGES { &DISPATCH } else { &DRAW };
@@ -79,7 +80,7 @@ impl Origin {
     }
 }
 
-/// Returns the access by which a stage writes.
+/// Returns the access with which commands write at a stage.
 pub(super) fn write_access(stage: Stages) -> Accesses {
     match stage {
         Stages::COLOR_OUTPUT => Accesses::COLOR_WRITE,
@@ -89,7 +90,7 @@ pub(super) fn write_access(stage: Stages) -> Accesses {
     }
 }
 
-/// Effect of the barriers so far; see the module's documentation.
+/// The effect of the barriers so far; see the module's documentation.
 #[derive(Clone, Debug)]
 pub(super) struct Scopes {
     /// `ordered[to][from]`: work of `from` up to this time happens before later work of `to`.

@@ -1,4 +1,4 @@
-//! Tracks the walk: the effect of the barriers so far, the time of each pass, and pending layout changes.
+//! Tracks the state of the walk: the effect of the barriers so far, the time of each pass, and pending layout changes.
 
 use super::barrier::{Barrier, Step};
 use super::needs::{self, Reason, Requirement};
@@ -6,7 +6,7 @@ use super::scopes::{Origin, Scopes, Time, with_later, write_access};
 use splatgraph_framework::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Stages, Work};
 use splatgraph_framework::plan::{Dependency, LayoutChange, Plan, Transition};
 
-/// Inputs of the walk that do not change.
+/// Inputs that stay the same for the whole walk.
 pub(super) struct Inputs<'a> {
     pub plan: &'a Plan,
     /// Layout changes before each pass, except the handover's.
@@ -31,7 +31,7 @@ impl Inputs<'_> {
     }
 }
 
-/// The state before the next pass.
+/// The state of the walk before the next pass.
 #[derive(Clone, Debug)]
 pub(super) struct SyncState {
     scopes: Scopes,
@@ -43,25 +43,26 @@ pub(super) struct SyncState {
     changed: Vec<Option<Changed>>,
     /// The last barrier call, if later passes may extend it.
     call: Option<Call>,
-    /// Passes at the start of a frame whose requirements a call at the end of the previous frame must meet: the call's step,
-    /// and the pass.
+    /// Passes at the start of a frame whose requirements a call at the end of the previous frame must meet.
+    ///
+    /// Each has the index of the call's step.
     ahead: Vec<(usize, PassId)>,
 }
 
 /// A barrier call (`vkCmdPipelineBarrier2`), which later passes may extend.
 #[derive(Clone, Debug)]
 struct Call {
-    /// Position in the list of steps.
+    /// Index of the call's step in the list of steps.
     step: usize,
     /// The time of the pass that follows the call.
     time: Time,
-    /// The scopes before the call.
+    /// The scopes as they were before the call.
     before: Scopes,
     /// All requirements that the call must meet, without duplicates.
     needs: Vec<Requirement>,
-    /// The requirements that only this call meets.
+    /// The requirements that no image barrier met when they were added.
     reasons: Vec<Requirement>,
-    /// The barrier on all memory.
+    /// The masks of the barrier on all memory.
     memory: Masks,
     images: Vec<Barrier>,
 }
@@ -81,12 +82,12 @@ impl Call {
         call
     }
 
-    /// Returns the latest time of the accesses that the call covers: that of the pass before it.
+    /// Returns the latest time whose accesses the call can cover: that of the pass before it.
     fn covers(&self) -> Time {
         self.time - 2
     }
 
-    /// Adds needs; returns true if the call changed.
+    /// Adds requirements to the call. Returns true if the barrier on all memory changed.
     fn meet(&mut self, needs: Vec<Requirement>) -> bool {
         let order = |need: &Requirement| self.images.iter().any(|b| need.is_met_by_order(&b.masks));
         let needs: Vec<Requirement> = needs.into_iter().filter(|need| !order(need)).collect();
@@ -112,11 +113,11 @@ impl Call {
     }
 }
 
-/// A layout change: a write, visible to the barrier's target.
+/// A completed layout change, which counts as a write that is visible to the barrier's target.
 #[derive(Clone, Copy, Debug)]
 struct Changed {
     time: Time,
-    /// The pass after the change.
+    /// The pass that the change was placed before.
     pass: PassId,
     stages: Stages,
     accesses: Accesses,
@@ -149,8 +150,9 @@ impl SyncState {
         self.frame_start = self.now + 1;
     }
 
-    /// Advances by a pass, and adds it to `steps` with the barriers that it needs. If the last call can meet the requirements,
-    /// extends that call instead.
+    /// Advances the walk by a pass, and appends its step with the barriers that it needs to `steps`.
+    ///
+    /// If the last call can meet the requirements, extends that call instead.
     pub fn place(&mut self, id: PassId, steps: &mut Vec<Step>, inputs: &Inputs) {
         self.now += 2;
         let changes: Vec<Change> =
@@ -179,13 +181,14 @@ impl SyncState {
         steps.push(Step { barriers, pass: id });
     }
 
-    /// Returns true if the last call could meet these requirements with more bits, because their causes all precede it.
+    /// Returns true if the last call could meet these requirements with more bits: all their causes precede it.
     fn can_join_last_call(&self, needs: &[Requirement]) -> bool {
         self.call.as_ref().is_some_and(|call| needs.iter().all(|need| need.reason.time <= call.covers()))
     }
 
-    /// Extends the last call to meet the requirements of this pass. Also records requirements that it already met, so that it
-    /// keeps meeting them.
+    /// Extends the last call to meet the requirements of this pass.
+    ///
+    /// Also records the requirements that the call already meets, so that later changes keep meeting them.
     fn join_last_call(&mut self, id: PassId, steps: &mut [Step], inputs: &Inputs) {
         let Some(mut call) = self.call.take() else { return };
         let mut needs = self.needs(id, &call.before, inputs);
@@ -203,14 +206,14 @@ impl SyncState {
         self.call = Some(call);
     }
 
-    /// Lists the requirements of a pass at the start of the next frame.
+    /// Lists the requirements of a pass at the start of the next frame, as seen from the current state.
     fn needs_of_next_frame(&self, id: PassId, inputs: &Inputs) -> Vec<Requirement> {
         let mut needs = self.needs(id, &self.scopes, inputs);
         needs.iter_mut().for_each(|need| need.reason.previous_frame = true);
         needs
     }
 
-    /// Applies the barriers and the pass, and returns the unmet requirements.
+    /// Replays a pass with its barriers, and returns the requirements that they do not meet.
     ///
     /// A requirement of a layout change has the source stages of the change as its target.
     pub fn replay(&mut self, id: PassId, barriers: &[Barrier], inputs: &Inputs) -> Vec<Requirement> {
@@ -238,13 +241,13 @@ impl SyncState {
         missing
     }
 
-    /// Applies a call without a pass; `pass` takes its place in reasons.
+    /// Applies a call that is not before a pass, the handover. `pass` stands for it in causes.
     pub fn call(&mut self, barriers: &[Barrier], pass: PassId) {
         self.now += 2;
         self.apply(barriers, pass);
     }
 
-    /// Returns a layout change before a pass, with its requirements.
+    /// Returns a layout change that a pass requires, with the requirements of the change itself.
     fn change(&self, change: &LayoutChange, inputs: &Inputs) -> Change {
         let LayoutChange { image, old, new, before, .. } = *change;
         let mut target = Masks::default();
@@ -265,8 +268,9 @@ impl SyncState {
         Change { transition: Transition { image, old, new }, before, needs, target }
     }
 
-    /// Lists the requirements of a layout change, which counts as a write, with empty targets. If `named`, the source must name an
-    /// earlier write, even if a chain would suffice.
+    /// Lists the requirements of a layout change, with empty targets. The change counts as a write.
+    ///
+    /// If `named`, the source must name an earlier write, even if a chain would suffice.
     pub fn change_needs(&self, change: &LayoutChange, inputs: &Inputs, named: bool) -> Vec<Requirement> {
         let LayoutChange { image, before, .. } = *change;
         let to = (Stages::empty(), Accesses::empty());
@@ -297,7 +301,8 @@ impl SyncState {
         needs
     }
 
-    /// Returns when the earlier pass of a dependency ran; `None` if it did not, or if a later layout change replaces it.
+    /// Returns the time of a dependency's earlier pass; `None` if it has not run, or if a later layout change replaces
+    /// it.
     fn time(&self, dependency: &Dependency) -> Option<Time> {
         let time = self.ran[dependency.first.index()];
         let touched = dependency.alias.unwrap_or(dependency.resource);
@@ -305,7 +310,7 @@ impl SyncState {
         (time > 0 && !is_behind_change).then_some(time)
     }
 
-    /// Lists the requirements of a pass that `scopes` does not meet, without those of layout changes.
+    /// Lists the requirements of a pass that `scopes` does not meet, except those of its layout changes.
     fn needs(&self, id: PassId, scopes: &Scopes, inputs: &Inputs) -> Vec<Requirement> {
         let mut needs = Vec::new();
         for dependency in inputs.plan.dependencies_of(id) {
@@ -340,7 +345,7 @@ impl SyncState {
         needs
     }
 
-    /// Requires a write to be visible to an access of `to`, or (if empty) available.
+    /// Adds the requirement that a write be visible to an access of `to` or, if the access is empty, available.
     fn memory(
         &self,
         (dependency, hazard): (&Dependency, Hazard),
@@ -359,7 +364,7 @@ impl SyncState {
         }
     }
 
-    /// Requires a layout change to be visible to an access of `to`, or (if empty) complete.
+    /// Adds the requirement that a layout change be visible to an access of `to` or, if it is empty, complete.
     fn after_change(
         &self,
         changed: &Changed,
@@ -383,7 +388,7 @@ impl SyncState {
         add(needs, Requirement { reason, from, flush: Accesses::empty(), via, to, access });
     }
 
-    /// Requires `to` to run after reads (write after read: execution only).
+    /// Adds the requirement that `to` run after reads: execution only, for a write after a read.
     fn order(
         &self,
         dependency: &Dependency,
@@ -430,7 +435,7 @@ impl SyncState {
         }
     }
 
-    /// Records the pass.
+    /// Records that the pass has run, at the current time, and what it did to images.
     fn record(&mut self, id: PassId, inputs: &Inputs) {
         self.ran[id.index()] = self.now;
         for touch in &inputs.plan.pass(id).uses {
@@ -444,7 +449,7 @@ impl SyncState {
     }
 }
 
-/// Adds a need unless it is a duplicate, as is common for stages of one pass.
+/// Adds a requirement, unless it is a duplicate. Duplicates are common among the stages of one pass.
 fn add(needs: &mut Vec<Requirement>, need: Requirement) {
     if !needs.contains(&need) {
         needs.push(need);

@@ -11,13 +11,13 @@ use crate::sync::barrier::Barrier;
 use splatgraph_framework::ir::Masks;
 use splatgraph_framework::plan::Transition;
 
-/// The masks of a call's barriers.
+/// The barriers of a call without their causes. Calls with equal keys are of one kind.
 type Key = Vec<(Option<Transition>, Masks)>;
 
 /// The calls of a replay so far.
 #[derive(Default)]
 pub struct Calls {
-    /// The kind of each call.
+    /// The kind of each call, an index into `kinds`.
     calls: Vec<u32>,
     kinds: Vec<Kind>,
     numbers: HashMap<Key, u32>,
@@ -25,11 +25,11 @@ pub struct Calls {
 
 struct Kind {
     scopes: Vec<Scope>,
-    /// Calls of this kind, in order.
+    /// The numbers of the calls of this kind, ascending.
     calls: Vec<u32>,
 }
 
-/// Number of calls up to which a cell passes through them one by one: a search for the calls that change it would take
+/// Number of calls up to which a cell passes through them one by one. Searching for the calls that change it would take
 /// longer.
 const FEW: usize = 8;
 
@@ -56,7 +56,7 @@ impl Calls {
         }
     }
 
-    /// Applies to a cell the calls that it has not passed through yet.
+    /// Applies to a cell the calls from number `passed` on, and updates `passed`.
     pub fn pass(&self, cell: &mut Cell, passed: &mut u32) {
         let end = self.calls.len() as u32;
         if cell.reads.is_empty() && cell.writes.is_empty() {
@@ -73,7 +73,7 @@ impl Calls {
         *passed = end;
     }
 
-    /// Finds the first call from `passed` on that changes the cell.
+    /// Returns the first call, from number `passed` on, that changes the cell.
     fn change(&self, cell: &Cell, passed: u32) -> Option<u32> {
         let kinds = self.kinds.iter().filter(|kind| cell.is_changed_by(&kind.scopes));
         let next = |kind: &Kind| kind.calls.get(kind.calls.partition_point(|call| *call < passed)).copied();

@@ -1,8 +1,7 @@
 //! Records accesses to a few bytes, and applies barriers to the records.
 //!
-//! A [`Cell`] is a range of bytes that are always accessed together. It records the accesses that a later one may still
-//! conflict with: the writes of the last pass that wrote, and the reads since. Each record has the stages that are
-//! ordered after it; a write also has the stages to which its data is visible. A barrier adds to these sets; a later
+//! A [`Cell`] is a range of bytes that are always accessed together. It records the accesses that a later one can still
+//! conflict with: the writes of the last pass that wrote, and the reads since then. Each record has the stages that are
 //! access must be in them.
 //!
 //! Records that the remaining ones imply are dropped. A write that is properly ordered after an older access replaces
@@ -16,11 +15,12 @@ use crate::sync::barrier::Barrier;
 use splatgraph_framework::ir::{Accesses, Masks, ResourceId, Stages};
 use splatgraph_framework::plan::Transition;
 
-/// The expanded masks of a barrier.
+/// A barrier with its stage masks expanded.
 pub struct Scope {
     pub image: Option<Transition>,
-    /// Source stages named by the mask, which count for memory; and these with all earlier stages, which count for
-    /// chains.
+    /// Source stages that the mask names, which the memory dependency covers.
+    ///
+    /// `source_reach` adds all earlier stages, which chains start from.
     source: Stages,
     source_reach: Stages,
     source_accesses: Accesses,
@@ -41,13 +41,14 @@ impl Scope {
         }
     }
 
-    /// Returns the transition, if its two layouts differ.
+    /// Returns the barrier's layout transition; `None` if it has none or its two layouts are equal.
     pub fn transition(&self) -> Option<Transition> {
         self.image.filter(|image| image.old != image.new)
     }
 
-    /// Returns true if an access is in the source scope, directly or by a chain. `named_by` are the stages that cover
-    /// it in a source mask; `ordered` are the stages ordered after it.
+    /// Returns true if an access is in the source scope, directly or by a chain.
+    ///
+    /// `named_by` are the stages that cover it in a source mask; `ordered` are the stages ordered after it.
     fn waits_for(&self, named_by: Stages, ordered: Stages) -> bool {
         self.source.intersects(named_by) || self.source_reach.intersects(ordered)
     }
@@ -57,15 +58,14 @@ impl Scope {
         self.image.is_none_or(|transition| transition.image == resource)
     }
 
-    /// Returns true if the source names the write, and so makes it available.
+    /// Returns true if the source names the write's stage and access, and so makes the write available.
     fn names(&self, write: &Write) -> bool {
         self.concerns(write.resource)
             && self.source.intersects(write.stage)
             && self.source_accesses.intersects(write.access)
     }
 
-    /// Returns true if the write is available when the target starts, through this barrier or an earlier one in the
-    /// chain.
+    /// Returns true if the write is available before the target, through this barrier or an earlier one in the chain.
     fn finds_available(&self, write: &Write) -> bool {
         self.names(write) || self.source_reach.intersects(write.chain)
     }
@@ -78,14 +78,14 @@ pub struct Read {
     pub resource: ResourceId,
     pub time: u32,
     pub stage: Stages,
-    /// Stages that cover the access in a source mask.
+    /// Stages that cover the access if a source mask names them.
     pub named_by: Stages,
     /// Stages whose later accesses are ordered after this one.
     pub ordered: Stages,
 }
 
 impl Read {
-    /// Applies the barriers of one call; returns true if that changed the record.
+    /// Applies the barriers of one call. Returns true if the record changed.
     fn pass_through(&mut self, scopes: &[Scope]) -> bool {
         let ordered = self.ordered;
         for scope in scopes {
@@ -108,16 +108,15 @@ pub struct Write {
     pub access: Accesses,
     /// Stages whose later accesses are ordered after this write.
     pub ordered: Stages,
-    /// Stages whose later accesses are ordered after the write became available. Empty until then.
+    /// Stages ordered after the write became available; empty until then.
     pub chain: Stages,
-    /// Accesses to which the write is visible: through any resource, and through the resource that it was written
-    /// through.
+    /// Accesses to which the write is visible: through any resource, and only through the resource that was written.
     pub visible: Pairs,
     pub visible_through_own: Pairs,
 }
 
 impl Write {
-    /// Applies the barriers of one call; returns true if that changed the record.
+    /// Applies the barriers of one call. Returns true if the record changed.
     fn pass_through(&mut self, scopes: &[Scope]) -> bool {
         // Barriers of one call do not chain: all of them see the record as it was before the call.
         let before = self.clone();
@@ -138,7 +137,7 @@ impl Write {
             != (before.ordered, before.chain, before.visible, before.visible_through_own)
     }
 
-    /// Returns the first guarantee about this write that an access lacks.
+    /// Returns the first guarantee about this write that an access lacks; `None` if it lacks none.
     fn lacks(&self, stage: Stages, access: Accesses, through: ResourceId) -> Option<Missing> {
         let visible = self.visible.has(stage, access)
             || through == self.resource && self.visible_through_own.has(stage, access);
@@ -154,11 +153,11 @@ impl Write {
     }
 }
 
-/// State of the bytes' contents.
+/// What a cell's bytes contain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contents {
     pub state: State,
-    /// The access that caused this state; `None` before the first frame's prologue.
+    /// The access that caused this state; `None` if it dates from before the replay.
     pub by: Option<Actor>,
 }
 
@@ -166,21 +165,23 @@ pub struct Contents {
 pub enum State {
     Never,
     Written(ResourceId),
-    /// An image's contents were discarded by a transition from [`Undefined`](splatgraph_framework::ir::Layout::Undefined).
+    /// The image's contents were discarded by a transition from
+    /// [`Undefined`](splatgraph_framework::ir::Layout::Undefined).
     Discarded(ResourceId),
 }
 
 impl Contents {
     pub const NEVER: Contents = Contents { state: State::Never, by: None };
 
-    /// Returns true if a read through `resource` finds data written through it; with `fresh`, in that frame.
+    /// Returns true if the bytes were last written through `resource` and, if `fresh` is given, in that part of the
+    /// run.
     pub fn hold(&self, resource: ResourceId, fresh: Option<When>) -> bool {
         let now = fresh.is_none_or(|when| self.by.is_some_and(|by| by.when() == when));
         self.state == State::Written(resource) && now
     }
 }
 
-/// A conflict of a new access with a record: kind, the record's actor and resource, the missing guarantee.
+/// A conflict of a new access with a record: its kind, the record's actor and resource, and the missing guarantee.
 pub type Conflict = (ViolationKind, Actor, ResourceId, Missing);
 
 #[derive(Clone)]
@@ -193,7 +194,7 @@ pub struct Cell {
 impl Cell {
     pub const FRESH: Cell = Cell { reads: Vec::new(), writes: Vec::new(), contents: Contents::NEVER };
 
-    /// Applies the barriers of one call.
+    /// Applies the barriers of one call to all records.
     pub fn pass_through(&mut self, scopes: &[Scope]) {
         for read in &mut self.reads {
             read.pass_through(scopes);
@@ -203,7 +204,7 @@ impl Cell {
         }
     }
 
-    /// Returns true if the barriers of a call would change a record.
+    /// Returns true if the barriers of a call would change any record.
     pub fn is_changed_by(&self, scopes: &[Scope]) -> bool {
         self.reads.iter().any(|read| read.clone().pass_through(scopes))
             || self.writes.iter().any(|write| write.clone().pass_through(scopes))
@@ -255,10 +256,10 @@ impl Cell {
         }
     }
 
-    /// Checks a layout change, which happens between a barrier's two scopes and sees all available data.
+    /// Checks a layout change, which happens between the barrier's source and target, and sees all available data.
     ///
-    /// A change in the frame's barriers is recorded in the first frame as well, where it may follow a different write,
-    /// by the prologue.
+    /// The change need not name a write of the prologue: the same barrier is recorded in every frame, and only the
+    /// first frame follows the prologue.
     pub fn check_transition(
         &self,
         scope: &Scope,
@@ -305,7 +306,8 @@ impl Cell {
         }
     }
 
-    /// Marks the accesses of finished frames as ordered, after a fence. (A fence makes nothing visible.)
+    /// Marks accesses of finished frames as ordered before later work, after a wait for a fence. It makes nothing
+    /// visible.
     pub fn fence(&mut self, finished: impl Fn(Actor) -> bool) {
         for read in self.reads.iter_mut().filter(|read| finished(read.actor)) {
             read.ordered = Stages::all();

@@ -1,10 +1,10 @@
 //! Replays the prologue, the handover and the frames, in the order of their submission to one queue.
 //!
-//! An access that violates the model still takes place, so that each mistake is reported once.
+//! An access that violates the model still takes effect, so that one mistake causes one report.
 //!
-//! A replay is a walk over [`At`]s. It can be interrupted at any position for a trial of other barriers and then
-//! continued, so that a mutant shares the walk up to its mutation. Barriers apply to all memory, so they are stored in
-//! a history ([`Calls`]), and a cell is brought up to date when it is next accessed.
+//! A replay is a walk over [`At`]s. It can be interrupted at any position to try other barriers, and then continued, so
+//! a mutant shares the walk up to its mutation. Barriers apply to all memory, so they are stored in a history
+//! ([`Calls`]), and a cell is brought up to date when it is next accessed.
 
 use super::calls::Calls;
 use super::cell::{Cell, Conflict, Contents, Read, Scope, State, Write};
@@ -20,15 +20,15 @@ use std::collections::HashSet;
 /// The state of all memory and of all image layouts during a replay.
 pub struct MemoryState {
     cells: Vec<Cell>,
-    /// Barrier calls so far, and for each cell, the number of calls that it has passed through.
+    /// The barrier calls so far. `passed` has, for each cell, the number of calls that it has passed through.
     calls: Calls,
     passed: Vec<u32>,
-    /// Cells that the current trial has touched, with their state before it.
+    /// The state to restore after the current trial; `None` outside a trial.
     before_trial: Option<BeforeTrial>,
     rules: Rules,
-    /// The layout of each resource; meaningless for buffers.
+    /// The current layout of each resource; meaningless for buffers.
     layouts: Vec<Layout>,
-    /// Passes that are skipped because an earlier plan did their work.
+    /// Passes that are skipped because the plan continues their resource from a previous plan.
     skipped: Vec<PassId>,
     /// Number of passes, barrier calls and preparations by the host so far.
     time: u32,
@@ -36,7 +36,7 @@ pub struct MemoryState {
     pub findings: Findings,
 }
 
-/// State to which a trial returns.
+/// The state that a trial restores: the cells that it touched, and all layouts.
 struct BeforeTrial {
     cells: Vec<(usize, Cell, u32)>,
     touched: HashSet<usize>,
@@ -58,7 +58,7 @@ pub enum At {
 }
 
 impl At {
-    /// Returns the position after this one; `None` at the end.
+    /// Returns the position after this one; `None` at the end of the replay.
     pub fn after(at: At, plan: &Plan, replay: &Replay) -> Option<At> {
         let frame = |frame| (frame < replay.frames).then_some(At::Begin(frame));
         match at {
@@ -73,7 +73,7 @@ impl At {
     }
 }
 
-/// A resource with a history that the next plan continues from.
+/// A resource with a history that the next plan continues from, with its layout.
 pub struct Carried {
     name: String,
     shape: Shape,
@@ -102,7 +102,7 @@ impl MemoryState {
         memory
     }
 
-    /// Returns a cell after it has passed through all calls so far.
+    /// Returns a cell, after applying the calls that it has not passed through yet.
     fn cell(&mut self, number: usize) -> &mut Cell {
         let (cell, passed) = (&mut self.cells[number], &mut self.passed[number]);
         if let Some(before) = &mut self.before_trial
@@ -114,8 +114,9 @@ impl MemoryState {
         cell
     }
 
-    /// Replays another plan from `at` to its first violation, and returns true if there is one. Restores the state
-    /// afterwards.
+    /// Replays another plan's barriers from `at` to the first violation, then restores the state.
+    ///
+    /// Returns true if there was a violation.
     pub fn trial(
         &mut self,
         (plan, barriers): (&Plan, &Barriers),
@@ -147,15 +148,16 @@ impl MemoryState {
         found
     }
 
-    /// Marks cells as written before the plan and visible everywhere.
+    /// Marks cells as written through `resource` before the replay, and visible everywhere.
     fn fill(&mut self, cells: std::ops::Range<usize>, resource: ResourceId) {
         for cell in &mut self.cells[cells] {
             cell.contents = Contents { state: State::Written(resource), by: None };
         }
     }
 
-    /// Adopts the resources of a previous plan. They need no records: the barrier between the two plans orders
-    /// everything and makes it visible.
+    /// Adopts the resources that continue from a previous plan.
+    ///
+    /// Their accesses are not recorded: the barrier between the two plans orders all of them and makes them visible.
     pub fn adopt(&mut self, plan: &Plan, trace: &Trace, carried: &[Carried]) {
         for (index, resource) in plan.resources.iter().enumerate() {
             let id = ResourceId(index as u32);
@@ -182,7 +184,7 @@ impl MemoryState {
         }
     }
 
-    /// Returns the resources that the next plan can adopt.
+    /// Returns the resources that the next plan can continue from.
     pub fn carry(&self, plan: &Plan, trace: &Trace) -> Vec<Carried> {
         let mut carried = Vec::new();
         for (index, resource) in plan.resources.iter().enumerate() {
@@ -199,7 +201,7 @@ impl MemoryState {
         carried
     }
 
-    /// Runs the replay, to the first violation if one is enough.
+    /// Runs the whole replay; stops at the first violation if `first_only` was set.
     pub fn run(&mut self, (plan, barriers): (&Plan, &Barriers), trace: &Trace, replay: &Replay) {
         let mut next = Some(self.start(plan, trace, replay));
         while let Some(at) = next.filter(|_| !self.findings.enough()) {
@@ -208,14 +210,14 @@ impl MemoryState {
         }
     }
 
-    /// Prepares the first frame, with which the prologue is submitted, and returns the first position.
+    /// Starts the replay, with the host's writes for the first frame, and returns the first position.
     pub fn start(&mut self, plan: &Plan, trace: &Trace, replay: &Replay) -> At {
         self.copies = replay.copies.max(1);
         self.prepare(trace, replay, 0);
         if plan.prologue.is_empty() { At::Handover } else { At::Prologue(0) }
     }
 
-    /// Executes the step at a position.
+    /// Executes the step at a position, including the barriers before it.
     pub fn advance(&mut self, (plan, barriers): (&Plan, &Barriers), trace: &Trace, replay: &Replay, at: At) {
         match at {
             At::Prologue(step) => {
@@ -245,8 +247,9 @@ impl MemoryState {
         when.frame() % self.copies
     }
 
-    /// Waits, as the host, for the fence of an earlier frame, and writes the uniform blocks. The submission makes them
-    /// visible to the device (Vulkan 1.3, 7.9 "Host Write Ordering Guarantees").
+    /// Plays the host before a frame: waits for the fence of an earlier frame, and writes the uniform blocks.
+    ///
+    /// Submission makes these writes visible to the device (Vulkan 1.3, 7.9 "Host Write Ordering Guarantees").
     fn prepare(&mut self, trace: &Trace, replay: &Replay, frame: u32) {
         self.time += 1;
         let finished = |actor: Actor| actor.when().frame().saturating_add(replay.in_flight.max(1)) <= frame;
@@ -289,7 +292,7 @@ impl MemoryState {
         self.pass(trace, pass, when);
     }
 
-    /// Applies the barriers of one call.
+    /// Checks the layout changes of one call, and applies its barriers.
     fn call(&mut self, trace: &Trace, barriers: &[Barrier], when: When, before: Option<PassId>) {
         if barriers.is_empty() {
             return;
@@ -327,7 +330,7 @@ impl MemoryState {
         }
     }
 
-    /// Checks a layout change against others of the same call, which are unordered.
+    /// Reports layout changes of one call that share memory: within a call, nothing orders them.
     fn check_siblings(&mut self, trace: &Trace, others: &[Scope], image: Transition, actor: Actor) {
         let own = trace.resource(image.image).cells(0);
         for other in others.iter().filter_map(Scope::transition) {
@@ -364,7 +367,7 @@ impl MemoryState {
         self.spoil_layouts(trace, change.image);
     }
 
-    /// Invalidates the layouts of the images that share a written resource's memory.
+    /// Invalidates the layouts of images that alias a written resource.
     fn spoil_layouts(&mut self, trace: &Trace, written: ResourceId) {
         for image in &trace.resource(written).alias_images {
             self.layouts[image.index()] = Layout::Undefined;
@@ -488,7 +491,7 @@ impl MemoryState {
     }
 }
 
-/// Returns true if the prologue writes a resource, other than by zeroing it: the plan then does not continue its
+/// Returns true if the prologue writes a resource other than by clearing it. The plan then does not continue its
 /// history.
 fn writes_once(plan: &Plan, id: ResourceId) -> bool {
     let passes = plan.prologue.iter().map(|pass| plan.pass(*pass));

@@ -18,7 +18,7 @@
 //! destroyed them, if another resource in the same memory overwrote them, or if they are left over from an earlier
 //! frame.
 //!
-//! [`mutate`] tests the opposite: a barrier, or one bit of it, is needless if the replay without it shows no violation.
+//! [`mutate`] tests the reverse: a barrier, or one bit of it, is needless if the replay without it shows no violation.
 //! Together, over all mutations of every preset and of 100,000 random graphs, this is strong evidence, but no proof.
 //!
 //! The files: `stages` defines the logical order of pipeline stages; the framework's `trace` lists the accesses of each
@@ -50,8 +50,9 @@ use memory_state::MemoryState;
 pub use rules::{Replay, Rules};
 pub use violation::{Actor, Missing, Violation, ViolationKind, When};
 
-/// Replays a plan and returns its violations. A violation that recurs between the same two passes, for instance in
-/// every frame, is reported once.
+/// Replays a plan and returns its violations.
+///
+/// A violation that recurs between the same two passes, for instance in every frame, is reported once.
 ///
 /// The ids in the plan must be valid, as in every solved plan.
 pub fn replay(plan: &Plan, barriers: &Barriers, replay: &Replay) -> Vec<Violation> {
@@ -84,12 +85,13 @@ pub fn replay_swap(plans: &[(&Plan, &Barriers, u32)]) -> Vec<Violation> {
     violations
 }
 
-/// Returns true if four frames show a violation; stops at the first one.
+/// Returns true if a replay of four frames, by the rules [`Rules::HAZARDS`], shows a violation. It stops at the first
+/// one.
 pub fn has_violation(plan: &Plan, barriers: &Barriers) -> bool {
     has_violation_by(plan, barriers, Rules::HAZARDS)
 }
 
-/// Returns true if four frames show a violation by these rules.
+/// Returns true if a replay of four frames, by `rules`, shows a violation. It stops at the first one.
 pub fn has_violation_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> bool {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);

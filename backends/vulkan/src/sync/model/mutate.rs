@@ -7,19 +7,19 @@ use splatgraph_framework::ir::{Masks, PassId};
 use splatgraph_framework::oracle::trace::Trace;
 use splatgraph_framework::plan::Plan;
 
-/// A removal of a barrier, or of one bit.
+/// The removal of a whole barrier, or of one bit of its masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mutation {
     /// Removes a whole barrier, with the layout change of its image.
     Remove {
-        /// The pass after the barrier's call; `None` in the handover.
+        /// The pass that the barrier is recorded before; `None` in the handover.
         at: Option<PassId>,
         /// Index of the barrier in the call, from 0.
         barrier: usize,
     },
-    /// Clears one bit; an empty mask is Vulkan's `NONE`.
+    /// Clears one mask bit; an empty mask is Vulkan's `NONE`.
     Clear {
-        /// The pass after the barrier's call; `None` in the handover.
+        /// The pass that the barrier is recorded before; `None` in the handover.
         at: Option<PassId>,
         /// Index of the barrier in the call, from 0.
         barrier: usize,
@@ -35,8 +35,9 @@ impl Mutation {
         }
     }
 
-    /// Describes the place and the change, for instance "target stage COMPUTE of barrier 0 (all memory) before `sort`
-    /// in the frame".
+    /// Describes the mutation and its place.
+    ///
+    /// For instance: "target stage COMPUTE of barrier 0 (all memory) before `sort` in the frame".
     pub fn describe(&self, plan: &Plan, barriers: &Barriers) -> String {
         let (at, number) = self.at();
         let place = match at {
@@ -75,7 +76,7 @@ impl Mutation {
     }
 }
 
-/// Lists every removal from the barriers, one at a time.
+/// Lists every single mutation of the barriers.
 pub fn mutations(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
     let mut all = Vec::new();
     for (at, call) in barriers.calls(plan) {
@@ -90,7 +91,7 @@ pub fn mutations(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
 /// Returns the barriers with the mutation applied.
 ///
 /// # Panics
-/// Panics if the mutation is not one of these [`mutations`].
+/// Panics if the mutation is not one of the [`mutations`] of these barriers.
 pub fn apply(barriers: &Barriers, mutation: &Mutation) -> Barriers {
     let mut mutant = barriers.clone();
     take_away(&mut mutant, mutation);
@@ -121,14 +122,16 @@ fn put_back(barriers: &mut Barriers, mutation: &Mutation, before: Barrier) {
     }
 }
 
-/// Returns the mutations that cause no violation within four frames, by the rules of [`Rules::NECESSARY`]. The
-/// unchanged barriers must cause none.
+/// Returns the mutations that cause no violation within four frames, by [`Rules::NECESSARY`].
+///
+/// The barriers themselves must cause none.
 pub fn needless(plan: &Plan, barriers: &Barriers) -> Vec<Mutation> {
     needless_by(plan, barriers, Rules::NECESSARY)
 }
 
-/// Returns the mutations that cause no violation within four frames, by these rules. The unchanged barriers must cause
-/// none.
+/// Returns the mutations that cause no violation within four frames, by `rules`.
+///
+/// The barriers themselves must cause none.
 pub fn needless_by(plan: &Plan, barriers: &Barriers, rules: Rules) -> Vec<Mutation> {
     let replay = Replay::default();
     let trace = Trace::new(plan, replay.copies);

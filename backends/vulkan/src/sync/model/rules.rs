@@ -1,14 +1,15 @@
-//! Defines the length of a replay, and the rules by which it is judged.
+//! Defines the length of a replay, and the rules that decide what counts as a violation.
 
-/// Length of a replay, and its frames in flight.
+/// The number of frames to replay, and how far the host runs ahead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Replay {
-    /// Number of frames after the prologue and the handover.
+    /// Number of frames to replay after the prologue and the handover.
     pub frames: u32,
-    /// Number of frames in flight: the host prepares frame `n` when frame `n - in_flight` is finished.
+    /// Maximum number of frames in flight: the host prepares frame `n` once frame `n - in_flight` has completed.
     pub in_flight: u32,
-    /// Number of copies of resources that the host accesses: frame `n` uses copy `n % copies`. With fewer than
-    /// `in_flight`, the host writes data that the device is still reading.
+    /// Number of copies of each resource that the host writes: frame `n` uses copy `n % copies`.
+    ///
+    /// With fewer than `in_flight` copies, the host overwrites data that the device is still reading.
     pub copies: u32,
 }
 
@@ -19,22 +20,26 @@ impl Default for Replay {
     }
 }
 
-/// Choices among interpretations of the specification, and among the reasons for a bit.
+/// Choices where the specification can be read in two ways, or where only validation layers demand a bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
-    /// If true, a write after a write requires the first to be visible to the second, as in validation. Otherwise
-    /// availability of the first suffices, as in the memory model (Vulkan 1.3, appendix B).
+    /// If true, a write after a write requires the first to be visible to the second, as validation layers do.
+    ///
+    /// Otherwise the first need only be available, as in the memory model (Vulkan 1.3, appendix B).
     pub writes_see_writes: bool,
-    /// If true, a layout change names the preceding write in its own source even if an earlier barrier made the write
-    /// available. A read between the two removes this need. Validation layers require this; the specification does not.
+    /// If true, the source of a layout change must name the preceding write, even if an earlier barrier made it
+    /// available.
+    ///
+    /// A read in between removes this need. Validation layers require this; the specification does not.
     pub changes_name_writes: bool,
 }
 
 impl Rules {
-    /// Rules by which a plan is judged.
+    /// Rules for finding hazards in a plan's barriers.
     pub const HAZARDS: Rules = Rules { writes_see_writes: true, changes_name_writes: false };
-    /// Rules by which a part of a barrier counts as needed: the lowering adds bits to layout changes that only
-    /// validation layers require.
+    /// Rules for deciding whether a part of a barrier is necessary.
+    ///
+    /// They demand the bits that the lowering adds to layout changes for validation layers only.
     pub const NECESSARY: Rules = Rules { writes_see_writes: true, changes_name_writes: true };
     /// Like [`Rules::NECESSARY`], but a write after a write requires only availability.
     pub const AVAILABILITY: Rules = Rules { writes_see_writes: false, changes_name_writes: true };

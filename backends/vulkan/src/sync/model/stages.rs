@@ -7,7 +7,7 @@
 use splatgraph_framework::ir::{Accesses, Stages};
 pub use splatgraph_framework::oracle::stages::with_later;
 
-/// Returns these stages and all earlier ones of a pipeline: the scope of a source mask.
+/// Returns the stages and all earlier ones of their pipelines: the scope of a source mask.
 pub fn with_earlier(stages: Stages) -> Stages {
     let mut scope = stages;
     if stages.contains(Stages::COLOR_OUTPUT) {
@@ -28,7 +28,7 @@ pub fn with_earlier(stages: Stages) -> Stages {
     scope
 }
 
-/// A set of (stage, access) pairs: 12 bits of accesses for each of 10 stages.
+/// A set of (stage, access) pairs: a bit for each of 12 accesses at each of 10 stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pairs(u128);
 
@@ -39,7 +39,7 @@ impl Pairs {
     pub const NONE: Pairs = Pairs(0);
     pub const ALL: Pairs = Pairs(u128::MAX);
 
-    /// Combines each of the accesses with each of the stages.
+    /// Returns all pairs of one of the stages and one of the accesses.
     pub fn of(stages: Stages, accesses: Accesses) -> Pairs {
         let mut pairs = 0;
         let mut left = stages.bits();
@@ -54,7 +54,7 @@ impl Pairs {
         Pairs(self.0 | other.0)
     }
 
-    /// Returns true if it has this one access at this one stage.
+    /// Returns true if the set contains this access at this stage.
     pub fn has(self, stage: Stages, access: Accesses) -> bool {
         self.0 & Pairs::of(stage, access).0 != 0
     }

@@ -1,4 +1,4 @@
-//! Defines violations: accesses that Vulkan leaves undefined.
+//! Defines violations: accesses whose result Vulkan does not define.
 
 use std::fmt;
 use std::ops::Range;
@@ -6,43 +6,43 @@ use std::ops::Range;
 use splatgraph_framework::ir::{Accesses, Layout, PassId, ResourceId, Stages};
 use splatgraph_framework::plan::Plan;
 
-/// An access that Vulkan leaves undefined.
+/// An access whose result Vulkan does not define, and the access that it conflicts with.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Violation {
     /// Kind of conflict.
     pub kind: ViolationKind,
     /// The earlier access. `None` for bytes that were never written, or a layout that was never set.
     pub first: Option<Actor>,
-    /// The later access, which is undefined.
+    /// The later access, whose result is undefined.
     pub second: Actor,
     /// The resource that `second` accesses.
     pub resource: ResourceId,
-    /// The resource that `first` accessed, if it was another one in the same memory.
+    /// The resource that `first` accessed, if it is an alias of `resource`.
     pub through: Option<ResourceId>,
     /// Range of bytes in `resource`.
     pub range: Range<u64>,
-    /// Guarantee that `second` lacks.
+    /// The guarantee that is missing between the two accesses.
     pub missing: Missing,
-    /// Index of the plan in a replay of several; otherwise 0.
+    /// Index of the plan in [`replay_swap`](super::replay_swap); otherwise 0.
     pub plan: usize,
 }
 
-/// Kind of a violation.
+/// The kind of a violation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ViolationKind {
     /// A read of bytes without synchronization with their earlier write.
     ReadAfterWrite,
-    /// A write to bytes without synchronization with their earlier read.
+    /// A write to bytes that an earlier read may not have finished reading.
     WriteAfterRead,
     /// A write to bytes without synchronization with their earlier write.
     WriteAfterWrite,
-    /// An access or a transition expects a layout that the image is not in.
+    /// An access or a layout change that expects a layout other than the image's current one.
     Layout,
-    /// A read of bytes that hold no contents of the resource, or none of this frame.
+    /// A read of bytes without contents of the resource, or, if it does not persist between frames, of this frame.
     Unwritten,
 }
 
-/// The first guarantee that the later access lacks.
+/// The first guarantee that the later access lacks: order, then availability, then visibility.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Missing {
     /// The earlier access may still be running.
@@ -58,11 +58,11 @@ pub enum Missing {
         /// Layout that the access needs.
         needed: Layout,
     },
-    /// The bytes hold no contents of the resource, or none of this frame.
+    /// The bytes hold no contents of the resource, or none that are still valid in this frame.
     Contents,
 }
 
-/// Part of the run. The prologue and the handover are submitted with frame 0.
+/// A part of the replay. The prologue and the handover are submitted with frame 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum When {
     /// The passes that run once, before the handover.
@@ -74,7 +74,7 @@ pub enum When {
 }
 
 impl When {
-    /// Returns the frame with which this part was submitted.
+    /// Returns the number of the frame with which this part is submitted.
     pub(super) fn frame(self) -> u32 {
         match self {
             When::Prologue | When::Handover => 0,
@@ -83,7 +83,7 @@ impl When {
     }
 }
 
-/// Source of an access.
+/// The source of an access: a pass, a layout change or the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Actor {
     /// A pass of the plan.
@@ -117,7 +117,7 @@ impl Actor {
         }
     }
 
-    /// Returns true if both are the same actor, regardless of the frame.
+    /// Returns true if both are the same actor, ignoring the frame.
     fn recurs_as(self, other: Actor) -> bool {
         match (self, other) {
             (Actor::Pass { pass, .. }, Actor::Pass { pass: other, .. }) => pass == other,
@@ -156,7 +156,7 @@ impl fmt::Display for When {
 }
 
 impl Violation {
-    /// Returns true if both are the same violation, regardless of the frame and the bytes.
+    /// Returns true if both are the same violation, ignoring the frame and the bytes.
     fn recurs_as(&self, other: &Violation) -> bool {
         let same_first = match (self.first, other.first) {
             (Some(first), Some(other)) => first.recurs_as(other),
@@ -207,7 +207,7 @@ impl Violation {
     }
 }
 
-/// Collects violations during a replay.
+/// The violations collected during a replay.
 pub(super) struct Findings {
     pub violations: Vec<Violation>,
     pub first_only: bool,
