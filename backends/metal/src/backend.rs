@@ -1,4 +1,4 @@
-//! Implements the runtime's graphics API with Metal.
+//! Implements the runtime's [`Gpu`](splatgraph_runtime::Gpu) trait with Metal.
 
 use crate::capture;
 use crate::descriptors::ArgumentTables;
@@ -193,7 +193,7 @@ impl Gpu for MetalGpu {
         Ok(swapchain.acquire())
     }
 
-    /// Stores the draw: it is recorded at submission, when the frame's fences are known.
+    /// Stores the output to draw. The draw is recorded at submission, when the frame's fences are known.
     fn record_blit(
         &self,
         show: Show<Self>,
@@ -212,7 +212,7 @@ impl Gpu for MetalGpu {
     }
 }
 
-/// Refuses validation unless the process was started with it: Metal cannot enable it later.
+/// Refuses validation unless the process was started with Metal's validation, which cannot be enabled later.
 fn check_validation(validation: Validation) -> Result<(), BackendError> {
     let names = ["MTL_DEBUG_LAYER", "METAL_DEVICE_WRAPPER_TYPE"];
     let is_on = names.iter().any(|name| std::env::var_os(name).is_some_and(|value| value == "1"));

@@ -10,7 +10,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 enum State {
     Idle,
-    /// A capture into this document is requested; the next commands begin it.
+    /// A capture into this document was requested. It begins with the next commands.
     Asked(PathBuf),
     Running,
 }
@@ -21,10 +21,10 @@ fn state() -> MutexGuard<'static, State> {
     STATE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Captures the next frame of the window into the document `path`, which must not exist.
+/// Requests a capture of the window's next frame into the document `path`, which must not exist.
 ///
 /// # Errors
-/// The program was started without support for captures, or a capture is running.
+/// The program was started without support for captures, or a capture is already requested or running.
 pub fn capture_next_frame(path: PathBuf) -> Result<(), String> {
     let able =
         objc::pool(|| CaptureManager::shared().supports_destination(MTLCaptureDestination::GpuTraceDocument));
@@ -40,7 +40,7 @@ pub fn capture_next_frame(path: PathBuf) -> Result<(), String> {
     Ok(())
 }
 
-/// Begins the requested capture, before commands are recorded. Returns Metal's reason if it fails.
+/// Begins the requested capture, if any, before commands are recorded. If that fails, returns Metal's reason.
 pub(crate) fn begin(device: &DeviceRef) -> Option<String> {
     let mut state = state();
     let State::Asked(path) = &*state else { return None };
@@ -55,7 +55,7 @@ pub(crate) fn begin(device: &DeviceRef) -> Option<String> {
     begun.err()
 }
 
-/// Ends the running capture, once a frame was submitted to the window.
+/// Ends the running capture, if any. Call it once a frame was submitted to the window.
 pub(crate) fn end() {
     let mut state = state();
     if matches!(*state, State::Running) {

@@ -1,4 +1,4 @@
-//! Implements argument tables: the bindings of a plan's passes.
+//! Implements argument tables, which hold the bindings of a plan's passes.
 //!
 //! Metal has no descriptor sets: each argument is set in the encoder before its command. The tables are therefore
 //! host-side lists of the arguments to set.
@@ -11,32 +11,32 @@ use splatgraph_framework::ir::{Binding, Msl, PassId};
 use splatgraph_framework::plan::Plan;
 use splatgraph_runtime::{BindingTarget, binding_copies};
 
-/// The arguments of all passes of a plan.
+/// The argument tables of all passes of a plan.
 pub struct ArgumentTables {
-    /// By pass, then by copy; empty for passes that bind nothing.
+    /// Tables by pass, then by copy; empty for passes without bindings.
     tables: Vec<Vec<Table>>,
-    /// The slots of the bindings, by pass.
+    /// By pass, each (binding, element) with the argument slots that it fills.
     places: Vec<Vec<((u32, u32), ArgumentSlot)>>,
 }
 
-/// The arguments of a pass in one frame.
+/// The arguments of one copy of a pass's bindings.
 #[derive(Clone, Default)]
 pub(crate) struct Table {
     pub arguments: Vec<(ArgumentSlot, Argument)>,
-    /// The sizes in bytes of the buffers of each stage that needs any, by buffer index.
+    /// For each stage that needs buffer sizes, the sizes in bytes, by buffer index.
     pub sizes: Vec<(Stage, [u32; Msl::MOST_BUFFERS as usize])>,
 }
 
-/// An object to set.
+/// An object to set in an argument slot.
 #[derive(Clone)]
 pub(crate) enum Argument {
-    /// A buffer, starting at this byte.
+    /// A buffer, and the byte offset at which the argument starts.
     Buffer(Buffer, u64),
     Texture(Texture),
 }
 
 impl ArgumentTables {
-    /// Creates the tables of all passes that run and have bindings.
+    /// Creates an empty table per copy for each pass with bindings.
     pub(crate) fn new(plan: &Plan, pipelines: &Pipelines) -> ArgumentTables {
         let mut tables = vec![Vec::new(); plan.passes.len()];
         let mut places = vec![Vec::new(); plan.passes.len()];
@@ -80,12 +80,12 @@ impl ArgumentTables {
         }
     }
 
-    /// Drops the objects of a pass, which its table would keep alive.
+    /// Removes the objects from a pass's tables, which would keep them alive.
     pub(crate) fn clear(&mut self, pass: PassId) {
         self.tables[pass.index()].fill(Table::default());
     }
 
-    /// Returns the table of a pass for the frame in this slot; `None` for passes without bindings.
+    /// Returns a pass's table for the frame in this slot; `None` if the pass has no bindings.
     pub(crate) fn of(&self, pass: PassId, slot: usize) -> Option<&Table> {
         let copies = &self.tables[pass.index()];
         copies.get(slot.checked_rem(copies.len())?)

@@ -1,11 +1,11 @@
-//! Lists the machine's GPUs, with their properties and their facts for graphs.
+//! Lists the machine's GPUs, with their limits and the facts that graphs can use.
 
 use crate::features::{self, Told};
 use crate::objc;
 use metal::{Device, MTLGPUFamily};
 use splatgraph_api::{BackendError, DeviceInfo, Heap, Robustness};
 
-/// A GPU and its properties.
+/// A GPU, and what Metal reports about it.
 pub(crate) struct Physical {
     pub raw: Device,
     pub info: DeviceInfo,
@@ -17,7 +17,7 @@ pub(crate) fn all() -> Vec<Physical> {
     objc::pool(|| Device::all().into_iter().enumerate().map(|(index, raw)| describe(raw, index)).collect())
 }
 
-/// Finds the device to open; see [`splatgraph_runtime::choose`].
+/// Chooses the device to open; see [`splatgraph_runtime::choose`].
 pub(crate) fn choose(devices: Vec<Physical>, wanted: Option<&str>) -> Result<Physical, BackendError> {
     if devices.is_empty() {
         return Err(BackendError::Unavailable("Metal finds no GPU".to_string()));

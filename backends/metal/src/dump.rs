@@ -1,4 +1,4 @@
-//! Adds the encoders of a plan to its dump, with names in place of numbers.
+//! Adds the encoders of a plan to its dump, with names instead of numbers.
 
 use crate::sync::{self, *};
 use splatgraph_framework::dump::{self, Declared, Dump, DumpEncoder, DumpEncoders, EncoderTotals};
@@ -6,7 +6,7 @@ use splatgraph_framework::plan::{Cause, Plan};
 
 type Reason = Cause<Declared, Declared>;
 
-/// Adds the encoders of a plan to its dump.
+/// Adds the encoders of a plan to its dump, with their fences and barriers and the reasons for them.
 pub fn add_encoders(dump: Dump, plan: &Plan) -> Dump {
     let (encoders, reasons) = explained(plan, Division::Merged);
     let at = |place: At| -> Vec<Reason> {

@@ -1,18 +1,18 @@
 //! Converts Metal's failures to [`BackendError`]s.
 //!
-//! Metal's calls rarely fail: objects that cannot be created are `nil`, and commands fail when they run. Then their
-//! command buffer has an error, and none of its results are reliable: the device counts as lost and is reopened.
+//! Metal's calls rarely fail: objects that cannot be created are `nil`, and commands fail when they run. A failed
+//! command buffer has an error, and its results are unreliable. The device then counts as lost and must be reopened.
 
 use splatgraph_api::BackendError;
 
-/// Returns the error of a call that created no object.
+/// Returns the error for a call that should have created an object and returned `nil`.
 pub fn no_object(call: &'static str) -> BackendError {
     BackendError::Api { call, answer: "nil".to_string() }
 }
 
-/// Returns the error of a failed command buffer.
+/// Returns the error for a failed command buffer.
 ///
-/// `code` is its `MTLCommandBufferError`, `text` the description.
+/// `code` is its `MTLCommandBufferError`, and `text` the description.
 pub fn of_command_buffer(code: i64, text: &str) -> BackendError {
     let name = match code {
         1 => "Internal",

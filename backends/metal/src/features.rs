@@ -1,12 +1,12 @@
 //! Determines the limits and shader features of an Apple GPU.
 //!
-//! Metal reports few numbers; the others hold for whole families of GPUs. They are from Apple's "Metal Feature Set
-//! Tables" for family Apple 7, the first on Macs (M1); later families only exceed them.
+//! Metal reports only a few limits. The others are the same for whole families of GPUs: they are from Apple's "Metal
+//! Feature Set Tables" for family Apple 7, the first on Macs (M1). Later families only exceed them.
 
 use splatgraph_framework::ir::{Features, Format, Msl};
 use splatgraph_runtime::{FormatSupport, Limits, SubgroupLimits};
 
-/// Limits that a device reports.
+/// The limits that a device reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Told {
     /// Metal's `maxBufferLength`, in bytes.
@@ -32,10 +32,10 @@ impl Told {
     };
 }
 
-/// Lanes of a SIMD group on every Apple GPU.
+/// Number of lanes of a SIMD group, on every Apple GPU.
 pub const LANES: u32 = 32;
 
-/// Returns the limits that plans are checked against.
+/// Returns the limits that plans are checked against, for a device that reports `told`.
 pub fn limits(told: &Told) -> Limits {
     // Push constants and the sizes of buffers take an entry each.
     let buffers = Msl::MOST_BUFFERS - 2;
@@ -80,7 +80,7 @@ pub fn limits(told: &Told) -> Limits {
     }
 }
 
-/// Lists the shader features of Metal's language 2.4 on family Apple 7.
+/// Returns the shader features of Metal Shading Language 2.4 on family Apple 7.
 pub fn features() -> Features {
     let missing = Features::FLOAT64
         // Only minimum and maximum, on later families.
@@ -102,9 +102,10 @@ pub fn features() -> Features {
     Features::all() - missing
 }
 
-/// Returns the uses of images in a format.
+/// Returns the uses that images of a format support.
 ///
-/// 32-bit float formats are blendable if they are filterable (MoltenVK issue 2301), as on all Macs with Apple silicon.
+/// 32-bit float formats can be blended if they can be filtered (MoltenVK issue 2301), as on all Macs with Apple
+/// silicon.
 pub fn format_support(format: Format, filters_floats: bool) -> FormatSupport {
     let integers = format == Format::R32Uint;
     let floats = matches!(format, Format::R32Float | Format::Rgba32Float);

@@ -17,7 +17,7 @@ use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Default time limit of one pass. macOS itself ends commands after some seconds.
+/// Default time limit of one pass. macOS itself aborts commands after some seconds.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// An open Apple GPU; see [`crate::Metal`].
@@ -28,32 +28,33 @@ pub struct MetalGpu {
     pub(crate) messages: Arc<Messages>,
     pub(crate) builtin: Builtin,
     pub(crate) surface: Option<Surface>,
-    /// The timestamp counters, if encoders can sample them at their ends.
+    /// The timestamp counters; `None` if encoders cannot sample them at their ends.
     pub(crate) timestamps: Option<CounterSet>,
     pub(crate) filters_floats: bool,
-    /// True if encoders and commands are labelled, for captures and Metal's messages.
+    /// True if objects and commands are labelled, because captures or Metal's validation are enabled.
     pub(crate) labels: bool,
     pub(crate) patience: Duration,
     pub(crate) compile_patience: Duration,
-    /// Total bytes of objects.
+    /// Bytes that buffers and images occupy.
     pub(crate) allocated: AtomicU64,
     /// Submissions that may not have completed.
     in_flight: Mutex<Vec<Submission>>,
 }
 
-/// A submission: its last command buffer, and the event that it signals when all of it has completed.
+/// A submission: its last command buffer, and the event and value that signal completion of the whole.
 #[derive(Clone)]
 pub(crate) struct Submission {
     pub event: SharedEvent,
     pub value: u64,
     pub last: CommandBuffer,
-    /// True if all later recordings wait for this submission.
+    /// True if all later submissions wait for this one.
     pub publishes: bool,
 }
 
 impl Submission {
-    /// Returns true once the submission has completed or failed. A failed submission signals nothing, so the host
-    /// signals its event.
+    /// Returns true once the submission has completed or failed.
+    ///
+    /// A failed submission signals nothing, so this call then signals its event from the host.
     pub fn is_done(&self) -> bool {
         let signalled = self.event.signaled_value() >= self.value;
         let status = objc::status(&self.last);
@@ -100,7 +101,7 @@ impl MetalGpu {
         all
     }
 
-    /// Creates a command buffer. Call it in an autorelease pool.
+    /// Creates a command buffer. The caller provides an autorelease pool.
     pub(crate) fn commands(&self, name: &str) -> Result<CommandBuffer, BackendError> {
         let commands = objc::command_buffer(&self.queue).ok_or_else(|| no_object("commandBuffer"))?;
         if self.labels {
@@ -110,7 +111,8 @@ impl MetalGpu {
     }
 }
 
-/// Finds the timestamp counters, if they can be sampled at the ends of encoders: Apple's GPUs sample nowhere else.
+/// Finds the timestamp counters; `None` if they cannot be sampled at the ends of encoders, the only place on Apple's
+/// GPUs.
 fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
     if !device.supports_counter_sampling(MTLCounterSamplingPoint::AtStageBoundary) {
         return None;
@@ -118,15 +120,15 @@ fn timestamps(device: &DeviceRef) -> Option<CounterSet> {
     objc::pool(|| device.counter_sets().into_iter().find(|set| set.name() == "timestamp"))
 }
 
-/// The backend's own pipelines.
+/// The backend's own pipelines, for fills, clears and presentation.
 pub(crate) struct Builtin {
     pub fill_words: ComputePipelineState,
-    /// A word that absorbs writes without effect.
+    /// A buffer of one word, written by dispatches that only keep an encoder from being empty.
     pub scratch: Buffer,
     pub clear_floats: ComputePipelineState,
     pub clear_words: ComputePipelineState,
     pub show: RenderPipelineState,
-    /// Samplers: nearest, and linear.
+    /// Sampler that takes the nearest texel; the next field interpolates linearly.
     pub nearest: SamplerState,
     pub linear: SamplerState,
 }
@@ -165,7 +167,7 @@ impl Builtin {
 }
 
 impl Builtin {
-    /// Records the dispatch that writes a word to the first words of a buffer: their number, and the word.
+    /// Records a dispatch that writes `word` to the first `words` words of a buffer.
     pub fn fill(&self, encoder: &ComputeCommandEncoderRef, target: &BufferRef, [words, word]: [u32; 2]) {
         let fill = [words, word].map(u32::to_le_bytes).concat();
         encoder.set_compute_pipeline_state(&self.fill_words);
@@ -176,7 +178,7 @@ impl Builtin {
     }
 }
 
-/// Returns the resource options of device-only memory.
+/// Returns the resource options of memory that only the device accesses.
 pub(crate) fn private() -> MTLResourceOptions {
     MTLResourceOptions::StorageModePrivate | MTLResourceOptions::HazardTrackingModeUntracked
 }
@@ -211,7 +213,7 @@ pub(crate) fn function(library: &LibraryRef, name: &str) -> Result<Function, Bac
         .map_err(|answer| BackendError::Api { call: "newFunctionWithName", answer })
 }
 
-/// Creates the pipeline of a kernel that runs with this many threads, and returns the lanes of its SIMD groups.
+/// Creates a kernel's pipeline for threadgroups of `threads` threads. Also returns the lanes of its SIMD groups.
 pub(crate) fn kernel(
     device: &DeviceRef,
     function: &FunctionRef,

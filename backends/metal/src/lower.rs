@@ -6,8 +6,8 @@
 //!
 //! Two things need no lowering. Arguments of indirect commands have equal layouts in both APIs: three words of a
 //! dispatch (`MTLDispatchThreadgroupsIndirectArguments`), and four of a draw (`MTLDrawPrimitivesIndirectArguments`:
-//! vertices, instances, first vertex, first instance). And threadgroup memory is declared in the shaders, with its
-//! size. The y axis points up in Metal's clip space and down in Vulkan's: the translated vertex shaders negate it, so
+//! vertices, instances, first vertex, first instance). Threadgroup memory is declared in the shaders, with its size.
+//! The y axis of clip space points up in Metal and down in Vulkan. The translated vertex shaders negate it, so
 //! viewports and images are unchanged.
 
 use splatgraph_api::{BackendError, LimitExceeded, Unit};
@@ -21,7 +21,7 @@ pub enum PipelineState {
     Compute {
         /// Shader of the kernel.
         shader: ShaderId,
-        /// Threadgroup size in x, y and z, passed with each dispatch.
+        /// Threadgroup size in x, y and z. It is passed with each dispatch.
         threads: [u32; 3],
     },
     /// State of an `MTLRenderPipelineDescriptor`.
@@ -30,11 +30,11 @@ pub enum PipelineState {
         vertex: ShaderId,
         /// The fragment function.
         fragment: ShaderId,
-        /// The primitives, passed with each draw; the pipeline has their class.
+        /// The primitive type, passed with each draw. The pipeline has only its class.
         topology: Topology,
         /// The colour attachments.
         targets: Vec<TargetState>,
-        /// The use of the depth attachment, if there is one.
+        /// The use of the depth attachment; `None` without one.
         depth: Option<DepthAccess>,
     },
 }
@@ -48,7 +48,7 @@ pub struct TargetState {
     pub blend: Option<BlendState>,
 }
 
-/// `colour = source * source factor + target * target factor`, likewise for alpha.
+/// The blend equation: `colour = source * source factor + target * target factor`, likewise for alpha.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BlendState {
     /// Factors of the colour, for source and target.
@@ -64,13 +64,13 @@ pub enum BlendFactor {
     Zero,
     /// Factor 1.
     One,
-    /// 1 - the fragment's alpha
+    /// Factor 1 - the fragment's alpha.
     OneMinusSourceAlpha,
-    /// The target's alpha
+    /// Factor equal to the target's alpha.
     DestinationAlpha,
 }
 
-/// A stage, which has its own argument tables.
+/// A shader stage. Each has its own argument tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// Kernels.
@@ -81,16 +81,16 @@ pub enum Stage {
     Fragment,
 }
 
-/// The arguments of one stage of a pass.
+/// The shader of one stage of a pass, which determines the stage's argument slots.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StageArguments {
-    /// Stage that has the arguments.
+    /// The stage of the shader.
     pub stage: Stage,
-    /// The translated shader, which assigns their indices.
+    /// The translated shader. It assigns an index to each argument.
     pub msl: Arc<Msl>,
 }
 
-/// A slot in a table of arguments.
+/// A slot in one of a stage's argument tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ArgumentSlot {
     /// The stage of the table.
@@ -99,7 +99,7 @@ pub struct ArgumentSlot {
     pub texture: bool,
     /// The index in the table.
     pub index: u32,
-    /// True if the shader needs the buffer's size, which is the word of sizes at the same index.
+    /// True if the shader needs the buffer's size, passed as word `index` of the buffer of sizes.
     pub sized: bool,
 }
 
@@ -108,14 +108,15 @@ pub struct ArgumentSlot {
 pub struct Lowered {
     /// Pipelines of the plan, without duplicates.
     pub pipelines: Vec<PipelineState>,
-    /// Index into [`Lowered::pipelines`] by pass; only dispatches and draws that run have one.
+    /// Index into [`Lowered::pipelines`], by pass; `None` for passes other than dispatches and draws, and for passes
+    /// not in the order.
     pub of_pass: Vec<Option<usize>>,
-    /// The stages of each pass; empty for passes without a pipeline.
+    /// The arguments of each pass, by stage; empty for passes without a pipeline.
     pub arguments: Vec<Vec<StageArguments>>,
 }
 
 impl Lowered {
-    /// Lists the argument slots of a pass's binding, in the stages that reach it.
+    /// Lists the argument slots of a pass's binding, one for each stage whose shader uses it.
     pub fn places(&self, pass: PassId, binding: &Binding) -> impl Iterator<Item = ArgumentSlot> {
         let at = (binding.binding, binding.element);
         self.arguments[pass.index()].iter().filter_map(move |stage| {
@@ -126,10 +127,10 @@ impl Lowered {
     }
 }
 
-/// Lowers a checked plan.
+/// Lowers a checked plan to pipelines and arguments.
 ///
 /// # Errors
-/// A shader was not translated, or exceeds the size of an argument table.
+/// A shader was not translated, or needs more slots than an argument table has.
 pub fn lower(plan: &Plan) -> Result<Lowered, BackendError> {
     let passes = plan.passes.len();
     let mut lowered =
@@ -208,7 +209,7 @@ fn arguments(shader: &Shader, stage: Stage) -> Result<StageArguments, BackendErr
     Ok(StageArguments { stage, msl: msl.clone() })
 }
 
-/// Lowers a blend; `None` if the fragment replaces the target.
+/// Lowers a blend mode; `None` if the fragment replaces the target.
 pub fn blend(blend: Blend) -> Option<BlendState> {
     use BlendFactor as F;
     match blend {
@@ -231,15 +232,16 @@ pub fn blend(blend: Blend) -> Option<BlendState> {
 /// The flags of `MTLTextureUsage` that images use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TextureUsage {
-    /// `MTLTextureUsageShaderRead`
+    /// `MTLTextureUsageShaderRead`.
     pub shader_read: bool,
-    /// `MTLTextureUsageShaderWrite`
+    /// `MTLTextureUsageShaderWrite`.
     pub shader_write: bool,
-    /// `MTLTextureUsageRenderTarget`
+    /// `MTLTextureUsageRenderTarget`.
     pub render_target: bool,
 }
 
-/// Lowers the usage of an image. Copies need no flag; a kernel clears images, and a draw samples them to show them.
+/// Lowers the usage of an image. Copies need no flag, but images are cleared by a kernel and shown by a draw that
+/// samples them.
 pub fn image_usage(usage: Usage) -> TextureUsage {
     TextureUsage {
         shader_read: usage.intersects(Usage::STORAGE | Usage::COPY_SOURCE),
@@ -248,23 +250,23 @@ pub fn image_usage(usage: Usage) -> TextureUsage {
     }
 }
 
-/// Threadgroup size of the kernels that fill a buffer (x only) or an image.
+/// Threadgroup size in x and y of the kernel that clears an image.
 pub const CLEAR_THREADS: [u32; 2] = [16, 16];
 
-/// Returns the number of threadgroups for filling `words` words, 256 per group.
+/// Returns the number of threadgroups that fill `words` words with 256 threads each.
 ///
-/// It never exceeds the limit in x: the kernel continues with a stride.
+/// It never exceeds the limit in x: with fewer threads than words, the kernel loops.
 pub fn fill_groups(words: u64) -> u32 {
     const MOST: u64 = 65535;
     words.div_ceil(256).min(MOST) as u32
 }
 
-/// Returns the number of threadgroups for filling an image.
+/// Returns the number of threadgroups in x and y that clear an image of this size.
 pub fn clear_groups((width, height): (u32, u32)) -> [u32; 2] {
     [width.div_ceil(CLEAR_THREADS[0]), height.div_ceil(CLEAR_THREADS[1])]
 }
 
-/// Returns true if a picture is interpolated when it is shown at another size.
+/// Returns true if an image of this format is interpolated when it is shown, which needs another size and filtering.
 pub fn interpolates(format: Format, same_size: bool, filters_floats: bool) -> bool {
     let filtered = match format {
         Format::Rgba8Unorm | Format::Rgba16Float => true,
@@ -277,15 +279,15 @@ pub fn interpolates(format: Format, same_size: bool, filters_floats: bool) -> bo
 /// Maximum number of samples in a counter sample buffer: 32 KiB of 8 bytes each.
 pub const MOST_SAMPLES: u32 = 4096;
 
-/// Returns the sample index of a runtime timestamp, if it has one.
+/// Returns the index of the counter sample for a runtime timestamp; `None` if it has none.
 ///
-/// The first two timestamps, of the whole frame, come from the command buffer instead. Timestamps beyond the buffer's
-/// capacity have none.
+/// The first two timestamps, of the whole frame, come from the command buffer instead. Timestamps beyond the sample
+/// buffer's capacity have no sample.
 pub fn sample(timestamp: u32) -> Option<u32> {
     timestamp.checked_sub(2).filter(|sample| *sample < MOST_SAMPLES)
 }
 
-/// Interprets a counter's value: 0 was not sampled, and all ones is `MTLCounterErrorValue`.
+/// Returns the value of a counter; `None` if it is 0, not sampled, or all ones, `MTLCounterErrorValue`.
 pub fn counted(value: u64) -> Option<u64> {
     (value != 0 && value != u64::MAX).then_some(value)
 }

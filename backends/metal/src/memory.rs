@@ -1,7 +1,7 @@
 //! Allocates buffers, images and their memory.
 //!
-//! Device memory is a placement heap with its objects at the start: several, if the plan lets them alias. Host-visible
-//! memory is a single buffer, which is the object itself. Everything is untracked.
+//! Device memory is a placement heap. Its objects, several if the plan lets them alias, are at the heap's start.
+//! Host-visible memory is a single buffer, which is also the object. All resources are untracked.
 
 use crate::error::no_object;
 use crate::gpu::{MetalGpu, private};
@@ -22,17 +22,17 @@ pub struct Memory {
 }
 
 enum Backing {
-    /// Memory that only the device accesses.
+    /// A heap, for memory that only the device accesses.
     Heap(Heap),
-    /// Mapped memory.
+    /// A buffer, for mapped memory.
     Buffer(Buffer),
 }
 
-/// Memory requirements; no Metal object requires a dedicated allocation.
+/// Memory requirements. The dedicated object is `()`, as no Metal object requires a dedicated allocation.
 pub(crate) type Requirements = splatgraph_runtime::Requirements<()>;
 
 impl Memory {
-    /// Allocates memory. An error names `name` and the size.
+    /// Allocates memory that meets the requirements; `name` names it in errors.
     pub(crate) fn new(
         gpu: &Arc<MetalGpu>,
         name: &str,
@@ -108,7 +108,7 @@ pub struct UnboundImage {
     descriptor: TextureDescriptor,
 }
 
-/// Describes a buffer and its memory requirements.
+/// Returns the description of a buffer without memory, and its memory requirements.
 pub(crate) fn create_buffer(gpu: &MetalGpu, desc: &BufferDesc) -> (UnboundBuffer, Requirements) {
     // Shaders and fills access whole words.
     let bytes = desc.bytes.next_multiple_of(4);
@@ -116,7 +116,7 @@ pub(crate) fn create_buffer(gpu: &MetalGpu, desc: &BufferDesc) -> (UnboundBuffer
     (UnboundBuffer { name: desc.name.to_string(), bytes }, requirements(needed, MemoryKind::Linear))
 }
 
-/// Describes an image and its memory requirements.
+/// Returns the description of an image without memory, and its memory requirements.
 pub(crate) fn create_image(gpu: &MetalGpu, desc: &ImageDesc) -> (UnboundImage, Requirements) {
     let descriptor = TextureDescriptor::new();
     descriptor.set_texture_type(MTLTextureType::D2);
@@ -129,7 +129,7 @@ pub(crate) fn create_image(gpu: &MetalGpu, desc: &ImageDesc) -> (UnboundImage, R
     (UnboundImage { name: desc.name.to_string(), descriptor }, requirements(needed, MemoryKind::Optimal))
 }
 
-/// Places a buffer at the start of memory that meets its requirements.
+/// Creates a buffer at the start of memory that meets its requirements.
 pub(crate) fn bind_buffer(buffer: &UnboundBuffer, memory: &Memory) -> Result<Buffer, BackendError> {
     let raw = match &memory.backing {
         Backing::Heap(heap) => heap
@@ -141,7 +141,7 @@ pub(crate) fn bind_buffer(buffer: &UnboundBuffer, memory: &Memory) -> Result<Buf
     Ok(raw)
 }
 
-/// Places an image at the start of memory that meets its requirements.
+/// Creates an image at the start of memory that meets its requirements.
 pub(crate) fn bind_image(image: &UnboundImage, memory: &Memory) -> Result<Texture, BackendError> {
     let raw = match &memory.backing {
         Backing::Heap(heap) => heap.new_texture_with_offset(&image.descriptor, 0),

@@ -22,7 +22,7 @@ pub(crate) fn pool<T>(body: impl FnOnce() -> T) -> T {
     metal::objc::rc::autoreleasepool(body)
 }
 
-/// Creates the device's queue.
+/// Creates a command queue of the device; `None` if Metal creates none.
 pub(crate) fn new_queue(device: &DeviceRef) -> Option<CommandQueue> {
     // SAFETY: the method takes nothing, and returns a retained object or nil.
     let raw: *mut MTLCommandQueue = unsafe { msg_send![device, newCommandQueue] };
@@ -30,7 +30,7 @@ pub(crate) fn new_queue(device: &DeviceRef) -> Option<CommandQueue> {
     (!raw.is_null()).then(|| unsafe { CommandQueue::from_ptr(raw) })
 }
 
-/// Creates a command buffer, which retains what its commands use.
+/// Creates a command buffer that retains the objects its commands use.
 pub(crate) fn command_buffer(queue: &CommandQueueRef) -> Option<CommandBuffer> {
     // SAFETY: the method takes nothing, and returns an object of the pool or nil.
     let raw: *mut MTLCommandBuffer = unsafe { msg_send![queue, commandBuffer] };
@@ -63,7 +63,7 @@ pub(crate) fn max_buffer_length(device: &DeviceRef) -> u64 {
     unsafe { msg_send![device, maxBufferLength] }
 }
 
-/// Returns the bytes of device memory that this process has allocated.
+/// Returns how many bytes of device memory this process has allocated.
 pub(crate) fn allocated_bytes(device: &DeviceRef) -> u64 {
     // SAFETY: a property of type NSUInteger.
     unsafe { msg_send![device, currentAllocatedSize] }
@@ -76,7 +76,7 @@ pub(crate) fn filters_floats(device: &DeviceRef) -> bool {
     answer == YES
 }
 
-/// Returns the name and version of the system.
+/// Returns the name and version of the operating system.
 pub(crate) fn system() -> String {
     pool(|| {
         // SAFETY: a class of Foundation, which is linked, and a property of it that is a string.
@@ -95,7 +95,7 @@ pub(crate) fn is_main_thread() -> bool {
     answer == YES
 }
 
-/// Orders an encoder's earlier dispatches before its later ones.
+/// Records a barrier between an encoder's earlier and later dispatches, for the resources in its scope.
 pub(crate) fn memory_barrier(encoder: &ComputeCommandEncoderRef, buffers: bool, textures: bool) {
     // MTLBarrierScopeBuffers and MTLBarrierScopeTextures.
     let scope = u64::from(buffers) | u64::from(textures) << 1;
@@ -124,13 +124,13 @@ pub(crate) fn error(commands: &CommandBufferRef) -> (i64, String) {
     })
 }
 
-/// Returns the times at which the device started and ended a completed command buffer, in seconds.
+/// Returns the times, in seconds, at which the device started and finished a completed command buffer.
 pub(crate) fn device_times(commands: &CommandBufferRef) -> (f64, f64) {
     // SAFETY: two properties of type CFTimeInterval, which is a double.
     unsafe { (msg_send![commands, GPUStartTime], msg_send![commands, GPUEndTime]) }
 }
 
-/// Blocks until an event has this value, or the time limit has passed. Returns false if the limit has passed.
+/// Blocks until an event has reached `value`, for at most `milliseconds`. Returns false if the limit has passed.
 pub(crate) fn wait_for_event(event: &SharedEventRef, value: u64, milliseconds: u64) -> bool {
     // SAFETY: the method (since macOS 12) takes two uint64_t, and returns a BOOL.
     let answer: BOOL = unsafe { msg_send![event, waitUntilSignaledValue: value timeoutMS: milliseconds] };
@@ -173,10 +173,10 @@ pub(crate) fn set_output(descriptor: &CaptureDescriptorRef, path: &Path) -> Resu
     Ok(())
 }
 
-/// Makes a layer the content of a view. Call it on the main thread.
+/// Makes a layer the content of a view. Call it only on the main thread.
 ///
 /// # Safety
-/// `view` is a live NSView.
+/// `view` must be a live NSView.
 pub(crate) unsafe fn show_in_view(view: NonNull<c_void>, layer: &MetalLayerRef) {
     let view: *mut Object = view.as_ptr().cast();
     pool(|| {
@@ -201,7 +201,7 @@ unsafe extern "C" {
     fn CGColorSpaceRelease(space: *mut c_void);
 }
 
-/// Sets a layer's colour space to sRGB: its pixels are display-encoded.
+/// Sets a layer's colour space to sRGB, because its pixels are display-encoded.
 pub(crate) fn set_srgb(layer: &MetalLayerRef) {
     // SAFETY: the name is a constant of the framework; the layer retains the space that is created here and released.
     unsafe {
@@ -211,7 +211,7 @@ pub(crate) fn set_srgb(layer: &MetalLayerRef) {
     }
 }
 
-/// Copies the text of an NSString; empty for nil.
+/// Returns the text of an NSString; empty for `nil`.
 fn string(text: *mut Object) -> String {
     if text.is_null() {
         return String::new();

@@ -32,13 +32,12 @@ pub struct Pipelines {
     pub(crate) order: Arc<Order>,
 }
 
-/// Order of a plan's frames: its encoders and their fences. A recording holds a reference until its submission is
-/// entered here.
+/// A plan's encoders and their fences. They are shared with each recording until it has been submitted.
 pub(crate) struct Order {
     walked: Mutex<Walked>,
-    /// The fences of both divisions: merged, and one encoder per pass.
+    /// The fences of each division: first merged, then one encoder per pass.
     fences: [Vec<Fence>; 2],
-    /// The pass that makes the output readable by copies.
+    /// The export pass, which makes the output readable by copies.
     pub export: Option<PassId>,
 }
 
@@ -53,7 +52,7 @@ impl Order {
 }
 
 impl Pipelines {
-    /// Creates the pipelines of all dispatches and draws of a plan.
+    /// Creates the pipelines of all dispatches and draws of a plan; calls `next` before each.
     pub(crate) fn new(
         gpu: &MetalGpu,
         plan: &Plan,
@@ -99,13 +98,13 @@ impl Pipelines {
         })
     }
 
-    /// Returns a pass's pipeline; `None` if it has none.
+    /// Returns a pass's pipeline; `None` if it has no pipeline.
     pub(crate) fn of(&self, pass: PassId) -> Option<&Pipeline> {
         self.lowered.of_pass[pass.index()].map(|pipeline| &self.pipelines[pipeline])
     }
 }
 
-/// Translates the shaders that were not translated with the plan.
+/// Translates the shaders that have no Metal source yet.
 fn translated(plan: &Plan) -> Result<Cow<'_, Plan>, BackendError> {
     if plan.shaders.iter().all(|shader| shader.msl.is_some()) {
         return Ok(Cow::Borrowed(plan));
@@ -185,7 +184,7 @@ fn draw(
     Ok(Pipeline::Draw { raw, primitives, depth: depth.map(|access| depth_state(gpu, access)) })
 }
 
-/// Creates the state of depth tests. Depths are reversed: nearer fragments have greater ones.
+/// Creates the state of depth tests. Depths are reversed: nearer fragments have larger values.
 fn depth_state(gpu: &MetalGpu, access: DepthAccess) -> DepthStencilState {
     let descriptor = DepthStencilDescriptor::new();
     descriptor.set_depth_compare_function(MTLCompareFunction::Greater);

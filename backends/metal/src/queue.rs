@@ -14,19 +14,20 @@ use std::time::{Duration, Instant};
 /// Interval between checks for failed submissions during a wait for the whole queue.
 const SLICE: Duration = Duration::from_millis(50);
 
-/// The condition for a submission's commands to start.
+/// What a submission's commands wait for before they start.
 pub(crate) struct After<'a> {
-    /// Event that the commands wait for, and its value.
+    /// Event that the commands wait for, and the value it must reach.
     pub event: (&'a SharedEventRef, u64),
-    /// True if the event covers all earlier submissions, not only published ones.
+    /// True to wait for all earlier submissions, false to wait for published ones only.
     pub all: bool,
 }
 
-/// Submits a frame or an upload, followed by the draw into a window. `commands` are the frame's, then the window's; the
-/// last one signals `done`.
+/// Submits a frame or an upload, followed by the draw into a window, if any.
 ///
-/// They start after the event `after`. It gets its value when the earlier published work of all executors has
-/// completed, or all earlier submissions have.
+/// `commands` has a command buffer for each; the last one signals `done`.
+///
+/// They start once the event `after` has its value. This function makes the queue set it when the earlier submissions
+/// of all executors that `after` covers have completed.
 pub(crate) fn submit(
     gpu: &MetalGpu,
     commands: &[CommandBuffer],
@@ -53,11 +54,12 @@ pub(crate) fn submit(
     Ok(())
 }
 
-/// Blocks until command buffers, the last of which signals `done`, have completed, or the time limit has passed.
+/// Blocks until `commands`, the last of which signals `done`, have completed, for at most `limit`.
+///
 /// Returns false if the limit has passed.
 ///
 /// # Errors
-/// One of them failed. Its event gets its value anyway, so that no waiter hangs.
+/// A command buffer failed. `done` gets its value anyway, so that no waiter hangs.
 pub(crate) fn wait(
     commands: &[CommandBuffer],
     done: (&SharedEventRef, u64),
@@ -83,8 +85,8 @@ pub(crate) fn wait(
     Ok(complete())
 }
 
-/// Blocks until all earlier submissions have completed or failed, or the time limit has passed. Returns false if the
-/// limit has passed.
+/// Blocks until all earlier submissions have completed or failed, for at most `limit`. Returns false if the limit has
+/// passed.
 ///
 /// Other threads can submit meanwhile.
 pub(crate) fn idle(gpu: &MetalGpu, limit: Duration) -> bool {
@@ -102,7 +104,7 @@ pub(crate) fn idle(gpu: &MetalGpu, limit: Duration) -> bool {
     true
 }
 
-/// The timestamps of a frame. The first two are its command buffer's; the others are samples at the ends of encoders.
+/// The timestamps of a frame: two of its command buffer, then samples taken at the ends of encoders.
 #[derive(Clone)]
 pub struct Timestamps(Arc<Times>);
 
@@ -113,19 +115,19 @@ struct Times {
 
 #[derive(Default)]
 struct Written {
-    /// True once the frame has completed. Until then, samples are from earlier frames.
+    /// True once the frame has completed. Until then, the samples are those of an earlier frame.
     completed: bool,
-    /// Start and end of the frame, in nanoseconds.
+    /// Start and end of the frame on the device, in nanoseconds; `None` if Metal reports none.
     frame: Option<[u64; 2]>,
-    /// For each sample, true if the last recorded frame takes it.
+    /// For each sample, true if the last recorded frame writes it.
     samples: Vec<bool>,
 }
 
 impl Timestamps {
-    /// Creates `count` timestamps.
+    /// Creates `count` timestamps. Those of passes are optional.
     ///
-    /// Passes have none if the device cannot sample counters at the ends of encoders, or has no counter buffers left:
-    /// macOS has 32 (gpuweb issue 3652).
+    /// They are missing if the device cannot sample counters at the ends of encoders, or has no counter sample buffer
+    /// left: macOS allows 32 (gpuweb issue 3652).
     pub(crate) fn new(gpu: &MetalGpu, count: u32) -> Timestamps {
         let samples = u64::from(count.saturating_sub(2).min(lower::MOST_SAMPLES));
         let buffer = gpu.timestamps.as_ref().filter(|_| samples > 0).and_then(|set| {
@@ -158,7 +160,7 @@ impl Timestamps {
         Some(samples)
     }
 
-    /// Records the times of the frame's command buffer, in seconds.
+    /// Stores the start and end of the completed frame's command buffer, in seconds.
     pub(crate) fn completed(&self, (start, end): (f64, f64)) {
         let mut written = self.written();
         written.completed = true;
@@ -166,8 +168,9 @@ impl Timestamps {
         written.frame = (start > 0.0 && end >= start).then(|| [start, end].map(|s| (s * 1e9) as u64));
     }
 
-    /// Reads the first `count` timestamps, in nanoseconds; `None` before the frame has completed, and for pairs that
-    /// end before they start.
+    /// Reads the first `count` timestamps, in nanoseconds.
+    ///
+    /// They are `None` until the frame has completed, and for pairs that end before they start.
     pub(crate) fn read(&self, count: u32) -> Vec<Option<u64>> {
         let written = self.written();
         let used = written.samples.iter().rposition(|&taken| taken).map_or(0, |last| last + 1);

@@ -1,4 +1,4 @@
-//! Attaches a layer to a window, which shows Metal's drawables.
+//! Attaches a layer to a window. The layer provides the drawables that the window shows.
 
 use crate::objc;
 use metal::{MTLPixelFormat, MetalLayer};
@@ -7,10 +7,10 @@ use splatgraph_api::BackendError;
 use splatgraph_runtime::Window;
 use std::sync::Arc;
 
-/// The window's pixel format, without conversion: colours are display-encoded.
+/// Pixel format of the drawables. It is not sRGB, because colours are already display-encoded.
 pub(crate) const FORMAT: MTLPixelFormat = MTLPixelFormat::BGRA8Unorm;
 
-/// The layer of a window.
+/// A window's layer.
 pub(crate) struct Surface {
     pub layer: MetalLayer,
     // The view belongs to the window.
@@ -18,7 +18,7 @@ pub(crate) struct Surface {
 }
 
 impl Surface {
-    /// Gives the window a layer that shows images of `device`.
+    /// Attaches a layer to the window, for images of `device`.
     pub fn new(window: Arc<dyn Window>, device: &metal::DeviceRef) -> Result<Surface, BackendError> {
         let handle = window.window_handle().map_err(no_handle)?.as_raw();
         let RawWindowHandle::AppKit(handle) = handle else {

@@ -1,8 +1,8 @@
 //! Acquires drawables of a window's layer, and draws a frame's output into them.
 //!
-//! A layer has three drawables, which alternate between the layer and the program. A triangle draws the output over the
-//! whole drawable, scaled if the sizes differ. The draw has its own command buffer, so the frame does not wait for the
-//! window.
+//! A layer has three drawables, which alternate between the layer and the program. A triangle that covers the drawable
+//! samples the output, which is scaled if the sizes differ. The draw has its own command buffer, so the frame does not
+//! wait for the window.
 
 use crate::error::no_object;
 use crate::gpu::MetalGpu;
@@ -21,7 +21,7 @@ pub struct Swapchain {
     output: Option<Output>,
 }
 
-/// Output to draw.
+/// The output to draw into the acquired drawable.
 struct Output {
     texture: Texture,
     format: Format,
@@ -29,7 +29,7 @@ struct Output {
 }
 
 impl Swapchain {
-    /// Sets the size and pacing of the layer's drawables.
+    /// Sets the layer's drawable size and vsync.
     pub(crate) fn new(gpu: &MetalGpu, size: (u32, u32), vsync: bool) -> Result<Swapchain, BackendError> {
         let Some(surface) = &gpu.surface else {
             return Err(BackendError::Invalid("the device was opened without a window".to_string()));
@@ -42,7 +42,7 @@ impl Swapchain {
         Ok(Swapchain { layer, size, drawable: None, output: None })
     }
 
-    /// Acquires a drawable. Blocks until there is one, for at most a second (`allowsNextDrawableTimeout`).
+    /// Acquires a drawable. Blocks until one is free, for at most a second (`allowsNextDrawableTimeout`).
     pub(crate) fn acquire(&mut self) -> Acquired {
         self.drawable = objc::pool(|| self.layer.next_drawable().map(ToOwned::to_owned));
         match &self.drawable {
@@ -56,10 +56,10 @@ impl Swapchain {
         self.output = Some(Output { texture: output.raw.clone(), format: output.format, size: output.size });
     }
 
-    /// Records the draw of the output, and its presentation.
+    /// Records the draw of the output, and presents the drawable after it.
     ///
-    /// The draw joins the export's copies: it waits for their fences and updates them. Without fences, it waits for the
-    /// frame's event.
+    /// The draw takes part in the export's order: it waits for the export's fences and updates them. If there are none,
+    /// it waits for the frame's event.
     pub(crate) fn draw(
         &mut self,
         gpu: &MetalGpu,

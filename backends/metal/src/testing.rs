@@ -1,4 +1,4 @@
-//! For the tests of this crate: hand-made plans, and a short notation for encoders.
+//! Helpers for the tests of this crate: handwritten plans, and a short notation for encoders.
 
 use crate::sync::*;
 use splatgraph_framework::{ir::*, plan::*, solve::add_dependencies};
@@ -11,12 +11,12 @@ pub use sketch::{Sketch, reads, writes};
 use sketch::{dispatch, touch};
 
 impl Sketch {
-    /// Adds a buffer of which each frame in flight has its own.
+    /// Adds a readback buffer, which has a copy per frame in flight.
     pub fn readback(&mut self) -> ResourceId {
         self.resource("readback", Shape::Buffer { stride: 4, count: 16 }, Source::Readback)
     }
 
-    /// Adds a pass of the prologue or the frame, and its dependencies.
+    /// Adds a pass to the prologue or the frame, with its dependencies.
     fn add(&mut self, name: &str, run: Run, work: Work, uses: &[Use]) {
         match run {
             Run::Once => self.once_work(name, work, uses),
@@ -33,7 +33,7 @@ impl Sketch {
         self.add(name, Run::Frame, dispatch(), uses);
     }
 
-    /// Adds a dispatch whose arguments start at a byte of a buffer.
+    /// Adds a dispatch that reads its arguments at a byte offset of a buffer.
     pub fn dispatch_from(&mut self, name: &str, buffer: ResourceId, offset: u64, uses: &[Use]) {
         let groups = Groups::Indirect { buffer, offset };
         let uses = [&[arguments(buffer)], uses].concat();
@@ -45,7 +45,7 @@ impl Sketch {
         self.add(name, Run::Frame, Work::Fill { buffer, value: 0 }, &uses);
     }
 
-    /// Adds a draw into an image, which it clears or keeps.
+    /// Adds a draw into an image, which it first clears or keeps.
     pub fn draw(&mut self, name: &str, image: ResourceId, load: Load, uses: &[Use]) {
         self.draw_by(name, DrawCall::Direct { vertices: 3, instances: 1 }, image, load, uses);
     }
@@ -86,14 +86,14 @@ impl Sketch {
         self.add("host", Run::Frame, Work::Host, &uses);
     }
 
-    /// Formats the encoders of the prologue and of the frame, a line each.
+    /// Formats the encoders of the prologue, then those of the frame, one per line.
     pub fn told(&self, division: Division) -> (Vec<String>, Vec<String>) {
         let encoders = encoders(&self.plan, division);
         let lines = |of: &[Encoding]| of.iter().map(|encoding| tell(&self.plan, encoding)).collect();
         (lines(&encoders.prologue), lines(&encoders.frame))
     }
 
-    /// Returns the encoders of the frame, as few as there can be.
+    /// Formats the encoders of the frame, in [`Division::Merged`].
     pub fn lines(&self) -> Vec<String> {
         self.told(Division::Merged).1
     }
@@ -148,7 +148,7 @@ pub fn tell(plan: &Plan, encoding: &Encoding) -> String {
     line
 }
 
-/// Returns two dispatches, a draw and a copy, each of which depends on the previous one.
+/// Returns a plan of two dispatches, a draw and a copy. Each depends on the previous one.
 pub fn chain() -> Sketch {
     let mut s = Sketch::new();
     let (x, y, image) = (s.buffer("x"), s.buffer("y"), s.image("image"));

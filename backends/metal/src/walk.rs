@@ -1,17 +1,17 @@
-//! Walks over a plan's encoders while a frame is recorded.
+//! Determines when to open, order and close a plan's encoders while a frame is recorded.
 //!
 //! The runtime announces passes one by one. A walk answers with [`Move`]s: close this encoder, open that one, wait for
 //! its fences, record a barrier. It handles what depends on the frame: passes of the prologue, which only the first
 //! frame runs; copies of inspected resources in the middle of an encoder; and fences that nothing has updated yet,
 //! which are not waited for.
 //!
-//! Every encoder with an announced pass is opened, even if the pass is skipped: dependencies may pass through it from
-//! one encoder to another.
+//! Every encoder with an announced pass is opened, even if the pass is skipped, because other encoders may be ordered
+//! only through it.
 
 use crate::sync::{Division, EncoderKind, Encoders, FenceUse, MemoryBarrier, encoders};
 use splatgraph_framework::{ir::*, plan::*};
 
-/// The encoders of a plan in both divisions, and the state of their fences across frames.
+/// A plan's encoders in both divisions, and which of their fences have been updated.
 #[derive(Debug)]
 pub struct Walked {
     divisions: [Divided; 2],
@@ -22,14 +22,14 @@ pub struct Walked {
 #[derive(Debug)]
 struct Divided {
     encoders: Encoders,
-    /// Encoder of each pass, numbered across prologue and frame, and the pass's position in it.
+    /// For each pass, the index of its encoder, counted through prologue and frame, and its index in the encoder.
     places: Vec<Option<(usize, usize)>>,
     /// For each fence, true if a submitted frame has updated it.
     updated: Vec<bool>,
 }
 
 impl Walked {
-    /// Divides a plan.
+    /// Divides a plan into encoders, in both divisions.
     pub fn new(plan: &Plan) -> Walked {
         let divided = |division| {
             let encoders = encoders(plan, division);
@@ -53,7 +53,7 @@ impl Walked {
         &self.divisions[usize::from(division == Division::Passes)]
     }
 
-    /// Records that the frame of this walk was submitted.
+    /// Records that the frame of this walk was submitted, and so its fences updated.
     pub fn submitted(&mut self, walk: &Walk) {
         let Some(division) = walk.division else { return };
         self.divisions[usize::from(division == Division::Passes)].updated.clone_from(&walk.updated);
@@ -61,42 +61,42 @@ impl Walked {
     }
 }
 
-/// The executor's next action.
+/// An action for the executor to take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Move {
-    /// Waits for all earlier submissions. Fences do not carry over: this frame has new encoders.
+    /// Wait for all earlier submissions, because fences do not order frames of another division.
     AfterAll,
-    /// Orders everything later after everything earlier, at the end of the prologue.
+    /// Order all earlier commands before all later ones, at the end of the prologue.
     HandOver,
-    /// Updates a fence after the last command of the open encoder.
+    /// Update a fence after the last command of the open encoder.
     Update(FenceUse),
-    /// Closes the open encoder.
+    /// Close the open encoder.
     Close,
-    /// Opens an encoder.
+    /// Open an encoder.
     Open(EncoderKind),
-    /// Waits for a fence before the first command of the encoder that was just opened.
+    /// Wait for a fence before the first command of the encoder just opened.
     Wait(FenceUse),
-    /// Records a memory barrier.
+    /// Record a memory barrier in the open encoder.
     Barrier(MemoryBarrier),
 }
 
-/// The walk of one frame.
+/// The walk over the encoders of one frame.
 #[derive(Clone, Debug, Default)]
 pub struct Walk {
     division: Option<Division>,
-    /// Encoder of the last announced pass, and true if it is open.
+    /// Index of the last announced pass's encoder, and true if the encoder is open.
     current: Option<(usize, bool)>,
     updated: Vec<bool>,
 }
 
 impl Walk {
-    /// Starts the walk of another frame.
+    /// Starts the walk over another frame.
     pub fn begin(&mut self) {
         self.division = None;
         self.current = None;
     }
 
-    /// Announces a pass.
+    /// Announces a pass, and appends the actions before its commands to `moves`.
     pub fn pass(&mut self, walked: &Walked, pass: PassId, timed: bool, moves: &mut Vec<Move>) {
         let division = if timed { Division::Passes } else { Division::Merged };
         let divided = walked.of(division);
@@ -135,7 +135,7 @@ impl Walk {
 
     /// Closes the open encoder for work outside the plan.
     ///
-    /// That work must be ordered after everything before it and before everything after it.
+    /// The caller must order that work after everything before it, and before everything after it.
     pub fn interrupt(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
         self.close(walked, moves);
         if let Some((_, open)) = &mut self.current {
@@ -143,12 +143,12 @@ impl Walk {
         }
     }
 
-    /// Ends the frame.
+    /// Ends the frame: closes the open encoder.
     pub fn end(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
         self.interrupt(walked, moves);
     }
 
-    /// Closes the open encoder, and updates its fences; if it is opened again, it updates them again.
+    /// Closes the open encoder after updating its fences. If it is opened again, they are updated again.
     fn close(&mut self, walked: &Walked, moves: &mut Vec<Move>) {
         let (Some(division), Some((index, true))) = (self.division, self.current) else { return };
         for update in &walked.of(division).encoding(index).updates {
@@ -158,19 +158,19 @@ impl Walk {
         moves.push(Move::Close);
     }
 
-    /// Returns the division of the frame once a pass has been announced.
+    /// Returns the frame's division; `None` before the first pass is announced.
     pub fn division(&self) -> Option<Division> {
         self.division
     }
 
-    /// Returns true if an encoder of the plan is open.
+    /// Returns true if one of the plan's encoders is open.
     pub fn is_open(&self) -> bool {
         self.current.is_some_and(|(_, open)| open)
     }
 
-    /// Lists the fences that the encoder of a pass updates.
+    /// Returns the fences that a pass's encoder updates; empty before the first pass is announced.
     ///
-    /// Commands that join this pass wait for these fences and update them again.
+    /// Commands that are added to this pass must wait for these fences and update them again.
     pub fn updates<'a>(&self, walked: &'a Walked, pass: PassId) -> &'a [FenceUse] {
         let Some(divided) = self.division.map(|division| walked.of(division)) else { return &[] };
         divided.places[pass.index()].map_or(&[], |(index, _)| &divided.encoding(index).updates)

@@ -1,7 +1,7 @@
 //! Records commands into a command buffer.
 //!
-//! [`Walk`](crate::walk::Walk) determines the encoder of each pass and its waits. An encoder opens with its first command, because the targets
-//! of draws and the samples of times are not known earlier.
+//! [`Walk`](crate::walk::Walk) determines the encoder of each pass and its waits. An encoder is opened only when its
+//! first command is recorded, because the targets of a draw and the timestamp samples are not known before.
 //!
 //! Every call has its own autorelease pool, so that Metal's temporary objects are freed before the thread ends.
 
@@ -30,7 +30,7 @@ pub use state::Encoder;
 use state::{Bound, Open};
 
 impl Encoder {
-    /// Submits the commands, and after them the draw of the output into a window.
+    /// Submits the recorded commands, followed by the draw of the output into a window, if any.
     pub(crate) fn submit(&mut self, window: Option<&mut Swapchain>) -> Result<(), BackendError> {
         objc::pool(|| self.submit_pooled(window))
     }
@@ -81,7 +81,7 @@ impl Encoder {
         Ok(done)
     }
 
-    /// Executes the moves of the walk.
+    /// Carries out the moves that the walk has added to `moves`.
     fn follow(&mut self) {
         let moves = std::mem::take(&mut self.moves);
         for step in &moves {
@@ -111,8 +111,10 @@ impl Encoder {
         self.moves.clear();
     }
 
-    /// Closes the encoder. All later commands wait for all earlier ones and all earlier submissions, and all later submissions wait for
-    /// these commands: their fences do not cover commands outside of the plan.
+    /// Closes the encoder, and orders these commands against everything else.
+    ///
+    /// Later commands wait for earlier ones and for all earlier submissions, and later submissions wait for these
+    /// commands. Commands outside the plan need this, because its fences do not cover them.
     fn order_everything(&mut self) {
         self.interrupt();
         self.after_all = true;
@@ -120,7 +122,7 @@ impl Encoder {
         self.order_midst();
     }
 
-    /// Orders all earlier commands before all later ones.
+    /// Orders all earlier commands of the command buffer before all later ones, by an event.
     fn order_midst(&mut self) {
         let (event, value) = &mut self.midst;
         *value += 1;
@@ -204,7 +206,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         }
     }
 
-    /// Does nothing: the walk orders encoders by fences, and images have no layouts.
+    /// Does nothing: the walk orders encoders by fences and barriers, and images have no layouts.
     fn synchronize<'a>(
         &mut self,
         _: &(),
@@ -367,8 +369,9 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
         self.times = Some(timestamps.clone());
     }
 
-    /// Stores the timestamp's index for the pass's encoder, which opens with the first command. The encoder samples
-    /// both of the pass's timestamps, so the first index determines both.
+    /// Stores the first timestamp's index for the pass's encoder, which is opened later.
+    ///
+    /// The encoder samples both of the pass's timestamps, so the first index determines both.
     fn timestamp(&mut self, _: &Timestamps, index: u32) {
         if let (Some(sample), Some(_)) = (lower::sample(index), self.next)
             && sample.is_multiple_of(2)
@@ -379,7 +382,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
 }
 
 impl Drop for Encoder {
-    /// Ends the open encoder, as Metal requires before its release.
+    /// Ends the open encoder, because Metal requires that before its release.
     fn drop(&mut self) {
         objc::pool(|| self.close());
     }

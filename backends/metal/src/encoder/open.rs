@@ -1,4 +1,4 @@
-//! Opens and closes Metal's encoders, with their fences, samples and targets.
+//! Opens and closes Metal's encoders, with their fences, timestamp samples and targets.
 
 use super::state::{Encoder, Open};
 use crate::gpu::MetalGpu;
@@ -58,14 +58,14 @@ impl Encoder {
         }
     }
 
-    /// Returns the samples for the encoder being opened: the buffer and the index of the first of two.
+    /// Returns the sample buffer for the encoder being opened, and the index of the first of its two samples.
     fn samples(&mut self) -> Option<(CounterSampleBuffer, u64)> {
         let first = self.sample.take()?;
         let samples = self.times.as_ref()?.take(first)?;
         Some((samples.clone(), first.into()))
     }
 
-    /// Waits for the fences of the newly opened encoder, and labels it.
+    /// Labels the newly opened encoder, and makes it wait for its fences.
     fn opened(&mut self) {
         self.next = None;
         let waits = std::mem::take(&mut self.waits);
@@ -95,7 +95,7 @@ impl Encoder {
         });
     }
 
-    /// Returns the open encoder of dispatches, or opens one.
+    /// Returns the open compute encoder; opens one if necessary.
     pub(super) fn compute(&mut self) -> Option<ComputeCommandEncoder> {
         if !matches!(self.open, Open::Compute(_)) {
             if self.next != Some(EncoderKind::Compute) {
@@ -122,7 +122,7 @@ impl Encoder {
         Some(encoder.clone())
     }
 
-    /// Returns the open encoder of copies, or opens one.
+    /// Returns the open blit encoder; opens one if necessary.
     pub(super) fn blit(&mut self) -> Option<BlitCommandEncoder> {
         if !matches!(self.open, Open::Blit(_)) {
             if self.next != Some(EncoderKind::Blit) {
@@ -147,7 +147,7 @@ impl Encoder {
         Some(encoder.clone())
     }
 
-    /// Returns the open encoder of draws, or opens one with these targets.
+    /// Returns the open render encoder; opens one with these targets if necessary.
     pub(super) fn render<'a>(
         &mut self,
         targets: impl Iterator<Item = (&'a Target, &'a Image<MetalGpu>)>,
@@ -190,7 +190,7 @@ impl Encoder {
                 if let (Some((buffer, first)), Some(samples)) =
                     (&samples, descriptor.sample_buffer_attachments().object_at(0))
                 {
-                    /// Metal's `MTLCounterDontSample`.
+                    /// `MTLCounterDontSample`: no timestamp is sampled at this end of the encoder.
                     const NONE: u64 = u64::MAX;
                     samples.set_sample_buffer(buffer);
                     samples.set_start_of_vertex_sample_index(*first);
@@ -207,7 +207,7 @@ impl Encoder {
     }
 }
 
-/// Lowers the stages of a fence; returns `usual` if the plan names none.
+/// Converts the stages of a fence's use; returns `usual` if the plan names none.
 fn stages(fence: FenceUse, usual: MTLRenderStages) -> MTLRenderStages {
     match fence.stages {
         Some(RenderStages::Vertex) => MTLRenderStages::Vertex,

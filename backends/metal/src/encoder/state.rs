@@ -20,17 +20,18 @@ pub(super) enum Open {
     Blit(BlitCommandEncoder),
 }
 
-/// A command buffer, and the events around it.
+/// A command buffer being recorded or executed, and the events that order it.
 pub struct Encoder {
     pub(super) name: String,
     pub(super) commands: Option<CommandBuffer>,
-    /// The last submission, until it has been waited for.
+    /// The last submission's command buffers, until it has been waited for.
     pub(super) submitted: Vec<CommandBuffer>,
-    /// Signalled when a submission has completed.
+    /// Event and value that signal completion of the submission.
     pub(super) done: (SharedEvent, u64),
-    /// Orders earlier commands of the buffer before later ones: signalled, then waited for, between them.
+    /// Event that orders earlier commands of the buffer before later ones: signalled, then waited for, between them.
+    /// With its last value.
     pub(super) midst: (Event, u64),
-    /// Signalled when the work that all commands wait for has completed; see [`submit`](crate::queue::submit).
+    /// Event and value that the commands wait for before they start; see [`submit`](crate::queue::submit).
     pub(super) others: (SharedEvent, u64),
     /// True if all commands wait for all earlier submissions, not only for published ones.
     pub(super) after_all: bool,
@@ -39,18 +40,18 @@ pub struct Encoder {
     pub(super) walk: Walk,
     pub(super) order: Option<Arc<Order>>,
     pub(super) moves: Vec<Move>,
-    /// The open encoder.
+    /// The encoder that is open now.
     pub(super) open: Open,
-    /// Kind of the encoder that the next command opens; it then waits for its fences.
+    /// Kind of encoder to open for the next command, after waiting for `waits`; `None` if it is open already.
     pub(super) next: Option<EncoderKind>,
     pub(super) waits: Vec<FenceUse>,
     pub(super) bound: Bound,
-    /// The frame's timestamps.
+    /// The timestamps that the frame writes.
     pub(super) times: Option<Timestamps>,
     /// Index of the first of the next encoder's two samples.
     pub(super) sample: Option<u32>,
     pub(super) label: String,
-    /// Number of debug groups open in the encoder.
+    /// Number of debug groups open in the command encoder.
     pub(super) groups: usize,
     pub(super) gpu: Arc<MetalGpu>,
 }
@@ -60,7 +61,7 @@ pub struct Encoder {
 pub(super) struct Bound {
     pub(super) pipeline: Option<Pipeline>,
     pub(super) table: Table,
-    /// Bytes to copy with the command: push constants, and sizes of buffers.
+    /// Bytes to pass with the command: push constants, and buffer sizes.
     pub(super) bytes: Vec<u8>,
     pub(super) copied: Vec<(Stage, u32, Range<usize>)>,
 }
@@ -93,7 +94,7 @@ impl Encoder {
 }
 
 impl Bound {
-    /// Sets the pipeline and arguments of a dispatch. Returns the size of its threadgroups.
+    /// Sets the pipeline and arguments of a dispatch. Returns its threadgroup size; `None` without a compute pipeline.
     pub fn dispatch(&self, encoder: &ComputeCommandEncoderRef) -> Option<MTLSize> {
         let Some(Pipeline::Compute { raw, threads }) = &self.pipeline else { return None };
         encoder.set_compute_pipeline_state(raw);
@@ -111,7 +112,7 @@ impl Bound {
         Some(*threads)
     }
 
-    /// Sets the pipeline and arguments of a draw. Returns its primitive type.
+    /// Sets the pipeline and arguments of a draw. Returns its primitive type; `None` without a render pipeline.
     pub fn draw(&self, encoder: &RenderCommandEncoderRef) -> Option<MTLPrimitiveType> {
         let Some(Pipeline::Draw { raw, primitives, depth }) = &self.pipeline else { return None };
         encoder.set_render_pipeline_state(raw);
@@ -143,7 +144,7 @@ impl Bound {
     }
 }
 
-/// Returns a pointer to bytes; Metal copies them during the call.
+/// Returns a pointer to bytes that Metal copies during the call.
 fn pointer(bytes: &[u8]) -> *const c_void {
     bytes.as_ptr().cast()
 }

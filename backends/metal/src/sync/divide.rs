@@ -1,4 +1,4 @@
-//! Groups the passes into encoders. An encoder continues while the next pass is of its kind.
+//! Groups consecutive passes of one kind into encoders.
 
 use super::encoding::{Division, EncoderKind};
 use splatgraph_framework::{ir::*, plan::*};
@@ -9,7 +9,7 @@ pub(super) struct Group {
     pub passes: Vec<PassId>,
 }
 
-/// Groups passes into encoders.
+/// Groups passes into encoders as `division` asks. The host's pass is in none.
 pub(super) fn divide(plan: &Plan, passes: &[PassId], division: Division) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for id in passes {
@@ -36,8 +36,10 @@ fn kind(work: &Work) -> Option<EncoderKind> {
     }
 }
 
-/// Returns true if a draw only continues the group's draws: it keeps their targets, and has no other dependency on
-/// them.
+/// Returns true if a draw can join the group's encoder.
+///
+/// It must have the same targets, keep their contents, and depend on the group's draws only by blending and depth
+/// tests.
 fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     let targets = |pass: PassId| match &plan.pass(pass).work {
         Work::Draw { targets, depth, .. } => (targets.as_slice(), *depth),
@@ -62,8 +64,9 @@ fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
         && ordering(plan, pass).filter(inner).all(blends)
 }
 
-/// Lists a pass's dependencies that affect encoders: not layout changes, and not the host's, which waits for the whole
-/// command buffer.
+/// Lists a pass's dependencies that encoders must enforce.
+///
+/// Layout changes are left out, and so is the host, which waits for the whole command buffer.
 pub(super) fn ordering(plan: &Plan, pass: PassId) -> impl Iterator<Item = &Dependency> {
     let of_device = |dependency: &&Dependency| plan.pass(dependency.second).work != Work::Host;
     let dependencies = plan.dependencies_of(pass).iter();

@@ -2,25 +2,26 @@
 
 use splatgraph_framework::{ir::*, plan::*};
 
-/// The encoders of a plan.
+/// The encoders of a plan, in order.
 ///
-/// The fences are valid if an executor follows these rules:
+/// The fences are sufficient if the executor follows these rules:
 ///
 /// - It opens every encoder, in this order. An encoder without work still waits for its fences and updates them,
 ///   because other encoders rely on the order through it.
 /// - Reads of the plan's output after the frame (copies to the host, to a window, to another plan) belong to the
 ///   encoder of [`Work::Export`], before its updates.
-/// - Fences belong to one plan in one [`Division`]. A frame after a frame of another plan or division waits for
-///   everything before it.
+/// - Fences belong to one plan in one [`Division`]. A frame that follows a frame of another plan or division waits for
+///   all earlier work.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Encoders {
-    /// Encoders that run once after the plan or the scene changed. All commands submitted later wait for all of them
-    /// (see [`handover`](Encoders::handover)).
+    /// Encoders that run once, after the plan or the scene has changed. All later submissions wait for all of them (see
+    /// [`handover`](Encoders::handover)).
     pub prologue: Vec<Encoding>,
-    /// True if the first frame waits for the whole prologue, by an event: a pass of the frame accesses memory that the
-    /// prologue accessed.
+    /// True if the first frame must wait for the whole prologue, by an event.
+    ///
+    /// That is so if a pass of the frame accesses memory that the prologue accessed.
     pub handover: bool,
-    /// Encoders that run every frame. Only the fences order frames.
+    /// Encoders that run every frame. Only fences order one frame after another.
     pub frame: Vec<Encoding>,
     /// Number of fences. The prologue and the frame use the same ones if there is a handover between them.
     pub fences: u32,
@@ -31,7 +32,7 @@ pub struct Encoders {
 pub struct Encoding {
     /// The kind of the encoder's commands.
     pub kind: EncoderKind,
-    /// Fences that the encoder waits for before its first command. A fence without an update blocks nothing.
+    /// Fences that the encoder waits for before its first command. A wait for a fence never updated blocks nothing.
     pub waits: Vec<FenceUse>,
     /// The passes, in order.
     pub passes: Vec<EncodedPass>,
@@ -51,16 +52,16 @@ pub enum EncoderKind {
     Blit,
 }
 
-/// A fence that an encoder waits for or updates.
+/// A wait for a fence, or an update of it, by an encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FenceUse {
-    /// Number of the fence, below [`Encoders::fences`].
+    /// Index of the fence, below [`Encoders::fences`].
     pub fence: u32,
-    /// The stage of draws that waits, or that the update follows; `None` in other encoders.
+    /// For draws, the stage that waits, or after which the fence is updated; `None` in other encoders.
     pub stages: Option<RenderStages>,
 }
 
-/// Stages of a draw, in order. Any other pass begins at the first and ends at the last.
+/// The stages of a draw, in order. Passes of other kinds start at the first and end at the last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum RenderStages {
     /// Reading of indirect arguments, and vertex shaders.
@@ -70,14 +71,14 @@ pub enum RenderStages {
 }
 
 impl RenderStages {
-    /// Returns the stage of a pass that starts first of these.
+    /// Returns the earliest stage of a pass among `stages`.
     pub(super) fn first(pass: &Pass, stages: Stages) -> RenderStages {
         let draws = matches!(pass.work, Work::Draw { .. });
         let early = !draws || stages.intersects(Stages::INDIRECT | Stages::VERTEX);
         if early { RenderStages::Vertex } else { RenderStages::Fragment }
     }
 
-    /// Returns the stage of a pass that ends last of these.
+    /// Returns the latest stage of a pass among `stages`.
     pub(super) fn last(pass: &Pass, stages: Stages) -> RenderStages {
         let draws = matches!(pass.work, Work::Draw { .. });
         let early = draws && (Stages::INDIRECT | Stages::VERTEX).contains(stages);
@@ -85,10 +86,10 @@ impl RenderStages {
     }
 }
 
-/// A pass, and the barrier before it.
+/// A pass of an encoder, with the barrier before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EncodedPass {
-    /// Orders the earlier passes of the encoder before this pass and the later ones.
+    /// The barrier that orders earlier passes of the encoder before this pass and later ones; `None` if none is needed.
     pub barrier: Option<MemoryBarrier>,
     /// Pass of the plan.
     pub pass: PassId,
@@ -104,24 +105,24 @@ pub struct MemoryBarrier {
 }
 
 impl MemoryBarrier {
-    /// Returns the barrier for accesses to a resource.
+    /// Returns the barrier whose scope is the resource's kind.
     pub(super) fn on(plan: &Plan, resource: ResourceId) -> MemoryBarrier {
         let textures = matches!(plan.resource(resource).shape, Shape::Image { .. });
         MemoryBarrier { buffers: !textures, textures }
     }
 
-    /// Returns the union of the scopes.
+    /// Returns the barrier with both scopes.
     pub fn union(self, other: MemoryBarrier) -> MemoryBarrier {
         MemoryBarrier { buffers: self.buffers || other.buffers, textures: self.textures || other.textures }
     }
 
-    /// Returns true if its scope contains the scope of `other`.
+    /// Returns true if this scope includes the scope of `other`.
     pub fn contains(self, other: MemoryBarrier) -> bool {
         self.union(other) == self
     }
 }
 
-/// Division of passes into encoders: as few as possible, or one per pass for timestamps.
+/// The division of passes into encoders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Division {
     /// As few encoders as the kinds of passes allow.
@@ -131,11 +132,11 @@ pub enum Division {
 }
 
 impl Division {
-    /// Both divisions.
+    /// All divisions.
     pub const ALL: [Division; 2] = [Division::Merged, Division::Passes];
 }
 
-/// Position of synchronization among the encoders of a plan.
+/// Position of a wait, a barrier or the handover among the encoders of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum At {
     /// At a point of the encoder with this index in [`Encoders::prologue`].
@@ -146,7 +147,7 @@ pub enum At {
     Frame(usize, Point),
 }
 
-/// Position of synchronization in an encoder.
+/// Position of a wait or a barrier in an encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Point {
     /// The wait with this index.

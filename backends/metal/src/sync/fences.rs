@@ -1,19 +1,19 @@
-//! Numbers the fences. One fence serves waits that come one after another.
+//! Assigns fences to the waits between encoders. Waits that come one after another share a fence.
 //!
-//! A wait is for the last update of its fence that was submitted before it. A fence therefore serves a wait from the
-//! update to the wait: its *span*. The spans of two updates can share a fence if they do not overlap, and if each
-//! update comes after the other's waits because of the waits of the encoders. So no update of a fence can overtake a
-//! wait for the previous update.
+//! A wait is for the last update of its fence that was submitted before it. From that update to the wait, its *span*,
+//! the fence is in use. Two spans can share a fence if they do not overlap, and if each update is ordered after the
+//! other span's waits by the waits of the encoders. Then no update of a fence can overtake a wait for the previous
+//! update.
 //!
-//! In a chain of encoders, each of which waits for the previous one, one fence serves all, even if the first waits for
-//! the last of the previous frame. If two branches follow an encoder, such as the draw of a mesh and the sort of the
-//! next frame, neither branch may update the fence that the other waits for. The encoder then updates one fence for
-//! each branch.
+//! In a chain of encoders, each of which waits for the previous one, one fence serves all waits, even that of the first
+//! encoder for the last one of the previous frame. If two branches follow an encoder, such as the draw of a mesh and
+//! the sort of the next frame, neither branch may update the fence that the other waits for. The encoder then updates
+//! one fence for each branch.
 
 use super::encoding::RenderStages;
 use std::cmp::Reverse;
 
-/// A wait of an encoder for another, `source`.
+/// A wait of an encoder for another one, `source`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wait {
     pub source: usize,
@@ -23,23 +23,24 @@ pub(super) struct Wait {
     pub before: RenderStages,
 }
 
-/// Fences of an encoder's waits and of its updates, with their stages.
+/// The fences that an encoder waits for, then those that it updates, each with the stage.
 pub(super) type Uses = (Vec<(u32, RenderStages)>, Vec<(u32, RenderStages)>);
 
-/// An encoder, and one of its stages. The encoders of the next frame are numbered on.
+/// A stage of an encoder. Encoders of the next frame have indices that continue those of this frame.
 type Moment = (usize, RenderStages);
 
-/// The time from an update to a wait for it.
+/// The use of a fence from an update to a wait for it.
 struct Span {
     update: Moment,
     wait: Moment,
-    /// The encoder that waits, and the index of the wait in it.
+    /// Index of the waiting encoder, and of the wait in it.
     place: (usize, usize),
     fence: u32,
 }
 
-/// Numbers the fences for the waits of all encoders, and counts the fences. `turn` is the number of encoders per frame
-/// if they repeat.
+/// Assigns a fence to each wait; returns the uses of each encoder, and the number of fences.
+///
+/// `turn` is the number of encoders per frame; `None` if they do not repeat.
 pub(super) fn number(waits: &[Vec<Wait>], turn: Option<usize>) -> (Vec<Uses>, u32) {
     let order = Order { waits, turn };
     let mut spans = order.spans();
@@ -73,15 +74,16 @@ pub(super) fn number(waits: &[Vec<Wait>], turn: Option<usize>) -> (Vec<Uses>, u3
     (uses, count)
 }
 
-/// The waits of encoders, repeated every `turn` encoders if they repeat.
+/// The order that the waits of encoders establish. They repeat every `turn` encoders, if it is given.
 struct Order<'a> {
     waits: &'a [Vec<Wait>],
     turn: Option<usize>,
 }
 
 impl Order<'_> {
-    /// Lists the spans of all waits, sorted by their updates. The longest span of an update comes first, because it fits
-    /// the fewest fences.
+    /// Lists the spans of all waits, sorted by their updates.
+    ///
+    /// Of equal updates, the longest span comes first, because it fits the fewest fences.
     fn spans(&self) -> Vec<Span> {
         let mut spans = Vec::new();
         for (encoder, waits) in self.waits.iter().enumerate() {
@@ -95,7 +97,7 @@ impl Order<'_> {
         spans
     }
 
-    /// Returns true if two spans can have one fence, the one with the earlier update first.
+    /// Returns true if two spans can share a fence. `first` has the earlier update.
     fn share(&self, first: &Span, second: &Span) -> bool {
         let next = self.turn.map(|turn| (first.update.0 + turn, first.update.1));
         first.update == second.update
@@ -104,7 +106,7 @@ impl Order<'_> {
                 && next.is_none_or(|next| self.before(second.wait, next))
     }
 
-    /// Returns true if a stage ends before another stage does, or is that stage.
+    /// Returns true if the end of stage `first` is, or comes before, the end of stage `last`.
     fn before(&self, first: Moment, last: Moment) -> bool {
         let mut open = vec![last];
         let mut seen = Vec::new();

@@ -58,12 +58,12 @@ use splatgraph_framework::plan::{Cause, Plan};
 /// Divides the passes of a plan into encoders, and orders the encoders.
 ///
 /// The order of the passes is the plan's. No stage waits for more than it depends on, and every wait and barrier is
-/// needed. [`Work::Host`] is in no encoder: completion of the command buffer makes the copies visible to the host.
+/// necessary. [`Work::Host`] is in no encoder: completion of the command buffer makes the copies visible to the host.
 pub fn encoders(plan: &Plan, division: Division) -> Encoders {
     explained(plan, division).0
 }
 
-/// Divides a plan as [`encoders`] does, and lists the reasons for every wait and barrier, in their order.
+/// Divides a plan as [`encoders`] does. Also returns the reasons for every wait and barrier, in order.
 pub fn explained(plan: &Plan, division: Division) -> (Encoders, Vec<(At, Cause)>) {
     let prologue = divide::divide(plan, &plan.prologue, division);
     let frame = divide::divide(plan, &plan.frame, division);

@@ -5,7 +5,7 @@
 //!
 //! **Barriers.** A dependency within an encoder needs a barrier between its passes. Barriers are placed as late as
 //! possible, before the first pass that needs one; no other placement has fewer. If an existing barrier lacks only a
-//! part of the scope, the last such barrier is extended.
+//! does, so its waits and barriers are sufficient in every frame.
 //!
 //! **Fences.** An encoder waits for the encoders that it depends on, unless another wait implies it: the waits are the
 //! transitive reduction, which is unique. Draws begin and end twice, for vertices and for fragments. Fragments wait for
@@ -17,19 +17,19 @@ use super::encoding::*;
 use super::fences::{self, Wait};
 use splatgraph_framework::{ir::*, plan::*};
 
-/// A dependency between two encoders, or within one.
+/// A dependency of a pass on a pass that has run, in the same encoder or an earlier one.
 struct Need<'a> {
     dependency: &'a Dependency,
-    /// Instance of the earlier encoder, and the index of the earlier pass in it.
+    /// Index of the earlier encoder in the walk, and of the earlier pass in that encoder.
     instance: usize,
     position: usize,
-    /// End of the stage to wait for, and the stage that waits.
+    /// The stage whose end is waited for, and the stage that waits.
     after: RenderStages,
     before: RenderStages,
     scope: MemoryBarrier,
 }
 
-/// A wait: of the stage `before` of an encoder for the end of the stage `after` of an earlier one.
+/// A wait: stage `before` of an encoder waits for the end of stage `after` of an earlier encoder, `source`.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Edge {
     source: usize,
@@ -39,11 +39,13 @@ struct Edge {
 
 struct Walk<'a> {
     plan: &'a Plan,
-    /// Last instance of each pass's encoder, and the pass's index in it.
+    /// For each pass, the index of its last encoder in the walk, and of the pass in that encoder; `None` before it has
+    /// run.
     places: Vec<Option<(usize, usize)>>,
-    /// Waits of each instance of an encoder: in the prologue, the first frame and the second.
+    /// The waits of each encoder in the walk: those of the prologue, the first frame and the second.
     waits: Vec<Vec<Edge>>,
-    /// Number of the last search that visited the end of each stage; and the number of searches.
+    /// For each encoder, the number of the last search that visited the end of its vertices, then that of its rest.
+    /// Numbering the searches saves clearing the marks.
     seen: Vec<u32>,
     searches: u32,
 }
@@ -51,7 +53,8 @@ struct Walk<'a> {
 /// Waits and barriers of one encoder, with their reasons.
 struct Ordered<'a> {
     barriers: Vec<Option<MemoryBarrier>>,
-    /// Reasons for waits, with the wait's index; for barriers, with the barrier's position.
+    /// The dependencies behind waits, each with the wait's index; then those behind barriers, each with the barrier's
+    /// position.
     waits: Vec<(usize, &'a Dependency)>,
     inner: Vec<(usize, &'a Dependency)>,
     handover: Vec<&'a Dependency>,
@@ -126,7 +129,9 @@ pub(super) fn order(plan: &Plan, prologue: Vec<Group>, frame: Vec<Group>) -> (En
 }
 
 impl<'a> Walk<'a> {
-    /// Adds the next encoder. Instances before `start` are the prologue; the handover orders them.
+    /// Walks over the next encoder, and returns it with its waits and barriers.
+    ///
+    /// Encoders before `start` are the prologue, which the handover orders.
     fn encoder(&mut self, group: &Group, start: usize) -> Ordered<'a> {
         let instance = self.waits.len();
         let mut ordered = Ordered {
@@ -164,7 +169,7 @@ impl<'a> Walk<'a> {
         ordered
     }
 
-    /// Lists the dependencies of a pass on passes that have run.
+    /// Lists the dependencies of a pass on passes that have already run in the walk.
     fn needs(&self, pass: PassId) -> Vec<Need<'a>> {
         let need = |dependency: &'a Dependency| {
             let (instance, position) = self.places[dependency.first.index()]?;
@@ -186,7 +191,7 @@ impl<'a> Walk<'a> {
         ordering(self.plan, pass).filter_map(need).collect()
     }
 
-    /// Chooses the waits of an encoder: those that no other wait implies.
+    /// Returns the waits that an encoder needs: one per need, except those that another wait implies.
     fn reduce(&mut self, needs: &[Need], instance: usize) -> Vec<Edge> {
         let edge = |need: &Need| Edge { source: need.instance, after: need.after, before: need.before };
         let mut all: Vec<Edge> = needs.iter().map(edge).collect();
@@ -208,7 +213,7 @@ impl<'a> Walk<'a> {
         edges
     }
 
-    /// Returns true if the end of a stage equals or precedes the end of another.
+    /// Returns true if the end of stage `first` is, or is ordered before, the end of stage `last`.
     fn reaches(&mut self, first: (usize, RenderStages), last: (usize, RenderStages)) -> bool {
         self.searches += 1;
         self.seen.resize(2 * self.waits.len(), 0);
@@ -229,7 +234,7 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// Places barriers between the earlier passes of these needs and the pass at `position`.
+/// Places barriers in an encoder between the earlier passes of `needs` and the pass at `position`.
 fn place<'a>(ordered: &mut Ordered<'a>, position: usize, mut needs: Vec<Need<'a>>) {
     needs.retain(|need| {
         let covers = |barrier: &Option<MemoryBarrier>| barrier.is_some_and(|b| b.contains(need.scope));
@@ -259,7 +264,7 @@ fn add_reasons(reasons: &mut Vec<(At, Cause)>, encoder: &Ordered, at: impl Fn(Po
     }
 }
 
-/// Adds a dependency to the reasons.
+/// Adds a dependency to the reasons of a wait or barrier.
 ///
 /// Merges it with a reason that differs only in the earlier passes, if there is one.
 fn add_reason(reasons: &mut Vec<(At, Cause)>, at: At, dependency: &Dependency) {

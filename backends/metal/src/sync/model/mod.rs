@@ -34,7 +34,7 @@ pub mod mutate;
 #[cfg(test)]
 mod tests;
 
-/// Number of frames to replay, so that a frame's predecessor also has a predecessor.
+/// Number of frames to replay: the third frame's predecessor has a predecessor, too.
 const FRAMES: u32 = 3;
 
 /// A mistake in a list of encoders.
@@ -42,23 +42,23 @@ const FRAMES: u32 = 3;
 pub enum Objection {
     /// Two accesses may run at the same time.
     Unordered {
-        /// The access that was submitted first.
+        /// The access of the pass submitted first.
         first: Actor,
         /// The access that does not wait for `first`.
         second: Actor,
-        /// The resource that `second` accesses.
+        /// The resource of the second access.
         resource: ResourceId,
-        /// The resource that `first` accesses, if it is another one in the same memory.
+        /// The resource of the first access, if it is an alias of `resource`.
         through: Option<ResourceId>,
     },
-    /// The encoders do not match the plan, or an update may overtake a wait; a sentence.
+    /// The encoders do not match the plan, or an update may overtake a wait. The text is a sentence.
     Malformed(String),
 }
 
 /// A pass in one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Actor {
-    /// Pass of the plan.
+    /// The pass of the plan.
     pub pass: PassId,
     /// The frame, from 0; `None` in the prologue.
     pub frame: Option<u32>,
@@ -84,7 +84,7 @@ impl Objection {
         }
     }
 
-    /// Returns true for the same objection, perhaps in another frame.
+    /// Returns true if both are the same objection, ignoring the frame.
     fn recurs_as(&self, other: &Objection) -> bool {
         match (self, other) {
             (
@@ -105,12 +105,12 @@ impl fmt::Display for Actor {
     }
 }
 
-/// A part of a pass. Only draws have two.
+/// A part of a pass. Draws have two parts; other passes have only `Rest`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Part {
-    /// Vertices, and the arguments of the draw.
+    /// The vertex stage of a draw, with the reads of its arguments.
     Vertices,
-    /// Fragments and targets, or the whole of anything but a draw.
+    /// The fragment stage and targets of a draw, or the whole of another pass.
     Rest,
 }
 
@@ -118,28 +118,28 @@ enum Part {
 struct Pair<'a> {
     dependency: &'a Dependency,
     parts: [Part; 2],
-    /// Scope of the barrier that must be between them within an encoder of dispatches.
+    /// Scope that a barrier between the two needs, if they are in one encoder of dispatches.
     scope: MemoryBarrier,
-    /// True if both access a target of draws, which one encoder keeps in order.
+    /// True if both access a target of draws: within one encoder, draws do so in order.
     blend: bool,
 }
 
-/// Checks the encoders of a plan.
+/// The model of a plan, which checks lists of encoders against the plan's dependencies.
 pub struct Model<'a> {
     plan: &'a Plan,
     pairs: Vec<Pair<'a>>,
 }
 
-/// A submitted encoder.
+/// An encoder in the order of submission.
 struct Submitted<'a> {
     encoding: &'a Encoding,
     frame: Option<u32>,
-    /// Parts that are complete when the encoder's vertices begin, and when the rest begins, as bits.
+    /// Bit sets of the parts that are complete when the encoder's vertices begin, then when the rest begins.
     over: [Vec<u64>; 2],
 }
 
 impl<'a> Model<'a> {
-    /// Lists the pairs of parts that the dependencies of a plan order.
+    /// Creates the model: lists the pairs of parts that the plan's dependencies order.
     pub fn new(plan: &'a Plan) -> Model<'a> {
         let mut pairs = Vec::new();
         for dependency in &plan.dependencies {
@@ -160,7 +160,7 @@ impl<'a> Model<'a> {
         Model { plan, pairs }
     }
 
-    /// Lists the mistakes in a list of encoders.
+    /// Lists all mistakes in a list of encoders.
     pub fn objections(&self, encoders: &Encoders) -> Vec<Objection> {
         let mut found = self.malformed(encoders);
         self.replay(encoders, |objection| {
@@ -172,7 +172,7 @@ impl<'a> Model<'a> {
         found
     }
 
-    /// Returns true if two accesses may run at the same time.
+    /// Returns true if any two accesses that depend on each other may run at the same time.
     pub fn finds_unordered(&self, encoders: &Encoders) -> bool {
         let mut found = false;
         self.replay(encoders, |_| {
@@ -182,7 +182,7 @@ impl<'a> Model<'a> {
         found
     }
 
-    /// Submits all encoders and checks all dependencies, until `found` returns false.
+    /// Submits all encoders and checks all dependencies. Stops once `found` returns false.
     fn replay(&self, encoders: &Encoders, mut found: impl FnMut(Objection) -> bool) {
         let submitted = submit(encoders);
         // Of each pass, the encoders that hold it and its place in them.
@@ -220,7 +220,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Lists differences from the plan's passes, and fences that are never updated.
+    /// Lists differences between the encoders and the plan's passes, and waits for fences that are never updated.
     fn malformed(&self, encoders: &Encoders) -> Vec<Objection> {
         let plan = self.plan;
         let mut found = Vec::new();
@@ -262,7 +262,7 @@ impl<'a> Model<'a> {
     }
 }
 
-/// Lists updates of fences that may pass a wait for the previous update, because nothing orders the updater after it.
+/// Lists fence updates that may overtake a wait for the previous update, because nothing orders them.
 fn overtaking(plan: &Plan, encoders: &Encoders) -> Vec<String> {
     let submitted = submit(encoders);
     let name = |instance: usize| &plan.pass(submitted[instance].encoding.passes[0].pass).name;
@@ -347,7 +347,7 @@ fn submit(encoders: &Encoders) -> Vec<Submitted<'_>> {
     submitted
 }
 
-/// Returns the part of an encoder that begins after a wait, or ends before an update.
+/// Returns the part that begins after a wait, or ends before an update.
 fn part(fence: &FenceUse) -> Part {
     if fence.stages == Some(RenderStages::Vertex) { Part::Vertices } else { Part::Rest }
 }
@@ -371,7 +371,7 @@ fn add(known: &mut [u64], more: &[u64]) {
     known.iter_mut().zip(more).for_each(|(known, more)| *known |= more);
 }
 
-/// Returns the parts of a pass that contain any of these stages.
+/// Returns the parts of a pass that include any of these stages.
 fn parts(plan: &Plan, pass: PassId, stages: Stages) -> Vec<Part> {
     let draws = matches!(plan.pass(pass).work, Work::Draw { .. });
     let early = Stages::INDIRECT | Stages::VERTEX;
@@ -385,7 +385,7 @@ fn scope(plan: &Plan, resource: ResourceId) -> MemoryBarrier {
     MemoryBarrier { buffers: !textures, textures }
 }
 
-/// Reports mistakes within one encoder.
+/// Reports the mistakes within one encoder to `say`.
 fn malformed(plan: &Plan, encoding: &Encoding, fences: u32, mut say: impl FnMut(String)) {
     let Encoding { kind, waits, passes, updates } = encoding;
     if passes.is_empty() {

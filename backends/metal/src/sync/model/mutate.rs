@@ -1,4 +1,4 @@
-//! Removes synchronization from encoders, one piece at a time, to test that every piece is needed.
+//! Removes or weakens synchronization, one piece at a time, to test that every piece is needed.
 
 use super::Model;
 use crate::sync::*;
@@ -13,28 +13,28 @@ pub enum At {
     Frame(usize),
 }
 
-/// A removal or weakening of one piece of synchronization.
+/// The removal or weakening of one piece of synchronization.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mutation {
-    /// The event between the prologue and the first frame.
+    /// Removes the event between the prologue and the first frame.
     Handover,
-    /// A wait, by its index.
+    /// Removes a wait, by its index.
     Wait(At, usize),
-    /// A wait before vertices, weakened to a wait before fragments.
+    /// Weakens a wait before vertices to a wait before fragments.
     LaterWait(At, usize),
-    /// An update, by its index.
+    /// Removes an update, by its index.
     Update(At, usize),
-    /// An update after fragments, moved to after vertices.
+    /// Moves an update after fragments to after vertices.
     EarlierUpdate(At, usize),
-    /// The barrier before a pass, by the pass's index.
+    /// Removes the barrier before a pass, by the pass's index.
     Barrier(At, usize),
-    /// The buffers in the scope of a barrier for both.
+    /// Removes buffers from the scope of a barrier on both kinds of resources.
     Buffers(At, usize),
-    /// The textures in the scope of a barrier for both.
+    /// Removes textures from the scope of a barrier on both kinds of resources.
     Textures(At, usize),
 }
 
-/// Lists every possible removal, one at a time.
+/// Lists every possible mutation of the encoders.
 pub fn mutations(encoders: &Encoders) -> Vec<Mutation> {
     let mut all: Vec<Mutation> = encoders.handover.then_some(Mutation::Handover).into_iter().collect();
     let prologue = encoders.prologue.iter().enumerate().map(|(index, e)| (At::Prologue(index), e));
@@ -63,7 +63,7 @@ pub fn mutations(encoders: &Encoders) -> Vec<Mutation> {
 /// Returns the encoders with the mutation applied.
 ///
 /// # Panics
-/// Panics if the mutation is not one of these encoders' [`mutations`].
+/// Panics if the mutation is not one of the [`mutations`] of these encoders.
 pub fn apply(encoders: &Encoders, mutation: Mutation) -> Encoders {
     let mut mutant = encoders.clone();
     let barrier = |encoding: &mut Encoding, index: usize, change: fn(&mut MemoryBarrier)| {
@@ -96,14 +96,14 @@ fn encoding(encoders: &mut Encoders, at: At) -> &mut Encoding {
     }
 }
 
-/// Lists the mutations after which everything is still in order. The unchanged encoders must have no mistakes.
+/// Lists the mutations in which the model finds no mistake. The encoders themselves must have none.
 pub fn needless(model: &Model, encoders: &Encoders) -> Vec<Mutation> {
     let unnoticed = |mutation: &Mutation| !model.finds_unordered(&apply(encoders, *mutation));
     mutations(encoders).into_iter().filter(unnoticed).collect()
 }
 
 impl Mutation {
-    /// Describes the removal, for instance "the wait for fence 1 of the encoder of `compose` in the frame".
+    /// Describes the mutation, for instance "the wait for fence 1 of the encoder of `compose` in the frame".
     pub fn describe(self, plan: &Plan, encoders: &Encoders) -> String {
         let of = |at: At, what: &dyn Fn(&Encoding) -> String| {
             let (encoding, part) = match at {
