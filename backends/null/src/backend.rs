@@ -1,4 +1,4 @@
-//! Implements the runtime's graphics API with the null device.
+//! Implements the runtime's [`Gpu`](splatgraph_runtime::Gpu) trait with the null device.
 
 use crate::encoder::Encoder;
 use crate::fault::Point;

@@ -1,4 +1,4 @@
-//! Records commands into the journal.
+//! Records commands as calls in the journal.
 
 use crate::gpu::{Bindings, NullGpu, Synchronization, Ticks, Timestamps};
 use crate::journal::{Call, Owned, Used};
@@ -10,12 +10,12 @@ use std::fmt::Arguments;
 use std::ops::Range;
 use std::sync::PoisonError;
 
-/// A recorder of calls.
+/// An encoder that adds each call to the journal and executes nothing.
 pub struct Encoder {
     pub(crate) owned: Owned,
     /// The objects and bindings that the recorded commands use.
     pub(crate) used: HashSet<Used>,
-    /// The timestamps that the recorded commands write.
+    /// The timestamps that the recorded commands write, each as a set and an index.
     pub(crate) timestamps: Vec<(Ticks, u32)>,
 }
 

@@ -1,11 +1,11 @@
-//! Injects faults: calls that fail on purpose.
+//! Injects faults: makes chosen calls fail.
 
 /// A single call that fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// The kind of call.
     pub point: Point,
-    /// Number of calls of this kind that succeed before the fault.
+    /// Number of calls of this kind that succeed first.
     pub after: u64,
 }
 
@@ -16,14 +16,15 @@ pub enum Point {
     Allocate,
     /// An object other than memory cannot be created.
     Create,
-    /// The driver hangs in a pipeline until [`Journal::resume`](crate::Journal::resume).
+    /// The driver hangs while it compiles a pipeline, until [`Journal::resume`](crate::Journal::resume).
     Compile,
     /// The device is lost when commands are submitted.
     Submit,
-    /// The device is lost during a submission, half of whose timestamps are written.
+    /// The device is lost while it executes a submission: half of the submission's timestamps are written.
     Execute,
-    /// The device hangs in a submission, and in all later ones, until [`Journal::resume`](crate::Journal::resume); half
-    /// of the submission's timestamps are written.
+    /// The device hangs in a submission, and so in all later ones, until [`Journal::resume`](crate::Journal::resume).
+    ///
+    /// Half of the submission's timestamps are written.
     Hang,
     /// The swapchain is out of date when an image is acquired.
     AcquireOutOfDate,
@@ -37,11 +38,11 @@ pub enum Point {
     PresentOutOfDate,
     /// The surface is lost when an image is presented.
     PresentLost,
-    /// The image is presented, and the swapchain is suboptimal.
+    /// The image is presented, but the swapchain is reported suboptimal.
     PresentSuboptimal,
     /// The device is lost when an image is presented.
     Present,
-    /// The surface cannot be queried, because it is lost.
+    /// The window's size cannot be queried, because the surface is lost.
     Surface,
 }
 

@@ -1,4 +1,4 @@
-//! Implements a device that executes nothing, and its objects.
+//! Implements a device that executes nothing, with its objects.
 
 use crate::fault::{Fault, Point};
 use crate::journal::{Journal, Object, Owned};
@@ -11,22 +11,23 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// The options for opening a device.
+/// Options for opening a null device.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// The device's limits.
     pub limits: Limits,
-    /// The size of the window in pixels, if there is one.
+    /// Size of the window in pixels; `None` for a device without a window.
     pub window: Option<(u32, u32)>,
-    /// Device memory that the driver reports as available, in bytes; allocations may exceed it.
+    /// Device memory that the driver reports as available at first, in bytes; `None` if unknown. Allocations may exceed
+    /// it.
     pub budget: Option<u64>,
     /// The calls that fail.
     pub faults: Vec<Fault>,
     /// Time limit of one pass; see [`splatgraph_api::Options::patience`].
     pub patience: Duration,
-    /// Time limit of one pipeline; see [`splatgraph_api::Options::compile_patience`].
+    /// Time limit for compiling one pipeline; see [`splatgraph_api::Options::compile_patience`].
     pub compile_patience: Duration,
-    /// The word returned for everything that the host reads: statistics, pictures and inspections.
+    /// The word that everything read by the host is filled with: statistics, pictures and inspected resources.
     pub read: u32,
 }
 
@@ -53,7 +54,7 @@ pub struct NullGpu {
     pub(crate) compile_patience: Duration,
     pub(crate) read: u32,
     pub(crate) journal: Journal,
-    /// Bytes of memory that are allocated.
+    /// Bytes of device memory that are allocated.
     pub(crate) used: Arc<AtomicU64>,
     /// The next tick of the timer.
     pub(crate) tick: AtomicU64,
@@ -97,7 +98,7 @@ pub fn limits() -> Limits {
 }
 
 impl NullGpu {
-    /// Opens a device.
+    /// Opens the null device that `config` describes.
     pub(crate) fn new(config: &Config) -> (DeviceInfo, Arc<NullGpu>) {
         let journal = Journal::new(&config.faults);
         let info = DeviceInfo {
@@ -124,7 +125,7 @@ impl NullGpu {
         (info, Arc::new(gpu))
     }
 
-    /// Creates an object, unless a fault is due.
+    /// Creates an object, unless a fault is due; then fails.
     pub(crate) fn create(&self, object: Object, name: &str) -> Result<Owned, BackendError> {
         if self.journal.fails(Point::Create) {
             let reason = format!("a fault prevents the creation of {object:?}");
@@ -133,7 +134,7 @@ impl NullGpu {
         Ok(self.journal.create(object, name))
     }
 
-    /// Fails if the device is lost.
+    /// Returns [`BackendError::DeviceLost`] if the device is lost; `call` names the caller in the error.
     pub(crate) fn check_lost(&self, call: &str) -> Result<(), BackendError> {
         if self.journal.is_lost() {
             return Err(BackendError::DeviceLost(format!("{call} found the device lost")));
@@ -142,7 +143,7 @@ impl NullGpu {
     }
 }
 
-/// An allocation; mapped unless it is device-only.
+/// A memory allocation. It is mapped unless only the device accesses it.
 pub struct Memory {
     pub(crate) bytes: u64,
     pub(crate) mapped: Vec<u8>,
@@ -170,12 +171,12 @@ impl Drop for Memory {
     }
 }
 
-/// The number of the object at each binding and element.
+/// For each (binding, element), the number of the object that is bound.
 pub(crate) type Targets = HashMap<(u32, u32), u64>;
 
-/// The dependencies of each pass, from the plan.
+/// What each pass waits for, from the plan.
 pub struct Synchronization {
-    /// By pass, then for the handover: the number of dependencies, and the layout changes.
+    /// For each pass, then for the handover, the number of dependencies and the layout changes.
     waits: Vec<(usize, Vec<LayoutChange>)>,
 }
 
@@ -197,21 +198,21 @@ impl Synchronization {
 /// The bindings of one plan.
 pub struct Bindings {
     pub(crate) owned: Owned,
-    /// By pass, then by copy.
+    /// The bound objects by pass, then by copy.
     pub(crate) passes: HashMap<PassId, Vec<Targets>>,
     pub(crate) names: Vec<String>,
 }
 
-/// A swapchain of three images.
+/// A swapchain of three images, which are acquired in turn.
 pub struct Swapchain {
     pub(crate) _owned: Owned,
     pub(crate) next: u32,
 }
 
-/// Timestamps in ticks.
+/// A set of timestamps in ticks; `None` for those not written yet.
 pub(crate) type Ticks = Arc<Mutex<Vec<Option<u64>>>>;
 
-/// A set of timestamps.
+/// A set of timestamps, counted as an object.
 pub struct Timestamps {
     pub(crate) _owned: Owned,
     pub(crate) ticks: Ticks,

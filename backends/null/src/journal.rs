@@ -8,14 +8,14 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// A kind of object.
+/// A kind of object that the journal counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Object {
     /// A piece of memory.
     Memory,
-    /// A buffer, bound or not.
+    /// A buffer, with or without memory.
     Buffer,
-    /// An image, bound or not.
+    /// An image, with or without memory.
     Image,
     /// The pipelines of a plan.
     Pipelines,
@@ -31,7 +31,7 @@ pub enum Object {
     Device,
 }
 
-/// One call of the runtime. Objects appear by their names, offsets and sizes in bytes.
+/// A call by the runtime. Objects appear by name, with offsets and sizes in bytes.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(missing_docs, reason = "the calls and their arguments are those of `Gpu` and `Encoder`")]
 pub enum Call {
@@ -67,7 +67,7 @@ pub enum Call {
     End,
     PushLabel(String),
     PopLabel,
-    /// Orders a pass or the handover: the number of dependencies, and the layout changes.
+    /// The barriers before a pass or of the handover: the number of dependencies, and the layout changes.
     Synchronize {
         dependencies: usize,
         images: Vec<(String, Layout, Layout)>,
@@ -150,12 +150,12 @@ pub enum Call {
     },
 }
 
-/// An object or bindings that a submission uses.
+/// Something that a submission uses and that must not change while it is in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Used {
     /// An object, by its number.
     Object(u64),
-    /// One copy of a pass's bindings: bindings, pass, copy.
+    /// One copy of a pass's bindings: the number of the [`Object::Bindings`], the pass and the copy.
     Bindings(u64, u32, usize),
 }
 
@@ -167,33 +167,33 @@ struct State {
     reached: BTreeMap<Point, u64>,
     faults: Vec<Fault>,
     in_flight: Vec<InFlight>,
-    /// True if the device executes nothing that is submitted.
+    /// True while the device hangs: later submissions do not complete.
     hangs: bool,
-    /// Number of hanging compilers.
+    /// Number of compilations that hang now.
     compilers: u64,
     lost: bool,
 }
 
 /// A submission that has not completed.
 struct InFlight {
-    /// The encoder's number.
+    /// Number of the encoder that was submitted.
     encoder: u64,
     /// The objects and bindings that the submission's commands use.
     used: HashSet<Used>,
-    /// True if the submission never completes.
+    /// True while the submission cannot complete because the device hangs.
     hung: bool,
 }
 
-/// A submission's role when the device hangs.
+/// How a submission is affected when the device hangs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Hung {
     /// The device hangs in this submission.
     In,
-    /// The device hangs in an earlier one.
+    /// The device hangs in an earlier submission.
     Behind,
 }
 
-/// The record of a device, shared by all of its objects.
+/// The record of a device's calls and objects. Clones share it.
 #[derive(Clone, Default)]
 pub struct Journal {
     state: Arc<Mutex<State>>,
@@ -210,17 +210,17 @@ impl Journal {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes the calls that were recorded since the last take.
+    /// Removes and returns the calls recorded since the last time.
     pub fn take(&self) -> Vec<Call> {
         std::mem::take(&mut self.state().calls)
     }
 
-    /// Counts the live objects, by kind.
+    /// Returns the number of live objects of each kind, without kinds that have none.
     pub fn alive(&self) -> BTreeMap<Object, i64> {
         self.state().alive.iter().filter(|(_, count)| **count != 0).map(|(&k, &v)| (k, v)).collect()
     }
 
-    /// Counts the calls of a kind so far.
+    /// Returns how often the kind of call has been made so far.
     pub fn reached(&self, point: Point) -> u64 {
         self.state().reached.get(&point).copied().unwrap_or(0)
     }
@@ -233,7 +233,7 @@ impl Journal {
         self.state().calls.push(call);
     }
 
-    /// Counts a call of a kind, and returns true if it must fail.
+    /// Counts a call of this kind. Returns true if it must fail.
     pub(crate) fn fails(&self, point: Point) -> bool {
         let mut state = self.state();
         let reached = state.reached.entry(point).or_default();
@@ -253,7 +253,7 @@ impl Journal {
         self.state().hangs = true;
     }
 
-    /// Lets a device that [hangs](Point::Hang) finish its work and continue.
+    /// Ends all hangs: of the device, which completes its work and continues, and of compilers.
     pub fn resume(&self) {
         let mut state = self.state();
         state.hangs = false;
@@ -261,7 +261,7 @@ impl Journal {
         state.in_flight.iter_mut().for_each(|submission| submission.hung = false);
     }
 
-    /// Compiles a pipeline; a fault makes it block until [`Journal::resume`].
+    /// Compiles a pipeline, which takes no time. A fault makes it block until [`Journal::resume`].
     pub(crate) fn compile(&self) {
         if !self.fails(Point::Compile) {
             return;
@@ -272,7 +272,7 @@ impl Journal {
         }
     }
 
-    /// Counts a submission, and returns whether it hangs.
+    /// Counts a submission. Returns how a hang affects it; `None` if the device does not hang.
     pub(crate) fn hangs(&self) -> Option<Hung> {
         let now = self.fails(Point::Hang);
         let mut state = self.state();
@@ -286,7 +286,7 @@ impl Journal {
         }
     }
 
-    /// Returns true if the submission of an encoder, or any if `None`, hangs.
+    /// Returns true if a submission of this encoder, or any submission if `None`, hangs.
     pub(crate) fn is_hung(&self, encoder: Option<&Owned>) -> bool {
         let of = |submission: &InFlight| encoder.is_none_or(|encoder| encoder.number == submission.encoder);
         self.state().in_flight.iter().any(|submission| submission.hung && of(submission))
@@ -296,7 +296,7 @@ impl Journal {
         self.state().lost
     }
 
-    /// Creates an object.
+    /// Creates an object, counts it as alive, and records the call.
     pub(crate) fn create(&self, object: Object, name: &str) -> Owned {
         let mut state = self.state();
         *state.alive.entry(object).or_default() += 1;
@@ -310,14 +310,14 @@ impl Journal {
         self.state().in_flight.push(InFlight { encoder: encoder.number, used, hung });
     }
 
-    /// Reports an encoder that is reused before its last submission was waited for.
+    /// Adds a message if the encoder is used (`action`) before its last submission was waited for.
     pub(crate) fn check_idle(&self, encoder: &Owned, action: &str) {
         if self.state().in_flight.iter().any(|submission| submission.encoder == encoder.number) {
             self.messages.add(format!("encoder `{}` is {action} while it is in flight", encoder.name));
         }
     }
 
-    /// Reports a change to something that a submission in flight uses.
+    /// Adds a message if a submission in flight uses the thing that is being changed.
     pub(crate) fn check_unused(&self, used: Used, what: impl FnOnce() -> String) {
         if self.state().in_flight.iter().any(|submission| submission.used.contains(&used)) {
             self.messages.add(format!("{} while it is in flight", what()));
@@ -335,7 +335,7 @@ impl Journal {
     }
 }
 
-/// An object, counted as alive until it is dropped.
+/// An object, counted as alive until it is dropped. Dropping it while in use adds a message.
 pub struct Owned {
     pub(crate) object: Object,
     pub(crate) number: u64,

@@ -2,11 +2,12 @@
 //!
 //! [`Null`] runs plans through the runtime that every other backend uses, in microseconds and on any machine. Its
 //! [`Journal`] records every call of the runtime in order, and counts live objects. It also checks the runtime's
-//! guarantees to an API: while a submission is in flight, its objects are not destroyed and its bindings not written;
-//! and an encoder is not reused before it was waited for. A broken guarantee is a validation message.
+//! guarantees to an API. While a submission is in flight, its objects are not destroyed and its bindings are not
+//! written. An encoder is not reused before its submission was waited for. A broken guarantee is reported as a
+//! validation message.
 //!
-//! [`Fault`]s make the n-th call of a kind fail: allocations, submissions, the swapchain. Tests of frames, histories,
-//! swaps and faults run on it.
+//! A [`Fault`] makes the n-th call of a kind fail, such as an allocation, a submission or a call on the swapchain.
+//! Tests of frames, histories, swaps and faults run on this backend.
 
 #![deny(missing_docs)]
 
@@ -22,13 +23,13 @@ pub use journal::{Call, Journal, Object};
 
 use splatgraph_api::BackendError;
 
-/// A device that executes nothing, with a plan.
+/// An open null device and the plan that it runs.
 pub type Null = splatgraph_runtime::Executor<NullGpu>;
 
-/// Opens a device, and returns it with the journal of its calls, which outlives it.
+/// Opens a null device. Also returns the journal of its calls, which can outlive it.
 ///
 /// # Errors
-/// The error of a fault during the creation of the device's first objects.
+/// A fault during the creation of the device's first objects makes opening fail with its error.
 pub fn open(config: &Config) -> (Result<Null, BackendError>, Journal) {
     let (info, gpu) = NullGpu::new(config);
     let journal = gpu.journal.clone();

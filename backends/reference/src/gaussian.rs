@@ -1,4 +1,4 @@
-//! Defines splats as input of the reference: one at a time, in f64.
+//! Defines splats as the reference reads them: one at a time, in f64.
 
 use splatgraph_assets::{Mesh, Scene};
 
@@ -9,29 +9,29 @@ pub struct Gaussian {
     pub position: [f64; 3],
     /// Standard deviation along each of its axes, in world units.
     pub scale: [f64; 3],
-    /// Quaternion w, x, y, z that rotates its axes into the world. It must be a unit quaternion: it is not normalised
-    /// again.
+    /// Quaternion w, x, y, z that rotates the splat's axes into the world. It must be a unit quaternion, because it is
+    /// not normalised again.
     pub rotation: [f64; 4],
     /// Opacity at the centre, 0 to 1.
     pub opacity: f64,
-    /// Spherical harmonics: coefficient `k` of red, green and blue; zero above the scene's degree.
+    /// Spherical harmonics: coefficient `k` for red, green and blue; zero above the scene's degree.
     pub sh: [[f64; 3]; 16],
 }
 
-/// A list of splats that can be read from several threads.
+/// A list of splats that several threads can read.
 pub trait Splats: Sync {
     /// Number of splats.
     fn count(&self) -> usize;
 
-    /// Returns splat `index`, which is below [`Splats::count`].
+    /// Returns splat `index`, which must be below [`Splats::count`].
     fn get(&self, index: usize) -> Gaussian;
 
-    /// Returns true if positions exceed the precision of f32, so that depths must be computed from f64 positions.
+    /// Returns true if f32 is too coarse for the positions, so that depths must be computed from f64 positions.
     fn is_wide(&self) -> bool {
         false
     }
 
-    /// Returns the mesh beside the splats.
+    /// Returns the mesh to render with the splats; `None` without one.
     fn mesh(&self) -> Option<&Mesh> {
         None
     }

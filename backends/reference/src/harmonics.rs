@@ -1,9 +1,9 @@
-//! Evaluates view-dependent colour: real spherical harmonics up to degree 3.
+//! Evaluates a splat's view-dependent colour from real spherical harmonics up to degree 3.
 
 use crate::rules::{Rules, ShDirection};
 use splatgraph_assets::harmonics::basis;
 
-/// Evaluates a splat's colour for a camera at `eye`.
+/// Evaluates a splat's colour as seen from `eye`.
 ///
 /// Computes `sum_k sh[k] Y_k(d) + 0.5` per channel, with `d` the unit vector from the camera to the splat, then applies
 /// the floor and ceiling of the rules. Source: `computeColorFromSH` of the rasteriser (cuda_rasterizer/forward.cu). Its

@@ -1,24 +1,25 @@
-//! Meshes in exact pictures: the ray through each pixel's centre against the triangles, and the shading of the nearest hit.
+//! Renders a mesh exactly: finds each pixel's nearest hit of a ray through its centre, and shades it.
 //!
-//! Rays start at the camera, with a view depth of 1 per unit of length, so that the distance along a ray is the view depth. A triangle is
-//! tested against the rays of the box of pixels that its corners span. Materials are those of glTF 2.0 (appendix B), lit by the mesh's
-//! one light and its ambient light.
+//! Rays start at the camera. They advance by 1 in view depth per unit of the ray's parameter, so the parameter of a hit
+//! is its view depth. A triangle is tested against the rays of the pixels in its bounding box, or of all pixels if it
+//! reaches behind the near plane. Materials are those of glTF 2.0 (appendix B), lit by the mesh's one light and its
+//! ambient light.
 
 use crate::rules::{KeyOf, Rules};
 use rayon::prelude::*;
 use splatgraph_assets::{Camera, Mesh, MeshMaterial, Texture};
 use std::f64::consts::PI;
 
-/// Rows of pixels that a task shades.
+/// Number of rows of pixels that one task shades.
 const ROWS: usize = 8;
 
-/// Roughness below which highlights are smaller than a pixel.
+/// Minimum roughness. Highlights of smoother surfaces would be smaller than a pixel.
 const LEAST_ROUGHNESS: f64 = 0.045;
 
-/// The surface of a mesh at a pixel.
+/// What a pixel shows of the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Surface {
-    /// View depth, or the distance where splats are ordered by it.
+    /// View depth, or the distance from the camera if splats are sorted by it.
     pub depth: f64,
     /// Display-encoded colour, 0 to 1.
     pub color: [f64; 3],
@@ -42,7 +43,7 @@ fn scaled(a: Vector, by: f64) -> Vector {
     a.map(|v| v * by)
 }
 
-/// Adds weighted vectors.
+/// Returns the weighted sum of vectors.
 fn sum<const N: usize>(weights: [f64; N], vectors: [Vector; N]) -> Vector {
     std::array::from_fn(|i| (0..N).map(|k| weights[k] * vectors[k][i]).sum())
 }
@@ -51,25 +52,25 @@ fn unit(a: Vector) -> Vector {
     scaled(a, dot(a, a).sqrt().recip())
 }
 
-/// A triangle in the camera's frame.
+/// A triangle in view space.
 struct Triangle {
     index: usize,
     corner: Vector,
     edges: [Vector; 2],
-    /// First and last pixel of its box, across and down.
+    /// Bounds of its corners on the image, in pixels: minimum and maximum, across then down.
     pixels: [[f64; 2]; 2],
 }
 
-/// A ray's nearest hit.
+/// The nearest hit of a ray so far.
 #[derive(Clone, Copy)]
 struct Hit {
     triangle: usize,
     depth: f64,
-    /// Weights of the corners.
+    /// Barycentric weights of the triangle's corners.
     weights: [f64; 3],
 }
 
-/// Casts the rays of one camera.
+/// Casts the rays of one camera against a mesh.
 pub(crate) struct Caster<'a> {
     mesh: &'a Mesh,
     camera: &'a Camera,
@@ -79,7 +80,7 @@ pub(crate) struct Caster<'a> {
 }
 
 impl<'a> Caster<'a> {
-    /// Prepares the triangles of a mesh; what is nearer than the near plane is cut off.
+    /// Prepares the triangles of a mesh, except those nearer than the near plane.
     pub(crate) fn new(mesh: &'a Mesh, camera: &'a Camera, rules: &Rules) -> Self {
         let near = rules.near;
         let middle = [camera.width, camera.height].map(|side| 0.5 * (f64::from(side) - 1.0));
@@ -105,7 +106,7 @@ impl<'a> Caster<'a> {
         Caster { mesh, camera, near, key_of: rules.key_of, triangles }
     }
 
-    /// Finds the surface at every pixel, row by row.
+    /// Finds the surface at every pixel, in row order; `None` where the ray misses the mesh.
     pub(crate) fn surfaces(&self) -> Vec<Option<Surface>> {
         let (width, height) = (self.camera.width as usize, self.camera.height as usize);
         let mut found = vec![None; width * height];
@@ -132,14 +133,16 @@ impl<'a> Caster<'a> {
         found
     }
 
-    /// Finds the surface at one pixel.
+    /// Finds the surface at one pixel; `None` if its ray misses the mesh.
     pub(crate) fn surface(&self, [x, y]: [u32; 2]) -> Option<Surface> {
         let at = [f64::from(x), f64::from(y)];
         let hit = self.triangles.iter().fold(None, |hit, triangle| self.nearer(triangle, at, hit));
         hit.map(|hit| self.seen(&hit))
     }
 
-    /// Returns the nearer of a hit and the hit of the ray through a pixel with a triangle (Möller and Trumbore).
+    /// Returns the nearer of `hit` and the hit of a pixel's ray with `triangle` (Möller and Trumbore).
+    ///
+    /// A hit whose alpha is below the material's cutoff does not count.
     fn nearer(&self, triangle: &Triangle, [x, y]: [f64; 2], hit: Option<Hit>) -> Option<Hit> {
         let Camera { width, height, fx, fy, .. } = *self.camera;
         let ray =
@@ -168,7 +171,7 @@ impl<'a> Caster<'a> {
         }
     }
 
-    /// Returns the surface of a hit, with what splats are ordered by as its depth.
+    /// Returns the shaded surface of a hit, with the depth or distance that splats are sorted by.
     fn seen(&self, hit: &Hit) -> Surface {
         let key = match self.key_of {
             KeyOf::Depth => hit.depth,
@@ -180,7 +183,7 @@ impl<'a> Caster<'a> {
         Surface { depth: key, color: self.shade(hit) }
     }
 
-    /// Returns the place of a hit in the world.
+    /// Returns the world position of a hit.
     fn place(&self, hit: &Hit) -> Vector {
         let corners = self.mesh.triangles[hit.triangle].map(|corner| self.mesh.positions[corner as usize]);
         sum(hit.weights, corners.map(|corner| corner.map(f64::from)))
@@ -196,7 +199,7 @@ impl<'a> Caster<'a> {
         std::array::from_fn(|axis| (0..3).map(|k| hit.weights[k] * uvs[k][axis]).sum())
     }
 
-    /// Returns the base colour in linear light, and alpha.
+    /// Returns a material's base colour, in linear light, and its alpha.
     fn base(&self, material: &MeshMaterial, uv: [f64; 2]) -> [f64; 4] {
         let factor = material.base_color.map(f64::from);
         match self.sample(material.base_color_image, uv, true) {
@@ -205,7 +208,7 @@ impl<'a> Caster<'a> {
         }
     }
 
-    /// Interpolates an image between four texels; `None` without one. `encoded` colours are decoded first.
+    /// Samples an image bilinearly, with wrapping; `None` for an empty image. Colours are decoded first if `encoded`.
     fn sample(&self, image: Texture, uv: [f64; 2], encoded: bool) -> Option<[f64; 4]> {
         if image.width == 0 {
             return None;
@@ -230,7 +233,7 @@ impl<'a> Caster<'a> {
         Some(std::array::from_fn(|i| (0..4).map(|k| weights[k] * corners[k][i]).sum()))
     }
 
-    /// Returns the normal at a hit, with the material's image of normals, on the side of `to_camera`.
+    /// Returns the normal at a hit, with the material's normal map applied, turned towards `to_camera`.
     fn normal(&self, hit: &Hit, material: &MeshMaterial, uv: [f64; 2], to_camera: Vector) -> Vector {
         let corners = self.mesh.triangles[hit.triangle].map(|corner| corner as usize);
         let mut normal =
@@ -287,12 +290,12 @@ impl<'a> Caster<'a> {
     }
 }
 
-/// Decodes a display-encoded value (IEC 61966-2-1).
+/// Decodes a display-encoded value to linear light (IEC 61966-2-1).
 fn decode(v: f64) -> f64 {
     if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Encodes a linear value for display.
+/// Encodes a linear-light value for display (IEC 61966-2-1).
 fn encode(v: f64) -> f64 {
     if v <= 0.0031308 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
 }

@@ -1,17 +1,17 @@
-//! Sorts splats by depth, and counts the pairs that a given order has wrong.
+//! Sorts splats by depth, and counts the pairs that another order has the wrong way round.
 
 use crate::gaussian::Splats;
 use crate::rules::{Depth, KeyOf, Rules, Ties};
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
 
-/// The world-to-view transform in f64, and rounded to f32 per element, as the rasteriser receives it.
+/// The world-to-view transform, in f64 and rounded to f32 per element as the rasteriser receives it.
 pub(crate) struct View {
     rows: [[f64; 3]; 3],
     eye: [f64; 3],
     /// Elements 2, 6, 10 and 14 of the rasteriser's matrix: the view direction, and the translation along it.
     depth_row: [f32; 4],
-    /// True if positions need more precision than f32.
+    /// True if f32 is too coarse for the positions.
     wide: bool,
 }
 
@@ -24,7 +24,7 @@ impl View {
         View { rows, eye, depth_row: [x, y, z, translation as f32], wide }
     }
 
-    /// A point in view space: right, down, forward.
+    /// Transforms a point to view space: right, down, forward.
     pub(crate) fn point(&self, p: [f64; 3]) -> [f64; 3] {
         self.rows.map(|row| (0..3).map(|i| row[i] * (p[i] - self.eye[i])).sum())
     }
@@ -34,11 +34,11 @@ impl View {
         self.rows
     }
 
-    /// Computes the depth for culling and sorting.
+    /// Computes the view depth of a point, used for culling and sorting.
     ///
     /// In f32 it is `fma(m10, z, fma(m6, y, m2 * x)) + m14`, the order in which the rasteriser's compiler contracts
-    /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h): equal bits give equal ties. Positions beyond f32's precision
-    /// do not occur there; their depth is computed in f64 and rounded.
+    /// `transformPoint4x3` (cuda_rasterizer/auxiliary.h), so that the same splats tie as there. The rasteriser does not
+    /// handle positions beyond f32's precision: their depth is computed in f64, then rounded.
     pub(crate) fn depth(&self, p: [f64; 3], rule: Depth) -> f64 {
         match rule {
             Depth::F64 => self.point(p)[2],
@@ -51,7 +51,7 @@ impl View {
         }
     }
 
-    /// Computes the sort key of a splat at view depth `depth`: the depth or the distance, by the rules.
+    /// Computes the sort key of a splat at view depth `depth`: by the rules, this depth or the distance.
     pub(crate) fn key(&self, p: [f64; 3], depth: f64, rules: &Rules) -> f64 {
         let distance = || (0..3).map(|i| (p[i] - self.eye[i]).powi(2)).sum::<f64>().sqrt();
         match (rules.key_of, rules.depth) {
@@ -62,7 +62,7 @@ impl View {
     }
 }
 
-/// Sorts by `key`, near to far; equal keys by the rule for ties.
+/// Sorts by `key` (depth and index), near to far. Equal depths follow the rule for ties.
 pub(crate) fn sort<T: Send>(items: &mut [T], rules: &Rules, key: impl Fn(&T) -> (f64, u32) + Sync) {
     items.par_sort_unstable_by(|a, b| {
         let ((a_depth, a_index), (b_depth, b_index)) = (key(a), key(b));
@@ -74,7 +74,7 @@ pub(crate) fn sort<T: Send>(items: &mut [T], rules: &Rules, key: impl Fn(&T) -> 
     });
 }
 
-/// Lists the splats beyond the near plane, near to far, by index.
+/// Returns the indices of the splats beyond the near plane, near to far.
 pub fn depth_order(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rules) -> Vec<u32> {
     let view = View::new(camera, splats.is_wide());
     let mut keys: Vec<(f64, u32)> = (0..splats.count())
@@ -89,10 +89,11 @@ pub fn depth_order(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rul
     keys.into_iter().map(|(_, index)| index).collect()
 }
 
-/// Counts the pairs of splats that `given` and `truth` order differently. `None` unless both hold the same indices,
-/// each once.
+/// Counts the pairs of splats that `given` and `truth` order differently.
 ///
-/// 0 for equal orders, n (n - 1) / 2 for reversed ones. O(n log n), by merge sort.
+/// `None` unless both hold the same indices, each once.
+///
+/// The result is 0 for equal orders and n (n - 1) / 2 for reversed ones. It takes O(n log n), by merge sort.
 pub fn inversions(truth: &[u32], given: &[u32]) -> Option<u64> {
     let bound = truth.iter().max().map_or(0, |max| *max as usize + 1);
     let mut ranks = vec![u32::MAX; bound];
@@ -112,7 +113,7 @@ pub fn inversions(truth: &[u32], given: &[u32]) -> Option<u64> {
     Some(merge_sort(&mut sequence, &mut scratch))
 }
 
-/// Sorts `values`, and counts the pairs that were in the wrong order.
+/// Sorts `values`, and returns the number of pairs that were in the wrong order.
 fn merge_sort(values: &mut [u32], scratch: &mut [u32]) -> u64 {
     if values.len() < 2 {
         return 0;

@@ -1,7 +1,7 @@
-//! Lists the splats of one pixel, with their weights.
+//! Lists the splats that one pixel blends, with their weights.
 //!
 //! [`fragments`] blends one pixel exactly as [`render`](crate::render) does, and returns the blended splats in order,
-//! with their weights. [`project`] returns a splat's Gaussian on the image, for outlines.
+//! with their weights. [`project`] returns a splat's Gaussian on the image, to draw its outline.
 
 use crate::gaussian::{Gaussian, Splats};
 use crate::mesh::Caster;
@@ -12,7 +12,7 @@ use crate::rules::Rules;
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
 
-/// Number of splats between checks for cancellation.
+/// Number of splats projected between checks for cancellation.
 const CHUNK: usize = 4096;
 
 /// A splat blended at a pixel.
@@ -22,9 +22,9 @@ pub struct Fragment {
     pub index: u32,
     /// View depth for sorting, or the distance: see [`Rules::key_of`].
     pub depth: f64,
-    /// Alpha at the pixel, capped.
+    /// Alpha at the pixel, after the cap.
     pub alpha: f64,
-    /// Transmittance after all nearer splats.
+    /// Transmittance of all nearer splats together, before this one.
     pub transmittance: f64,
     /// View-dependent colour, display-encoded.
     pub color: [f64; 3],
@@ -37,12 +37,12 @@ impl Fragment {
     }
 }
 
-/// The splats of a pixel, near to far.
+/// The splats that a pixel blends, near to far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Fragments {
-    /// The blended splats. Splats behind the one that finishes the pixel are not blended.
+    /// The blended splats. Splats behind the early stop, or behind the mesh, are not included.
     pub list: Vec<Fragment>,
-    /// The background's weight.
+    /// The transmittance left for the background or the mesh.
     pub transmittance: f64,
 }
 
@@ -57,7 +57,7 @@ impl Fragments {
         std::array::from_fn(|c| color[c] + self.transmittance * background[c])
     }
 
-    /// Computes the mean depth, weighted by the splats' weights; `None` without splats.
+    /// Computes the mean depth, weighted by the splats' weights; `None` if no splat is blended.
     pub fn depth(&self) -> Option<f64> {
         let total: f64 = self.list.iter().map(Fragment::weight).sum();
         let sum: f64 = self.list.iter().map(|fragment| fragment.weight() * fragment.depth).sum();
@@ -65,11 +65,12 @@ impl Fragments {
     }
 }
 
-/// Lists the splats blended at a pixel, down to the mesh; `None` for a pixel outside the image, or once `cancelled` returns
-/// true.
+/// Lists the splats blended at a pixel, down to the mesh.
 ///
-/// The pixel is column and row; (0, 0) is the top left. Runs in parallel: `cancelled` is called from several threads,
-/// every few thousand splats.
+/// `None` for a pixel outside the image, or once `cancelled` returns true.
+///
+/// The pixel is given as column and row; (0, 0) is the top left. Runs in parallel: `cancelled` is called from several
+/// threads, every few thousand splats.
 pub fn fragments(
     splats: &(impl Splats + ?Sized),
     camera: &Camera,
@@ -116,13 +117,13 @@ pub fn fragments(
 pub struct Projected {
     /// View depth for sorting, or the distance: see [`Rules::key_of`].
     pub depth: f64,
-    /// Centre, in pixels to the right and down.
+    /// Centre, in pixels from the left and the top.
     pub center: [f64; 2],
     /// 2D covariance with the low-pass filter, as xx, xy, yy, in square pixels.
     pub covariance: [f64; 3],
-    /// Determinant of the covariance. For needles, computing it as `xx yy - xy^2` would cancel completely.
+    /// Determinant of the covariance, from a stable form: for needles, `xx yy - xy^2` would cancel completely.
     pub determinant: f64,
-    /// Opacity at the centre, after the compensation of the low-pass filter.
+    /// Opacity at the centre, including the low-pass filter's compensation.
     pub opacity: f64,
     /// View-dependent colour, display-encoded.
     pub color: [f64; 3],

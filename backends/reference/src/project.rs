@@ -1,8 +1,8 @@
-//! Projects a Gaussian in the world to an ellipse with a colour on the image.
+//! Projects a Gaussian in the world to a coloured ellipse on the image.
 //!
 //! The 2D covariance is `M M^T + l I`, with `M` the 2 x 3 product of Jacobian, view rotation, rotation and scales, and
-//! `l` the low-pass variance. The textbook forms of its determinant and exponent cancel for needles and giants. Two
-//! stable forms keep them exact:
+//! `l` the low-pass variance. For needles and giants, the textbook forms of its determinant and exponent suffer from
+//! cancellation. Two stable forms keep them exact:
 //!
 //! - the determinant is `|r0 x r1|^2 + l (|r0|^2 + |r1|^2) + l^2`, with `r0`, `r1` the rows of `M` (Cauchy-Binet), a
 //!   sum of positive terms. `a c - b^2` is a small difference of large numbers;
@@ -18,18 +18,19 @@ use splatgraph_assets::Camera;
 /// Side of a tile of the rasteriser, in pixels (`BLOCK_X` and `BLOCK_Y` of its config.h).
 pub(crate) const TILE: u32 = 16;
 
-/// A splat on the image.
+/// A splat projected to the image.
 #[derive(Clone, Debug)]
 pub(crate) struct Ellipse {
     /// Index among the splats.
     pub index: u32,
     /// View depth for sorting, or the distance: see [`Rules::key_of`].
     pub depth: f64,
-    /// Tiles that the splat touches: first column, first row, and the exclusive end column and row.
+    /// Tiles that the splat touches: first column and row, then end column and row (exclusive).
     pub tiles: [u32; 4],
-    /// The data read at every pixel.
+    /// The data needed at every pixel.
     pub footprint: Footprint,
-    /// The shortest axis in world space, facing the camera; of equally short axes, the first.
+    /// The splat's shortest axis in world space, pointing towards the camera; the first one if several are equally
+    /// short.
     pub normal: [f64; 3],
 }
 
@@ -42,9 +43,9 @@ pub(crate) struct Footprint {
     u: f64,
     s: f64,
     v: f64,
-    /// Opacity at the centre, after the compensation of the low-pass filter.
+    /// Opacity at the centre, including the low-pass filter's compensation.
     pub opacity: f64,
-    /// Exponents below this give no fragment: alpha is below the floor, or the pixel is outside the extent.
+    /// Minimum exponent of a fragment. Below it, alpha is under the floor or the pixel is outside the extent.
     cutoff: f64,
     pub color: [f64; 3],
 }
@@ -64,30 +65,30 @@ impl Footprint {
         (alpha >= rules.alpha_floor).then_some(alpha)
     }
 
-    /// Returns the 2D covariance: xx, xy, yy.
+    /// Returns the 2D covariance: xx, xy, yy, in square pixels.
     pub(crate) fn covariance(&self) -> [f64; 3] {
         let xx = (self.u * self.u).recip();
         [xx, self.s * xx, (self.v * self.v).recip() + self.s * self.s * xx]
     }
 
-    /// Returns the determinant of the 2D covariance.
+    /// Returns the determinant of the 2D covariance, without cancellation.
     pub(crate) fn determinant(&self) -> f64 {
         (self.u * self.v).powi(-2)
     }
 }
 
-/// Projects splats into the image of one camera.
+/// Projects splats to the image of one camera.
 pub(crate) struct Projector<'a> {
     view: View,
     camera: &'a Camera,
     rules: &'a Rules,
     tan: [f64; 2],
-    /// Tiles across and down.
+    /// Number of tiles across and down.
     pub grid: [u32; 2],
 }
 
 impl<'a> Projector<'a> {
-    /// Prepares a camera; `wide` is true if positions need more precision than f32.
+    /// Prepares to project for a camera; `wide` is true if f32 is too coarse for the positions.
     pub(crate) fn new(camera: &'a Camera, rules: &'a Rules, wide: bool) -> Self {
         let tan =
             [f64::from(camera.width) / camera.fx, f64::from(camera.height) / camera.fy].map(|v| 0.5 * v);
@@ -95,7 +96,7 @@ impl<'a> Projector<'a> {
         Self { view: View::new(camera, wide), camera, rules, tan, grid }
     }
 
-    /// Pixels across the image.
+    /// Returns the width of the image in pixels.
     pub(crate) fn width(&self) -> usize {
         self.camera.width as usize
     }
@@ -105,7 +106,8 @@ impl<'a> Projector<'a> {
         self.project_onto(index, splat, |_| true)
     }
 
-    /// Like [`Projector::project`], but only if `wanted` accepts its tiles. This skips the colour, half of the work.
+    /// Projects a splat as [`Projector::project`] does, if `wanted` accepts its tiles. Otherwise skips the colour, half
+    /// of the work.
     pub(crate) fn project_onto(
         &self,
         index: u32,
@@ -152,7 +154,7 @@ impl<'a> Projector<'a> {
         Some(Ellipse { index, depth, tiles, footprint, normal: self.normal(splat) })
     }
 
-    /// Returns the splat's shortest axis in world space, facing the camera.
+    /// Returns the splat's shortest axis in world space, pointing towards the camera.
     fn normal(&self, splat: &Gaussian) -> [f64; 3] {
         let [a, b, c] = splat.scale;
         let shortest = if c < a.min(b) { 2 } else { usize::from(b < a) };
@@ -188,7 +190,7 @@ impl<'a> Projector<'a> {
         jacobian.map(|row| columns.map(|column| dot(row, column)))
     }
 
-    /// Returns the tiles that the splat may touch; `None` if there are none.
+    /// Returns the range of tiles that the splat may touch; `None` if it is empty.
     fn tiles(&self, center: [f64; 2], a: f64, c: f64, det: f64) -> Option<[u32; 4]> {
         let half: [f64; 2] = match self.rules.extent {
             // `preprocessCUDA` in forward.cu: the discriminant is floored at 0.1.

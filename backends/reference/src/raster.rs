@@ -1,4 +1,4 @@
-//! Blends the sorted ellipses front to back at every pixel.
+//! Blends the sorted ellipses at every pixel, front to back.
 
 use crate::gaussian::Splats;
 use crate::mesh::{Caster, Surface};
@@ -9,10 +9,10 @@ use rayon::prelude::*;
 use splatgraph_assets::Camera;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Progress callback: rows of tiles done, and their total. Called from any thread.
+/// Progress callback, called from any thread with the number of finished rows of tiles and their total.
 pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
-/// An exact image with more data per pixel. Arrays have `width * height` entries, row 0 at the top.
+/// An exact picture, with further data for each pixel. Arrays have `width * height` entries, row 0 at the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     /// Width, in pixels.
@@ -23,21 +23,22 @@ pub struct Picture {
     pub color: Vec<[f64; 3]>,
     /// The remaining transmittance, 0 to 1.
     pub transmittance: Vec<f64>,
-    /// Number of blended splats.
+    /// Number of splats blended.
     pub contributors: Vec<u32>,
     /// Sum of the splats' view depths, each times its weight (alpha times transmittance).
     pub depth: Vec<f64>,
-    /// View depth of the last splat with a transmittance above one half before it; 0 without splats.
+    /// View depth of the splat at which the transmittance falls to one half: the last one with more before it. 0
+    /// without splats.
     pub median_depth: Vec<f64>,
-    /// Sum of the splats' normals, each times its weight. A normal is the shortest axis in world space, facing the
-    /// camera.
+    /// Sum of the splats' normals, each times its weight. A splat's normal is its shortest axis in world space,
+    /// pointing towards the camera.
     pub normal: Vec<[f64; 3]>,
-    /// Index of the splat with the largest weight, the nearest if several are equal; `u32::MAX` without splats.
+    /// Index of the splat with the largest weight, of equal ones the nearest; `u32::MAX` without splats.
     pub index: Vec<u32>,
 }
 
 impl Picture {
-    /// Computes the mean depth of each pixel: the weighted sum of depths over the sum of weights.
+    /// Computes the mean depth of each pixel: the sum of weighted depths over the sum of weights.
     pub fn expected_depth(&self) -> Vec<f64> {
         let mean = |(depth, light): (&f64, &f64)| depth / (1.0 - light).max(1e-10);
         self.depth.iter().zip(&self.transmittance).map(mean).collect()
@@ -51,11 +52,11 @@ pub struct Visible {
     pub index: u32,
     /// View depth for sorting, or the distance: see [`Rules::key_of`].
     pub depth: f64,
-    /// Tiles of 16 x 16 pixels that the splat touches: first column, first row, and the exclusive end column and row.
+    /// Tiles of 16 x 16 pixels that the splat touches: first column and row, then end column and row (exclusive).
     pub tiles: [u32; 4],
 }
 
-/// Lists the splats that touch a tile of the image, near to far, and counts the tiles across and down.
+/// Lists the splats that touch a tile of the image, near to far. Also returns the number of tiles across and down.
 pub fn visible(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rules) -> (Vec<Visible>, [u32; 2]) {
     let projector = Projector::new(camera, rules, splats.is_wide());
     let of = |ellipse: Ellipse| Visible { index: ellipse.index, depth: ellipse.depth, tiles: ellipse.tiles };
@@ -76,7 +77,7 @@ struct Pixel {
     depth: f64,
     median_depth: f64,
     normal: [f64; 3],
-    /// The largest weight so far, and the index of its splat.
+    /// The largest weight so far, with the index of its splat.
     most: (f64, u32),
 }
 
@@ -91,7 +92,7 @@ impl Pixel {
         most: (0.0, u32::MAX),
     };
 
-    /// Adds a splat behind the earlier ones, which let `transmittance` of its light through.
+    /// Adds a splat to the sums. `transmittance` is that of the nearer splats.
     fn add(&mut self, splat: &Ellipse, alpha: f64, transmittance: f64) {
         let weight = alpha * transmittance;
         self.color.iter_mut().zip(splat.footprint.color).for_each(|(sum, c)| *sum += weight * c);
@@ -109,8 +110,8 @@ impl Pixel {
 
 /// Renders splats over `background` by the given rules. A mesh hides the background and the splats behind it.
 ///
-/// The result does not depend on the number of threads. Needs about 150 bytes per visible splat, plus 4 per splat and
-/// tile of the rows in progress.
+/// The result does not depend on the number of threads. Rendering needs about 150 bytes per visible splat, plus 4 bytes
+/// for each tile that a splat touches in the rows in progress.
 pub fn render(
     splats: &(impl Splats + ?Sized),
     camera: &Camera,
@@ -156,7 +157,8 @@ pub fn render(
     }
 }
 
-/// Blends one row of tiles; `pixels` are the rows of the image in it. Splats end at the view depth `limit` of each of them.
+/// Blends one row of tiles. `pixels` are the image's pixels in this row; splats behind `limit`, a depth for each pixel,
+/// are hidden.
 fn tile_row(
     ellipses: &[Ellipse],
     projector: &Projector,
@@ -199,9 +201,9 @@ fn tile_row(
     }
 }
 
-/// Blends footprints, near to far, at one pixel (`renderCUDA` in forward.cu); returns the transmittance left.
+/// Blends footprints, near to far, at one pixel (`renderCUDA` in forward.cu). Returns the remaining transmittance.
 ///
-/// `fragment` is called for each blended splat, with the splat, its alpha, and the transmittance before it.
+/// `fragment` is called for each blended splat with the splat, its alpha, and the transmittance before it.
 #[inline(always)]
 pub(crate) fn blend<'a, T: 'a>(
     splats: impl IntoIterator<Item = &'a T>,

@@ -1,4 +1,4 @@
-//! Defines the rules of the exact renderer, each with a name for changing it.
+//! Defines the rules of the exact renderer. Each can be changed by name.
 //!
 //! [`Rules::PUBLISHED`] is the behaviour of the rasteriser (graphdeco-inria/diff-gaussian-rasterization, commit
 //! 59f5f77). The table [`RULES`] lists names, published values and sources; [`Rules::set`] changes a rule by its name.
@@ -7,14 +7,14 @@ use serde::Serialize;
 use splatgraph_assets::{Filter, Scene, SortKey};
 use std::str::FromStr;
 
-/// All rules that can differ between renderers of a scene. Lengths on the image are in pixels.
+/// All rules in which renderers of a scene can differ. Lengths on the image are in pixels.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rules {
-    /// Splats at this view depth or nearer are culled, in world units.
+    /// Maximum view depth at which splats are culled, in world units.
     pub near: f64,
-    /// Offset added to every centre's pixel position, in x and y; pixels are sampled at integers.
+    /// Offset added to the pixel position of every centre, in x and y. Pixels are sampled at integer positions.
     pub pixel_offset: f64,
-    /// Multiple of tan(fov / 2) that x / z and y / z are clamped to in the Jacobian; `None` does not clamp.
+    /// Limit of |x / z| and |y / z| in the Jacobian, as a multiple of tan(fov / 2); `None` for no limit.
     pub jacobian_clamp: Option<f64>,
     /// The filter that widens the 2D covariance.
     pub low_pass: LowPass,
@@ -24,27 +24,29 @@ pub struct Rules {
     pub sh_degree: u32,
     /// The direction in which colours are evaluated.
     pub sh_direction: ShDirection,
-    /// Minimum of each channel of a splat's colour.
+    /// Minimum of each channel of a splat's colour; `None` for no minimum.
     pub color_floor: Option<f64>,
-    /// Maximum of each channel of a splat's colour.
+    /// Maximum of each channel of a splat's colour; `None` for no maximum.
     pub color_ceiling: Option<f64>,
-    /// The distance by which splats are sorted.
+    /// What splats are sorted by: view depth or distance.
     pub key_of: KeyOf,
     /// The precision of the depth for culling and sorting.
     pub depth: Depth,
-    /// The order of equal depths.
+    /// The order of splats with equal depths.
     pub ties: Ties,
     /// Fragments with a lower alpha than this are skipped.
     pub alpha_floor: f64,
     /// Maximum alpha of a fragment.
     pub alpha_cap: f64,
-    /// Blending of a pixel stops before the splat that would bring its transmittance below this; `None` never stops.
+    /// Minimum transmittance: blending stops before the splat that would bring it below; `None` never stops.
     pub stop: Option<f64>,
 }
 
 impl Rules {
-    /// The rules of the published rasteriser. Its f32 constants are widened, not rounded: 0.99 is 0.9900000095, for
-    /// instance, so that two splats at the cap bring the transmittance below the stop, as in the rasteriser.
+    /// The rules of the published rasteriser.
+    ///
+    /// Its f32 constants are widened, not rounded: 0.99, for instance, is 0.9900000095, so that two splats at the cap
+    /// bring the transmittance below the stop, as in the rasteriser.
     pub const PUBLISHED: Rules = Rules {
         near: 0.2f32 as f64,
         pixel_offset: 0.0,
@@ -63,7 +65,7 @@ impl Rules {
         stop: Some(1e-4f32 as f64),
     };
 
-    /// Returns the published rules, changed by the tags of a scene's file.
+    /// Returns the published rules, adapted to the tags in the scene's file.
     pub fn of(scene: &Scene) -> Rules {
         let mut rules = Rules::PUBLISHED;
         let notes = scene.notes();
@@ -82,7 +84,7 @@ impl Rules {
     /// Changes the rule of this name (see [`RULES`]). Numbers are rounded to f32, the rasteriser's type.
     ///
     /// # Errors
-    /// An unknown name, or an invalid value.
+    /// The name is unknown, or the value is invalid.
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), RuleError> {
         let info = RULES.iter().find(|rule| rule.name == name).ok_or_else(|| RuleError::unknown(name))?;
         self.assign(name, value).ok_or_else(|| RuleError::Value {
@@ -92,7 +94,7 @@ impl Rules {
         })
     }
 
-    /// Sets the field of this name; `None` if it does not accept the value.
+    /// Sets the rule of this name; `None` if the name is unknown or the value invalid.
     fn assign(&mut self, name: &str, value: &str) -> Option<()> {
         match name {
             "near" => self.near = number(value)?,
@@ -133,8 +135,9 @@ pub enum LowPass {
     None,
     /// Adds this variance, in square pixels, to the diagonal of the 2D covariance.
     Dilate(f64),
-    /// Like `Dilate`, with the opacity multiplied by sqrt(det / det') to conserve the splat's energy: the 2D filter of
-    /// Mip-Splatting (Yu et al., CVPR 2024, equation 9).
+    /// Dilates as `Dilate` does, and multiplies the opacity by sqrt(det / det') to conserve the splat's energy.
+    ///
+    /// It is the 2D filter of Mip-Splatting (Yu et al., CVPR 2024, equation 9).
     Compensated(f64),
 }
 
@@ -153,7 +156,7 @@ impl FromStr for LowPass {
 }
 
 impl LowPass {
-    /// Returns the variance added to the diagonal.
+    /// Returns the variance that the filter adds to the diagonal, in square pixels.
     pub fn variance(self) -> f64 {
         match self {
             LowPass::None => 0.0,
@@ -165,8 +168,9 @@ impl LowPass {
 /// The pixels at which a splat is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum Extent {
-    /// Every pixel of the 16 x 16 tiles touched by a square around the centre. The square's half side is `ceil(3
-    /// sqrt(l))`, with `l` the larger eigenvalue of the 2D covariance.
+    /// Every pixel of the 16 x 16 tiles that a square around the centre touches.
+    ///
+    /// Half its side is `ceil(3 sqrt(l))`, with `l` the larger eigenvalue of the 2D covariance.
     Tiles,
     /// Pixels within this many standard deviations of the centre.
     Sigma(f64),
@@ -195,7 +199,7 @@ pub enum ShDirection {
     ToCamera,
 }
 
-/// The distance by which splats are sorted, and which the depth outputs contain.
+/// What splats are sorted by, and what the depth outputs contain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum KeyOf {
     /// The view depth.
@@ -207,18 +211,18 @@ pub enum KeyOf {
 /// The precision of view depths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Depth {
-    /// As in the rasteriser: positions and matrix are rounded to f32 first.
+    /// Positions and matrix are rounded to f32 first, as in the rasteriser.
     F32,
-    /// In f64, for scenes with depths that f32 cannot distinguish.
+    /// Computed in f64, for scenes with depths that f32 cannot distinguish.
     F64,
 }
 
 /// The order of splats of equal depth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Ties {
-    /// The lower index is nearer.
+    /// The splat with the lower index counts as nearer.
     Ascending,
-    /// The higher index is nearer.
+    /// The splat with the higher index counts as nearer.
     Descending,
 }
 
@@ -227,11 +231,11 @@ pub enum Ties {
 pub struct RuleInfo {
     /// The name for [`Rules::set`].
     pub name: &'static str,
-    /// The accepted values, as text.
+    /// The accepted values, described in words.
     pub values: &'static str,
     /// The value in [`Rules::PUBLISHED`].
     pub published: &'static str,
-    /// File and function of the rasteriser.
+    /// The file and the function of the rasteriser that define the rule.
     pub source: &'static str,
 }
 
@@ -273,7 +277,7 @@ const fn rule(
     RuleInfo { name, values, published, source }
 }
 
-/// An invalid change of a rule.
+/// The error of an invalid change of a rule.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RuleError {
     /// No rule has this name.
@@ -284,7 +288,7 @@ pub enum RuleError {
         /// The rule with the most similar name.
         nearest: &'static str,
     },
-    /// The rule does not take this value.
+    /// The rule does not accept this value.
     #[error("rule `{name}`: expected {expected}, found `{found}`")]
     Value {
         /// Name of the rule.
