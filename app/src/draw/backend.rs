@@ -1,7 +1,7 @@
-//! Chooses the graphics backend. No other module of the application names one.
+//! Chooses the graphics backend. Other modules of the application do not depend on a specific one.
 //!
 //! A [`Backend`] is a device of the chosen API, and forwards every call to it. The program contains the APIs that its
-//! system supports; `--backend` chooses among them.
+//! operating system supports; `--backend` chooses among them.
 
 use splatgraph_api::{
     BackendError, Device, DeviceInfo, DeviceMemory, FrameId, FrameInputs, FrameResult, Heap, Picture,
@@ -38,7 +38,7 @@ pub enum Api {
     /// Metal, on Apple's systems.
     #[cfg(target_vendor = "apple")]
     Metal,
-    /// A device that executes nothing.
+    /// No graphics API: the device accepts every call and executes nothing.
     Null,
 }
 
@@ -73,7 +73,7 @@ impl Api {
         Api::ALL.into_iter().find(|api| api.name() == name)
     }
 
-    /// Makes the error for a name that is neither an API's nor one of `others`.
+    /// Makes the error message for a name that is neither an API nor one of `others`.
     pub fn refusal(name: &str, others: &[&str]) -> String {
         refusal(name, &[&Api::ALL.map(Api::name), others].concat())
     }
@@ -90,7 +90,7 @@ impl Api {
         })
     }
 
-    /// Lists the machine's devices.
+    /// Lists the devices that the API finds on this machine.
     ///
     /// # Errors
     /// The API is not installed.
@@ -104,7 +104,7 @@ impl Api {
     }
 }
 
-/// Makes the error for an API that is not in `names`, with the reason if it is known.
+/// Makes the error message for an API that is not in `names`, with the reason if it is known.
 fn refusal(name: &str, names: &[&str]) -> String {
     let why = match name {
         "metal" => ": Metal is on Apple's systems alone",
@@ -114,7 +114,7 @@ fn refusal(name: &str, names: &[&str]) -> String {
     format!("expected {}, found {name}{why}", alternatives(names))
 }
 
-/// Joins names: `vulkan, null or reference`.
+/// Joins names for a sentence: `vulkan, null or reference`.
 fn alternatives(names: &[&str]) -> String {
     match names {
         [first @ .., last] if !first.is_empty() => format!("{} or {last}", first.join(", ")),
@@ -136,40 +136,40 @@ impl fmt::Display for Api {
 
 /// An opened device and the plan that it executes.
 pub enum Backend {
-    /// Runs on Vulkan.
+    /// A Vulkan device.
     Vulkan(Vulkan),
-    /// Runs on Metal.
+    /// A Metal device.
     #[cfg(target_vendor = "apple")]
     Metal(Metal),
-    /// Executes nothing. The journal of its calls is not read.
+    /// A device that executes nothing, with the journal of its calls, which the application does not read.
     Null(Null, Journal),
 }
 
 /// Prepares plans for one [`Backend`].
 pub enum Loader {
-    /// Runs on Vulkan.
+    /// The loader of a Vulkan device.
     Vulkan(<Vulkan as Device>::Loader),
-    /// Runs on Metal.
+    /// The loader of a Metal device.
     #[cfg(target_vendor = "apple")]
     Metal(<Metal as Device>::Loader),
-    /// Executes nothing.
+    /// The loader of the null device.
     Null(<Null as Device>::Loader),
 }
 
 /// A plan prepared for one [`Backend`].
 pub enum Ready {
-    /// Runs on Vulkan.
+    /// A plan for a Vulkan device.
     Vulkan(ReadyOf<Vulkan>),
-    /// Runs on Metal.
+    /// A plan for a Metal device.
     #[cfg(target_vendor = "apple")]
     Metal(ReadyOf<Metal>),
-    /// Executes nothing.
+    /// A plan for the null device.
     Null(ReadyOf<Null>),
 }
 
 type ReadyOf<D> = <<D as Device>::Loader as splatgraph_api::Loader>::Ready;
 
-/// Forwards a call to the device.
+/// Evaluates `$call` with the device of a backend, whatever its API.
 macro_rules! each {
     ($backend:expr, $device:ident => $call:expr) => {
         match $backend {
@@ -215,10 +215,10 @@ impl Backend {
         }
     }
 
-    /// Opens a device whose frames, such as a window's, do not delay this device's frames.
+    /// Opens a second device that does not delay this device's frames, for example to draw beside a window.
     ///
-    /// On a GPU, it is another context of this device. A CPU's driver has one queue, and threads that all devices of a
-    /// Vulkan instance share, so a pass on one delays the frames of the others. There, the device gets its own
+    /// On a GPU, it is another context of this device. A CPU driver has one queue, and all devices of a Vulkan instance
+    /// share its threads, so a pass on one device delays the frames of the others. There, the new device gets its own
     /// instance.
     ///
     /// # Errors
@@ -233,18 +233,18 @@ impl Backend {
         }
     }
 
-    /// Closes the device, and returns the remaining validation messages, including messages about closing it.
+    /// Closes the device, and returns the remaining validation messages, including those about closing it.
     pub fn close(self) -> Vec<String> {
         each!(self, device => device.close())
     }
 
-    /// Reports the memory of the device, across everything that shares it.
+    /// Returns the memory use of the device, including that of other contexts on it.
     pub fn device_memory(&self) -> DeviceMemory {
         each!(self, device => device.device_memory())
     }
 }
 
-/// Opens the device that executes nothing.
+/// Opens the null device, which executes nothing.
 fn null(options: &Options, window: Option<(u32, u32)>) -> Result<Backend, BackendError> {
     if options.validation != Validation::Off {
         let why =

@@ -38,7 +38,7 @@ pub fn names() -> Vec<&'static str> {
     FILES.iter().filter_map(graph).collect()
 }
 
-/// Lists the names of the built-in graphs that filter another graph's picture, sorted.
+/// Lists the names of the built-in graphs that process the picture of another graph, sorted.
 pub fn filters() -> Vec<&'static str> {
     let name = |(path, _): &(&'static str, &str)| {
         path.strip_prefix("pipelines/")?.strip_suffix(".ron").filter(|name| name.starts_with("filters/"))
@@ -46,14 +46,14 @@ pub fn filters() -> Vec<&'static str> {
     FILES.iter().filter_map(name).collect()
 }
 
-/// Lists the names of the built-in graphs that have an output besides the picture, sorted.
+/// Lists the names of the built-in graphs with the output `output` besides the picture, sorted.
 pub fn giving(output: &str) -> Vec<&'static str> {
     let gives = |text: &str| matches!(Document::parse(text), Ok(Document::Graph(graph)) if graph.outputs.contains_key(output));
     let files = FILES.iter().filter(|(path, text)| path.starts_with("pipelines/") && gives(text));
     files.map(|(path, _)| name_of(path)).collect()
 }
 
-/// A built-in file, for lists.
+/// A built-in file, with what a list shows of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct File {
     /// Name in graphs and commands: `splat`, `parts/sort`, `sort/scatter.comp`.
@@ -64,7 +64,7 @@ pub struct File {
     pub summary: String,
 }
 
-/// Lists the built-in files in titled groups: graphs, filters, parts, the program's own graphs, shaders.
+/// Lists the built-in files in titled groups: graphs, filters, parts, the program's own graphs, and shaders.
 pub fn groups() -> Vec<(&'static str, Vec<File>)> {
     let group_of = |path: &str| match path.split_once('/') {
         Some(("shaders", _)) => "Shaders",
@@ -134,7 +134,7 @@ fn summary(path: &str, text: &str) -> String {
     comment.split_once(". ").map_or(comment.as_str(), |(first, _)| first).trim_end_matches('.').to_owned()
 }
 
-/// A built-in graph, for lists.
+/// A built-in graph, with what a list shows of it.
 #[derive(Clone, Debug)]
 pub struct Preset {
     /// Name for `--pipeline`.

@@ -31,24 +31,25 @@ struct Block {
     /// Near plane, the scene's depth range, and its greatest distance from the camera.
     depth: [f32; 4],
     background: [f32; 4],
-    /// Remainder of the position below f32 precision.
+    /// Remainder of the position that f32 cannot represent.
     position_low: [f32; 4],
     frame: u32,
     padding: [u32; 3],
     /// Point from which positions in the camera's frame are computed.
     origin: [f32; 4],
-    /// Remainder of the origin below f32 precision.
+    /// Remainder of the origin that f32 cannot represent.
     origin_low: [f32; 4],
-    /// Vector from the camera to the origin, in the world and in the camera's frame.
+    /// Vector from the camera to the origin, first in the world's axes, then in the camera's.
     to_origin: [f32; 4],
     view_origin: [f32; 4],
-    /// Space for new members without a change of the block's size.
+    /// Padding for future members, which keeps the block's size constant.
     reserved: [f32; 4],
 }
 
 const _: () = assert!(size_of::<Block>() == 256);
 
-/// Focal length, in pixels, above which rounding from the camera could move a splat by a thousandth of a pixel.
+/// Focal length in pixels above which the rounding of positions relative to the camera could move a splat by a
+/// thousandth of a pixel.
 const LONG_FOCAL: f64 = 16_384.0;
 
 /// Byte offset of the frame number in the block.
@@ -68,7 +69,7 @@ pub fn frame_uniforms(
     [(CAMERA.to_owned(), uniform(camera, depth, distance, background, frame))].into()
 }
 
-/// Computes a range that contains the view depths of the scene's box in f32. Neither end is nearer than [`NEAR`].
+/// Computes a range that contains the view depths of the scene's box as f32. Both ends are at least [`NEAR`].
 ///
 /// A depth is a sum of four terms, each rounded to 24 bits. The range includes depths that this rounding moves out of
 /// the box.
@@ -79,11 +80,11 @@ pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     [(near - rounding).max(NEAR), (far + rounding).max(NEAR)]
 }
 
-/// Bound on the error of a view depth in f32, relative to the coordinates that it is computed from: four roundings,
+/// Bound on the error of a view depth in f32, relative to the coordinates from which it is computed: four roundings,
 /// doubled.
 pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 
-/// Computes an upper bound, valid in f32, on the distance from the camera to a splat in the scene's box.
+/// Computes an upper bound on the distance from the camera to a splat in the scene's box; it also holds in f32.
 fn farthest(camera: &Camera, bounds: &Bounds) -> f64 {
     let corner =
         bounds.corners().into_iter().map(|corner| DVec3::from(corner).distance(camera.position.into()));
@@ -128,7 +129,7 @@ fn uniform(camera: &Camera, depth: [f64; 2], distance: f64, background: [f32; 3]
     bytemuck::bytes_of(&block).to_vec()
 }
 
-/// A number stored as the sum of two floats.
+/// A number as the sum of two floats: its value in f32, and the remainder.
 #[derive(Clone, Copy)]
 struct Double {
     high: f32,
@@ -146,7 +147,7 @@ impl Double {
     }
 }
 
-/// Chooses the point from which positions in the camera's frame are computed; `depth` is the scene's depth range.
+/// Chooses the point from which positions in the camera's frame are computed. `depth` is the scene's depth range.
 ///
 /// A position that is computed from the camera is rounded by 6e-8 of its distance, which is fx * 6e-8 pixels on the
 /// image at any distance. With a long focal length, this can be several pixels. A position that is computed from a
@@ -162,10 +163,10 @@ fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
     std::array::from_fn(|axis| camera.position[axis] + 0.5 * (near + far) * forward[axis])
 }
 
-/// Finds the cameras file of a scene, where the reference implementation places it.
+/// Finds the cameras file that belongs to a scene, at the paths that the reference implementation uses.
 ///
-/// It is `NAME.cameras.json`, also for `NAME.compressed.ply`, or `cameras.json` in the scene's folder; for
-/// `point_cloud/iteration_N/point_cloud.ply`, also up to three folders above.
+/// It is `NAME.cameras.json` (also for `NAME.compressed.ply`), or `cameras.json` in the scene's folder. For
+/// `point_cloud/iteration_N/point_cloud.ply`, it may also be up to three folders higher.
 pub fn beside(scene: &Path) -> Option<PathBuf> {
     let name = scene.file_name()?.to_string_lossy();
     let plain =

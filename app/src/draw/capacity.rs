@@ -1,9 +1,9 @@
 //! Detects incomplete frames, and raises the capacity of their lists.
 //!
-//! A pass may write a list whose length only the device knows. The list's capacity is then a constant parameter of the
-//! graph that `grows` with a statistic, in which the passes count the entries that they needed. If the statistic of a
-//! frame exceeds the parameter, the frame contains only the entries that fitted. [`overflows`] finds this in the
-//! frame's results. [`Capacities`] stores minimum values of such parameters, for plans with capacity for the same frame
+//! A pass may write a list whose length only the device knows. Its capacity is then a constant parameter of the graph
+//! that `grows` with a statistic: the number of entries that the passes needed. If the statistic of a frame exceeds the
+//! parameter, the frame contains only the entries that fitted. [`overflows`] detects this from the frame's statistics.
+//! [`Capacities`] stores the minimum values of such parameters, so that the next plan has capacity for the same frame
 //! plus a quarter.
 
 use splatgraph_assets::grouped;
@@ -11,10 +11,10 @@ use splatgraph_framework::ir::{Domain, Value};
 use splatgraph_framework::plan::Plan;
 use std::fmt;
 
-/// A list whose capacity a frame exceeded.
+/// A frame's overflow of a list: the capacity and the need.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Overflow {
-    /// The parameter that grows.
+    /// Name of the parameter that is the list's capacity.
     pub parameter: String,
     /// The parameter's value in the frame's plan: the number of entries that were drawn.
     pub room: i64,
@@ -25,7 +25,7 @@ pub struct Overflow {
 }
 
 impl Overflow {
-    /// Returns the value to which the parameter grows: the need plus a quarter, within the range.
+    /// Returns the parameter's new value: the need plus a quarter, within the range.
     pub fn target(&self) -> i64 {
         self.needed.saturating_add(self.needed / 4).min(self.most)
     }
@@ -38,7 +38,7 @@ impl fmt::Display for Overflow {
     }
 }
 
-/// Finds the lists of `plan` that overflowed in a frame, from its statistics.
+/// Lists the overflows of a frame of `plan`, from its statistics.
 pub fn overflows(plan: &Plan, stats: &[(String, u32)]) -> Vec<Overflow> {
     let of = |param: &splatgraph_framework::ir::Param| {
         let (_, needed) = stats.iter().find(|(name, _)| Some(name) == param.grows.as_ref())?;
@@ -55,12 +55,12 @@ pub fn overflows(plan: &Plan, stats: &[(String, u32)]) -> Vec<Overflow> {
     plan.params.iter().filter_map(of).collect()
 }
 
-/// Minimum values of growing parameters, from the needs of earlier frames.
+/// Minimum values of growing parameters, set by the needs of earlier frames.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Capacities(Vec<(String, i64)>);
 
 impl Capacities {
-    /// Raises the capacity that a frame exceeded; returns true if it was lower than needed.
+    /// Raises the minimum for a list that overflowed. Returns false if it is already high enough, or cannot rise.
     pub fn raise(&mut self, short: &Overflow) -> bool {
         let target = short.target();
         match self.0.iter_mut().find(|(name, _)| *name == short.parameter) {
@@ -78,12 +78,12 @@ impl Capacities {
         }
     }
 
-    /// Removes a parameter.
+    /// Removes the minimum of a parameter, so that its default applies again.
     pub fn forget(&mut self, parameter: &str) {
         self.0.retain(|(name, _)| name != parameter);
     }
 
-    /// Lists the values by parameter, for [`splatgraph_framework::ir::Request::capacities`].
+    /// Returns the minimum values by parameter, for [`splatgraph_framework::ir::Request::capacities`].
     pub fn values(&self) -> &[(String, i64)] {
         &self.0
     }

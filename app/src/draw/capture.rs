@@ -1,9 +1,9 @@
 //! Draws pictures together with the order in which their splats were drawn.
 //!
 //! A wrong picture usually comes from a wrong order, so studies capture both. The order is the contents of the buffer
-//! that a graph binds as `Order`, as the last pass that binds it reads them. The distance between two orders is the
-//! number of pairs of splats that they order differently (Kendall's tau), which equals the number of swaps of
-//! neighbours that turn one into the other.
+//! that a graph binds as `Order`, as its last reader sees them. The distance between two orders is Kendall's tau: the
+//! number of pairs of splats that they order differently, which is also the number of swaps of neighbours that turn one
+//! into the other.
 
 use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
 use crate::io::image::Image;
@@ -27,11 +27,11 @@ pub struct Capture {
 /// An error while taking a capture.
 #[derive(Debug, thiserror::Error)]
 pub enum CaptureError {
-    /// The session failed.
+    /// The session could not draw the frame.
     // Not transparent: a graph's errors are found among the causes, and printed with their source text.
     #[error("{0}")]
     Session(#[from] SessionError),
-    /// The graph's output is not a picture.
+    /// The graph's output has a format without colours, which is named here.
     #[error("the graph's output `{0}` has no colours")]
     NoColours(String),
 }
@@ -57,8 +57,8 @@ pub fn take<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Capt
     Ok(Capture { image, order, counts: result.stats })
 }
 
-/// Finds the buffer with the order of the splats, after the last pass that binds it. `None` if another pass changes it
-/// before the frame's end, when contents are read.
+/// Finds the buffer with the order of the splats, and the last pass that binds it as such. `None` if a later pass uses
+/// the buffer: it may overwrite it before the end of the frame, when contents are read.
 fn order_of(plan: &Plan) -> Option<Inspect> {
     let steps = || plan.frame.iter().rev().copied();
     let order = |pass: PassId| plan.pass(pass).bindings.iter().find(|binding| binding.name == "Order");
@@ -67,19 +67,19 @@ fn order_of(plan: &Plan) -> Option<Inspect> {
     (steps().find(binds) == Some(after)).then_some(Inspect { resource, after })
 }
 
-/// Counts the pairs of the given splats that `truth` orders differently; `None` if a splat is missing there, or occurs
-/// twice.
+/// Counts the pairs of splats in `given` that `truth` orders differently. `None` if `truth` lacks a splat, or an order
+/// contains one twice.
 pub fn wrong_pairs(truth: &[u32], given: &[u32]) -> Option<u64> {
     inversions(&only(truth, given), given)
 }
 
-/// Counts the pairs of splats, among those in both orders, that swap places; `None` if an order contains a splat twice.
+/// Counts the pairs of splats that swap places, among splats in both orders; `None` if an order has a splat twice.
 pub fn order_changes(before: &[u32], after: &[u32]) -> Option<u64> {
     let kept = only(before, after);
     inversions(&kept, &only(after, &kept))
 }
 
-/// Lists the splats of an order that another order contains as well.
+/// Returns the splats of `order` that `of` contains as well, in their order.
 pub fn only(order: &[u32], of: &[u32]) -> Vec<u32> {
     let mut held = vec![false; order.iter().max().map_or(0, |most| *most as usize + 1)];
     for index in of {

@@ -21,19 +21,19 @@ pub struct SceneFacts {
     pub sh_degree: u32,
     /// Degree of the stored spherical harmonics.
     pub stored_sh_degree: u32,
-    /// Width of depth keys that sort all splats correctly in every view, in bits: see [`keys::of_scene`].
+    /// Width of depth keys that sort all splats correctly in every view, in bits; see [`keys::of_scene`].
     pub key_bits: u32,
     /// Low-pass filter of the training, from the file's tags.
     pub low_pass: Filter,
     /// Distance by which splats are sorted, from the file's tags.
     pub key_of: SortKey,
-    /// True if positions exceed the precision of f32: see [`Scene::is_wide`].
+    /// True if positions exceed the precision of f32; see [`Scene::is_wide`].
     pub wide: bool,
     /// Largest absolute value of a coefficient of the spherical harmonics, rounded up.
     pub largest_sh: u64,
     /// Upper bound of the splats' display-encoded brightness, rounded up.
     pub brightest: u64,
-    /// Number of triangles of its mesh.
+    /// Number of triangles of the scene's mesh.
     pub triangles: u64,
 }
 
@@ -69,7 +69,7 @@ impl SceneFacts {
     }
 }
 
-/// Collects the facts of a graph that draws a scene. The size is in pixels.
+/// Returns the facts for a graph that draws a scene. `size` is the picture's width and height in pixels.
 pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Facts {
     let mut facts = without_scene(device, size);
     let scene_facts = [
@@ -88,7 +88,7 @@ pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Fact
     facts
 }
 
-/// Collects the facts of a graph that draws no scene. The size is in pixels.
+/// Returns the facts for a graph that draws no scene. The size is the picture's width and height in pixels.
 pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts {
     let viewport = [("viewport.width", width), ("viewport.height", height)];
     Facts {
@@ -150,7 +150,7 @@ pub fn apple_device() -> DeviceFacts {
     }
 }
 
-/// Lists the imports of a graph that draws this scene.
+/// Lists the imports of a graph that draws `scene`.
 pub fn catalog(scene: &Scene) -> Catalog {
     catalog_of(scene, scene.count().into())
 }

@@ -19,22 +19,22 @@ use std::collections::VecDeque;
 /// Motion of a film's camera.
 #[derive(Clone, Debug)]
 pub enum Motion {
-    /// Through keys, at constant speed.
+    /// Through the keys of a path, at constant speed.
     Path(CameraPath),
-    /// Around an axis, once, at constant speed.
+    /// Once around an axis, at constant speed.
     Orbit(Orbit),
 }
 
-/// A film, apart from its scene.
+/// The motion and timing of a film, without the scene.
 #[derive(Clone, Debug)]
 pub struct Film {
     /// Motion of the camera.
     pub motion: Motion,
     /// Number of frames of the film.
     pub frames: u32,
-    /// Number of pictures that are averaged for a frame.
+    /// Number of pictures that are averaged for each frame.
     pub samples: u32,
-    /// Time that the shutter is open, as a share of the time between two frames.
+    /// Time that the shutter is open, as a share of the time between two frames. With 0, there is no motion blur.
     pub shutter: f64,
 }
 
@@ -48,7 +48,7 @@ impl Film {
         (0..self.samples).filter_map(|sample| self.camera(at(sample))).collect()
     }
 
-    /// Computes the camera at a time, in frames; `None` for a path without keys.
+    /// Computes the camera at a time, counted in frames; `None` for a path without keys.
     fn camera(&self, at: f64) -> Option<Camera> {
         match &self.motion {
             Motion::Path(path) => path.at_frame(at, self.frames),
@@ -66,11 +66,10 @@ pub struct DrawOptions {
     pub jobs: usize,
 }
 
-/// Draws frames of a film, and returns the GPU milliseconds of all samples; `None` if the device has no timestamps.
+/// Draws frames of a film, and returns the sum of all samples' GPU times in milliseconds; `None` without timestamps.
 ///
-/// `encode` runs on other threads; `done` receives its results in the order of the frames. The session must be prepared
-/// for the pictures' size.
-///
+/// `encode` runs on other threads. `done` receives its results in the order of the frames. The session must be prepared
+/// for the size of the pictures.
 /// # Errors
 /// The device fails, the graph's output has no colours, or `encode` or `done` fails.
 pub fn draw<D: Device, T: Send + 'static>(
@@ -109,9 +108,9 @@ pub fn draw<D: Device, T: Send + 'static>(
     developing.finish()
 }
 
-/// Pictures that are submitted but not yet encoded.
+/// Pictures that are submitted but not yet encoded, with the sum of the samples so far.
 struct Developing<T, E, F> {
-    /// Frames in flight, each with its frame of the film; a frame's last sample also has the number of samples.
+    /// Frames in flight, each with its frame of the film. For the last sample of a frame, also the number of samples.
     flying: VecDeque<(FrameId, u32, Option<usize>)>,
     exposure: Exposure,
     pictures: Pictures<T>,
@@ -126,7 +125,7 @@ where
     E: Fn(u32, Image) -> Result<T> + Clone + Send + 'static,
     F: FnMut(T) -> Result<()>,
 {
-    /// Waits for the oldest frame in flight; starts to encode the picture that it completes.
+    /// Waits for the oldest frame in flight, and starts to encode the picture if this was its last sample.
     fn land<D: Device>(&mut self, session: &mut Session<D>) -> Result<()> {
         let Some((id, frame, last)) = self.flying.pop_front() else { return Ok(()) };
         let result = session.wait(id)?;
@@ -147,7 +146,7 @@ where
         finished.into_iter().try_for_each(&mut self.done)
     }
 
-    /// Waits for all pictures.
+    /// Waits for all pictures, and returns the sum of the GPU milliseconds.
     fn finish(mut self) -> Result<Option<f64>> {
         while let Some(outcome) = self.pictures.wait()? {
             (self.done)(outcome)?;
@@ -160,7 +159,7 @@ fn colours(pixels: &Pixels) -> Result<Image> {
     image_of(pixels).context("the graph's output has no colours")
 }
 
-/// A sum of pictures in linear light.
+/// The sum of a frame's samples, in linear light.
 #[derive(Default)]
 struct Exposure {
     size: (usize, usize),
@@ -169,7 +168,7 @@ struct Exposure {
 }
 
 impl Exposure {
-    /// Adds a picture of the same size as the earlier ones.
+    /// Adds a sample, which has the size of the earlier ones.
     fn add(&mut self, image: &Image) {
         self.size = (image.width, image.height);
         self.count += 1.0;
@@ -178,7 +177,7 @@ impl Exposure {
         self.sum.par_iter_mut().zip(values).for_each(|(sum, value)| *sum += linear(*value));
     }
 
-    /// Computes the mean, display-encoded.
+    /// Computes the mean of the samples, display-encoded.
     fn developed(self) -> Image {
         let (width, height) = self.size;
         let pixel = |sum: &[f32; 3]| sum.map(|sum| encoded(sum / self.count));
@@ -186,7 +185,7 @@ impl Exposure {
     }
 }
 
-/// Decodes sRGB to linear light; negative values keep their sign.
+/// Decodes sRGB to linear light. Negative values keep their sign.
 fn linear(value: f32) -> f32 {
     let size = value.abs();
     let light = if size <= 0.040_45 { size / 12.92 } else { ((size + 0.055) / 1.055).powf(2.4) };

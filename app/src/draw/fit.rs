@@ -1,10 +1,10 @@
-//! Determines whether a scene, drawn with a graph, fits a device, and how many of its splats would.
+//! Checks whether a device can draw a scene with a graph, and how many splats it could draw.
 //!
 //! Two limits stop large scenes: the maximum size of a storage buffer, 128 MiB on the smallest devices, and the
 //! device's memory. A graph is first built for the device itself. If that fails, it is built for the same device
-//! without a limit on storage buffers, which shows how large the buffers would be. Two numbers of splats show how the
-//! buffers grow, and so about how many splats fit. That number is then tried, and some larger ones. The result is a
-//! lower bound: a few more splats might fit.
+//! without a limit on storage buffers, which shows how large the buffers would be. The sizes at two numbers of splats
+//! show how the buffers grow, which gives an estimate of the number that fits. The estimate is then tried, and some
+//! larger numbers. The result is a lower bound: a few more splats might fit.
 
 use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, Planner};
@@ -22,7 +22,7 @@ use std::path::Path;
 pub struct Wanted<'a> {
     /// Name of a preset, or a path.
     pub graph: &'a str,
-    /// Parameters of the graph; later entries win.
+    /// Values of the graph's parameters; later entries override earlier ones.
     pub set: &'a [(String, String)],
     /// Facts of the scene, with its number of splats.
     pub scene: facts::SceneFacts,
@@ -32,14 +32,14 @@ pub struct Wanted<'a> {
     pub size: (u32, u32),
 }
 
-/// A device to fit.
+/// A device that a scene should fit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Target {
     /// The device's name.
     pub name: String,
     /// Facts of the device, as graphs see them.
     pub facts: DeviceFacts,
-    /// Memory of the device; 0 bytes if it is unknown.
+    /// The device's memory heap; 0 bytes if unknown.
     pub heap: Heap,
 }
 
@@ -51,16 +51,16 @@ impl Target {
     }
 }
 
-/// Memory needs of a graph and a scene, compared with the limits of a device.
+/// Memory that a graph needs for a scene, compared with the limits of a device.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Fit {
-    /// The device to fit.
+    /// The device whose limits are compared.
     pub device: Target,
     /// True if every buffer and the total memory fit the device.
     pub fits: bool,
     /// Number of splats in the scene.
     pub splats: u64,
-    /// Bytes of the resources that stay on the device; shared memory counts once.
+    /// Bytes of the resources that stay on the device; memory that resources share counts once.
     pub needed_bytes: u64,
     /// Bytes of the resources that are freed after the first frame; they are in host memory if the device has no room.
     pub loading_bytes: u64,
@@ -77,7 +77,7 @@ pub struct Fit {
 /// Memory that a plan needs, in bytes.
 struct Needs {
     storage: BTreeMap<String, u64>,
-    /// Bytes of the resources that stay.
+    /// Bytes of the resources that stay allocated.
     total: u64,
     /// Bytes of the resources that are freed after the prologue.
     loading: u64,
@@ -129,7 +129,7 @@ pub fn available(heap: &Heap) -> Option<u64> {
     heap.available.or(Some(heap.bytes).filter(|bytes| *bytes > 0))
 }
 
-/// Builds a plan, and compares its needs with the device's limits. A plan that exceeds them is built as if it fitted.
+/// Builds a plan, and compares its needs with the device's limits. The plan is returned even if it exceeds them.
 ///
 /// # Errors
 /// The graph or its shaders have errors that do not depend on the scene's size.
@@ -179,7 +179,7 @@ fn build(
     planner.plan(wanted.graph, wanted.set, &facts::facts(&scene, device, wanted.size), &catalog)
 }
 
-/// Finds a number of splats that fits, rounded down; a lower bound.
+/// Finds a number of splats that fits, rounded down. It is a lower bound.
 fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) -> Option<u64> {
     let (count, half) = (wanted.scene.count, wanted.scene.count / 2);
     let fewer = Needs::of(&build(planner, wanted, &boundless(&device.facts), half.max(1)).ok()?);
@@ -214,9 +214,10 @@ fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) 
     None
 }
 
-/// Searches for larger numbers of splats that fit, between one that does and one that does not.
+/// Searches for larger numbers of splats that fit, between `fit`, which does, and `none`, which does not.
 ///
-/// The estimate cannot account for a graph that chooses smaller formats if larger ones do not fit.
+/// This is needed because the estimate cannot account for a graph that chooses smaller formats when larger ones do not
+/// fit.
 fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Option<u64> {
     let mut found = None;
     for _ in 0..8 {
@@ -230,10 +231,10 @@ fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Optio
     found
 }
 
-/// Refuses a scene that cannot fit the device, from its header, before its splats are loaded.
+/// Rejects a scene that cannot fit the device from its file's header, before its splats are loaded.
 ///
-/// The header does not tell which bands of the harmonics are in use, so only band 0 is counted. For a scene that is
-/// small relative to the device, only the header is read; for others the plan is built.
+/// The header does not tell which bands of the harmonics are used, so only band 0 is counted. For a scene that is
+/// small relative to the device, no plan is built.
 ///
 /// # Errors
 /// The header is invalid, or the scene is too large.
@@ -271,7 +272,7 @@ fn loading(bytes: u64) -> String {
 }
 
 impl fmt::Display for Fit {
-    /// Writes the device, whether the scene fits, and the number of splats that would.
+    /// Writes the device, whether the scene fits, and the number of splats that would fit.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Target { name, facts, heap } = &self.device;
         let limit = facts.max_storage_bytes;

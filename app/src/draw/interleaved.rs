@@ -23,7 +23,7 @@ pub struct Effort {
     pub frames: u32,
 }
 
-/// Requested numbers of rounds and frames.
+/// The numbers of rounds and frames that the user asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Frames {
     /// Maximum number of rounds.
@@ -33,8 +33,9 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Chooses the numbers for a session that is prepared at the camera's size. Without a number of frames, a round has
-    /// the default number divided by `part`.
+    /// Chooses the numbers for a session that is prepared at the camera's size.
+    ///
+    /// If the user gave no number of frames, a round has the default number divided by `part`.
     ///
     /// # Errors
     /// The device fails.
@@ -63,19 +64,19 @@ pub struct Timed {
 }
 
 impl Timed {
-    /// Sums the milliseconds of the wanted passes; `None` without timestamps.
+    /// Sums the milliseconds of the passes that `wanted` accepts; `None` without timestamps.
     pub fn passes_ms(&self, wanted: impl Fn(PassId) -> bool) -> Option<f64> {
         self.result.pass_ms.iter().filter(|(id, _)| wanted(*id)).map(|(_, ms)| *ms).sum()
     }
 }
 
-/// Lists the passes of a plan's frame that have times, in order of execution. Passes that run once are left out.
+/// Lists the passes with times in a plan's frame, in order of execution. Passes that run once are left out.
 pub fn timed_passes(plan: &Plan, frame: &Timed) -> Vec<PassId> {
     let ran = |id: &PassId| frame.result.pass_ms.iter().any(|(pass, _)| pass == id);
     plan.frame.iter().copied().filter(ran).collect()
 }
 
-/// Lists the phases of passes, each once, in the order of the passes.
+/// Lists the phases that passes belong to, each once, in the order of the passes.
 pub fn phases<'a>(plan: &'a Plan, passes: &[PassId]) -> Vec<&'a str> {
     let mut names: Vec<&str> = Vec::new();
     for id in passes {
@@ -87,7 +88,7 @@ pub fn phases<'a>(plan: &'a Plan, passes: &[PassId]) -> Vec<&'a str> {
     names
 }
 
-/// Computes the median of a value over frames; `None` if a frame has none.
+/// Computes the median of a value over frames; `None` if it is missing in one of them.
 pub fn median_of(frames: &[Timed], value: impl Fn(&Timed) -> Option<f64>) -> Option<f64> {
     median(frames.iter().map(value).collect::<Option<Vec<_>>>()?)
 }
@@ -97,15 +98,15 @@ pub fn gpu_ms(frames: &[Timed]) -> Option<f64> {
     median_of(frames, |frame| frame.result.total_ms)
 }
 
-/// The frames of a session, by round.
+/// The frames of a session, grouped by round.
 pub type Rounds = Vec<Vec<Timed>>;
 
 /// Timestamps to take in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Timestamps {
-    /// Of the whole frame, and of each pass.
+    /// The whole frame, and each pass.
     Passes,
-    /// Of the whole frame alone, because timestamps of passes cost device time.
+    /// Only the whole frame, because timestamps of passes cost device time.
     Frame,
 }
 
@@ -159,8 +160,8 @@ pub fn rounds<D: Device>(
 /// Minimum duration of warm-up frames, which do not count: a device that was idle runs at a lower clock.
 pub const WARM_UP: Duration = Duration::from_millis(200);
 
-/// Draws interleaved frames that do not count, for [`WARM_UP`]. Returns the milliseconds of the last frame of each
-/// session together.
+/// Draws interleaved frames for [`WARM_UP`] without measuring them. Returns the sum of the milliseconds of each
+/// session's last frame.
 ///
 /// # Errors
 /// The device fails.
@@ -190,7 +191,7 @@ pub fn busy(frames: &[Timed]) -> Option<f64> {
 /// Target length of a round.
 const ROUND: Duration = Duration::from_millis(200);
 
-/// Chooses the number of frames per round for frames of `wall_ms` milliseconds.
+/// Returns the number of frames that fill a round if each takes `wall_ms` milliseconds.
 pub fn frames_of(wall_ms: f64) -> u32 {
     ((1e3 * ROUND.as_secs_f64() / wall_ms) as u32).clamp(1, 30)
 }
@@ -214,7 +215,7 @@ impl Figure {
         Some(Figure { median: median(medians)?, spread: most - least })
     }
 
-    /// Averages medians, and takes the largest spread; `None` without figures, or if one is missing.
+    /// Averages the medians, and takes the largest spread; `None` without figures, or if one is missing.
     pub fn mean(figures: impl IntoIterator<Item = Option<Figure>>) -> Option<Figure> {
         let figures = figures.into_iter().collect::<Option<Vec<Figure>>>()?;
         let sum: f64 = figures.iter().map(|figure| figure.median).sum();

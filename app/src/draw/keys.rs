@@ -1,7 +1,7 @@
-//! Determines how wide a depth key must be.
+//! Computes the width that a depth key needs.
 //!
-//! A key never decreases with depth, so only splats with equal keys can be in the wrong order: they keep the order of
-//! the file. Only pairs that overlap on the screen matter. The keys are computed with the operations of
+//! A key never decreases with depth, so only splats with equal keys can be in the wrong order: the sort leaves them in
+//! the order of the file. Only pairs that overlap on the screen matter. The keys are computed with the operations of
 //! shaders/depth_key.glsl; a test compares the two.
 //!
 //! [`of_scene`] computes the width that orders every view of a scene exactly, which graphs see as the fact
@@ -48,20 +48,20 @@ impl Mapping {
     }
 }
 
-/// Computes the keys of a frame.
+/// The function from depths to keys in one frame.
 pub struct Keys {
     map: Mapping,
     range: (f32, f32),
     bits: u32,
-    /// First key of each class of depths, and the end of the last class; only for equalised keys.
+    /// First key of each class of depths, and the end of the last class. Used only for equalised keys.
     starts: Vec<u32>,
 }
 
-/// Bits of a depth's class, for equalised keys: see shaders/depth_classes.glsl.
+/// Number of bits of a depth's class, for equalised keys; see shaders/depth_classes.glsl.
 const CLASS_BITS: u32 = 11;
 
 impl Keys {
-    /// Prepares keys of `bits` bits. The tuple is the depth range of the scene's box, not below the near plane.
+    /// Prepares keys of `bits` bits. The pair is the depth range of the scene's box, not below the near plane.
     ///
     /// `depths` are the depths of the frame's visible splats.
     pub fn new(map: Mapping, (near, far): (f32, f32), bits: u32, depths: impl Iterator<Item = f32>) -> Keys {
@@ -116,12 +116,12 @@ impl Keys {
     }
 }
 
-/// Returns the upper 32 bits of a product.
+/// Returns the upper 32 bits of the 64-bit product.
 fn high(a: u32, b: u32) -> u32 {
     ((u64::from(a) * u64::from(b)) >> 32) as u32
 }
 
-/// Computes the key that `count` of `all` splats precede, like `key_after` in shaders/equalise.comp.
+/// Computes the key of a splat that `count` of `all` splats precede, like `key_after` in shaders/equalise.comp.
 fn key_after(count: u32, all: u32, bits: u32) -> u32 {
     if all == 0 {
         return 0;
@@ -132,7 +132,7 @@ fn key_after(count: u32, all: u32, bits: u32) -> u32 {
 
 /// Computes 2^bits divided by a range of 2^31 or more, in units of 2^-32.
 ///
-/// The result is rounded, but equal for every key.
+/// The result is rounded, but it is the same for every key, so the order does not change.
 fn factor(range: u32, bits: u32) -> u32 {
     let factor = (bits as f32).exp2() * (4_294_967_296.0 / (range as f32 + 1.0));
     factor.min(4_294_967_040.0) as u32
@@ -145,7 +145,7 @@ fn fixed_log2(z: f32) -> u32 {
     ((bits >> 23) << 24) + (m >> 8) + (high(high(m, !m), 1_477_468_750) >> 8)
 }
 
-/// Scales `x` from 0..range to `bits` bits; returns it unchanged if the range fits.
+/// Scales `x` from 0..range to `bits` bits. Returns it unchanged if the range already fits.
 fn stretch(x: u32, range: u32, bits: u32) -> u32 {
     if bits >= 32 || range >> bits == 0 {
         return x;
@@ -154,17 +154,17 @@ fn stretch(x: u32, range: u32, bits: u32) -> u32 {
     high(x << up, factor(range << up, bits)).min((1 << bits) - 1)
 }
 
-/// The data of a view that its order depends on.
+/// The data of a view that determine which splats overlap, and their order.
 pub struct View<'a> {
     /// The visible splats, near to far.
     pub visible: &'a [Visible],
     /// Tiles across and down.
     pub tiles: [u32; 2],
-    /// Depth range for which keys are made.
+    /// Depth range that the keys cover.
     pub range: (f32, f32),
 }
 
-/// The width that a mapping needs.
+/// The key width that a mapping needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Need {
     /// Mapping of depth to keys.
@@ -173,21 +173,21 @@ pub struct Need {
     pub bits: Option<u32>,
 }
 
-/// Finds the smallest width for each mapping that orders the views sufficiently.
+/// Finds, for each mapping, the smallest width that leaves at most `errors` wrong pairs in each view.
 ///
-/// In any view, it leaves at most `errors` overlapping pairs in the wrong order.
+/// A wrong pair is two splats that overlap on the screen and are drawn in the wrong order.
 pub fn needs(views: &[View], errors: u64) -> Vec<Need> {
     Mapping::ALL.into_par_iter().map(|map| Need { map, bits: need(views, map, errors) }).collect()
 }
 
-/// Finds the smallest width of a mapping; `None` if even 32 bits are not enough.
+/// Finds the smallest sufficient width of a mapping; `None` if even 32 bits are not enough.
 fn need(views: &[View], map: Mapping, errors: u64) -> Option<u32> {
     let enough = |bits: &u32| views.iter().all(|view| wrong_pairs(view, map, *bits, errors) <= errors);
     // From wide to narrow: wide keys have few ties, and the first width with too many ends the search.
     WIDTHS.rev().take_while(enough).last()
 }
 
-/// The projected splats of a scene in several views.
+/// A scene's splats, projected into several views.
 pub struct Seen<'a> {
     scene: &'a Scene,
     cameras: &'a [Camera],
@@ -195,14 +195,14 @@ pub struct Seen<'a> {
 }
 
 impl Seen<'_> {
-    /// Projects the scene into every view, by its rules.
+    /// Projects the scene into every view, by the scene's own rules.
     pub fn new<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
         let rules = Rules::of(scene);
         let visible = cameras.iter().map(|camera| visible(scene, camera, &rules)).collect();
         Seen { scene, cameras, visible }
     }
 
-    /// Projects only the splats that are visible by the published rules: the order of others does not matter.
+    /// Projects only the splats that are visible by the published rules. The order of the other splats does not matter.
     ///
     /// [`of_scene`] includes the others, because a graph's parameter `alpha_floor` can be lower than the published
     /// floor.
@@ -225,7 +225,7 @@ impl Seen<'_> {
     }
 }
 
-/// Makes `count` cameras around the middle of a scene, starting with the given one.
+/// Makes `count` cameras around the middle of a scene. The first is the given one.
 pub fn around(scene: &Scene, first: &Camera, count: u32) -> Vec<Camera> {
     let center = scene.robust_bounds().center();
     let turned = |at: u32| Camera {
@@ -235,10 +235,10 @@ pub fn around(scene: &Scene, first: &Camera, count: u32) -> Vec<Camera> {
     (0..count).map(turned).collect()
 }
 
-/// Computes the width of keys with [`Mapping::FloatBits`] that orders every view of a scene exactly, 8 to 32.
+/// Computes the width, 8 to 32 bits, at which keys with [`Mapping::FloatBits`] order every view of a scene exactly.
 ///
 /// Keys are exact if their range contains at most 2^width floats. In a view, depths range from some `near` to at most
-/// `near` plus the diagonal of the scene's box. The bits of a float are concave in its value, so no such range has more
+/// `near` plus the diagonal of the scene's box. Floats become sparser with their value, so no such range has more
 /// floats than the one that starts at the near plane. Rounding of the depths ([`depth_range`]) extends the range only
 /// slightly for cameras whose distance from the origin is at most a thousand times the scene's size.
 pub fn of_scene(bounds: &Bounds) -> u32 {
@@ -251,14 +251,16 @@ pub fn of_scene(bounds: &Bounds) -> u32 {
     (u32::BITS - range.leading_zeros()).clamp(*WIDTHS.start(), *WIDTHS.end())
 }
 
-/// Maximum number of tiles and pairs to examine for one width in one view. Thousands of splats with equal keys, at one
-/// position or on a plane, would otherwise take time quadratic in their number.
+/// Maximum number of tiles and pairs to examine for one width in one view.
+///
+/// Thousands of splats with equal keys, at one position or on a plane, would otherwise take quadratic time.
 const MOST_WORK: u64 = 20_000_000;
 
-/// Counts the pairs that overlap on the screen and are drawn in the wrong order; stops beyond `limit`.
+/// Counts the pairs that overlap on the screen and are drawn in the wrong order. Stops once there are more than
+/// `limit`.
 ///
-/// Pairs overlap if they touch a common tile, which are a few more than share a pixel. If counting them takes more than
-/// [`MOST_WORK`], the result is too many, so that keys become too wide rather than too narrow.
+/// Pairs count as overlapping if they touch a common tile, which includes a few that share no pixel. If counting takes
+/// more than [`MOST_WORK`], the result exceeds the limit, so that keys become too wide rather than too narrow.
 fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     let of = Keys::new(map, view.range, bits, view.visible.iter().map(|splat| splat.depth as f32));
     let keys: Vec<u32> = view.visible.par_iter().map(|splat| of.of(splat.depth as f32)).collect();
@@ -278,7 +280,7 @@ fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     ties.count
 }
 
-/// Counts the wrong pairs among splats with equal keys.
+/// The count of wrong pairs among splats with equal keys.
 struct Ties<'a, 'b> {
     view: &'a View<'b>,
     limit: u64,
@@ -287,7 +289,7 @@ struct Ties<'a, 'b> {
 }
 
 impl Ties<'_, '_> {
-    /// Adds units of work, too many of which count as too many pairs. Returns true once there are too many pairs.
+    /// Adds units of work; too much work counts as too many pairs. Returns true once there are too many.
     fn work(&mut self, units: u64) -> bool {
         self.work += units;
         if self.work > MOST_WORK {
@@ -301,8 +303,9 @@ impl Ties<'_, '_> {
         (y0..y1).flat_map(move |y| (x0..x1).map(move |x| (x, y, (y * across + x) as usize)))
     }
 
-    /// Searches a run of equal keys for one wrong pair: a splat behind one that comes later in the file. `greatest`
-    /// has, for each tile, the last run that touched it and the greatest index in that run.
+    /// Searches a run of equal keys for one wrong pair: a splat behind another that comes later in the file.
+    ///
+    /// `greatest` has, for each tile, the last run that touched it, and the greatest index in that run.
     fn find_one(&mut self, run: Range<usize>, greatest: &mut [Option<(usize, u32)>]) {
         for at in run.clone() {
             let index = self.view.visible[at].index;

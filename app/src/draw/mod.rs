@@ -2,25 +2,25 @@
 //!
 //! - [`backend`]: choice of the graphics backend;
 //! - [`builtin`]: built-in graphs and shaders;
-//! - [`camera`]: uniform block of the camera;
+//! - [`camera`]: the camera's uniform block;
 //! - [`camera_path`]: smooth paths of a camera through keys;
 //! - [`orbit`]: cameras that move around a point;
 //! - [`pick`]: splats of a pixel;
-//! - [`truth`]: exact picture, drawn on the CPU in f64;
-//! - [`keys`]: necessary width of depth keys;
+//! - [`truth`]: exact picture, drawn on the CPU in f64, for comparisons;
+//! - [`keys`]: width that depth keys need;
 //! - [`facts`]: facts and imports of graphs;
-//! - [`capacity`]: detection of incomplete frames, and growing capacities;
-//! - [`planner`]: building of plans from graphs;
-//! - [`fit`]: test whether a scene fits a device;
+//! - [`capacity`]: detection of incomplete frames, and the capacity that they need;
+//! - [`planner`]: builds of plans from graphs;
+//! - [`fit`]: check whether a scene fits a device;
 //! - [`storage`]: choice of the most accurate storage that fits a given memory;
 //! - [`render_command`]: command that draws a picture again;
 //! - [`inspect`]: contents of a resource after a pass;
-//! - [`outputs`]: images of a frame besides its picture;
+//! - [`outputs`]: images that a frame has besides its picture;
 //! - [`session`]: frames of a device, a scene and a plan;
 //! - [`shader_cache`]: folder of compiled shaders;
 //! - [`stats`]: times and counts of frames;
 //! - [`pictures`]: encoding of pictures on threads while the device draws the next ones;
-//! - [`film`]: films of a moving camera;
+//! - [`film`]: films of a moving camera, with motion blur;
 //! - [`interleaved`]: interleaved frames of several sessions, and their times;
 //! - [`capture`]: pictures with the order of their splats.
 

@@ -1,7 +1,8 @@
 //! Moves cameras around a point, and turns them towards it.
 //!
-//! Rotations without an axis are about the camera's own vertical axis: captured scenes have no up, but each of their
-//! cameras has. An [`Orbit`] has its own axis.
+//! Rotations without an axis are about the camera's own vertical axis: captured scenes have no up direction, but each
+//! of
+//! their cameras has one. An [`Orbit`] has its own axis.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::Camera;
@@ -16,7 +17,7 @@ pub fn turned(camera: &Camera, around: [f64; 3], degrees: f64) -> Camera {
     moved_by(camera, around, DQuat::from_axis_angle(axis, degrees.to_radians()))
 }
 
-/// Moves a camera around a point by a rotation.
+/// Moves a camera around a point by a rotation in the world. The point stays at its position in the picture.
 fn moved_by(camera: &Camera, around: [f64; 3], turn: DQuat) -> Camera {
     let around = DVec3::from(around);
     let position = around + turn * (DVec3::from(camera.position) - around);
@@ -30,14 +31,14 @@ pub struct Orbit {
     pub start: Camera,
     /// Point on the axis, which stays at its position in the picture.
     pub around: [f64; 3],
-    /// Direction of the axis, of any length; a zero vector counts as up, -y.
+    /// Direction of the axis, of any length; a zero vector stands for up, -y.
     pub axis: [f64; 3],
 }
 
 impl Orbit {
-    /// Makes a level circle that begins at a camera, around the point of its viewing axis that is nearest to `middle`.
+    /// Makes a level circle that begins at `start`, around the point of its viewing axis that is nearest to `middle`.
     ///
-    /// The circle is around `middle` itself if that is behind the camera.
+    /// If `middle` is behind the camera, the circle is around `middle` itself.
     pub fn before(start: Camera, middle: [f64; 3]) -> Orbit {
         let (position, forward) = (DVec3::from(start.position), DVec3::from(start.axes()[2]));
         let ahead = (DVec3::from(middle) - position).dot(forward);
@@ -60,7 +61,7 @@ pub fn turn_between(from: &Camera, to: &Camera) -> f64 {
     2.0 * turn.xyz().length().atan2(turn.w.abs()).to_degrees()
 }
 
-/// Turns a camera towards a point and zooms in, for pictures of another size. Its roll stays.
+/// Turns a camera towards a point and zooms in, for pictures of another size. The roll of the camera stays.
 pub fn facing(camera: &Camera, target: [f64; 3], zoom: f64, (width, height): (u32, u32)) -> Camera {
     let [right, down, forward] = camera.axes().map(DVec3::from);
     let position = DVec3::from(camera.position);

@@ -1,8 +1,8 @@
-//! Reads the images that a frame has besides its picture: alpha, depths, normals and others, as arrays and files.
+//! Reads the images that a frame has besides its picture (alpha, depths, normals and others) as arrays and files.
 //!
-//! A graph names them under `outputs`. [`Session::set_outputs`] requests some of them, and the plan then computes these;
-//! a plan without a request does no work for them. [`draw`] draws a frame and returns its colours with its outputs.
-//! docs/splatting.md defines them.
+//! A graph declares them under `outputs`. [`Session::set_outputs`] requests some of them, and the plan then computes
+//! them; a plan without a request does no work for them. [`draw`] draws a frame and returns its colours with its
+//! outputs. docs/splatting.md defines the built-in graphs' outputs.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -30,7 +30,7 @@ use splatgraph_framework::ir::{PassId, Work};
 use splatgraph_framework::plan::Plan;
 use std::path::Path;
 
-/// Names of the built-in graphs' outputs, with a phrase for each.
+/// Names of the built-in graphs' outputs, each with a description.
 pub const NAMES: [(&str, &str); 7] = [
     ("alpha", "the share of the pixel that splats cover, 0 to 1"),
     ("depth", "the sum of the splats' view depths, each times its share of the pixel (gsplat's D)"),
@@ -51,7 +51,7 @@ pub struct Output {
     pub name: String,
     /// Shape: `[height, width]`, or `[height, width, channels]`.
     pub shape: Vec<u64>,
-    /// Values; the last dimension of the shape is the fastest.
+    /// Values in row-major order: the last dimension varies fastest.
     pub words: Words,
 }
 
@@ -90,7 +90,7 @@ pub fn draw<D: Device>(
     Ok(Frame { colour, outputs: read(plan, &result.inspected), counts: result.stats })
 }
 
-/// Lists the read-backs of a plan's outputs, in the order of the plan, after the frame's last pass.
+/// Lists the plan's outputs as inspections after the frame's last pass, in the order of the plan.
 pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     let mut ids = (0..plan.passes.len() as u32).map(PassId);
     let after = ids.rfind(|id| plan.pass(*id).work == Work::Export);
@@ -98,7 +98,7 @@ pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     after.into_iter().flat_map(output).collect()
 }
 
-/// Converts the bytes of the [`inspections`] to outputs.
+/// Converts the bytes of the [`inspections`] of a frame to outputs.
 pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
     let outputs = plan.outputs.iter().zip(inspections(plan)).zip(inspected);
     let output = |((output, target), bytes): ((&splatgraph_framework::ir::Output, Inspect), &Vec<u8>)| {
@@ -116,7 +116,7 @@ pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
 /// Checks that an output of this name can be written in a format.
 ///
 /// # Errors
-/// It cannot. The error lists the formats that can.
+/// It cannot be. The error lists the formats that are possible.
 pub fn check_format(name: &str, format: Format) -> Result<(), String> {
     let expected = match (name, format) {
         ("contributors" | "index", Format::Png | Format::Exr) => {
@@ -131,7 +131,7 @@ pub fn check_format(name: &str, format: Format) -> Result<(), String> {
 }
 
 impl Output {
-    /// Writes the values as an array or an image of floats; normals and shares also as a picture.
+    /// Writes the values as an array or a float image. Normals and shares can also be written as a picture.
     ///
     /// A normal is normalised and becomes the colour (n + 1) / 2.
     ///

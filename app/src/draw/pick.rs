@@ -4,9 +4,10 @@
 //! [`Picked::selected`] is the splat that the user means: first the one with the largest share, then, with
 //! [`Picked::step`], its neighbours in depth.
 //!
-//! The rules are [`Rules::of`] the scene, in f64, for every graph: the published rasteriser's, unless the scene's file
-//! has tags. A graph with other rules (another `low_pass`, a `cutoff`, culling, an inexact order) draws another
-//! picture, and its shares differ.
+//! The rules are [`Rules::of`] the scene, in f64, whichever graph draws: the published rasteriser's, unless the scene's
+//! file has tags. A graph with other rules (another `low_pass`, a `cutoff`, culling, an inexact order) draws a
+//! different
+//! picture, so its shares differ.
 //!
 //! A position on the picture is in pixels from its top left corner, right and down: the middle of the first pixel is
 //! (0.5, 0.5).
@@ -14,7 +15,7 @@
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Fragment, Projected, Rules, Splats, fragments, project};
 
-/// The ellipse on which a splat's alpha falls to the alpha floor, 1/255: the splat has fragments only inside.
+/// The ellipse on which a splat's alpha falls to the alpha floor, 1/255. The splat has fragments only inside it.
 ///
 /// Its half axes are `sqrt(2 ln(255 opacity))` standard deviations long, 3.3 for an opaque splat. The rasteriser
 /// evaluates a splat only in the tiles within 3 deviations, so the last 0.3 may be cut off at the border of a tile. (An
@@ -24,14 +25,14 @@ use splatgraph_reference::{Fragment, Projected, Rules, Splats, fragments, projec
 pub struct Outline {
     /// Centre, in pixels from the picture's top left corner; may be outside of the picture.
     pub center: [f64; 2],
-    /// Half of the longer and of the shorter axis, in pixels.
+    /// Half the length of the longer and of the shorter axis, in pixels.
     pub half_axes: [f64; 2],
-    /// Angle from the picture's right to the longer axis, in radians, -pi/2 to pi/2; positive turns down.
+    /// Angle from the picture's right to the longer axis, in radians, from -pi/2 to pi/2. Positive angles turn down.
     pub angle: f64,
 }
 
 impl Outline {
-    /// Computes the point of the ellipse at a parameter, in radians from the longer axis.
+    /// Computes a point of the ellipse. `at` is its parameter, in radians from the longer axis.
     pub fn point(&self, at: f64) -> [f64; 2] {
         let (sin, cos) = self.angle.sin_cos();
         let [x, y] = [self.half_axes[0] * at.cos(), self.half_axes[1] * at.sin()];
@@ -70,7 +71,7 @@ pub struct PickedSplat {
     pub transmittance: f64,
     /// Share of the pixel: alpha times transmittance.
     pub weight: f64,
-    /// Colour from this camera, display-encoded, not clamped.
+    /// Colour as seen from this camera, display-encoded, not clamped.
     pub color: [f64; 3],
     /// Opacity at the centre.
     pub opacity: f64,
@@ -82,24 +83,24 @@ pub struct PickedSplat {
     pub rotation: [f64; 4],
     /// 2D covariance with the low-pass filter, as xx, xy, yy, in square pixels.
     pub covariance: [f64; 3],
-    /// Outline on the picture; `None` if it has none.
+    /// Outline on the picture; `None` where [`outline`] returns none.
     pub outline: Option<Outline>,
 }
 
-/// The splats of a pixel.
+/// The splats that are blended at a pixel, one of them selected.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picked {
     /// The camera of the picture, in the scene's coordinates.
     pub camera: Camera,
     /// Column and row of the pixel.
     pub pixel: [u32; 2],
-    /// Splats that are blended, near to far.
+    /// The splats, near to far.
     pub splats: Vec<PickedSplat>,
     /// The background's share of the pixel.
     pub transmittance: f64,
     /// Mean view depth, weighted by the splats' shares; `None` without splats.
     pub depth: Option<f64>,
-    /// Index in `splats` of the selected one; `None` without splats.
+    /// Index of the selected splat in `splats`; `None` without splats.
     pub selected: Option<usize>,
 }
 
@@ -109,7 +110,7 @@ impl Picked {
         self.splats.get(self.selected?)
     }
 
-    /// Selects the splat that is `places` farther in the list (nearer, if negative); wraps around.
+    /// Selects the splat that is `places` farther in the list, or nearer if negative; wraps around.
     pub fn step(&mut self, places: i64) {
         if let Some(selected) = &mut self.selected {
             *selected = (*selected as i64 + places).rem_euclid(self.splats.len() as i64) as usize;
@@ -119,8 +120,8 @@ impl Picked {
 
 /// Lists the splats that are blended at a pixel, and selects the one with the largest share.
 ///
-/// `camera` is in the scene's coordinates, with the size of the picture. `None` for a pixel outside of the picture, or
-/// once `cancelled` returns true; several threads call it. A million splats take 0.1 s on two cores.
+/// `camera` is in the scene's coordinates, with the size of the picture. Returns `None` for a pixel outside of the
+/// picture, and once `cancelled`, which several threads call, returns true. A million splats take 0.1 s on two cores.
 pub fn pick(
     scene: &Scene,
     camera: &Camera,

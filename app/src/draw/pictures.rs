@@ -10,7 +10,7 @@ use splatgraph_assets::memory;
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, channel};
 
-/// Divisor of the available memory that gives the maximum for unfinished pictures.
+/// Unfinished pictures may take the available memory divided by this number.
 const MEMORY_SHARE: u64 = 4;
 
 /// Bytes of memory per pixel that encoding takes in addition to the pixels: RGB in f32, 8 bits, and the encoded file.
@@ -36,7 +36,7 @@ impl<T: Send + 'static> Pictures<T> {
     /// Starts `work`, which needs `bytes` bytes, and returns the results of the pictures that had to be finished first.
     ///
     /// # Errors
-    /// The error of the first of these that failed.
+    /// One of these pictures failed; the error is the first one's.
     pub fn start(&mut self, bytes: u64, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<Vec<T>> {
         let room = memory::available().map_or(u64::MAX, |available| available / MEMORY_SHARE / bytes.max(1));
         let most = self.jobs.min(usize::try_from(room).unwrap_or(usize::MAX)).max(1);
@@ -70,7 +70,7 @@ impl<T: Send + 'static> Pictures<T> {
     }
 }
 
-/// Finishes the pictures in progress, even after an error, so that the process does not end in the middle of a file.
+/// Waits for the pictures in progress, even after an error, so that the process does not end in the middle of a file.
 impl<T> Drop for Pictures<T> {
     fn drop(&mut self) {
         self.unfinished.drain(..).for_each(|picture| _ = picture.recv());

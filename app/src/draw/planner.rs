@@ -1,4 +1,4 @@
-//! Builds plans from graphs.
+//! Builds plans from graphs, and reports their errors with the source text.
 
 use crate::draw::builtin;
 use crate::draw::capacity::Capacities;
@@ -15,7 +15,7 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
-/// Settings of planners: the shader compiler, its store, and the folders that graphs may use.
+/// Settings of planners: the shader compiler, the store of compiled shaders, and the folders that graphs may use.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
     /// Program that compiles shaders. `None` compiles them in this process, which a broken shader can crash.
@@ -81,17 +81,17 @@ impl Planner {
         }
     }
 
-    /// Returns the number of shaders that were compiled rather than found in a cache.
+    /// Returns the number of shaders that were compiled, rather than taken from a cache.
     pub fn compiled(&self) -> usize {
         self.compiler.compiled_count()
     }
 
-    /// Sets the cancellation: builds end early when `cancel` requests it.
+    /// Sets a cancellation token. A build ends early once `cancel` is set.
     pub fn set_cancel(&mut self, cancel: Cancel) {
         self.compiler.set_cancel(cancel);
     }
 
-    /// Builds the plan of `graph` (a preset's name or a path) with the parameters in `set`; later entries win.
+    /// Builds the plan of `graph`, a preset's name or a path. In `set`, later values override earlier ones.
     pub fn plan(
         &mut self,
         graph: &str,
@@ -111,8 +111,9 @@ impl Planner {
         })
     }
 
-    /// Renders the warnings of a plan built since [`Planner::forget_files`], with the source text; empty if it has
-    /// none.
+    /// Renders the warnings about a plan with the source text; empty if there are none.
+    ///
+    /// The plan must have been built since [`Planner::forget_files`].
     pub fn warnings(&self, plan: &Plan, colour: bool) -> String {
         let found: Vec<Diagnostic> = plan.warnings.iter().map(|w| w.diagnostic.clone()).collect();
         render_warnings(&self.files, &found, colour)
@@ -140,7 +141,9 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// Returns the fallbacks of `graph` on a device with these facts, or its unmet requirements if it has no fallback.
+    /// Returns the graphs that `graph` passes over on a device with these facts, or its unmet requirements if no graph
+    /// is
+    /// left.
     pub fn standing(
         &mut self,
         graph: &str,
@@ -157,13 +160,13 @@ impl Planner {
         self.files = files(&self.settings, &self.unsaved);
     }
 
-    /// Sets texts that replace the files on disk at their paths; see [`Library::unsaved`].
+    /// Sets texts that replace the contents of files on disk, by path; see [`Library::unsaved`].
     pub fn read_unsaved(&mut self, texts: BTreeMap<PathBuf, String>) {
         self.unsaved = texts;
         self.forget_files();
     }
 
-    /// Lists the names of a graph's expressions with their values.
+    /// Lists the names that a graph's expressions can use, with their values.
     pub fn expression_names(
         &mut self,
         graph: &str,
@@ -182,19 +185,19 @@ impl Planner {
         Some(self.files.text(file).to_owned())
     }
 
-    /// Finds a shader that a graph names; returns its path, as [`PlainDiagnostic::file`], and its text.
+    /// Finds a shader that a graph names. Returns its path, as in [`PlainDiagnostic::file`], and its text.
     pub fn shader(&mut self, graph: &str, name: &str) -> Option<(String, String)> {
         let graph = self.files.find(None, graph, Kind::Graph).ok()?;
         let file = self.files.find(Some(graph), name, Kind::Shader).ok()?;
         Some(self.path_and_text(file))
     }
 
-    /// Finds a file that a graph or a shader names, or a graph by its name or path; valid until [`Planner::forget_files`].
+    /// Finds a file that `from` names, or a graph by its name or path. The id is valid until [`Planner::forget_files`].
     pub fn file(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Option<FileId> {
         self.files.find(from, name, kind).ok()
     }
 
-    /// Returns the path of a file, as [`PlainDiagnostic::file`], and its text.
+    /// Returns the path of a file, as in [`PlainDiagnostic::file`], and its text.
     pub fn path_and_text(&self, file: FileId) -> (String, String) {
         (self.files.path(file).to_owned(), self.files.text(file).to_owned())
     }
@@ -213,7 +216,7 @@ fn name_graphs_with(output: &str, errors: &mut [Diagnostic]) {
     }
 }
 
-/// Lists the settings without an effect in a plan: the parameter, and the reason as a sentence.
+/// Lists the settings that have no effect in a plan: the parameter, and the reason as a sentence.
 pub fn without_effect(plan: &Plan, set: &[(String, String)]) -> Vec<(String, String)> {
     let mut found: Vec<(String, String)> = Vec::new();
     for (name, _) in set {
@@ -267,32 +270,32 @@ impl std::error::Error for GraphErrors {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
-    /// The graph has no plan.
+    /// The graph has no plan and cannot be drawn.
     Error,
-    /// The graph has a plan.
+    /// The graph can be drawn.
     Warning,
 }
 
 /// A diagnostic as plain data, for programs. Lines and columns count from 1, columns in characters.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct PlainDiagnostic {
-    /// Path of the file, as it was named.
+    /// Path of the file, as the user or an include wrote it.
     pub file: String,
     /// Line of the first character.
     pub line: u32,
-    /// Column of the first character.
+    /// Column of the first character, counted from 1.
     pub column: u32,
     /// Line of the character after the last.
     pub end_line: u32,
-    /// The column after the last character.
+    /// Column of the character after the last.
     pub end_column: u32,
     /// Error or warning.
     pub severity: Severity,
-    /// Message, a sentence.
+    /// The message, one sentence.
     pub message: String,
-    /// Text of the label under the source; may be empty.
+    /// Text of the label under the marked source text; may be empty.
     pub label: String,
-    /// Suggestions for a correction.
+    /// Suggestions for fixing the error.
     pub help: Vec<String>,
 }
 

@@ -1,7 +1,7 @@
 //! Writes the `splatgraph render` command that draws a picture again.
 //!
-//! The command contains the camera itself, as JSON, in the world's coordinates. Its numbers have enough digits to be
-//! read back bit by bit, so that the picture is the same.
+//! The command contains the camera itself, as JSON, in the world's coordinates. Its numbers have enough digits to
+//! restore every bit, so that the picture is the same.
 
 use crate::draw::planner;
 use crate::io::output::shell_word;
@@ -21,7 +21,7 @@ pub struct RenderCommand<'a, S> {
     pub set: S,
     /// Background colour, display-encoded.
     pub background: [f32; 3],
-    /// File of the picture.
+    /// File to which the command writes the picture.
     pub output: &'a Path,
 }
 

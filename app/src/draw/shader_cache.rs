@@ -1,9 +1,9 @@
-//! Keeps compiled shaders in a folder, so that a restarted program need not compile them again.
+//! Keeps compiled shaders in a folder, so that the program does not compile them again after a restart.
 //!
 //! The folder lies in the user's cache folder, and can be shared and deleted: several processes may read and write it
-//! at the same time, and each file is either complete or absent. A file that is damaged, or comes from another build of
-//! the program, is ignored and replaced. Each file contains its whole key (the texts, the defines, the program's build)
-//! besides the SPIR-V, to detect hash collisions.
+//! at the same time, and each file is either complete or absent. A file that is damaged, or from another build of the
+//! program, is ignored and replaced. To detect hash collisions, each file contains its whole key (the texts, the
+//! defines, the program's build) besides the SPIR-V.
 
 use crate::io::folders;
 use splatgraph_framework::shader::SpirvStore;
@@ -18,7 +18,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub const VARIABLE: &str = "SPLATGRAPH_SHADER_CACHE";
 /// Maximum size of all files, in bytes. The oldest files are deleted to stay below it.
 const MOST_BYTES: u64 = 64 << 20;
-/// Maximum size of a file that is read, in bytes; the shader of the longest allowed text is smaller.
+/// Maximum size of a file that is read, in bytes. The shader of the longest text allowed stays below it.
 const MOST_FILE_BYTES: u64 = 16 << 20;
 /// Magic number of a file; changes with the layout.
 const MAGIC: &[u8; 8] = b"sgspv001";
@@ -27,13 +27,14 @@ const MAGIC: &[u8; 8] = b"sgspv001";
 #[derive(Debug)]
 pub struct ShaderCache {
     folder: PathBuf,
-    /// Identifies the program's build, which includes the compiler.
+    /// Identifies the build of the program, and thereby of the compiler.
     build: Vec<u8>,
 }
 
 impl ShaderCache {
-    /// Opens the user's cache for the compiler in `program`; `None` without a cache folder, or if the environment
-    /// variable is `off`.
+    /// Opens the user's cache for the compiler in `program`.
+    ///
+    /// `None` if there is no cache folder, [`VARIABLE`] is `off`, or the time of the program's last change is unknown.
     pub fn of_user(program: &Path) -> Option<ShaderCache> {
         if std::env::var_os(VARIABLE).is_some_and(|value| value == "off") {
             return None;
@@ -50,7 +51,7 @@ impl ShaderCache {
         self.folder.join(format!("{:016x}.spv", hasher.finish()))
     }
 
-    /// Returns the bytes of a file before the SPIR-V.
+    /// Returns the bytes that precede the SPIR-V in the file for `key`.
     fn head(&self, key: &[u8]) -> Vec<u8> {
         let lengths = [self.build.len() as u64, key.len() as u64].map(u64::to_le_bytes);
         [&MAGIC[..], &lengths[0], &lengths[1], &self.build, key].concat()

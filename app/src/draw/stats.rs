@@ -1,7 +1,7 @@
 //! Summarises the times and counts of frames.
 //!
-//! There is one [`CameraStats`] per camera. A time is the median over the camera's frames; a pass of the prologue, which runs in
-//! the first frame after a load, has a single time.
+//! There is one [`CameraStats`] per camera. Times are medians over the camera's frames. A pass of the prologue, which
+//! runs in the first frame after a load, has a single time.
 
 use serde::Serialize;
 use serde_json::{Map, Value as Json};
@@ -20,11 +20,11 @@ pub struct CameraStats {
     pub width: u32,
     /// Height of the picture, in pixels.
     pub height: u32,
-    /// The graph's name.
+    /// The name of the graph that was drawn.
     pub pipeline: String,
-    /// The graphs and presets that the pipeline is based on, the graph last; empty for a graph.
+    /// The graphs and presets that the pipeline is based on, the graph last; empty if it is a graph itself.
     pub based_on: Vec<String>,
-    /// The graphs of a choice that were passed over, in order.
+    /// The graphs of a choice that were passed over because of unmet requirements, in order.
     pub fallbacks: Vec<Fallback>,
     /// The device's name.
     pub device: String,
@@ -32,14 +32,14 @@ pub struct CameraStats {
     pub driver: String,
     /// All parameters of the graph with their values, in the order of the file.
     pub parameters: Map<String, Json>,
-    /// Reasons for parameter values that an expression over facts or other parameters gave.
+    /// Reasons for the parameter values that come from an expression over facts or other parameters, by parameter.
     pub reasons: BTreeMap<String, Reason>,
     /// Counts: `loaded`, the splats of the scene, and the graph's statistics of the last frame, such as `visible` and
     /// `drawn`.
     pub counts: Map<String, Json>,
     /// The passes, in order of execution.
     pub passes: Vec<PassTime>,
-    /// Milliseconds per phase, the sum of its passes; `null` if the device has no timestamps.
+    /// Milliseconds per phase, the sum over its passes; `null` if the device has no timestamps.
     pub phases: Map<String, Json>,
     /// Milliseconds from a frame's first command to its last. Frames that ran the prologue count only if there are no
     /// others.
@@ -52,7 +52,7 @@ pub struct CameraStats {
     pub frames: usize,
     /// Device memory by name, in bytes.
     pub buffers: Vec<BufferSize>,
-    /// The findings of `--inspect`.
+    /// The contents that `--inspect` read back.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub inspected: Vec<crate::draw::inspect::Finding>,
 }
@@ -83,7 +83,7 @@ pub struct BufferSize {
 }
 
 impl CameraStats {
-    /// Summarises the frames of a camera, at least one, in the order of submission.
+    /// Summarises the frames of a camera. There is at least one, and they are in the order of submission.
     pub fn new(
         camera: (&str, (u32, u32)),
         plan: &Plan,
@@ -122,7 +122,7 @@ impl CameraStats {
         }
     }
 
-    /// Returns a count by its name.
+    /// Returns the count of this name; `None` if there is none.
     pub fn count(&self, name: &str) -> Option<u64> {
         self.counts.get(name)?.as_u64()
     }
@@ -160,7 +160,7 @@ impl CameraStats {
 
 /// Formats the statistic `unordered`, unless it is 0: `12 pairs in the order of the file`.
 ///
-/// Tiles leave pairs of a splat and a bin unsorted if too many of a bin have nearly the same depth.
+/// Tiles leave pairs of a splat and a bin unsorted if too many pairs of the bin have nearly the same depth.
 pub(crate) fn unordered(pairs: u64) -> Option<String> {
     (pairs > 0).then(|| format!("{} pairs in the order of the file", grouped(pairs)))
 }
@@ -180,7 +180,7 @@ pub(crate) fn json(value: &Value) -> Json {
     }
 }
 
-/// Computes the median: the mean of the middle two for an even number of values.
+/// Computes the median; for an even number of values, the mean of the middle two. `None` without values.
 pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let n = values.len();
@@ -191,14 +191,14 @@ pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     }
 }
 
-/// Finds the smallest of the ascending `values` that is not exceeded by at least the share `q` of them.
+/// Finds the smallest of the ascending `values` such that at least the share `q` of them does not exceed it.
 #[cfg(feature = "window")]
 pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let rank = (q * values.len() as f64).ceil() as usize;
     values.get(rank.saturating_sub(1)).copied()
 }
 
-/// Computes the median of each pass, in the order of their first run.
+/// Computes the median time of each pass, in the order in which the passes first ran.
 fn pass_times(plan: &Plan, frames: &[FrameResult]) -> Vec<PassTime> {
     let mut order: Vec<PassId> = Vec::new();
     let mut times: BTreeMap<PassId, Vec<f64>> = BTreeMap::new();

@@ -25,7 +25,7 @@ pub struct TruthStats {
     pub height: u32,
     /// Always `reference`.
     pub backend: &'static str,
-    /// Rules by which the picture was drawn.
+    /// Rules with which the picture was drawn.
     pub rules: Rules,
     /// Number of splats of the scene.
     pub loaded: usize,
@@ -61,7 +61,7 @@ pub struct Truth {
 }
 
 impl Truth {
-    /// Draws a scene, with progress. `background` is display-encoded.
+    /// Draws the exact picture of a scene, and shows the progress. `background` is display-encoded.
     pub fn draw(scene: &Scene, camera: &Camera, background: [f32; 3], rules: &Rules) -> Truth {
         let begun = Instant::now();
         let progress = Mutex::new(Progress::new("drawing exactly"));
@@ -88,12 +88,12 @@ impl Truth {
         Truth { picture, stats }
     }
 
-    /// Rounds the colours to f32.
+    /// Returns the picture as an image, with its colours rounded to f32.
     pub fn image(&self) -> Image {
         image_of(&self.picture)
     }
 
-    /// Returns an output besides the picture, with floats rounded to f32; `None` for a name that is not in
+    /// Returns the output with this name, with floats rounded to f32. `None` if the name is not in
     /// [`NAMES`](crate::draw::outputs::NAMES).
     pub fn output(&self, name: &str) -> Option<Output> {
         let picture = &self.picture;
@@ -116,7 +116,7 @@ impl Truth {
     }
 }
 
-/// Rounds the colours of an exact picture to f32; colours beyond its range become its largest number.
+/// Rounds the colours of an exact picture to f32. Colours beyond the range of f32 become its largest number.
 pub fn image_of(picture: &Picture) -> Image {
     let limit = f64::from(f32::MAX);
     let rounded = |channel: f64| channel.clamp(-limit, limit) as f32;
@@ -124,7 +124,7 @@ pub fn image_of(picture: &Picture) -> Image {
     Image { width: picture.width as usize, height: picture.height as usize, rgb }
 }
 
-/// Changes rules by `NAME=VALUE`, starting from [`Rules::PUBLISHED`] or a scene's [`Rules::of`].
+/// Applies changes `NAME=VALUE` to rules, such as [`Rules::PUBLISHED`] or a scene's [`Rules::of`].
 ///
 /// # Errors
 /// A name is not in [`RULES`], or a value is invalid for its rule.
@@ -133,7 +133,7 @@ pub fn rules(mut rules: Rules, changes: &[(String, String)]) -> Result<Rules, Ru
     Ok(rules)
 }
 
-/// Lists the rules for the help text: the name, and the values with the published one and its source.
+/// Lists the rules for the help text: the name, and the values, with the published value and its source.
 pub fn rule_list() -> Vec<(String, String)> {
     let row = |rule: &splatgraph_reference::RuleInfo| {
         (rule.name.to_string(), format!("{}; published: {} ({})", rule.values, rule.published, rule.source))

@@ -6,26 +6,28 @@
 //! components share the knots, so that they pass a key without a kink. Rotations are interpolated by squad (Shoemake,
 //! Quaternion Calculus for Fast Animation, 1987), with inner quaternions that give it these slopes.
 //!
-//! A component that is equal at two adjacent keys stays constant between them. If a component changes little next to
-//! keys with large steps, its slopes are limited: it overshoots by at most a sixth of a radian, so that the camera does
+//! A component that is equal at two adjacent keys stays constant between them. If a component changes little beside
+//! keys
+//! with large steps, its slopes are limited: it overshoots by at most a sixth of a radian, so that the camera does
 //! not spin.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::Camera;
 
-/// Step below which a component counts as constant, in the component's unit.
+/// Change below which a component counts as constant, in the component's unit.
 const STILL: f64 = 1e-9;
-/// Maximum slope. The first number is a multiple of the straight line's slope, within which a cubic does not overshoot
-/// (Fritsch and Carlson, Monotone Piecewise Cubic Interpolation, 1980). The second is added, and causes an overshoot of
-/// 4/27 of it.
+/// Maximum slope: a multiple of the straight line's slope, plus a constant.
+///
+/// Within the multiple, a cubic does not overshoot (Fritsch and Carlson, Monotone Piecewise Cubic Interpolation, 1980).
+/// The constant causes an overshoot of 4/27 of itself.
 const STEEPEST: (f64, f64) = (3.0, 1.0);
-/// Maximum relative difference between the lengths of the two halves of an interval of the table.
+/// Maximum relative difference in length between the two halves of an interval of the table.
 const UNEVEN: f64 = 1e-3;
-/// Minimum number of bisections of a segment, and the maximum, reached near a point where the curve does not move.
+/// Minimum and maximum number of bisections of a segment. The maximum is reached near a point where the curve stops.
 const BISECTIONS: (u32, u32) = (4, 24);
 /// Length below which an interval is not bisected, as a share of the distances between all keys.
 const TINY: f64 = 1e-7;
-/// Length below which an interval is not bisected, as a multiple of a view's rounding error: smaller differences are
+/// Length below which an interval is not bisected, as a multiple of the rounding error of a view: shorter lengths are
 /// noise.
 const NOISE: f64 = 1e3;
 
@@ -50,7 +52,7 @@ impl View {
         }
     }
 
-    /// Makes a camera for pictures of this size.
+    /// Makes the camera of this view for pictures of a given size, in pixels.
     pub(super) fn camera(&self, width: u32, height: u32) -> Camera {
         let focal = |zoom: f64| zoom.exp() * f64::from(height);
         Camera {
@@ -89,7 +91,7 @@ impl View {
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     from: View,
-    /// Second key. Its quaternion has the sign that makes the rotation between the keys the shorter one.
+    /// Second key. The sign of its quaternion is chosen so that the rotation between the keys is the shorter one.
     to: View,
     /// Slopes of the position at both ends.
     position: [DVec3; 2],
@@ -116,9 +118,9 @@ impl Segment {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Curve {
     segments: Vec<Segment>,
-    /// Length up to a position on the curve, and that position: a segment's index plus its parameter. Both ascend.
+    /// Pairs of a length from the start and the position there: a segment's index plus its parameter. Both ascend.
     table: Vec<(f64, f64)>,
-    /// Length up to each key.
+    /// Length from the start to each key.
     pub(super) keys: Vec<f64>,
 }
 
@@ -258,8 +260,8 @@ fn exp(v: DVec3) -> DQuat {
     DQuat::from_xyzw(vector.x, vector.y, vector.z, cosine)
 }
 
-/// Interpolates between unit quaternions on the great circle. Takes the long way if their signs require it: squad needs
-/// both ways.
+/// Interpolates between unit quaternions along the great circle. Takes the longer arc if the signs require it, because
+/// squad needs both arcs.
 fn slerp(from: DQuat, to: DQuat, t: f64) -> DQuat {
     from * exp(t * log(from.inverse() * to))
 }

@@ -27,7 +27,7 @@ pub const DEFAULT_SECONDS: f64 = 10.0;
 pub struct KeyError {
     /// Index of the key.
     pub index: usize,
-    /// Reason that the camera is unusable; see [`Camera::fault`].
+    /// Reason why the camera is unusable; see [`Camera::fault`].
     pub fault: String,
 }
 
@@ -74,7 +74,7 @@ impl CameraPath {
         Ok(())
     }
 
-    /// Inserts a key before the one at `index`, or at the end if there are fewer.
+    /// Inserts a key before the one at `index`, or at the end if the list is shorter.
     ///
     /// # Errors
     /// The camera is unusable.
@@ -108,7 +108,7 @@ impl CameraPath {
         self.closed
     }
 
-    /// Closes or opens the path. The duration stays.
+    /// Closes or opens the path. Its duration does not change.
     pub fn set_closed(&mut self, closed: bool) {
         self.closed = closed;
         self.update();
@@ -133,7 +133,7 @@ impl CameraPath {
         self.update();
     }
 
-    /// Computes the time of each key, in seconds from the start.
+    /// Computes the time at which the path passes each key, in seconds from the start.
     pub fn key_seconds(&self) -> Vec<f64> {
         let length = self.curve.length();
         let part = |at: &f64| if length > 0.0 { at / length } else { 0.0 };
@@ -142,7 +142,7 @@ impl CameraPath {
 
     /// Computes the camera at a time, in seconds from the start; `None` without keys.
     ///
-    /// A closed path repeats; an open one stays at its ends. The pictures have the size of the first key's.
+    /// A closed path repeats; an open one stays at its ends. The camera has the picture size of the first key.
     pub fn at(&self, seconds: f64) -> Option<Camera> {
         let first = self.keys.first()?;
         let part = seconds / self.seconds;
@@ -175,15 +175,16 @@ fn check(index: usize, key: &Camera) -> Result<(), KeyError> {
     key.fault().map_or(Ok(()), |fault| Err(KeyError { index, fault }))
 }
 
-/// Computes a value of `radian` for [`CameraPath::new`] that suits a scene, in world units: half of the extent of its
-/// robust box.
+/// Computes a value of `radian` for [`CameraPath::new`] that suits a scene: half the extent of its robust box, in world
+/// units.
 ///
-/// At that viewing distance, a translation by this length moves the picture about as much as a rotation by one radian.
+/// At a viewing distance of that length, a translation by it moves the picture about as much as a rotation by one
+/// radian.
 pub fn length_of_radian(scene: &Scene) -> f64 {
     0.5 * scene.robust_bounds().extent()
 }
 
-/// State of a player of a path.
+/// State of a path's playback.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Playback {
     position: f64,

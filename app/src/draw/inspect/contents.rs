@@ -1,6 +1,6 @@
-//! Interprets the contents of a resource as numbers, as a histogram and as a picture.
+//! Interprets the contents of a resource, as numbers, a histogram or a picture.
 //!
-//! Buffers are words without a type, shown as integers or as floats. Images have the type of their format.
+//! The words of a buffer have no type, and are shown as integers or floats. Images have the type of their format.
 
 use crate::io::image::Image;
 use std::ops::Range;
@@ -14,13 +14,13 @@ pub enum Words {
     Float(Vec<f32>),
 }
 
-/// The interpretation of a buffer's words.
+/// The type as which a buffer's words are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ReadAs {
     /// Unsigned integers.
     #[default]
     Uint,
-    /// Single-precision floats, bit for bit.
+    /// Single-precision floats with the bits of the words.
     Float,
 }
 
@@ -49,7 +49,7 @@ impl Words {
         self.len() == 0
     }
 
-    /// Converts a word to a number.
+    /// Converts a word to a number; `None` beyond the end.
     pub fn number(&self, index: usize, read: ReadAs) -> Option<f64> {
         Some(match (self, read) {
             (Words::Uint(words), ReadAs::Uint) => (*words.get(index)?).into(),
@@ -58,7 +58,7 @@ impl Words {
         })
     }
 
-    /// Formats a word.
+    /// Formats a word; `None` beyond the end.
     pub fn text(&self, index: usize, read: ReadAs) -> Option<String> {
         Some(match (self, read) {
             (Words::Uint(words), ReadAs::Uint) => words.get(index)?.to_string(),
@@ -66,7 +66,7 @@ impl Words {
         })
     }
 
-    /// Sorts every `stride`th word of `range` into `bins` equal parts of the values' range.
+    /// Counts every `stride`th word of `range` in `bins` bins, which divide the range of the values equally.
     pub fn histogram(&self, range: Range<usize>, stride: usize, read: ReadAs, bins: usize) -> Histogram {
         let range = range.start.min(self.len())..range.end.min(self.len());
         let numbers = || range.clone().step_by(stride.max(1)).filter_map(|index| self.number(index, read));
@@ -86,7 +86,7 @@ impl Words {
         Histogram { range, counts, not_finite: numbers().count() as u64 - found }
     }
 
-    /// Makes a picture of an image of shape `[height, width, channels]`: its colours, or its one channel in grey.
+    /// Converts an image of shape `[height, width, channels]` to a picture: its colours, or its single channel in grey.
     ///
     /// Values between 0 and 1 are unchanged; a wider range is scaled to 0..1.
     pub fn picture(&self, shape: &[u64]) -> Option<Image> {

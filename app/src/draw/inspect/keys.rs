@@ -1,4 +1,4 @@
-//! Checks whether sorted keys ascend, for the keys in use, and ignoring the bits that the sort does not read.
+//! Checks whether sorted keys ascend. Only keys in use count, and only bits that the sort reads.
 //!
 //! In `splat` and `tiled_cpu` the keys are depths, one for each visible splat. In `tiled` they are pairs of a bin and a
 //! depth, whose lowest bits (`tie_bits`) the radix sort does not read: a later pass orders keys that agree in the other
@@ -69,7 +69,7 @@ impl fmt::Display for KeyOrder {
 }
 
 impl KeyOrder {
-    /// Examines the first `count` keys without their lowest `ignored_bits`; all keys if the count is unknown.
+    /// Examines the first `count` keys without their lowest `ignored_bits`, or all keys if the count is unknown.
     pub(super) fn of(keys: &[u32], count: Option<u64>, ignored_bits: u32) -> KeyOrder {
         let count = count.map_or(keys.len(), |n| keys.len().min(n as usize));
         let compared = |i: usize| keys[i].checked_shr(ignored_bits).unwrap_or(0);

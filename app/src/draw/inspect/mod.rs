@@ -21,17 +21,17 @@ pub use contents::{Histogram, ReadAs, Words};
 pub use keys::{KeyOrder, holds_keys, sorted_keys};
 use keys::{without_half, without_index};
 
-/// Number of words shown at each end.
+/// Number of words that the text shows at each end.
 const SHOWN: usize = 8;
 
-/// Explains which resource or pass of an inspection the plan does not have.
+/// An inspection names a resource or a pass that the plan lacks. The text is the message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct InspectError(String);
 
 /// Resolves `RESOURCE@PASS` in a plan.
 ///
-/// If several passes match the name, takes the last one that uses the resource.
+/// If the name matches several passes, the last one that uses the resource is taken.
 pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, InspectError> {
     let passes = find_passes(plan, pass)?;
     let target = |after: &PassId| {
@@ -55,7 +55,7 @@ fn last_part(name: &str) -> &str {
     stem.rsplit_once('.').map_or(stem, |(_, last)| last)
 }
 
-/// Lists the passes that a name may refer to, the last first; at least one.
+/// Lists the passes that a name may refer to, the last first. The list is never empty.
 fn find_passes(plan: &Plan, name: &str) -> Result<Vec<PassId>, InspectError> {
     let passes = plan.order();
     let part = |full: fn(&str) -> &str| -> Vec<PassId> {

@@ -6,10 +6,10 @@
 //!
 //! All results are of complete frames. If a list overflowed in a frame (see [`capacity`]), [`Session::wait`] builds a
 //! plan with more capacity and draws the frame again. It also repeats the frames that were in flight behind it, so that
-//! all results come from the current plan. A repeated frame has the inputs of the original. Histories of the graph are
-//! as the incomplete frames left them: `last(...)` then contains the same camera, or the next one in flight. The
-//! capacity stays until [`Session::set_graph`], for pictures of all sizes, unless the default for another size is
-//! larger.
+//! all results come from the current plan. A repeated frame has the inputs of the original. The graph's histories are
+//! not restored: `last(...)` then contains the same camera, or the next one in flight. The larger capacity is kept
+//! until
+//! [`Session::set_graph`], for pictures of all sizes, unless the default for another size is larger.
 
 use crate::draw::camera;
 use crate::draw::capacity::{self, Capacities, Overflow};
@@ -41,7 +41,7 @@ pub enum SessionError {
     /// The graph or its shaders have errors.
     #[error(transparent)]
     Graph(#[from] GraphErrors),
-    /// The device refused the plan, or failed.
+    /// The device rejected the plan, or failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
     /// A frame was submitted before [`Session::prepare`].
@@ -85,11 +85,11 @@ pub struct Session<D> {
     pipeline: String,
     set: Vec<(String, String)>,
     planner: Planner,
-    /// True once the warnings about the graph were printed.
+    /// True once the graph's warnings have been printed.
     warned: bool,
-    /// The graphs that the choice passed over, as last reported.
+    /// The fallbacks that were reported last.
     told: Vec<Fallback>,
-    /// Settings without an effect that were reported.
+    /// Settings without an effect that were already reported.
     told_settings: BTreeSet<String>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
     frame: u32,
@@ -98,7 +98,7 @@ pub struct Session<D> {
     growths: u32,
 }
 
-/// A submitted frame that was not waited for.
+/// A submitted frame that has not been waited for, with the inputs to repeat it.
 struct Flight {
     id: FrameId,
     camera: Camera,
@@ -108,7 +108,7 @@ struct Flight {
     growths: u32,
 }
 
-/// Maximum number of frames whose inputs are kept: as many as a device keeps results of.
+/// Maximum number of frames whose inputs are kept. A device keeps the results of as many.
 const MOST_FLYING: usize = 64;
 
 /// Options of a frame.
@@ -171,7 +171,7 @@ impl<D: Device> Session<D> {
         Ok(Session::new(self.device.new_context()?, scene, pipeline, set))
     }
 
-    /// Keeps every resource's contents until the end of the frame, in its own memory, for inspection after any pass.
+    /// Gives every resource its own memory, so that its contents after any pass can be read until the end of the frame.
     ///
     /// This applies to plans that are prepared later.
     pub fn keep_contents(&mut self) {
@@ -192,7 +192,7 @@ impl<D: Device> Session<D> {
 
     /// Changes the graph and its parameters; the next [`Session::prepare`] builds its plan.
     ///
-    /// Frames in flight are forgotten, and growing parameters are reset to their defaults, so that a measurement does
+    /// Frames in flight are discarded, and growing parameters are reset to their defaults, so that a measurement does
     /// not depend on earlier ones.
     pub fn set_graph(&mut self, pipeline: &str, set: &[(String, String)]) {
         self.pipeline = pipeline.to_owned();
@@ -219,14 +219,14 @@ impl<D: Device> Session<D> {
 
     /// Changes the scene; the next [`Session::prepare`] builds a plan for it.
     ///
-    /// Frames in flight are forgotten, as by [`Session::set_graph`].
+    /// Frames in flight are discarded, as by [`Session::set_graph`].
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) {
         self.scene = scene.into();
         self.forget_plan();
         self.planner.capacities = Capacities::default();
     }
 
-    /// Forgets the plan and the frames in flight.
+    /// Discards the plan and the frames in flight.
     fn forget_plan(&mut self) {
         self.loaded = None;
         self.flying.clear();
@@ -251,7 +251,7 @@ impl<D: Device> Session<D> {
         Ok(self.planner.controls(pipeline, set, &facts, &catalog)?)
     }
 
-    /// Collects the facts and imports of graphs for a picture size.
+    /// Returns the facts and the imports of graphs for a picture size.
     fn facts(&self, size: (u32, u32)) -> (Facts, Catalog) {
         let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
         (facts, facts::catalog(&self.scene))
@@ -319,7 +319,7 @@ impl<D: Device> Session<D> {
         &mut self.device
     }
 
-    /// Returns the device, so that it can be closed.
+    /// Returns the device and drops the rest, so that the device can be closed.
     pub fn into_device(self) -> D {
         self.device
     }
@@ -344,7 +344,7 @@ impl<D: Device> Session<D> {
         self.loaded.as_ref().map(|(plan, _)| plan.as_ref())
     }
 
-    /// Returns the number of plans that were built for more capacity. Results from before such a change are of another
+    /// Returns how often a plan was rebuilt for more capacity. Measurements from before such a rebuild are of another
     /// plan.
     pub fn growths(&self) -> u32 {
         self.growths
@@ -357,8 +357,10 @@ impl<D: Device> Session<D> {
 
     /// Builds and loads the plan for pictures of this size, unless it is already loaded.
     ///
-    /// Returns true if it was loaded now; the next frame then runs its prologue. Warnings about the graph are printed
-    /// to standard error, once, and so is a line for each graph of a choice whose requirements the device does not
+    /// Returns true if the plan was loaded now; the next frame then runs its prologue. The first time, warnings about
+    /// the
+    /// graph are printed to standard error, with a line for each graph of a choice whose requirements the device does
+    /// not
     /// meet.
     pub fn prepare(
         &mut self,
@@ -400,10 +402,10 @@ impl<D: Device> Session<D> {
         Ok(())
     }
 
-    /// Lists the settings, and the mesh, without an effect in the current plan, with the reasons, as lines for the user;
-    /// each is listed once.
+    /// Lists the settings that have no effect in the current plan, as lines for the user with the reasons. An unused
+    /// mesh is listed, too. Each line is returned once.
     ///
-    /// Meant for settings made by the user: measurements set parameters whose effect they do not know.
+    /// Meant for settings made by the user: measurements set parameters without knowing whether they have an effect.
     pub fn settings_without_effect(&mut self) -> Vec<String> {
         let Some((plan, _)) = &self.loaded else { return Vec::new() };
         let found = planner::without_effect(plan, &self.set).into_iter();
@@ -430,7 +432,7 @@ impl<D: Device> Session<D> {
         Ok(id)
     }
 
-    /// Submits a frame with the current plan.
+    /// Submits a frame with the current plan, and keeps its inputs.
     fn fly(&mut self, camera: Camera, request: FrameOptions, number: u32) -> Result<Flight, SessionError> {
         let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
         debug_assert_eq!(*size, (camera.width, camera.height));
@@ -449,8 +451,9 @@ impl<D: Device> Session<D> {
 
     /// Waits for a frame and returns its results, drawn with the current plan.
     ///
-    /// An incomplete frame is repeated, with capacity for its need plus a quarter: see the module's documentation. All
-    /// frames must be waited for before another size is prepared.
+    /// An incomplete frame is repeated with capacity for its need plus a quarter: see the module's documentation. Wait
+    /// for
+    /// all frames before another size is prepared.
     ///
     /// # Errors
     /// The device fails, or a frame needs more capacity than a parameter's range or the device allows. The plan then
@@ -495,7 +498,7 @@ impl<D: Device> Session<D> {
         Ok(result)
     }
 
-    /// Builds and loads a plan with the capacity that a frame lacked, unless the current plan has it.
+    /// Builds and loads a plan with the capacity that a frame lacked, unless the current plan already has it.
     fn grow(&mut self, short: &[Overflow], size: (u32, u32), share: bool) -> Result<(), SessionError> {
         if let Some(Overflow { parameter, needed, most, .. }) = short.iter().find(|s| s.needed > s.most) {
             return Err(SessionError::Full { parameter: parameter.clone(), most: *most, needed: *needed });
@@ -553,7 +556,7 @@ fn timed(plan: &Plan, result: &FrameResult) -> Vec<timeline::Pass> {
     timed.collect()
 }
 
-/// Supplies a scene's attributes for upload; none for a graph that draws without a scene.
+/// Supplies a scene's attributes for upload; `None` for a graph that draws without a scene.
 pub(crate) struct Upload<'a>(pub Option<&'a Scene>);
 
 impl SceneData for Upload<'_> {
@@ -569,7 +572,7 @@ impl SceneData for Upload<'_> {
     }
 }
 
-/// Converts pixels from a device to an image without alpha; `None` for a format without colours.
+/// Converts a device's pixels to an image without alpha; `None` for a format without colours.
 pub fn image_of(pixels: &Pixels) -> Option<Image> {
     let (width, height) = (pixels.width as usize, pixels.height as usize);
     let rgb: Vec<[f32; 3]> = match pixels.format {
