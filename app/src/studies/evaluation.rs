@@ -7,7 +7,7 @@ use crate::io::output::one_line;
 use crate::studies::metrics::{self, MetricError, flip};
 use serde::{Deserialize, Serialize};
 
-/// The score of a view.
+/// The scores of a view's picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Score {
     /// The photograph's name.
@@ -24,7 +24,7 @@ pub struct Score {
     pub flip: f64,
 }
 
-/// Means over all views. A mean is `None` if a view lacks the number.
+/// Means of the scores over all views. A mean is `None` if a view lacks the score.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Mean {
     /// Mean of the views' decibels (as in papers), not the PSNR of the mean error.
@@ -38,7 +38,7 @@ pub struct Mean {
 /// The scores of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Evaluation {
-    /// A score per view, in the order of the photographs' names.
+    /// The scores of each view, in the order of the photographs' names.
     pub views: Vec<Score>,
     /// The means over the views.
     pub mean: Mean,

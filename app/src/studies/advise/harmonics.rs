@@ -11,18 +11,18 @@ use splatgraph_assets::Scene;
 use splatgraph_reference::Splats;
 use std::f64::consts::PI;
 
-/// A band of spherical harmonics.
+/// The contribution of a band of spherical harmonics to the colours of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Band {
     /// Degree of the band, 0 to 3.
     pub band: u32,
     /// Root mean square over directions, channels and splats, for colours of 0 to 1.
     pub rms: f64,
-    /// Share of the view-dependent bands' energy; 0 for band 0, which depends on no direction.
+    /// Share of the energy of all view-dependent bands; 0 for band 0, which does not depend on the direction.
     pub share: f64,
 }
 
-/// Energy of each band, 0 to 3: the mean square of its contribution to a channel, over the sphere.
+/// Energy of each band, 0 to 3: the mean square of its contribution to a colour channel, over the sphere.
 pub type Energy = [f64; 4];
 
 /// Computes the energy of each band of a splat, averaged over the channels.
@@ -33,7 +33,7 @@ pub fn energy(sh: &[[f64; 3]; 16]) -> Energy {
     })
 }
 
-/// Measures the bands that a scene stores.
+/// Measures the contribution of each band that a scene stores.
 pub fn bands(scene: &Scene) -> Vec<Band> {
     let of_splat = |index: usize| {
         let weight = f64::from(scene.opacities()[index]) * world_area(scene, index);

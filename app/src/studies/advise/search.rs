@@ -10,7 +10,7 @@ use crate::studies::study::Setting;
 use crate::studies::trade::measure::Row;
 use serde::Serialize;
 
-/// Limits that a setting must keep.
+/// Limits within which a setting must stay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Budget {
     /// Minimum PSNR of every view, in decibels.
@@ -33,10 +33,10 @@ pub struct Tried {
 }
 
 impl Tried {
-    /// Summarises the rows of a setting; `None` if one of them failed. Ranges are at least as wide as the noise
-    /// `floor`.
+    /// Summarises the rows of a setting; `None` if one of them failed.
     ///
-    /// The exact settings' share is 1, by definition.
+    /// The ranges of the shares are at least as wide as `floor`, the noise floor. The exact settings' share is 1, by
+    /// definition.
     pub fn new(setting: &Setting, rows: &[Row], floor: Option<f64>) -> Option<Tried> {
         let found: Option<Vec<_>> = rows.iter().map(|row| row.found.as_ref().ok()).collect();
         let found = found.filter(|found| !found.is_empty())?;
@@ -54,12 +54,14 @@ impl Tried {
         })
     }
 
-    /// Returns the lowest PSNR of a view.
+    /// Returns the lowest PSNR over the views, in decibels.
     pub fn least_psnr(&self) -> f64 {
         self.psnr_db.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns true if this setting is certainly faster than `other`, false if it is not, `None` if noise hides it.
+    /// Returns true if this setting is certainly faster than `other`, false if it certainly is not or without
+    /// timestamps,
+    /// and `None` if noise hides the difference.
     fn faster(&self, other: &Tried) -> Option<bool> {
         match (self.share, other.share) {
             (Some(own), Some(other)) => own.faster(&other),
@@ -74,14 +76,16 @@ impl Tried {
     }
 }
 
-/// Returns the mean share of a setting's rows, not widened to the floor; `None` without timestamps, or if a row failed.
+/// Returns the mean share of a setting's rows, not widened to the floor. `None` without timestamps, or if a row failed.
 pub fn own_share(rows: &[Row]) -> Option<Share> {
     let share = |row: &Row| Some(row.found.as_ref().ok()?.time.as_ref()?.share);
     Share::mean(&rows.iter().map(share).collect::<Option<Vec<_>>>()?)
 }
 
 impl Budget {
-    /// Returns true if a setting is certainly within the limits, false if it is not, `None` if noise hides it.
+    /// Returns true if a setting is certainly within the limits, false if it certainly is not, and `None` if noise
+    /// hides
+    /// it.
     ///
     /// Without timestamps, no setting is within a time limit.
     pub fn allows(&self, tried: &Tried) -> Option<bool> {
@@ -99,7 +103,7 @@ impl Budget {
     }
 }
 
-/// Decibels by which a prediction may miss the budget and still be drawn.
+/// Decibels by which a single setting, or the prediction of a combination, may miss the budget without being skipped.
 const SLACK_DB: f64 = 1.0;
 /// Maximum number of combinations to predict.
 const MOST: usize = 100_000;
@@ -119,11 +123,11 @@ impl Predicted {
     }
 }
 
-/// Lists combinations to draw, the most promising first. `singles` are the exact settings and the settings one
-/// parameter away from them.
+/// Lists combinations to draw, the most promising first.
 ///
-/// Settings of other graphs, settings that change several parameters, and settings that do not save time beyond the
-/// noise are not combined. The second list names the settings whose saving is within the noise.
+/// `singles` are the exact settings, and the settings that change one parameter of them. Settings of other graphs,
+/// settings that change several parameters, and settings that do not save time beyond the noise are not combined. The
+/// second list names the settings with a saving within the noise.
 pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<String>) {
     let Some(exact) = singles.iter().find(|tried| tried.setting.name == EXACT) else {
         return (Vec::new(), Vec::new());
@@ -191,7 +195,7 @@ pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<St
     (all.into_iter().map(setting).collect(), unsure)
 }
 
-/// Returns the one parameter in which a setting of the same graph differs.
+/// Returns the name and the value of the only parameter in which `other` differs; `None` for several, or another graph.
 fn single_change(exact: &Setting, other: &Setting) -> Option<(String, String)> {
     if other.pipeline != exact.pipeline || other.set.len() != exact.set.len() {
         return None;
@@ -201,19 +205,21 @@ fn single_change(exact: &Setting, other: &Setting) -> Option<(String, String)> {
     changed.next().is_none().then(|| (name.clone(), value.clone()))
 }
 
-/// The best setting within the budget, and the settings whose difference from it is within the noise.
+/// The best setting within a budget, and the settings that noise does not distinguish from it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Best<'a> {
     /// The setting; `None` if none is certainly within the budget.
     pub found: Option<&'a Tried>,
-    /// Settings that may be better, but noise hides their time difference or whether they are within the time limit.
+    /// Settings that may be better: noise hides the difference in time, or whether they are within the time limit.
     pub hidden: Vec<&'a Tried>,
 }
 
-/// Chooses the best setting within the budget: the fastest if an error is allowed, else the most accurate.
+/// Chooses the best setting within the budget: the fastest if an error is allowed, otherwise the most accurate.
 ///
-/// Among settings whose times noise does not distinguish from the fastest, the most accurate is chosen. Defaults within
-/// the budget are chosen unless another setting is faster (or, within a time limit, more accurate) beyond the noise.
+/// Among settings that noise does not distinguish from the fastest, the most accurate is chosen. If the defaults are
+/// within the budget, they are chosen unless another setting is faster (or, with a time limit, more accurate) beyond
+/// the
+/// noise.
 pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
     let of = |wanted: Option<bool>| tried.iter().filter(move |tried| budget.allows(tried) == wanted);
     let more_accurate = |a: &'a Tried, b: &'a Tried| if b.least_psnr() > a.least_psnr() { b } else { a };
@@ -254,7 +260,7 @@ pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
 /// Minimum gain in PSNR, in decibels, that is worth changing the defaults: more than the rounding of a table.
 const LEAST_GAIN_DB: f64 = 0.1;
 
-/// Returns true if a setting is worth changing the defaults; both are within the budget.
+/// Returns true if a setting justifies changing the defaults. Both are within the budget.
 fn is_better(other: &Tried, defaults: &Tried, budget: &Budget) -> bool {
     match budget.psnr {
         Some(_) => other.faster(defaults) == Some(true),

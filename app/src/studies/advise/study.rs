@@ -1,4 +1,4 @@
-//! Finds the needs of a scene, and the cheapest setting within a budget.
+//! Describes what a scene needs, and searches for the cheapest setting within a budget.
 
 use super::harmonics::{self, Band};
 use super::search::{Best, Budget, Tried, best, combinations, own_share};
@@ -16,18 +16,18 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
 
-/// Properties of a scene.
+/// What the renderer needs to know about a scene.
 #[derive(Debug, Serialize)]
 pub struct Description {
-    /// Dropped splats and unusual values.
+    /// Dropped splats and unusual values of the scene's file.
     pub report: Report,
     /// The width that depth keys need, for each mapping of depth to keys.
     pub keys: Vec<Need>,
-    /// Effect of each band of harmonics on the colours.
+    /// Contribution of each band of harmonics to the colours.
     pub bands: Vec<Band>,
 }
 
-/// Describes a scene. A depth key may leave `errors` pairs of overlapping splats in the wrong order in a view.
+/// Describes a scene. In each view, a depth key may leave `errors` pairs of overlapping splats in the wrong order.
 pub fn describe(scene: &Scene, cameras: &[Camera], errors: u64) -> Description {
     Description {
         report: Report::new(scene, cameras),
@@ -36,12 +36,12 @@ pub fn describe(scene: &Scene, cameras: &[Camera], errors: u64) -> Description {
     }
 }
 
-/// The request of the study.
+/// The parameters of a search.
 #[derive(Clone, Debug)]
 pub struct Wanted {
     /// The graph whose parameters are changed.
     pub pipeline: String,
-    /// Parameters that have a value in every setting.
+    /// Names and values of the parameters that are the same in every setting.
     pub set: Vec<(String, String)>,
     /// Limits that the advised setting must keep.
     pub budget: Budget,
@@ -49,14 +49,14 @@ pub struct Wanted {
     pub frames: Frames,
 }
 
-/// The settings that a search measured.
+/// The settings that a search measured, and its budget.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Advice {
     /// The limits of the request.
     pub budget: Budget,
     /// The settings that were drawn and measured.
     pub tried: Vec<Tried>,
-    /// Names of settings whose saving is within the noise; they were not combined.
+    /// Names of the settings with a saving within the noise; they were not combined.
     pub unsure: Vec<String>,
 }
 
@@ -129,7 +129,8 @@ pub fn study<D: Device>(
     Ok(Advice { budget: wanted.budget, tried, unsure })
 }
 
-/// Returns the exact settings with the narrowest keys that each mapping allows.
+/// Returns the exact settings with the narrowest keys that suffice for their mapping. `None` if their keys already have
+/// that width, or no width suffices.
 fn advised_keys(exact: &Setting, needs: &[Need]) -> Option<Setting> {
     let of = |name: &str| exact.set.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
     let bits = needs.iter().find(|need| Some(need.map.name()) == of("key_map"))?.bits?;
@@ -151,9 +152,10 @@ fn changed(set: &[(String, String)], controls: &[Control]) -> Vec<(String, Strin
     set.iter().filter(|pair| !is_default(pair)).cloned().collect()
 }
 
-/// Measures a setting in every view; `None` if it draws from the previous frame, because still views hide its error.
+/// Measures a setting in every view.
 ///
-/// `exact_ms` holds the milliseconds of the exact settings in each view, once known.
+/// `None` if it draws from the previous frame, because still views hide its error. `exact_ms` holds the milliseconds of
+/// the exact settings in each view, once known.
 fn measured<D: Device>(
     session: &mut Session<D>,
     exact: &mut Session<D>,

@@ -1,4 +1,4 @@
-//! Measures the device's bandwidth for copies between buffers, the limit of every pass.
+//! Measures the device's bandwidth for copies between buffers, which bounds every pass.
 
 use super::measure::Bench;
 use crate::draw::facts::DEFAULT_SIZE;
@@ -10,7 +10,7 @@ use splatgraph_assets::{Camera, Scene, synth};
 
 /// Name of the graph that copies.
 pub const GRAPH: &str = "bench/copy";
-/// Phase of the copy in [`GRAPH`].
+/// Phase of [`GRAPH`] with the copy.
 const PHASE: &str = "copy";
 
 /// The copy bandwidth of a device.
@@ -31,8 +31,9 @@ pub fn no_scene() -> Result<(Scene, Camera), synth::SynthError> {
     Ok((scene, camera))
 }
 
-/// Measures the copy limit; `None` if the device has no timestamps. The inner error is the reason that it cannot be
-/// measured.
+/// Measures the copy limit; `None` if the device has no timestamps.
+///
+/// The inner error explains why the limit cannot be measured.
 ///
 /// # Errors
 /// The device fails.

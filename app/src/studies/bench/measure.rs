@@ -1,4 +1,4 @@
-//! Draws candidates interleaved, and measures time, bytes and memory of each.
+//! Draws candidates interleaved, and measures the time, the bytes and the memory of each.
 
 use super::bytes;
 use crate::draw::interleaved::{self, Effort, Figure, Frames, Rounds, Timed, Timestamps};
@@ -17,9 +17,9 @@ use std::sync::Arc;
 /// Time and bytes of a pass, or of all passes of a phase.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Part {
-    /// The name in the plan.
+    /// Name of the pass or the phase in the plan.
     pub name: String,
-    /// The phase of a pass.
+    /// Phase that a pass belongs to; `None` for a phase.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub phase: Option<String>,
     /// Milliseconds on the GPU; `None` if the device has no timestamps.
@@ -28,7 +28,7 @@ pub struct Part {
     pub bytes: u64,
     /// Bandwidth: `bytes` per GPU time, in 10^9 bytes per second.
     pub gb_per_s: Option<f64>,
-    /// `gb_per_s` as a share of the device's copy limit.
+    /// `gb_per_s` divided by the device's copy limit; `None` if either is unknown.
     pub of_copy: Option<f64>,
 }
 
@@ -51,7 +51,7 @@ impl Part {
 pub struct Figures {
     /// Milliseconds on the GPU from a frame's first command to its last; `None` if the device has no timestamps.
     pub gpu_ms: Option<Figure>,
-    /// Milliseconds outside of passes: barriers, and the device's own time between passes.
+    /// Milliseconds outside of passes: barriers, and other time of the device between passes.
     ///
     /// This and `passes` come from frames with timestamps of passes, which take a little longer.
     pub between_ms: Option<Figure>,
@@ -61,7 +61,7 @@ pub struct Figures {
     pub record_ms: Option<Figure>,
     /// Host time until the frame is done, in milliseconds.
     pub wall_ms: Option<Figure>,
-    /// The phases, in order of execution; each is the sum of its passes.
+    /// Sums over the passes of each phase, in order of execution.
     pub phases: Vec<Part>,
     /// The passes, in order of execution.
     pub passes: Vec<Part>,
@@ -88,17 +88,17 @@ pub struct View {
 /// The measurements of a candidate.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Found {
-    /// The graphs of a choice that were passed over, in order.
+    /// The graphs of a choice that were passed over because of unmet requirements, in order.
     pub fallbacks: Vec<Fallback>,
     /// All parameters of the graph with their values.
     pub parameters: Map<String, Json>,
-    /// Reasons for parameter values that an expression over facts or other parameters gave.
+    /// Reasons for the parameter values that come from an expression over facts or other parameters, by parameter.
     pub reasons: BTreeMap<String, Reason>,
     /// The mean of the views' medians.
     pub mean: Figures,
     /// The views, one per camera.
     pub views: Vec<View>,
-    /// Passes that run once, when the plan is loaded; a single time for each.
+    /// Passes that run once, when the plan is loaded. Each has a single time.
     pub once: Vec<Part>,
     /// Device memory by name, in bytes. Candidates that read the same scene attributes share their memory.
     pub memory: Vec<BufferSize>,
@@ -109,7 +109,7 @@ pub struct Found {
 /// Measurements of a candidate, or the reason that it cannot be drawn.
 pub type Outcome = Result<Found, String>;
 
-/// Returns the reason that a candidate cannot be drawn.
+/// Returns why a candidate cannot be drawn.
 ///
 /// # Errors
 /// The device fails: no other candidate can be drawn either.
@@ -146,10 +146,11 @@ pub struct Bench<'a, D> {
 }
 
 impl<D: Device> Bench<'_, D> {
-    /// Measures candidates from each camera, interleaved. Each camera is one step of the task; `place` names the scene
-    /// and size.
+    /// Measures candidates from each camera, interleaved. Each camera is one step of the task.
     ///
-    /// Candidates that cannot be drawn do not take part; their result is the reason.
+    /// `place` names the scene and the size for messages. A candidate that cannot be drawn is left out; its result is
+    /// the
+    /// reason.
     ///
     /// # Errors
     /// The device fails, or the listener cancels.
@@ -244,7 +245,7 @@ impl<D: Device> Bench<'_, D> {
     }
 }
 
-/// Summarises the frames of a view: `rounds` have timestamps of passes, `whole` may lack them.
+/// Summarises the frames of a view. `rounds` have timestamps of passes; `whole` may lack them.
 ///
 /// Passes that run once are left out.
 fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> Figures {
@@ -276,7 +277,7 @@ fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> F
     }
 }
 
-/// Combines the views of a candidate.
+/// Combines the views of a candidate to its measurements.
 fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, SessionError> {
     let plan = runner.session.plan().ok_or(SessionError::NotPrepared)?;
     let parameters =
@@ -301,8 +302,9 @@ fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, S
     })
 }
 
-/// Averages the views' medians. Views of different sizes may have different passes: a pass is averaged over the views
-/// that have it.
+/// Averages the medians of the views.
+///
+/// Views of different sizes may have different passes. A pass is averaged over the views that have it.
 fn mean(views: &[View], copy: Option<f64>) -> Figures {
     let over = |of: fn(&Figures) -> Option<Figure>| Figure::mean(views.iter().map(|view| of(&view.figures)));
     let parts = |of: fn(&Figures) -> &Vec<Part>| {

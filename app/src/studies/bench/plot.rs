@@ -1,17 +1,17 @@
-//! Plots the time of candidates over the number of splats, and over the size of the picture.
+//! Plots the time of candidates against the number of splats, and against the size of the picture.
 
 use super::report::{Report, Row, size_text};
 use super::table::scene_name;
 use crate::io::report::plot::{Axis, Plot, Series};
 use splatgraph_assets::grouped;
 
-/// Picture sizes of a run; `None` for the cameras' own.
+/// Picture sizes of a run; `None` for the size of each camera.
 type Sizes<'a> = &'a [Option<(u32, u32)>];
 
 /// Returns the file names of a scene's plots, without extension, in the order of [`plots`].
 ///
-/// There is one for each size if there are several numbers of splats, and one for each number of splats if there are
-/// several sizes. `stem` distinguishes the scene from the others.
+/// With several numbers of splats, there is one plot for each size; with several sizes, one for each number of splats.
+/// `stem` is the part of the names that identifies the scene.
 pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
     let size_name = |size: &Option<(u32, u32)>| size.map_or("own".into(), |(w, h)| format!("{w}x{h}"));
     let mut names = Vec::new();
@@ -29,7 +29,7 @@ pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
     names
 }
 
-/// Plots the times of a scene. `splats` are the requested numbers of splats; if empty, the scene's own is used.
+/// Plots the times of a scene. `splats` are the numbers of splats that were asked for; if empty, the scene has its own.
 pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<Plot> {
     let rows: Vec<&Row> = report.rows.iter().filter(|row| row.scene == scene).collect();
     let counts = unique(rows.iter().map(|row| row.splats));
@@ -66,7 +66,7 @@ fn unique<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<T> {
     found
 }
 
-/// Plots one line per graph: the frame time averaged over the cameras, on the GPU if known.
+/// Plots one line per graph: the frame time, averaged over the cameras; on the GPU if known, otherwise on the host.
 fn plot(
     report: &Report,
     title: String,

@@ -1,4 +1,4 @@
-//! Keeps the numbers of a run, as JSON and as CSV.
+//! Stores the numbers of a run, as JSON and as CSV.
 
 use super::limit::CopyLimit;
 use super::measure::{Figures, Found, Outcome, Part};
@@ -11,10 +11,10 @@ use splatgraph_assets::Camera;
 /// Version of the JSON; increases when a field is removed or changes its meaning.
 pub const VERSION: u32 = 1;
 
-/// Program, device and settings that the numbers come from.
+/// Program, device and settings of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Origin {
-    /// The JSON's [`VERSION`].
+    /// Version of the JSON, [`VERSION`].
     pub version: u32,
     /// The program's version.
     pub program: String,
@@ -75,9 +75,9 @@ pub struct SceneOrigin {
 pub struct Row {
     /// The scene's file, or `demo`.
     pub scene: String,
-    /// Number of splats; the scene is enlarged or cut to it.
+    /// Number of splats that were drawn; the scene is enlarged or cut to it.
     pub splats: u32,
-    /// Width and height in pixels; `None` if each camera has its own.
+    /// Width and height in pixels; `None` if each camera has its own size.
     pub size: Option<(u32, u32)>,
     /// Name or path of the graph.
     pub pipeline: String,
@@ -85,10 +85,10 @@ pub struct Row {
     pub found: Outcome,
 }
 
-/// The numbers of a run.
+/// All numbers of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// The origin of the numbers.
+    /// Program, device and settings of the run.
     #[serde(flatten)]
     pub origin: Origin,
     /// Scenes of the run, with their cameras.
@@ -97,7 +97,7 @@ pub struct Report {
     pub rows: Vec<Row>,
 }
 
-/// Formats a size; `None` is the cameras' own.
+/// Formats a picture size. `None` stands for the cameras' own sizes.
 pub fn size_text(size: Option<(u32, u32)>) -> String {
     size.map_or("cameras' size".into(), |(width, height)| format!("{width}x{height}"))
 }
@@ -147,7 +147,7 @@ impl Report {
     }
 }
 
-/// Returns the first line of a message, without its label. The JSON keeps the source text of a graph's error.
+/// Returns the first line of an error message, without its label. The JSON keeps the whole message.
 pub(super) fn first_line(why: &str) -> &str {
     let line = why.lines().next().unwrap_or_default();
     line.strip_prefix("error: ").unwrap_or(line)

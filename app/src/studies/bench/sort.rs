@@ -1,4 +1,4 @@
-//! Measures the sort alone, over numbers of pairs and key widths.
+//! Measures the sort alone, for several numbers of pairs and key widths.
 
 use super::limit::no_scene;
 use super::measure::{Bench, Found, Part};
@@ -14,7 +14,7 @@ use splatgraph_assets::grouped;
 
 /// Name of the graph that sorts random pairs.
 pub const GRAPH: &str = "bench/pairs";
-/// The phase that is measured.
+/// Phase of [`GRAPH`] that is measured.
 const PHASE: &str = "sort";
 
 /// Key widths, in bits.
@@ -31,14 +31,14 @@ pub fn usual_pairs() -> Vec<u32> {
 /// The measurements of a sort.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sorted {
-    /// All passes together: their GPU time, and a lower bound of the bytes that they move.
+    /// The sum of the sort's passes: their GPU time, and a lower bound of the bytes that they move.
     pub phase: Part,
-    /// Upper bound of the sort's GPU time in milliseconds: the time outside of passes, such as barriers, is included.
+    /// Upper bound of the sort's GPU time in milliseconds, which includes the time between passes, such as barriers.
     /// `None` if the device has no timestamps.
     pub at_most_ms: Option<f64>,
     /// Host time of the whole frame in milliseconds, including the generation of the pairs.
     pub wall_ms: Option<Figure>,
-    /// Pairs per GPU time, in 10^9 per second.
+    /// Pairs sorted per GPU time, in 10^9 per second.
     pub gkeys_per_s: Option<f64>,
     /// Passes of the sort, in order of execution.
     pub passes: Vec<Part>,
@@ -63,7 +63,7 @@ impl Sorted {
     }
 }
 
-/// A measurement of one number of pairs with one key width.
+/// The measurements of sorting one number of pairs by keys of one width.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// Number of pairs that are sorted.
@@ -74,10 +74,10 @@ pub struct Row {
     pub found: Result<Sorted, String>,
 }
 
-/// The numbers of a run.
+/// The sorts of a run, with its origin.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// The origin of the numbers.
+    /// Program, device and settings of the run.
     #[serde(flatten)]
     pub origin: Origin,
     /// The sorts, grouped by number of pairs.
@@ -179,7 +179,7 @@ impl Report {
         text
     }
 
-    /// Plots the rate over the number of pairs, one line per key width; `None` without times.
+    /// Plots the rate against the number of pairs, one line per key width; `None` without times.
     pub fn plot(&self) -> Option<Plot> {
         let series = |bits: u32| {
             let rows = self.rows.iter().filter(move |row| row.key_bits == bits);

@@ -1,4 +1,4 @@
-//! Measures candidates on a scene, over numbers of splats and picture sizes.
+//! Measures candidates on a scene, for several numbers of splats and picture sizes.
 
 use super::limit::{self, CopyLimit};
 use super::measure::Bench;
@@ -9,20 +9,20 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, grouped, synth};
 use std::sync::Arc;
 
-/// The request for one scene.
+/// The candidates to measure on a scene, and the numbers of splats and sizes.
 #[derive(Clone, Debug)]
 pub struct Wanted {
     /// Graphs with values for some of their parameters.
     pub candidates: Vec<Setting>,
     /// Numbers of splats to which the scene is enlarged or cut; empty for its own number.
     pub splats: Vec<u32>,
-    /// Sizes of the pictures; `None` for the cameras' own.
+    /// Sizes of the pictures; `None` for the size of each camera.
     pub sizes: Vec<Option<(u32, u32)>>,
 }
 
-/// Measures the copy limit of a device; on failure, tells the listener the reason.
+/// Measures the copy limit of a device. If that fails, the listener gets the reason.
 ///
-/// `None` for a device on a CPU: caches serve most passes there, so a copy of main memory bounds none of them.
+/// `None` for a device on a CPU: caches serve most passes there, so a copy of main memory does not bound them.
 ///
 /// # Errors
 /// The device fails.
@@ -40,7 +40,7 @@ pub fn copy_limit<D: Device>(
     }))
 }
 
-/// Measures candidates on a scene and adds them to a report; `kept` is called after each number of splats and size.
+/// Measures candidates on a scene, and adds them to a report. Calls `kept` after each number of splats and size.
 ///
 /// # Errors
 /// The device fails, `kept` fails, or the listener cancels. A candidate that cannot be drawn gives a row with the

@@ -8,7 +8,7 @@ use crate::io::report::text::table;
 use splatgraph_assets::grouped;
 use std::path::Path;
 
-/// Describes the device, its copy limit, and its clock. `timed` is false if the device gave no times.
+/// Describes the device, its copy limit, and its clock. `timed` is false if the device measured no times.
 pub fn head(origin: &Origin, timed: bool) -> String {
     let mut text = format!("{} ({})\n", origin.device, origin.driver);
     if let Some(copy) = &origin.copy {
@@ -29,8 +29,10 @@ pub fn head(origin: &Origin, timed: bool) -> String {
     text
 }
 
-/// Formats all tables of a report: for each scene, number of splats and size, the passes, the cameras and the
-/// candidates; finally an overview of the candidates over all numbers of splats and sizes.
+/// Formats all tables of a report.
+///
+/// For each scene, number of splats and size, these are the passes, the cameras and the candidates. An overview of the
+/// candidates over all numbers of splats and sizes follows.
 pub fn tables(report: &Report) -> String {
     let timed = report.drawn().all(|found| found.mean.gpu_ms.is_some());
     let mut text = head(&report.origin, timed);
@@ -63,7 +65,7 @@ fn place(row: &Row) -> (&str, u32, Option<(u32, u32)>) {
     (&row.scene, row.splats, row.size)
 }
 
-/// Returns the rows that were drawn.
+/// Returns the candidates that were drawn, each with its row.
 fn drawn(rows: &[Row]) -> impl Iterator<Item = (&Row, &Found)> {
     rows.iter().filter_map(|row| Some((row, row.found.as_ref().ok()?)))
 }
@@ -115,7 +117,7 @@ fn candidates(rows: &[Row]) -> String {
     table(&std::iter::once(header).chain(drawn(rows).map(line)).collect::<Vec<_>>())
 }
 
-/// Returns a note if the device idles for most of the time between frames.
+/// Returns a note if the device idles for most of the time between frames, otherwise an empty string.
 fn resting(row: &Row, found: &Found) -> String {
     let busy = found.mean.gpu_ms.zip(found.mean.wall_ms).map(|(gpu, wall)| gpu.median / wall.median);
     match busy.filter(|busy| *busy < BUSY) {
@@ -128,9 +130,7 @@ fn resting(row: &Row, found: &Found) -> String {
     }
 }
 
-/// Formats the passes of a candidate, followed by the passes that run once.
-///
-/// On a CPU, bandwidths are left out.
+/// Formats the passes of a candidate, followed by the passes that run once. On a CPU, bandwidths are left out.
 fn passes(found: &Found, is_cpu: bool) -> String {
     let header = cells(["", "phase", "GPU ms", "spread", "MB", "GB/s", "of copy"]);
     let line = |part: &Part| {
@@ -174,7 +174,7 @@ fn line_of(row: &Row) -> Line<'_> {
     (&row.scene, row.size, &row.pipeline)
 }
 
-/// Formats the overview: candidates in lines, numbers of splats in columns.
+/// Formats the overview, with a row per candidate and a column per number of splats.
 fn overview(report: &Report) -> String {
     let mut columns: Vec<u32> = report.rows.iter().map(|row| row.splats).collect();
     columns.sort_unstable();

@@ -1,4 +1,4 @@
-//! Draws with every parameter at its exact value, except for the changes of an experiment.
+//! Draws with every parameter at its exact value, except for the parameters that an experiment changes.
 
 use crate::draw::capture::{self, Capture};
 use crate::draw::session::{Session, SessionError};
@@ -7,7 +7,7 @@ use crate::studies::study::StudyError;
 use splatgraph_api::Device;
 use splatgraph_assets::Camera;
 
-/// The graph of the experiments.
+/// Name of the graph that the experiments draw.
 pub const GRAPH: &str = "splat";
 
 /// Gain of difference pictures: an error of one 8-bit step is just visible, and a large error does not fill the
@@ -28,7 +28,7 @@ pub fn values<D: Device>(session: &mut Session<D>, size: (u32, u32)) -> Result<S
     Ok(all.into_iter().find(|setting| setting.name == settings::EXACT).map_or_else(Set::new, |s| s.set))
 }
 
-/// Draws with the exact values, except for `changes`.
+/// Draws a picture with the exact values, except for `changes`.
 pub(super) fn draw<D: Device>(
     session: &mut Session<D>,
     exact: &Set,
@@ -43,7 +43,7 @@ pub(super) fn draw<D: Device>(
     Ok(capture::take(session, camera)?)
 }
 
-/// Formats decibels; `None`, for equal pictures, gives `equal`.
+/// Formats decibels. For `None`, which stands for equal pictures, returns `equal`.
 pub(super) fn decibels(psnr_db: Option<f64>) -> String {
     psnr_db.map_or_else(|| "equal".into(), |db| format!("{db:.1}"))
 }

@@ -10,10 +10,10 @@ use splatgraph_assets::harmonics::basis;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Gaussian, Picture, Rules, Splats, render};
 
-/// Divisor of the picture's width and height that gives the window's.
+/// The window's width and height are the picture's, divided by this.
 pub const SHARE: u32 = 3;
 
-/// A scene whose colours are replaced by other values.
+/// A scene with other values in place of its colours.
 struct Painted<'a, F> {
     scene: &'a Scene,
     color: F,
@@ -33,7 +33,7 @@ impl<F: Fn(&Gaussian) -> [f64; 3] + Sync> Splats for Painted<'_, F> {
     }
 }
 
-/// A part of a picture.
+/// A rectangular part of a picture, with the energy of the harmonics in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
     /// First column and row, in pixels.
@@ -42,16 +42,15 @@ pub struct Part {
     pub size: [u32; 2],
     /// Centroid of the part's energy, in world coordinates.
     pub point: [f64; 3],
-    /// Mean energy of bands 1 to 3 in the part, weighted by the visible part of each splat.
+    /// Mean energy of bands 1, 2 and 3 in the part. Each splat counts by its visible part.
     pub within: [f64; 3],
-    /// The mean energy of bands 1 to 3 in the whole picture.
+    /// Mean energy of bands 1, 2 and 3 in the whole picture.
     pub whole: [f64; 3],
 }
 
-/// Finds the window, a third of the picture's sides, with the most energy in bands 1 to 3; of equal ones, the first by
-/// rows.
+/// Finds the window with the most energy in bands 1 to 3. Its sides are a third of the picture's.
 ///
-/// `None` if nothing in the picture depends on the direction.
+/// Of equal windows, the first by rows is taken. `None` if nothing in the picture depends on the direction.
 pub fn find(scene: &Scene, camera: &Camera) -> Option<Part> {
     let draw = |color: &(dyn Fn(&Gaussian) -> [f64; 3] + Sync)| -> Picture {
         let rules = Rules { color_floor: None, sh_degree: 0, ..Rules::PUBLISHED };
@@ -119,7 +118,7 @@ fn richest(values: &[f64], [width, height]: [usize; 2], size: [usize; 2]) -> Opt
     best.filter(|(_, most)| *most > 0.0).map(|(corner, _)| corner)
 }
 
-/// Finds the point of the world at a pixel and a depth.
+/// Computes the world position of a pixel at a view depth.
 fn unprojected(camera: &Camera, x: f64, y: f64, depth: f64) -> [f64; 3] {
     let side = |at: f64, size: u32, focal: f64| (at - 0.5 * (f64::from(size) - 1.0)) / focal * depth;
     let view = [side(x, camera.width, camera.fx), side(y, camera.height, camera.fy), depth];

@@ -26,7 +26,7 @@ pub enum Kind {
     Sh,
 }
 
-/// Runs an experiment, and writes its page. `view` describes the scene and the view, in words.
+/// Runs an experiment, and returns its page. `view` describes the scene and the view, in words.
 ///
 /// # Errors
 /// The graph has errors, the device fails, a picture cannot be encoded, or the listener cancels.

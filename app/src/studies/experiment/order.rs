@@ -1,8 +1,8 @@
-//! Blends a scene's splats in four orders, and with depth keys of fewer and fewer bits.
+//! Blends a scene's splats in four ways, and with ever narrower depth keys.
 //!
 //! The colour of a pixel is a sum in which each splat is dimmed by the splats in front of it. That product runs over an
-//! index set, and each wrong way of blending changes the set in its own manner. [`measure`] draws every way and
-//! measures the errors of picture and order; [`page`] writes them down.
+//! index set, and each wrong way of blending changes the set differently. [`measure`] draws all ways, and measures the
+//! errors of the picture and of the order; [`page`] presents them.
 
 use super::exact::{self, GAIN, decibels, draw};
 use super::two::{self, Two};
@@ -22,18 +22,18 @@ use splatgraph_reference::{Rules, depth_order};
 /// Widths of the depth keys that are measured, in bits.
 const KEY_BITS: [u32; 9] = [8, 10, 12, 14, 16, 20, 24, 28, 32];
 
-/// A picture, with its error against the exact one.
+/// A picture, and its error against the exact one.
 #[derive(Clone, Debug)]
 pub struct Drawn {
-    /// The name on the page.
+    /// Name of the picture on the page.
     pub name: String,
     /// The picture, as drawn by the device.
     pub image: Image,
-    /// Difference between this picture and the exact one.
+    /// Error of this picture against the exact one.
     pub error: Comparison,
-    /// Pairs of splats that the order buffer has in the wrong order.
+    /// Number of pairs of splats that are in the wrong order in the order buffer; `None` if it cannot be read.
     pub inversions: Option<u64>,
-    /// Pairs of splats that are blended in the wrong order.
+    /// Number of pairs of splats that are blended in the wrong order.
     pub wrong: Option<u64>,
     /// Total number of pairs of splats.
     pub pairs: u64,
@@ -97,7 +97,7 @@ pub fn measure<D: Device>(
     Ok(Order { view, truth, ways, keys, two: two::work_out(session)? })
 }
 
-/// Writes the page of the experiment.
+/// Makes the page of the experiment.
 ///
 /// # Errors
 /// A picture or a plot cannot be encoded.

@@ -1,7 +1,7 @@
-//! Leaves out bands of the spherical harmonics, where a scene's colours depend most on the direction.
+//! Leaves out bands of the spherical harmonics, where a scene's colours depend most on the viewing direction.
 //!
 //! A splat's colour is a function of the direction, stored as the first coefficients of its expansion in real spherical
-//! harmonics. These are orthonormal: omitting bands causes a mean square error, over all directions, of the sum of
+//! harmonics. These are orthonormal: if bands are left out, the mean square error over all directions is the sum of
 //! their squared coefficients over 4 pi. [`measure`] draws the glossiest part of a picture ([`gloss`]) from several
 //! directions with bands up to 0, 1, 2 and 3; [`page`] compares the errors with that sum.
 
@@ -23,14 +23,14 @@ use std::f64::consts::PI;
 /// Directions from which the part is drawn, in degrees to the side of the first camera.
 pub const DEGREES: [f64; 3] = [-30.0, 0.0, 30.0];
 
-/// A picture with bands up to a certain one, and its PSNR against two others.
+/// A picture drawn with bands up to some degree, and its PSNR against two pictures with all bands.
 #[derive(Clone, Debug)]
 pub struct Drawn {
     /// Picture that the device drew.
     pub image: Image,
-    /// PSNR against the picture with all bands, in decibels; `None` if they are equal.
+    /// PSNR against the device's picture with all bands, in decibels; `None` if they are equal.
     pub to_all: Option<f64>,
-    /// PSNR against the exact renderer's picture with all bands, in decibels.
+    /// PSNR against the exact renderer's picture with all bands, in decibels; `None` if they are equal.
     pub to_exact: Option<f64>,
 }
 
@@ -45,10 +45,10 @@ pub struct Direction {
     pub degrees: Vec<Drawn>,
 }
 
-/// The glossy part, and its pictures.
+/// The glossiest part of a picture, drawn from several directions.
 #[derive(Clone, Debug)]
 pub struct Glossy {
-    /// The part of the first camera's picture.
+    /// Position and energy of the part in the first camera's picture.
     pub part: Part,
     /// The first camera's picture.
     pub overview: Image,
@@ -60,7 +60,7 @@ pub struct Glossy {
 pub struct Sh {
     /// The scene and the view, in words.
     pub view: String,
-    /// The stored degree, and the highest band with a nonzero coefficient.
+    /// The degree that the file stores, and the highest band with a nonzero coefficient.
     pub degree: [u32; 2],
     /// The mean energy of each band over all splats.
     pub all: Energy,
@@ -68,9 +68,9 @@ pub struct Sh {
     pub glossy: Option<Glossy>,
 }
 
-/// Draws the glossy part with fewer and fewer bands, and measures the errors.
+/// Draws the glossiest part with fewer and fewer bands, and measures the errors.
 ///
-/// Several cameras are used as the directions; a single one is moved around the part by [`DEGREES`]. The listener gets
+/// Several cameras serve as the directions; a single one is moved around the part by [`DEGREES`]. The listener gets
 /// the number of steps done and the name of the next one.
 ///
 /// # Errors
@@ -130,7 +130,7 @@ fn mean_energy(scene: &Scene) -> Energy {
     sums.map(|sum| sum / count.max(1) as f64)
 }
 
-/// Lists the views of the part, with their names: a third of the picture, at half the picture's size.
+/// Lists cameras that show the part, with names. They magnify it: a third of the picture, at half the picture's size.
 fn views(cameras: &[Camera], first: &Camera, part: &Part) -> Vec<(String, Camera)> {
     let size = (first.width.div_ceil(2), first.height.div_ceil(2));
     let close = |camera: &Camera| orbit::facing(camera, part.point, f64::from(gloss::SHARE), size);
@@ -141,12 +141,12 @@ fn views(cameras: &[Camera], first: &Camera, part: &Part) -> Vec<(String, Camera
     DEGREES.map(|degrees| (name(degrees), close(&orbit::turned(first, part.point, degrees)))).into()
 }
 
-/// Formats a range of bands as text.
+/// Formats a range of bands, such as `1 to 3`.
 fn bands(first: u32, last: u32) -> String {
     if first == last { format!("band {first}") } else { format!("bands {first} to {last}") }
 }
 
-/// Writes the page of the experiment.
+/// Makes the page of the experiment.
 ///
 /// # Errors
 /// A picture cannot be encoded.
@@ -235,7 +235,7 @@ fn pictures(page: &mut Page, glossy: &Glossy, highest: u32) -> Result<(), StudyE
     Ok(())
 }
 
-/// Writes the table of errors: measured, and predicted by the sum of squares.
+/// Adds the table of errors: measured, and predicted from the sum of squares.
 fn errors(page: &mut Page, glossy: &Glossy, highest: u32) {
     let Glossy { part, directions, .. } = glossy;
     page.heading("The error, measured and from the sum");
@@ -267,7 +267,7 @@ fn errors(page: &mut Page, glossy: &Glossy, highest: u32) {
     );
 }
 
-/// Writes the table of energies.
+/// Adds the table of energies.
 fn energies(page: &mut Page, found: &Sh) {
     page.heading("The energy of each band");
     let part = found.glossy.as_ref().map(|glossy| &glossy.part);

@@ -1,8 +1,7 @@
-//! Works through an example of two splats: by the formula, by the exact renderer, and by the device.
+//! Works through an example of two splats: with the formulas, with the exact renderer, and on the device.
 //!
-//! Two splats have only one wrong order, so every step can be followed. Their alphas at a pixel, and their colours, are
-//! taken from exact pictures of each splat alone; the formulas are then evaluated step by step with these numbers
-//! alone.
+//! Two splats have only one wrong order, so every step can be followed. Their alphas and colours at a pixel are taken
+//! from exact pictures of each splat alone. The formulas are then evaluated step by step with only these numbers.
 
 use super::exact::{self, GRAPH, draw};
 use super::ways::{WAYS, Way};
@@ -27,12 +26,12 @@ pub struct Layer {
     pub color: [f64; 3],
 }
 
-/// One way of blending the two splats.
+/// The result of one way of blending the two splats.
 #[derive(Clone, Debug)]
 pub struct Blended {
     /// The way of blending.
     pub way: &'static Way,
-    /// The sum after each step, starting with zero, and the transmittance if the way keeps one.
+    /// The sum of colours after each step, starting at zero. Also the transmittance, if the way computes it.
     pub steps: Vec<([f64; 3], Option<f64>)>,
     /// Colour of the pixel that the device drew.
     pub drawn: [f64; 3],
@@ -41,7 +40,7 @@ pub struct Blended {
 }
 
 impl Blended {
-    /// Returns the sum after the last step.
+    /// Returns the colour that the formula gives: the sum after the last step.
     pub fn computed(&self) -> [f64; 3] {
         self.steps.last().map_or([0.0; 3], |(sum, _)| *sum)
     }
@@ -52,7 +51,7 @@ impl Blended {
 pub struct Two {
     /// The near splat and the far one at the pixel.
     pub layers: [Layer; 2],
-    /// Every way of blending them.
+    /// The result of each way of blending.
     pub ways: Vec<Blended>,
     /// The exact renderer's colour of the pixel.
     pub exact: [f64; 3],
@@ -60,7 +59,7 @@ pub struct Two {
     pub image: Image,
 }
 
-/// Works through the example, in its own context on the session's device.
+/// Computes and draws the example, in its own context on the session's device.
 ///
 /// # Errors
 /// The graph has errors, or the device fails.
@@ -106,7 +105,7 @@ fn layer(splat: &Gaussian, camera: &Camera, pixel: usize) -> Layer {
     Layer { alpha, color: alone.color[pixel].map(|channel| channel / alpha) }
 }
 
-/// Blends the near splat and the far one by `way`, step by step.
+/// Blends the two splats by `way`, and returns the sum and the transmittance after each step.
 fn steps(way: &Way, [near, far]: [Layer; 2]) -> Vec<([f64; 3], Option<f64>)> {
     let sequence = if way.nearest_first { [near, far] } else { [far, near] };
     let sequence = if way.sorted { sequence } else { [sequence[1], sequence[0]] };

@@ -3,9 +3,9 @@
 /// A way of blending splats.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Way {
-    /// The name on the page.
+    /// Name of the way on the page.
     pub name: &'static str,
-    /// Parameters of the graph that the way changes.
+    /// Names and values of the graph's parameters that the way changes.
     pub set: &'static [(&'static str, &'static str)],
     /// True if the splats are sorted by depth.
     pub sorted: bool,
@@ -15,11 +15,11 @@ pub struct Way {
     pub under: bool,
     /// The sum that this way computes, as LaTeX.
     pub sum: &'static str,
-    /// Explanation of the way's picture, for the page.
+    /// Explanation of the resulting picture, for the page.
     pub why: &'static str,
 }
 
-/// The ways of blending; the second, back to front, is the true one.
+/// All ways of blending. The second, back to front, changes no parameter.
 pub const WAYS: [Way; 4] = [
     Way {
         name: "unsorted",
