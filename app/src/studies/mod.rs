@@ -1,7 +1,7 @@
 //! Measures graphs and settings over many frames. Each study is a function `study` that returns numbers or a page.
 //!
-//! - [`mod@study`]: shared by all studies: their subject, the listener that follows them, and their error;
-//! - [`measurement`]: settings, and the time and the error of their pictures, as all studies measure them;
+//! - [`mod@study`]: the subject of all studies, the listener that follows them, and their error;
+//! - [`measurement`]: settings, and the time and the error of their pictures;
 //! - [`metrics`]: differences between pictures;
 //! - [`evaluation`]: scores against photographs;
 //! - [`price`]: the cost of each scene format, in bytes, in accuracy and in loading time;

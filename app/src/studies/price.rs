@@ -1,4 +1,4 @@
-//! Measures the price of each scene format: bytes, the error of its pictures, and the loading time.
+//! Measures the price of each scene format: bytes, the error of its pictures, and the time to load it.
 
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
@@ -9,7 +9,7 @@ use splatgraph_assets::{Camera, QUIET, Scene, SceneFormat, SpzVersion};
 use splatgraph_reference::Rules;
 use std::time::Instant;
 
-/// Number of loads; the fastest counts.
+/// Number of times that a file is loaded; the fastest load counts.
 const LOADS: usize = 3;
 
 /// The price of a format.
@@ -21,17 +21,17 @@ pub struct Price {
     pub bytes: u64,
     /// Bytes of the file per splat.
     pub bytes_per_splat: f64,
-    /// Milliseconds to read the file from memory: the least of three times.
+    /// Milliseconds to read the file from memory: the minimum of several loads.
     pub load_ms: f64,
-    /// Lowest PSNR of a view, in decibels; `None` if all pictures are equal.
+    /// Lowest PSNR over the views, in decibels; `None` if all pictures are equal.
     pub least_psnr_db: Option<f64>,
     /// Scores of the views against the original scene's pictures, and their means.
     pub scores: Evaluation,
 }
 
-/// Writes the scene in every format, reads it back, and scores its exact pictures against the original's.
+/// Writes the scene in every format, reads it back, and compares its exact pictures with the original's.
 ///
-/// Cameras are in the world's coordinates. Each file is drawn by its own tags, so tags that a format loses count as
+/// Cameras are in the world's coordinates. Each file is drawn by its own tags, so a format that loses tags has a larger
 /// error.
 ///
 /// # Errors

@@ -19,11 +19,11 @@ use std::sync::Arc;
 /// A graph with values for some of its parameters.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Setting {
-    /// A short name: a graph's, `exact`, `defaults`, `key_bits = 16`.
+    /// A short name: a graph's, `exact`, `defaults` or `key_bits = 16`.
     pub name: String,
     /// The graph, as `--pipeline` takes it.
     pub pipeline: String,
-    /// Names and values, as `--set` takes them.
+    /// Names and values of parameters, as `--set` takes them.
     pub set: Vec<(String, String)>,
 }
 
@@ -36,10 +36,10 @@ impl Setting {
 
 /// Follows a study: receives its progress and messages, and may cancel it.
 pub trait Listener {
-    /// Receives the number of steps done of a task, with the name of the next step. `Break` cancels the study.
+    /// Receives how many steps of a task are done, and the name of the next step. `Break` cancels the study.
     fn progress(&mut self, task: &str, done: u64, of: u64, step: &str) -> ControlFlow<()>;
 
-    /// Receives a message for the user, such as the reason that a setting is not measured.
+    /// Receives a message for the user, such as the reason why a setting is not measured.
     fn say(&mut self, message: &str);
 }
 
@@ -76,17 +76,17 @@ impl<'a> Steps<'a> {
         if flow.is_break() { Err(StudyError::Cancelled) } else { Ok(()) }
     }
 
-    /// Counts steps as done that are not needed.
+    /// Counts steps that are not needed as done.
     pub fn skip(&mut self, steps: usize) {
         self.done += steps as u64;
     }
 }
 
-/// The subject of a study: a scene from some cameras on a device.
+/// The subject of a study: a device, and a scene with the cameras that look at it.
 pub struct Subject<'a, D> {
     /// The device. A study draws with its own contexts.
     pub device: &'a D,
-    /// The name of the scene in results.
+    /// Name of the scene in results.
     pub name: String,
     /// Scene to draw.
     pub scene: Arc<Scene>,
@@ -117,7 +117,7 @@ impl<D: Device> Subject<'_, D> {
         format!("{} ({})", info.name, info.driver)
     }
 
-    /// Reads the graphs, so that mistakes are reported before anything is measured. Returns their files.
+    /// Reads the graphs, to report mistakes before anything is measured. Returns the files that they depend on.
     ///
     /// # Errors
     /// A graph has errors.
@@ -139,10 +139,10 @@ pub enum StudyError {
     // Not transparent: a graph's errors are found among the causes, and printed with their source text.
     #[error("{0}")]
     Session(#[from] SessionError),
-    /// A picture cannot be drawn.
+    /// A capture failed.
     #[error("{0}")]
     Capture(#[from] CaptureError),
-    /// Pictures cannot be compared.
+    /// Two pictures cannot be compared.
     #[error("{0}")]
     Metric(#[from] MetricError),
     /// A picture cannot be encoded.
@@ -166,13 +166,13 @@ pub enum StudyError {
         #[source]
         error: Box<StudyError>,
     },
-    /// The inputs allow no measurement. The text names the expected and the found input.
+    /// The inputs cannot be measured. The text names the expected and the found input.
     #[error("{0}")]
     Input(String),
-    /// No setting's name begins with the given text.
+    /// No setting has a name that begins with the given text.
     #[error("expected the begin of a setting's name, of: {}; found `{name}`", known.join(", "))]
     UnknownSetting {
-        /// The given beginning of a name.
+        /// The text that was given.
         name: String,
         /// The names of all settings.
         known: Vec<String>,
@@ -186,7 +186,7 @@ pub enum StudyError {
 }
 
 impl StudyError {
-    /// Returns a function that adds the name of the setting or the view to an error.
+    /// Returns a function that adds the name of a setting or a view to an error.
     pub fn of<E: Into<StudyError>>(name: &str) -> impl FnOnce(E) -> StudyError {
         move |error| StudyError::Of { name: name.to_owned(), error: Box::new(error.into()) }
     }

@@ -4,7 +4,7 @@ use crate::io::image::Image;
 use crate::studies::metrics::{self, MetricError, flip};
 use serde::{Deserialize, Serialize};
 
-/// One 8-bit step: larger errors of a channel show in a file.
+/// One 8-bit step. A larger error of a channel shows in a file.
 const STEP: f32 = 1.0 / 255.0;
 
 /// The error of a picture. All fields but `worst` clamp values to 0..1.
@@ -16,13 +16,13 @@ pub struct Error {
     pub ssim: Option<f64>,
     /// Mean of NVIDIA's FLIP over the pictures in 8 bits: 0 for equal pictures, at most 1 (Andersson et al. 2020).
     pub flip: f64,
-    /// The largest difference of a channel.
+    /// The largest absolute difference of a channel.
     pub worst: f64,
-    /// Share of pixels with a channel off by more than 1/255.
+    /// Share of pixels in which a channel differs by more than 1/255.
     pub off: f64,
     /// PSNR of the covered pixels; `None` if they are equal, or if no pixel is covered.
     pub covered_psnr_db: Option<f64>,
-    /// Share of covered pixels with a channel off by more than 1/255.
+    /// Share of covered pixels in which a channel differs by more than 1/255.
     pub covered_off: f64,
 }
 
@@ -43,7 +43,8 @@ pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error
     })
 }
 
-/// Computes the share of pixels that are off, among those whose index `wanted` accepts.
+/// Computes the share of pixels in which a channel differs by more than [`STEP`], among those that `wanted` accepts by
+/// index.
 fn off(picture: &Image, truth: &Image, wanted: impl Fn(usize) -> bool) -> f64 {
     let (mut off, mut count) = (0usize, 0usize);
     for (_, (a, b)) in picture.rgb.iter().zip(&truth.rgb).enumerate().filter(|(pixel, _)| wanted(*pixel)) {

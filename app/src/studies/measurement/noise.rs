@@ -3,9 +3,9 @@
 //! A round gives one share: the setting's median frame time divided by that of the exact settings, drawn interleaved.
 //! The share of a setting is the median of its rounds. Its range is the 99 % confidence interval of that median,
 //! computed from the order of the rounds alone (the binomial interval of a median; David and Nagaraja, "Order
-//! Statistics", 3rd edition, 7.1): no distribution is assumed. (Rounds that end when the range is narrow cost a little
-//! of the confidence; the floor compensates.) The exact settings measured against themselves would have a share of 1
-//! without noise: the distance from 1 is the **floor**, and no range is taken to be narrower.
+//! Statistics", 3rd edition, 7.1): no distribution is assumed. (Rounds end once the range is narrow, which costs a
+//! little of the confidence; the floor compensates for it.) Measured against themselves, the exact settings would have
+//! a share of 1 without noise. Their distance from 1 is the **floor**, and every range is at least as wide.
 
 use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
@@ -13,16 +13,17 @@ use serde::{Deserialize, Serialize};
 /// Minimum number of rounds for a range: with 8, the median lies between the least and the greatest in 99.2 % of cases.
 pub const LEAST_ROUNDS: usize = 8;
 
-/// Maximum probability that the median is outside of its range.
+/// Maximum probability that the true median is outside of the range.
 const RISK: f64 = 0.01;
 
-/// Minimum relative saving in time: settings closer to each other count as equally fast.
+/// Minimum relative saving in time. Settings with a smaller difference count as equally fast.
 pub const LEAST_SAVING: f64 = 0.02;
 
 /// PSNRs that differ by less than this, in decibels, count as equal: a table does not show the difference.
 const EQUAL_DB: f64 = 0.05;
 
-/// Half width of the range at which rounds end: for a share near 1, and the part added for a share far from 1.
+/// Half width at which a range is narrow enough to end the rounds: for a share near 1, and what a share far from 1
+/// adds.
 const NARROW: (f64, f64) = (0.01, 0.05);
 
 /// A frame time as a share of the exact settings' time.
@@ -30,7 +31,7 @@ const NARROW: (f64, f64) = (0.01, 0.05);
 pub struct Share {
     /// The median of the rounds.
     pub median: f64,
-    /// The interval of the median; `None` with fewer than [`LEAST_ROUNDS`] rounds.
+    /// Confidence interval of the median; `None` with fewer than [`LEAST_ROUNDS`] rounds.
     pub range: Option<(f64, f64)>,
 }
 
@@ -47,7 +48,7 @@ impl Share {
         Some(Share { median: median(sorted)?, range })
     }
 
-    /// Averages the shares of views; the range is `None` if a view has none.
+    /// Averages the shares over views. The range is `None` if a view has none.
     pub fn mean(views: &[Share]) -> Option<Share> {
         let mean = |of: &dyn Fn(&Share) -> Option<f64>| {
             let sum = views.iter().map(of).sum::<Option<f64>>();
@@ -57,13 +58,14 @@ impl Share {
         Some(Share { median: mean(&|view| Some(view.median))?, range })
     }
 
-    /// Computes the noise floor from the exact settings' share against themselves: its distance from 1. `None` without
-    /// a range.
+    /// Computes the noise floor, for the exact settings' share against themselves: its distance from 1.
+    ///
+    /// `None` without a range.
     pub fn floor(&self) -> Option<f64> {
         self.range.map(|_| (1.0 - self.median).abs())
     }
 
-    /// Widens the range to at least the floor, in proportion to the median; without a floor, the range becomes `None`.
+    /// Widens the range to at least the floor, in proportion to the median. Without a floor, the range becomes `None`.
     pub fn widened(self, floor: Option<f64>) -> Share {
         let range = self.range.zip(floor).map(|((low, high), floor)| {
             let (down, up) = (self.median * (1.0 - floor), self.median * (1.0 + floor));
@@ -72,8 +74,8 @@ impl Share {
         Share { range, ..self }
     }
 
-    /// Returns true if this takes at least [`LEAST_SAVING`] less time than `other`, false if it does not, `None` if
-    /// noise hides it.
+    /// Returns true if this takes at least [`LEAST_SAVING`] less time than `other`, false if it does not, and `None` if
+    /// noise hides the difference.
     pub fn faster(&self, other: &Share) -> Option<bool> {
         let ((low, high), (other_low, other_high)) = (self.range?, other.range?);
         let kept = 1.0 - LEAST_SAVING;
@@ -85,7 +87,7 @@ impl Share {
     }
 }
 
-/// Returns the number of rounds outside of the median's range on each side; `None` with too few rounds.
+/// Returns the number of rounds outside of the median's range, on each side; `None` if there are too few rounds.
 fn outside(rounds: usize) -> Option<usize> {
     // The probability that at most so many of the rounds are below the median, from that of none.
     let mut term = 0.5f64.powi(i32::try_from(rounds).ok()?);
@@ -101,7 +103,7 @@ fn outside(rounds: usize) -> Option<usize> {
     found
 }
 
-/// Returns true if the range of the rounds is narrow enough to end the measurement.
+/// Returns true if the range of the rounds' median is narrow enough to end the measurement.
 pub fn enough(rounds: &[f64]) -> bool {
     let found = Share::of(rounds);
     let narrow = |share: &Share| {
@@ -111,7 +113,7 @@ pub fn enough(rounds: &[f64]) -> bool {
     found.as_ref().is_some_and(narrow)
 }
 
-/// Position of a setting relative to the Pareto front.
+/// Position of a setting relative to the Pareto front of time and accuracy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mark {
@@ -138,9 +140,9 @@ pub struct Point {
     pub hidden: bool,
 }
 
-/// Marks the Pareto front of time and PSNR. Of settings that are equal in both, the first is on it.
+/// Returns the mark of each point on the Pareto front of time and PSNR. Of equal points, the first is on the front.
 ///
-/// PSNRs that differ by less than `EQUAL_DB` are equal. Without times, only PSNR counts.
+/// PSNRs that differ by less than `EQUAL_DB` count as equal. Without times, only PSNR counts.
 pub fn front(points: &[Point]) -> Vec<Mark> {
     let faster = |a: &Point, b: &Point| match (a.share, b.share) {
         (Some(a), Some(b)) => a.faster(&b),

@@ -1,4 +1,4 @@
-//! Distinguishes settings by their plans: pictures of equal plans are equal, and their times differ only by noise.
+//! Distinguishes settings by their plans. Equal plans draw equal pictures, and their times differ only by noise.
 
 use super::settings::with_effect;
 use crate::draw::session::{Session, SessionError};
@@ -11,7 +11,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Hashes the commands of a plan: passes, shader code, sizes, memory, barriers and the live values that shaders read.
 ///
-/// Names, source locations, and values that nothing in the plan uses do not count.
+/// Names, source locations, and values that nothing in the plan uses are left out.
 pub fn fingerprint(plan: &Plan) -> u64 {
     let nowhere = || Origin { file: String::new(), line: 0, column: 0 };
     let mut hash = DefaultHasher::new();
@@ -35,13 +35,13 @@ pub fn fingerprint(plan: &Plan) -> u64 {
     hash.finish()
 }
 
-/// Returns true if a plan draws from contents of the previous frame.
+/// Returns true if a plan reads contents of the previous frame.
 pub fn uses_last_frame(plan: &Plan) -> bool {
     plan.resources.iter().any(|resource| resource.history.is_some())
 }
 
-/// Hashes the plans of a setting for pictures of all `sizes`; `None` if one cannot be built, which is reported when it
-/// is drawn.
+/// Hashes the plans of a setting for pictures of all `sizes`. `None` if one cannot be built; the error is reported when
+/// the setting is drawn.
 ///
 /// # Errors
 /// The device fails.
@@ -61,11 +61,11 @@ fn of_setting<D: Device>(
     Ok(Some(hash.finish()))
 }
 
-/// Leaves out the settings that draw the same as another, and reports each with the reason: its parameter has no effect
-/// in the plan of `exact`, or its plans for all cameras equal an earlier setting's.
+/// Leaves out the settings that draw the same pictures as another, and reports each with the reason.
 ///
+/// Either its parameter has no effect in the plan of `exact`, or its plans for all cameras equal an earlier setting's.
 /// `exact` draws the first setting, and is prepared. Only the plans of settings that `wanted` accepts are built.
-/// Returns each setting with the hash of its plans; `None` if one cannot be built.
+/// Returns each setting with the hash of its plans, `None` if one cannot be built.
 ///
 /// # Errors
 /// The device fails, or the listener cancels.
@@ -95,7 +95,7 @@ pub fn to_measure<D: Device>(
     Ok(settings)
 }
 
-/// Leaves out settings whose plans equal an earlier setting's. Also returns a message for each.
+/// Leaves out settings with plans that equal an earlier setting's. Also returns a message for each.
 fn distinct(all: Vec<(Setting, Option<u64>)>) -> (Vec<(Setting, Option<u64>)>, Vec<String>) {
     let mut kept: Vec<(Setting, Option<u64>)> = Vec::new();
     let mut lines = Vec::new();

@@ -1,4 +1,4 @@
-//! Lists the ways to draw that a ledger compares.
+//! Lists the settings of a graph that studies compare.
 
 use crate::draw::builtin;
 use crate::draw::planner::without_effect;
@@ -7,7 +7,7 @@ use splatgraph_framework::ir::{Domain, Param, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
 
-/// Name of the exact settings, with which others are compared.
+/// Name of the exact settings, against which the others are measured.
 pub const EXACT: &str = "exact";
 
 /// Name of the setting with the graph's defaults.
@@ -18,7 +18,7 @@ pub fn measured_names() -> Vec<&'static str> {
     builtin::names().into_iter().filter(|name| *name != builtin::DEFAULT_PIPELINE).collect()
 }
 
-/// Lists the settings of a graph to measure, with the parameters of `set` fixed.
+/// Lists the settings to measure of a graph, with the parameters of `set` at fixed values.
 pub fn measured(pipeline: &str, set: &[(String, String)], controls: &[Control]) -> Vec<Setting> {
     let all = list(pipeline, controls, &measured_names());
     if set.is_empty() {
@@ -32,7 +32,7 @@ pub fn measured(pipeline: &str, set: &[(String, String)], controls: &[Control]) 
     fixed(all, set, has)
 }
 
-/// Lists the exact settings of a graph, settings one parameter away from them, the defaults, and the presets.
+/// Lists the exact settings of a graph, the settings that change one parameter of them, the defaults, and the presets.
 ///
 /// `controls` are the graph's parameters. A parameter without an exact value does not change the picture and keeps its
 /// default.
@@ -59,9 +59,10 @@ pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setti
     all
 }
 
-/// Sets parameters in every setting, and leaves out the settings that change one of them.
+/// Sets parameters in every setting, and leaves out the settings that vary one of them.
 ///
-/// Settings of another graph are kept only if it has all of these parameters: `has` takes the graph and the parameter.
+/// Settings of another graph are kept only if it has all of these parameters, which `has` tells from the graph and the
+/// parameter.
 fn fixed(all: Vec<Setting>, set: &[(String, String)], has: impl Fn(&str, &str) -> bool) -> Vec<Setting> {
     let Some(pipeline) = all.first().map(|exact| exact.pipeline.clone()) else { return all };
     let is_fixed = |name: &str| set.iter().any(|(fixed, _)| fixed == name);
@@ -78,9 +79,10 @@ fn fixed(all: Vec<Setting>, set: &[(String, String)], has: impl Fn(&str, &str) -
     kept.map(give).collect()
 }
 
-/// Leaves out the settings that change only a parameter without an effect in `plan`, the plan of the exact settings.
+/// Leaves out the settings that change only a parameter without an effect in `plan`.
 ///
-/// The exact settings are the first of `all`. Also returns a message for each of these parameters.
+/// `plan` is the plan of the exact settings, which are the first of `all`. Also returns a message for each of these
+/// parameters.
 pub fn with_effect(mut all: Vec<Setting>, plan: &Plan) -> (Vec<Setting>, Vec<String>) {
     let Some(exact) = all.first().cloned() else { return (all, Vec::new()) };
     let mut lines: Vec<String> = Vec::new();
@@ -98,9 +100,9 @@ pub fn with_effect(mut all: Vec<Setting>, plan: &Plan) -> (Vec<Setting>, Vec<Str
     (all, lines)
 }
 
-/// Lists values of a parameter besides its exact one: all of a choice, five across a range.
+/// Lists values of a parameter besides its exact one: all values of a choice, or five across a range.
 ///
-/// A float's minimum is left out: at the minimum, most parameters draw nothing.
+/// A float's minimum is left out, because most parameters draw nothing there.
 fn alternatives(param: &Param) -> Vec<Value> {
     let mut values: Vec<Value> = match &param.domain {
         Domain::Bool => vec![Value::Bool(false), Value::Bool(true)],

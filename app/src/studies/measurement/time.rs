@@ -1,4 +1,4 @@
-//! Measures the time of a frame as a share of a baseline's, by frames of both interleaved.
+//! Measures the time of a frame as a share of a baseline's time. Frames of both are drawn interleaved.
 
 use super::noise::{self, Share};
 use crate::draw::interleaved::{self, Effort, Figure, Timed, Timestamps};
@@ -11,7 +11,7 @@ use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// The time of a frame.
+/// The time of a frame, relative to the exact settings.
 ///
 /// All milliseconds are computed from shares of the exact settings' time, [`Time::exact_ms`]: a device's clock may
 /// change between two settings, but it affects both sides of a share alike.
@@ -19,37 +19,37 @@ use std::time::{Duration, Instant};
 pub struct Time {
     /// Milliseconds on the GPU: `share` of `exact_ms`.
     pub gpu_ms: f64,
-    /// Difference between the largest and the smallest of the rounds' shares, in milliseconds.
+    /// Difference between the largest and the smallest share of the rounds, in milliseconds.
     pub spread_ms: f64,
-    /// The share of the exact settings' time in the same rounds.
+    /// The frame time divided by the exact settings' time in the same rounds.
     pub share: Share,
     /// Milliseconds of the exact settings on a warm device: the median of the rounds' medians.
     pub exact_ms: f64,
-    /// Rounds that were drawn.
+    /// Number of rounds that were drawn.
     pub rounds: u32,
     /// Share of the host's frame time that the device spends drawing, at most 1. It idles for the rest.
     pub busy: f64,
     /// Milliseconds per phase: the median of the rounds' medians.
     pub phases: BTreeMap<String, f64>,
-    /// Difference between the largest and the smallest of a phase's rounds, in milliseconds.
+    /// Difference between a phase's largest and smallest time over the rounds, in milliseconds.
     pub phase_spreads: BTreeMap<String, f64>,
 }
 
-/// The exact settings, the baseline of all others.
+/// The exact settings, with which all others are interleaved.
 pub struct Baseline<'a, D> {
     /// Session that draws the exact settings, prepared at the view's size.
     pub session: &'a mut Session<D>,
-    /// Milliseconds to which shares are scaled; `None` for the baseline's time in the same rounds.
+    /// Milliseconds by which shares are multiplied; `None` for the baseline's time in the same rounds.
     pub ms: Option<f64>,
 }
 
-/// Maximum duration of a setting's rounds: on a busy machine, the range may never become narrow.
+/// Maximum duration of a setting's rounds, because on a busy machine the range may never become narrow.
 pub const LONGEST: Duration = Duration::from_secs(8);
 
 /// Measures the time of a frame of `session`, interleaved with frames of `exact`; `None` without timestamps.
 ///
-/// Both are prepared at the camera's size, and draw for a while before any frame counts. Rounds end when the range is
-/// narrow enough ([`noise::enough`]), after `effort.rounds`, or after `longest` if there is a range.
+/// Both sessions are prepared at the camera's size, and warm up first unless there is a single round. Rounds end when
+/// the range is narrow enough ([`noise::enough`]), after `effort.rounds`, or after `longest` if there is a range.
 ///
 /// # Errors
 /// The device fails.
@@ -100,7 +100,7 @@ pub fn time_alone<D: Device>(
     Ok(time(&frames.into_iter().flatten().map(round).collect::<Vec<_>>(), None))
 }
 
-/// A round of frames of a session, and of its baseline. Times are medians.
+/// The median times of a round of a session's frames, and of its baseline's.
 struct Round {
     own_ms: Option<f64>,
     exact_ms: Option<f64>,
@@ -130,12 +130,12 @@ impl Round {
     }
 }
 
-/// Lists the shares of the rounds; `None` without timestamps.
+/// Lists the rounds' shares of the baseline's time; `None` without timestamps.
 fn shares(rounds: &[Round]) -> Option<Vec<f64>> {
     rounds.iter().map(|round| Some(round.own_ms? / round.exact_ms?)).collect()
 }
 
-/// Summarises the rounds; `None` without timestamps.
+/// Summarises the rounds as a time; `None` without timestamps.
 fn time(rounds: &[Round], exact_ms: Option<f64>) -> Option<Time> {
     let shares = shares(rounds)?;
     let share = Share::of(&shares)?;

@@ -14,20 +14,20 @@ use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Rules, depth_order};
 use std::time::Duration;
 
-/// A camera with the truth about its picture.
+/// A camera with the true picture and the true order of the splats.
 pub struct View {
-    /// The camera, in the size of the pictures.
+    /// The camera, with the size of the pictures.
     pub camera: Camera,
-    /// True picture, by the exact renderer or given.
+    /// The true picture: the exact renderer's, or a given one.
     pub picture: Image,
     /// True for each pixel that a splat contributes to.
     pub covered: Vec<bool>,
-    /// Splats beyond the near plane, near to far; empty if orders are not compared.
+    /// Indices of the splats beyond the near plane, near to far; empty if orders are not compared.
     pub order: Vec<u32>,
 }
 
 impl View {
-    /// Draws the exact picture by the scene's rules, with progress. Leaves the order empty.
+    /// Draws the exact picture by the scene's rules, and shows the progress. Leaves the order empty.
     pub fn exact(scene: &Scene, camera: &Camera) -> View {
         let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::of(scene));
         View {
@@ -38,7 +38,7 @@ impl View {
         }
     }
 
-    /// Adds the order of the splats.
+    /// Adds the true order of the splats.
     pub fn with_order(self, scene: &Scene) -> View {
         View { order: depth_order(scene, &self.camera, &Rules::of(scene)), ..self }
     }
@@ -51,17 +51,17 @@ pub struct Measured {
     pub time: Option<Time>,
     /// The error of the picture.
     pub error: Error,
-    /// Pairs of visible splats that are drawn out of depth order; `None` if the graph has no order.
+    /// Number of pairs of visible splats that are drawn out of depth order; `None` if the graph has no order.
     pub inversions: Option<u64>,
-    /// True if the picture is drawn from contents of the previous frame: a still view does not show the error.
+    /// True if the picture is drawn from the previous frame's contents, so that a still view does not show the error.
     pub of_last_frame: bool,
     /// Bytes of memory on the device.
     pub gpu_bytes: u64,
 }
 
-/// Draws a view with a prepared session, compares its picture with the truth, and measures its time interleaved with a baseline.
+/// Draws a view with a prepared session, compares its picture with the truth, and measures its time.
 ///
-/// Also returns the picture and its counts.
+/// The time is measured interleaved with a baseline. Also returns the picture with its counts.
 ///
 /// # Errors
 /// The device fails. The inner error is the reason that the picture cannot be compared.
@@ -92,7 +92,7 @@ pub struct Drawn {
     pub picture: Image,
     /// Error of the picture against the truth.
     pub error: Error,
-    /// Pairs of splats in the wrong order; see [`Measured::inversions`].
+    /// Number of pairs of splats in the wrong order; see [`Measured::inversions`].
     pub inversions: Option<u64>,
     /// The graph's counts, such as `visible` and `drawn`.
     pub counts: Vec<(String, u32)>,

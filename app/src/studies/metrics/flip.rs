@@ -5,9 +5,10 @@
 //! Both pictures are filtered by the contrast sensitivity of the eye at the display's distance. Their colours are
 //! compared in a perceptually uniform space, and the difference is amplified where edges or points differ.
 //!
-//! [`of_floats`] takes the pictures as they are. [`of_8_bits`] rounds them to 8 bits first, as a file or a display
-//! does, and calls NVIDIA's own program. The two disagree for pictures that differ by less than a step: rounding either
-//! hides the difference or amplifies it to a whole step.
+//! [`of_floats`] compares the pictures as they are. [`of_8_bits`] first rounds them to 8 bits, as a file or a display
+//! does, and calls NVIDIA's own program. The two disagree for pictures that differ by less than a step, because
+//! rounding
+//! either hides the difference or amplifies it to a whole step.
 
 use super::Channel;
 use crate::io::image::Image;
@@ -38,10 +39,10 @@ pub fn of_8_bits<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
     in_bands(a, b, BAND)
 }
 
-/// Rows of a picture per thread in [`of_8_bits`].
+/// Number of rows per band, the unit of work of a thread in [`of_8_bits`].
 const BAND: usize = 64;
 
-/// Computes FLIP in 8 bits by bands of rows, on all processors: NVIDIA's program uses one.
+/// Computes FLIP in 8 bits by bands of rows, on all processors, because NVIDIA's program uses only one.
 ///
 /// Each band is extended above and below by the radius of the filters, so that its pixels have the same values as in
 /// the whole picture.
@@ -69,7 +70,7 @@ fn in_bands<C: Channel>(a: &Image<C>, b: &Image<C>, band: usize) -> f64 {
 struct Seen {
     /// The filtered colours, in L*a*b* with the Hunt effect.
     colour: Vec<[f64; 3]>,
-    /// Strengths of the edge and of the point at each pixel.
+    /// Strength of the edge and of the point at each pixel.
     features: Vec<[f64; 2]>,
 }
 
@@ -120,7 +121,7 @@ fn product(matrix: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|row| (0..3).map(|column| matrix[row][column] * v[column]).sum())
 }
 
-/// Computes XYZ relative to the white point.
+/// Converts linear RGB to XYZ, relative to the white point.
 fn relative(rgb: [f64; 3]) -> [f64; 3] {
     let (xyz, white) = (product(&TO_XYZ, rgb), product(&TO_XYZ, [1.0; 3]));
     std::array::from_fn(|c| xyz[c] / white[c])
@@ -207,7 +208,7 @@ const SENSITIVITY: [&[(f64, f64)]; 3] = [&[(1.0, 0.0047)], &[(1.0, 0.0053)], &[(
 /// The widest Gaussian of [`SENSITIVITY`], which determines the size of all filters.
 const WIDEST: f64 = 0.04;
 
-/// Returns the radius of the colour filters in pixels. The feature filters are smaller.
+/// Returns the radius of the colour filters, in pixels, which is larger than that of the feature filters.
 fn reach() -> usize {
     (3.0 * (WIDEST / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as usize
 }
@@ -239,7 +240,7 @@ fn contrast(plane: &Plane, gaussians: &[(f64, f64)]) -> Plane {
 /// Width of the detected features, in degrees.
 const FEATURE: f64 = 0.082;
 
-/// Computes the strengths of the edge and of the point at each pixel: the first and second derivatives of a Gaussian
+/// Computes the strength of the edge and of the point at each pixel, by the first and second derivatives of a Gaussian
 /// [11 to 14].
 fn features(lightness: &Plane) -> Vec<[f64; 2]> {
     let deviation = 0.5 * FEATURE * PIXELS_PER_DEGREE;

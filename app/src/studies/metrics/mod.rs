@@ -1,7 +1,8 @@
 //! Measures the difference between two pictures.
 //!
 //! Each of the three numbers shows what the others miss. **PSNR** is the squared error of the whole picture; **SSIM**
-//! compares local structure, closer to perception; the **worst pixel** finds a single missing splat. [`flip`] measures
+//! compares local structure, closer to perception; the **worst pixel** reveals a single missing splat. [`flip`]
+//! measures
 //! the perceived difference between alternating pictures. All sums are in f64.
 
 pub mod flip;
@@ -10,7 +11,7 @@ use crate::io::image::Image;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// A channel of a picture: f32 or f64.
+/// Type of a picture's channels: f32 or f64.
 pub trait Channel: Copy + Into<f64> + PartialEq + Send + Sync {}
 
 impl Channel for f32 {}
@@ -43,9 +44,9 @@ impl Comparison {
     }
 }
 
-/// The first pixel, by rows, with the largest absolute difference of a channel.
+/// The pixel with the largest absolute difference of a channel; of several, the first by rows.
 ///
-/// Values are not clamped, so that differences beyond white count.
+/// Values are not clamped, so that differences above white count.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct WorstPixel {
     /// The largest absolute difference over the channels, 0 for identical pictures.
@@ -56,36 +57,36 @@ pub struct WorstPixel {
     pub y: usize,
 }
 
-/// A pair of pictures that cannot be compared.
+/// Reasons why two pictures cannot be compared.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MetricError {
     /// The sizes differ.
     #[error("expected pictures of one size, found {a_width} x {a_height} and {b_width} x {b_height}")]
     Sizes {
-        /// Width of the first, in pixels.
+        /// Width of the first picture, in pixels.
         a_width: usize,
-        /// Height of the first, in pixels.
+        /// Height of the first picture, in pixels.
         a_height: usize,
-        /// Width of the second, in pixels.
+        /// Width of the second picture, in pixels.
         b_width: usize,
-        /// Height of the second, in pixels.
+        /// Height of the second picture, in pixels.
         b_height: usize,
     },
-    /// A picture has NaN or infinite values, for instance from a shader that divides by zero.
+    /// A picture has NaN or infinite values, for example from a shader that divides by zero.
     #[error("expected finite values, found {count} others in {which}, the first at ({x}, {y})")]
     NotFinite {
         /// `the first picture` or `the second picture`.
         which: &'static str,
         /// Number of values that are not finite.
         count: usize,
-        /// Column of the first, from 0.
+        /// Column of the first such value, from 0.
         x: usize,
-        /// Row of the first, from 0.
+        /// Row of the first such value, from 0.
         y: usize,
     },
 }
 
-/// Computes all metrics of two pictures of one size with finite values.
+/// Computes all metrics of two pictures, which must have one size and finite values.
 pub fn compare<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<Comparison, MetricError> {
     comparable(a, b)?;
     Ok(Comparison {
@@ -96,7 +97,7 @@ pub fn compare<C: Channel>(a: &Image<C>, b: &Image<C>) -> Result<Comparison, Met
     })
 }
 
-/// Checks that two pictures are of one size, with finite values.
+/// Checks that two pictures have the same size, and finite values.
 ///
 /// # Errors
 /// The sizes differ, or a value is not finite.
@@ -135,8 +136,9 @@ fn shown<C: Channel>(value: C) -> f64 {
     value.into().clamp(0.0, 1.0)
 }
 
-/// Computes PSNR in decibels over the pixels whose index `wanted` accepts, of pictures of one size. `None` if those
-/// pixels are equal, or if there are none.
+/// Computes PSNR in decibels over the pixels that `wanted` accepts by index, for pictures of one size.
+///
+/// `None` if these pixels are equal, or if there are none.
 pub fn psnr_over<C: Channel>(a: &Image<C>, b: &Image<C>, wanted: impl Fn(usize) -> bool) -> Option<f64> {
     let (mut sum, mut channels) = (0.0, 0usize);
     for (_, (a, b)) in a.rgb.iter().zip(&b.rgb).enumerate().filter(|(index, _)| wanted(*index)) {
@@ -229,7 +231,7 @@ fn ssim_row<C: Channel>(a: &Image<C>, b: &Image<C>, top: usize, window: &[f64; 2
     sum
 }
 
-/// Makes a picture of the absolute differences, times `gain`.
+/// Makes a picture of the absolute differences, multiplied by `gain`.
 pub fn difference<C: Channel>(a: &Image<C>, b: &Image<C>, gain: f32) -> Image {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let rgb =

@@ -10,36 +10,37 @@ use serde::Serialize;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 
-/// Maximum bytes of a path's true pictures: each is drawn once, and kept for all variants.
+/// Maximum bytes of the true pictures of a path. Each is drawn once, and kept for all variants.
 const MOST_BYTES: u64 = 4 << 30;
 
-/// A step of a variant, from a frame to the next.
+/// A variant's step from one frame to the next.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Step {
-    /// The camera that the step ends at.
+    /// Name of the camera at the end of the step.
     pub camera: String,
-    /// Degrees by which the camera turns in the step.
+    /// Angle by which the camera turns in the step, in degrees.
     pub degrees: f64,
-    /// The change of the error.
+    /// The scores of the change.
     #[serde(flatten)]
     pub score: Score,
-    /// Pairs of splats that swap places in the drawn order; `None` if the graph has no readable order.
+    /// Number of pairs of splats that swap places in the drawn order; `None` if the graph has no readable order.
     pub order_changes: Option<u64>,
-    /// Pairs of these splats that swap places in the true order.
+    /// Number of pairs of the same splats that swap places in the true order; `None` without a readable order.
     pub true_order_changes: Option<u64>,
 }
 
-/// The steps of a variant.
+/// All steps of a variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Track {
     /// Graph and parameters of the variant.
     #[serde(flatten)]
     pub variant: Setting,
-    /// Steps of the path, one fewer than frames.
+    /// Steps of the path, one fewer than its frames.
     pub steps: Vec<Step>,
 }
 
-/// Makes a path of cameras around the middle of a scene; `camera` is halfway. `step` is in degrees.
+/// Makes a path of cameras around the middle of a scene, with `camera` halfway. `step` is the angle between two, in
+/// degrees.
 pub fn orbit(scene: &Scene, camera: &Camera, frames: u32, step: f64) -> Vec<Camera> {
     let center = scene.robust_bounds().center();
     let first = -0.5 * f64::from(frames.saturating_sub(1)) * step;
@@ -79,9 +80,9 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
     Ok(())
 }
 
-/// Draws the path of a subject's cameras with each variant, and scores the steps.
+/// Draws the path of the subject's cameras with each variant, and scores the steps.
 ///
-/// The true pictures take the longest and are drawn first; [`Subject::check`] reports mistakes in a graph beforehand.
+/// The true pictures take longest and are drawn first. Use [`Subject::check`] before to report mistakes in a graph.
 ///
 /// # Errors
 /// The path cannot be measured, a graph has errors, its pictures cannot be scored, the device fails, or the listener
@@ -112,7 +113,7 @@ pub fn study<D: Device>(
 
 /// Draws a path with a variant, and scores its steps.
 ///
-/// Each frame is drawn once, so that a graph with a history gets the path's previous frame. The first frame is drawn
+/// Each frame is drawn once, so that a graph with a history reads the path's previous frame. The first frame is drawn
 /// twice, because it has no previous frame.
 fn measure<D: Device>(
     session: &mut Session<D>,

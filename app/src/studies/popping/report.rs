@@ -11,23 +11,23 @@ use serde::Serialize;
 pub struct Summary {
     /// The variant's name.
     pub name: String,
-    /// Mean degrees by which the camera turns in a step; pops at another step size are not comparable.
+    /// Mean angle by which the camera turns in a step, in degrees. Pops at different angles are not comparable.
     pub step_degrees: f64,
-    /// Mean pop of the steps.
+    /// Mean pop over the steps.
     pub pop: f64,
-    /// Sum of the pops divided by the sum of the degrees; `None` for a camera that does not turn.
+    /// Sum of the pops divided by the sum of the degrees; `None` if the camera does not turn.
     pub pop_per_degree: Option<f64>,
-    /// Mean excess of the steps.
+    /// Mean excess over the steps.
     pub excess: f64,
     /// The largest pop of a step.
     pub worst_step: f64,
     /// Name of the camera at the end of the step with the largest pop.
     pub worst_camera: String,
-    /// The pixel whose error changes most in any step.
+    /// The pixel with the largest change of the error in any step.
     pub worst: WorstPixel,
-    /// Mean number of pairs of splats that swap places in a step.
+    /// Mean number of pairs of splats that swap places in a step; `None` if the graph has no readable order.
     pub order_changes: Option<f64>,
-    /// Mean number of pairs of splats that swap places in a step, in the true order.
+    /// Mean number of pairs of splats that swap places in a step, in the true order; `None` like `order_changes`.
     pub true_order_changes: Option<f64>,
 }
 
@@ -60,7 +60,7 @@ pub fn summary(track: &Track) -> Summary {
     }
 }
 
-/// Explains the numbers of a table, in lines below it.
+/// Explanation of the table's numbers, in lines below it.
 pub const NOTES: &str = "\
 pop: of steps of this many degrees. At another step, kinds of error may change places: one that drifts falls with the step, one that jumps \
 falls less.
@@ -138,7 +138,7 @@ pub fn csv(tracks: &[Track]) -> String {
     csv
 }
 
-/// Plots the pop of each step. Variants that draw the same share a line, labelled with all of their names.
+/// Plots the pop of each step. Variants with equal pops share a line, labelled with all of their names.
 pub fn plot(tracks: &[Track]) -> Plot {
     let mut lines: Vec<(String, Vec<f64>)> = Vec::new();
     for track in tracks {

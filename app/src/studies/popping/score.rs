@@ -17,14 +17,14 @@ use crate::io::image::Image;
 use crate::studies::metrics::{MetricError, WorstPixel, comparable};
 use serde::Serialize;
 
-/// The score of a step. Pops and changes are means over all pixels, 0 to 1.
+/// The scores of a step. Pops and changes are means over all pixels, from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Score {
-    /// The mean change of the error.
+    /// The mean pop: the change of the error.
     pub pop: f64,
-    /// The mean change beyond the change of the true picture.
+    /// The mean excess: the change beyond the change of the true picture.
     pub excess: f64,
-    /// The pixel whose error changes most, by the mean of its channels.
+    /// The pixel with the largest change of the error, by the mean of its channels.
     pub worst: WorstPixel,
     /// The mean change of the picture.
     pub change: f64,
@@ -32,7 +32,7 @@ pub struct Score {
     pub true_change: f64,
 }
 
-/// A frame: the picture, and the true picture.
+/// A frame: the drawn picture, and the true picture.
 pub type Frame<'a> = (&'a Image, &'a Image);
 
 /// Scores the step between two frames.

@@ -1,8 +1,8 @@
 //! Moves a camera closer to the scene, then makes the picture smaller, so that splats and covered pixels vary
 //! independently.
 //!
-//! Closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. If a draw is bound
-//! by fragments, all of these times lie on one line over covered pixels times overlap.
+//! From closer, fewer splats cover more pixels each; in a smaller picture, the same splats cover fewer. If fragments
+//! bound a draw, all of these times lie on one line over covered pixels times overlap.
 
 use crate::draw::interleaved::Effort;
 use crate::draw::session::Session;
@@ -13,16 +13,16 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, NEAR, Scene};
 use splatgraph_reference::{Rules, render};
 
-/// A step of the approach.
+/// The measurements of one step of the approach.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Closer {
-    /// Distance to the scene's middle, as a share of the first camera's.
+    /// Distance from the scene's middle, as a share of the first camera's distance.
     pub distance: f64,
     /// Width and height of the picture, in pixels.
     pub size: (u32, u32),
-    /// Pixels that a splat contributes to.
+    /// Number of pixels that a splat contributes to.
     pub covered: u64,
-    /// Mean number of splats at a covered pixel: the overlap.
+    /// Mean number of splats that contribute to a covered pixel: the overlap.
     pub overlap: f64,
     /// Covered pixels times overlap: the number of blended fragments.
     pub fragments: u64,
@@ -30,7 +30,7 @@ pub struct Closer {
     pub time: Option<Time>,
 }
 
-/// A straight line through the measurements: milliseconds of the draw = `fixed_ms` + `ns_per_fragment` * fragments.
+/// A straight line through the times: milliseconds of the draw = `fixed_ms` + `ns_per_fragment` * fragments.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fit {
     /// Milliseconds without fragments.
@@ -41,7 +41,7 @@ pub struct Fit {
     pub r_squared: f64,
 }
 
-/// Shares of the distance, each with the divisor of width and height.
+/// The steps: the share of the distance, and the divisor of the picture's width and height.
 pub const STEPS: [(f64, u32); 8] =
     [(1.0, 1), (0.5, 1), (0.25, 1), (0.125, 1), (0.0625, 1), (0.125, 2), (0.125, 3), (0.125, 4)];
 
@@ -69,7 +69,7 @@ pub fn cameras(scene: &Scene, first: &Camera) -> Vec<Camera> {
 
 /// Measures each camera of [`cameras`].
 ///
-/// Fragments are counted by the exact renderer, with the early stop if the graph `stops`.
+/// The exact renderer counts the fragments, with the early stop if the graph `stops`.
 ///
 /// # Errors
 /// The device fails, or the listener cancels.

@@ -1,4 +1,4 @@
-//! Chooses which splats of a scene are drawn when there are too many.
+//! Chooses the splats of a scene that are drawn when there are too many.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -6,11 +6,11 @@ use splatgraph_assets::{Camera, NEAR, Scene};
 use splatgraph_framework::ir::{Domain, Value};
 use splatgraph_framework::lower::Control;
 
-/// A way to choose the splats that are drawn.
+/// A criterion by which the drawn splats are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
-    /// The first splats of the file: a naive truncation.
+    /// The first splats of the file, a naive truncation.
     FileOrder,
     /// The splats with the largest product of opacity and area in the world, for every camera.
     WorldSize,
@@ -20,11 +20,11 @@ pub enum Choice {
     Nearest,
 }
 
-/// Name of the graphs' parameter for the share of the visible splats that is drawn.
+/// Name of the graphs' parameter that is the share of the visible splats to draw.
 pub const BUDGET: &str = "budget";
 
 impl Choice {
-    /// Every way, in the order of tables and plots.
+    /// Every criterion, in the order of tables and plots.
     pub const ALL: [Choice; 4] = [Choice::FileOrder, Choice::WorldSize, Choice::ScreenSize, Choice::Nearest];
 
     /// Returns the name in tables and plots.
@@ -63,11 +63,11 @@ pub fn for_nearest(controls: &[Control]) -> Option<Vec<(String, String)>> {
     Some(sorted.map(|_| (SORTED.to_owned(), BY_SPLATS.to_owned())).into_iter().collect())
 }
 
-/// The parameter for the items that are sorted by depth, and its value for splats.
+/// Name of the parameter for the items that are sorted by depth, and its value for splats.
 const SORTED: &str = "sorted";
 const BY_SPLATS: &str = "splats";
 
-/// Lists the splats by decreasing significance; `None` for [`Choice::Nearest`], which the graph chooses itself.
+/// Lists the splats by decreasing significance. `None` for [`Choice::Nearest`], because the graph itself chooses them.
 ///
 /// Splats of equal significance keep the order of the file.
 pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32>> {
@@ -92,7 +92,7 @@ pub fn world_area(scene: &Scene, index: usize) -> f64 {
     (a * b).max(b * c).max(a * c)
 }
 
-/// Returns the area on the screen, in square pixels over pi, of a splat that faces the camera; 0 for one that cannot show.
+/// Computes a splat's area on the screen as if it faced the camera, in square pixels over pi; 0 if it is not visible.
 fn screen_area(scene: &Scene, camera: &Camera, index: usize) -> f64 {
     let [x, y, z] = camera.to_view(scene.positions()[index].map(f64::from));
     if z <= NEAR {

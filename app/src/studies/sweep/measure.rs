@@ -1,4 +1,4 @@
-//! Draws a view with fewer and fewer splats, and measures time and error of each step.
+//! Draws a view with fewer and fewer splats, and measures the time and the error of each step.
 
 use super::choice::{BUDGET, Choice, ranking, subset};
 use crate::draw::interleaved::Effort;
@@ -11,14 +11,14 @@ use crate::studies::study::StudyError;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 
-/// A step of the sweep in one view.
+/// The measurements of one step of the sweep in one view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {
-    /// The way in which the splats are chosen; `None` if all are drawn.
+    /// The criterion by which the splats are chosen; `None` if all are drawn.
     pub choice: Option<Choice>,
     /// The camera's name.
     pub camera: String,
-    /// Number of splats that are kept. [`Choice::Nearest`] keeps the same share of the visible splats.
+    /// Number of splats that are kept. [`Choice::Nearest`] instead keeps this share of the visible splats.
     pub count: u32,
     /// Number of visible splats; `None` if the graph does not count them.
     pub visible: Option<u32>,
@@ -26,13 +26,13 @@ pub struct Step {
     pub drawn: Option<u32>,
     /// The time of a frame, and its share of the time with all splats.
     pub time: Option<Time>,
-    /// The error against the truth of the whole scene.
+    /// The error against the true picture of the whole scene.
     pub error: Error,
     /// Bytes of memory on the device.
     pub gpu_bytes: u64,
 }
 
-/// Returns the numbers of splats of a sweep: all, a half, a quarter and so on, `steps` numbers at most, none below 1.
+/// Returns the numbers of splats of a sweep: all, a half, a quarter and so on. There are at most `steps`, none below 1.
 pub fn counts(all: u32, steps: u32) -> Vec<u32> {
     let mut counts: Vec<u32> = (0..steps).map(|step| all.checked_shr(step).unwrap_or(0).max(1)).collect();
     counts.dedup();
@@ -41,13 +41,13 @@ pub fn counts(all: u32, steps: u32) -> Vec<u32> {
 
 /// The inputs of a sweep of one view.
 pub struct Sweep<'a, D> {
-    /// The session that draws all splats, prepared in the view's size.
+    /// The session that draws all splats, prepared at the view's size.
     pub whole: &'a mut Session<D>,
     /// Name or path of the graph.
     pub pipeline: &'a str,
     /// Names and values of the graph's parameters.
     pub set: &'a [(String, String)],
-    /// Milliseconds with all splats, set by [`Sweep::all`]; other times of the view are shares of it.
+    /// Milliseconds with all splats, set by [`Sweep::all`]; the view's other times are relative to it.
     pub ms: Option<f64>,
     /// Parameters that [`Choice::Nearest`] sets besides [`BUDGET`]; `None` if the graph has no budget.
     pub nearest: Option<&'a [(String, String)]>,
@@ -70,7 +70,7 @@ impl<D: Device> Sweep<'_, D> {
         Ok(found)
     }
 
-    /// Measures the view with each of `counts` splats; `each` receives a step with its picture.
+    /// Measures the view with each of `counts` splats. `each` receives every step with its picture.
     ///
     /// # Errors
     /// The device fails, `each` fails, or a part of the scene does not fit in memory. The inner error is the reason

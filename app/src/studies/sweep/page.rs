@@ -1,4 +1,4 @@
-//! Shows a sweep: the table, the plots, and a page with the pictures.
+//! Presents a sweep: the table, the plots, and a page with the pictures.
 
 use super::approach::{Closer, Fit, blending, fit};
 use super::choice::Choice;
@@ -18,7 +18,7 @@ use std::collections::BTreeSet;
 /// File names of the plots, without extension.
 pub const PLOTS: [&str; 5] = ["quality", "times", "trade", "shares", "approach"];
 
-/// A finished sweep.
+/// The results of a finished sweep.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Swept {
     /// The scene's name.
@@ -29,17 +29,17 @@ pub struct Swept {
     pub pipeline: String,
     /// The device and its driver.
     pub device: String,
-    /// Every view with all splats, then with fewer.
+    /// The steps of every view, first with all splats, then with fewer.
     pub steps: Vec<Step>,
     /// The approach of the first camera.
     pub closer: Vec<Closer>,
-    /// The line through the approach's times.
+    /// The line fitted to the approach's times; `None` with too few steps.
     pub fit: Option<Fit>,
 }
 
-/// A picture of the first view.
+/// A picture of the first view, for the page.
 pub struct Shown {
-    /// The way in which the splats are chosen; `None` for all splats.
+    /// The criterion by which the splats are chosen; `None` for all splats.
     pub choice: Option<Choice>,
     /// The number of splats that are kept.
     pub count: u32,
@@ -47,7 +47,7 @@ pub struct Shown {
     pub picture: Image,
 }
 
-/// A choice's steps with one number of splats, averaged over the views.
+/// The measurements of a choice with one number of splats, averaged over the views.
 struct Mean {
     count: u32,
     psnr_db: f64,
@@ -56,12 +56,12 @@ struct Mean {
 }
 
 impl Swept {
-    /// Adds the measurements of views to a sweep without any.
+    /// Adds measurements of views to `empty`, a sweep without any.
     pub fn of_parts(empty: Swept, steps: Vec<Step>, closer: Vec<Closer>) -> Swept {
         Swept { fit: fit(&closer), steps, closer, ..empty }
     }
 
-    /// Returns the steps of a choice, averaged over the views, from the fewest splats to all of them.
+    /// Returns a choice's measurements, averaged over the views, from the fewest splats to all of them.
     fn means(&self, choice: Choice) -> Vec<Mean> {
         let of = |step: &&Step| step.choice.is_none_or(|own| own == choice);
         let counts: BTreeSet<u32> = self.steps.iter().filter(of).map(|step| step.count).collect();
@@ -97,26 +97,27 @@ impl Swept {
         Plot { bars: Vec::new(), title: title.to_owned(), x, y, series: series.collect() }
     }
 
-    /// Plots PSNR over the number of splats. The step with all splats is left out: its picture differs from the truth
+    /// Plots PSNR against the number of splats, without the step that draws all splats: its picture differs from the
+    /// truth
     /// only by rounding.
     pub fn quality(&self) -> Plot {
         let point = |mean: &Mean| (mean.count < self.splats).then_some((f64::from(mean.count), mean.psnr_db));
         self.plot("Quality of a budget of splats", splats(), psnr(), point)
     }
 
-    /// Plots time over the number of splats.
+    /// Plots time against the number of splats.
     pub fn times(&self) -> Plot {
         let point = |mean: &Mean| Some((f64::from(mean.count), mean.gpu_ms?));
         self.plot("Time of a budget of splats", splats(), milliseconds(), point)
     }
 
-    /// Plots PSNR over time, without the step that draws all splats.
+    /// Plots PSNR against time, without the step that draws all splats.
     pub fn trade(&self) -> Plot {
         let point = |mean: &Mean| (mean.count < self.splats).then_some((mean.gpu_ms?, mean.psnr_db));
         self.plot("What a millisecond buys", milliseconds(), psnr(), point)
     }
 
-    /// Plots the phases' shares of a frame over the number of splats, for [`Choice::FileOrder`].
+    /// Plots each phase's share of a frame against the number of splats, for [`Choice::FileOrder`].
     pub fn shares(&self) -> Plot {
         let means = self.means(Choice::FileOrder);
         let names: BTreeSet<&String> =
@@ -138,7 +139,7 @@ impl Swept {
         }
     }
 
-    /// Plots the time of the draw over the fragments of the approach, with the fitted line.
+    /// Plots the time of the draw against the fragments of the approach, with the fitted line.
     pub fn approach(&self) -> Plot {
         let drawn = |step: &Closer| {
             let (x, y) = (step.fragments as f64 / 1e6, blending(step.time.as_ref()?)?);
@@ -188,7 +189,7 @@ impl Swept {
         named.filter(|(_, plot, _)| plot.series.iter().any(|series| !series.points.is_empty())).collect()
     }
 
-    /// Formats the table for a terminal: one step per line, averaged over the views.
+    /// Formats the table for a terminal, with a row per step, averaged over the views.
     pub fn table(&self) -> String {
         text::table(&std::iter::once(self.header()).chain(self.rows()).collect::<Vec<_>>())
     }
@@ -263,7 +264,7 @@ impl Swept {
         text
     }
 
-    /// Writes the page, with pictures of the first view.
+    /// Makes the page as HTML, with pictures of the first view.
     ///
     /// # Errors
     /// A picture or a plot cannot be encoded.
@@ -345,7 +346,7 @@ impl Swept {
         Choice::ALL.iter().filter(|choice| !self.means(**choice).is_empty()).count()
     }
 
-    /// Describes the findings: the best choice at a quarter of the splats, and the loss of the naive one.
+    /// Describes the findings: the best choice at a quarter of the splats, and the loss of the naive choice.
     fn findings(&self) -> Vec<String> {
         let quarter = self.splats / 4;
         let at = |choice: Choice| {
@@ -369,7 +370,7 @@ impl Swept {
 /// Phases whose time depends on the number of splats.
 const PHASES: [&str; 5] = ["project", "sort", "bin", "draw", "rasterise"];
 
-/// Fits the line of an approach, and makes the sweep.
+/// Fits the line to an approach, and combines it with the steps to a sweep.
 pub fn gather(
     (scene, splats): (String, u32),
     pipeline: String,

@@ -1,4 +1,4 @@
-//! Sweeps a scene: every view with fewer and fewer splats, then the approach of the first camera.
+//! Sweeps a scene: draws every view with fewer and fewer splats, then the approach of the first camera.
 
 use super::approach::{self, Closer};
 use super::choice::{BUDGET, Choice, for_nearest};
@@ -11,7 +11,7 @@ use crate::studies::measurement::view::View;
 use crate::studies::study::{Listener, Steps, StudyError, Subject};
 use splatgraph_api::Device;
 
-/// The request of the study.
+/// The parameters of a sweep.
 #[derive(Clone, Debug)]
 pub struct Wanted {
     /// Name or path of the graph.
@@ -51,17 +51,17 @@ pub struct Study<D> {
     whole: Session<D>,
     /// Numbers of splats of the steps.
     counts: Vec<u32>,
-    /// The parameters of [`Choice::Nearest`], if the graph has them.
+    /// The parameters that [`Choice::Nearest`] sets; `None` if the graph has no budget.
     nearest: Option<Vec<(String, String)>>,
-    /// True if the graph stops a pixel early, once it is opaque.
+    /// True if the graph stops blending a pixel once it is opaque.
     stops: bool,
 }
 
 impl<D: Device> Study<D> {
-    /// Reads the graph.
+    /// Reads the graph, and determines what it supports.
     ///
     /// # Errors
-    /// The graph has errors, or the device has no room.
+    /// The graph has errors, or the device has no room for another context.
     pub fn new(
         subject: &Subject<D>,
         wanted: &Wanted,
@@ -89,7 +89,7 @@ impl<D: Device> Study<D> {
         &self.whole
     }
 
-    /// Measures a view, the index of a camera of the subject; also returns the pictures.
+    /// Measures a view, given as the index of one of the subject's cameras. Also returns the pictures.
     ///
     /// # Errors
     /// A picture cannot be compared, the device fails, or the listener cancels.
@@ -143,7 +143,7 @@ impl<D: Device> Study<D> {
         approach::measure(&mut self.whole, &closer, self.stops, effort, &mut progress)
     }
 
-    /// Combines the measurements of all views.
+    /// Combines the measurements of all views to a sweep.
     pub fn gather(
         &self,
         subject: &Subject<D>,

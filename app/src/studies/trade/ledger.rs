@@ -1,4 +1,4 @@
-//! Keeps the rows of a ledger in a file, and sums them up.
+//! Stores the rows of a ledger in a file, and summarises them.
 
 use super::measure::Row;
 use crate::io::output;
@@ -13,8 +13,9 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Everything that determines the numbers of a ledger, besides the plan of each setting ([`Row::plan`]). A ledger holds
-/// rows of one origin only.
+/// The inputs that determine the numbers of a ledger, besides the plan of each setting ([`Row::plan`]).
+///
+/// All rows of a ledger have the same origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// The program's version.
@@ -31,14 +32,14 @@ pub struct Origin {
     pub cameras: Json,
     /// Name or path of the graph.
     pub pipeline: String,
-    /// Parameters that have a value in every setting.
+    /// Names and values of the parameters that are the same in every setting.
     #[serde(default)]
     pub set: Vec<(String, String)>,
-    /// Hash of the plans of the exact settings, whose times all shares are relative to.
+    /// Hash of the plans of the exact settings, to which all shares of time refer.
     pub exact: String,
     /// `reference` for the exact renderer's pictures, or the folder of the true pictures.
     pub truth: String,
-    /// Hash of the pixels of the folder's pictures; empty for `reference`.
+    /// Hash of the pixels in the folder's pictures; empty for `reference`.
     pub truth_content: String,
     /// The device and its driver.
     pub device: String,
@@ -51,7 +52,7 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// Returns the scene's name and the graph's, for headings.
+    /// Formats the names of the scene and the graph, for headings.
     pub fn title(&self) -> String {
         let name = Path::new(&self.scene)
             .file_stem()
@@ -59,7 +60,7 @@ impl Origin {
         format!("{name}, {}", self.pipeline)
     }
 
-    /// Lists the differences from another origin, as text for the user.
+    /// Lists the inputs that differ from another origin's, in words for the user.
     pub fn changes(&self, other: &Origin) -> Vec<&'static str> {
         let differs = [
             ("program", self.version != other.version || self.program != other.program),
@@ -79,19 +80,19 @@ impl Origin {
         differs.into_iter().filter(|(_, differs)| *differs).map(|(name, _)| name).collect()
     }
 
-    /// Returns the number of cameras.
+    /// Returns the number of views, one per camera.
     pub fn views(&self) -> usize {
         self.cameras.as_array().map_or(0, Vec::len)
     }
 }
 
-/// The rows of a run.
+/// The rows of a run, with their origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
-    /// The command that measured last.
+    /// The last command that added measurements.
     #[serde(default)]
     pub command: String,
-    /// The origin of the numbers.
+    /// The inputs on which the numbers depend.
     pub origin: Origin,
     /// A row per setting and camera.
     pub rows: Vec<Row>,
@@ -105,11 +106,13 @@ pub struct Book {
 }
 
 impl Book {
-    /// Opens the ledger in a file, with the rows whose plans have not changed; an empty ledger if the file has another
-    /// origin.
+    /// Opens the ledger in a file, with the rows of plans that have not changed. If the file has another origin, the
+    /// ledger
+    /// is empty.
     ///
-    /// `plans` are the settings, each with the hash of its plans. The second value is the reason that rows of the file
-    /// are dropped. The file stays unchanged until the first row is added. Without a path, nothing is saved.
+    /// `plans` are the settings, each with the hash of its plans. The second value is the reason why rows of the file
+    /// are
+    /// dropped. The file stays unchanged until the first row is added. Without a path, nothing is saved.
     pub fn open(
         path: Option<PathBuf>,
         origin: Origin,
@@ -155,9 +158,9 @@ impl Book {
         self.ledger.rows.iter().find(|row| row.setting == setting && row.camera == camera)
     }
 
-    /// Adds a row behind the rows of its camera and of earlier cameras, and writes the file.
+    /// Adds a row after the rows of its camera and of earlier cameras, and writes the file.
     ///
-    /// Rows are thus in the order of the cameras, regardless of how many processes measured them and in which order.
+    /// Rows are thus in the order of the cameras, in whatever order they were measured, and by however many processes.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -172,43 +175,43 @@ impl Book {
     }
 }
 
-/// A setting summarised over its views.
+/// The measurements of a setting, summarised over the views.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Line {
     /// The setting's name.
     pub setting: String,
-    /// Mean of the views' times, in milliseconds.
+    /// Mean time over the views, in milliseconds; `None` without timestamps.
     pub gpu_ms: Option<f64>,
-    /// Largest spread of any view, in milliseconds.
+    /// Largest spread over the views, in milliseconds.
     pub spread_ms: Option<f64>,
-    /// Mean of the views' shares of the exact settings' time, with its range.
+    /// Mean share of the exact settings' time over the views, with its range.
     pub share: Option<Share>,
-    /// PSNR of the mean squared error of all views, in decibels; infinite for equal pictures.
+    /// PSNR of the mean squared error over all views, in decibels; infinite for equal pictures.
     pub psnr_db: f64,
     /// PSNR of the covered pixels over all views, in decibels; infinite for equal pictures.
     pub covered_psnr_db: f64,
-    /// Lowest SSIM of any view.
+    /// Lowest SSIM over the views.
     pub ssim: Option<f64>,
-    /// Mean FLIP.
+    /// Mean FLIP over the views.
     pub flip: f64,
-    /// Largest difference of a channel in any view.
+    /// Largest absolute difference of a channel in any view.
     pub worst: f64,
-    /// Mean share of pixels with a channel off by more than 1/255.
+    /// Mean share of pixels in which a channel differs by more than 1/255.
     pub off: f64,
-    /// Pairs of splats in the wrong order, in all views.
+    /// Number of pairs of splats in the wrong order, summed over the views.
     pub inversions: Option<u64>,
-    /// Lowest share of the host's frame time that the device spends drawing, at most 1.
+    /// Lowest share of the host's frame time that the device spends drawing, over the views; at most 1.
     pub busy: Option<f64>,
-    /// Largest memory on the device in any view, in bytes.
+    /// Largest use of device memory in any view, in bytes.
     pub gpu_bytes: u64,
-    /// Phases: name, mean milliseconds over the views, and largest spread of any view.
+    /// Phases: name, mean milliseconds over the views, and largest spread over the views.
     pub phases: Vec<(String, f64, f64)>,
-    /// Position relative to the Pareto front.
+    /// Position of the setting relative to the Pareto front.
     pub mark: Mark,
 }
 
 impl Ledger {
-    /// Returns the camera with a setting's lowest PSNR, and that PSNR; `None` if it was not drawn.
+    /// Returns the camera at which a setting has its lowest PSNR, and that PSNR. `None` if the setting was not drawn.
     pub fn farthest(&self, setting: &str) -> Option<(&str, Option<f64>)> {
         let rows = self.rows.iter().filter(|row| row.setting == setting);
         let drawn =
@@ -226,8 +229,9 @@ impl Ledger {
         output::write_bytes(path, format!("{text}\n").as_bytes())
     }
 
-    /// Summarises the rows of each setting, in the order of the rows; also lists the settings that failed, with their
-    /// messages.
+    /// Summarises the rows of each setting, in the order of the rows.
+    ///
+    /// Also lists the settings that failed, with their messages.
     pub fn lines(&self) -> (Vec<Line>, Vec<(String, String)>) {
         let mut names: Vec<&str> = Vec::new();
         for row in &self.rows {
@@ -253,7 +257,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / f64::from(count.max(1))
 }
 
-/// Returns the PSNR of the mean of several mean squared errors.
+/// Computes the PSNR of the mean of the views' squared errors; infinite if all are 0.
 fn joint_psnr(of_views: impl Iterator<Item = Option<f64>>) -> f64 {
     -10.0 * mean(of_views.map(squared_error)).log10()
 }
@@ -294,7 +298,7 @@ fn phases(times: &[&Time]) -> Vec<(String, f64, f64)> {
     names.into_iter().map(of).collect()
 }
 
-/// Lists the phases of all lines.
+/// Lists the names of the phases of all lines, each once.
 pub(super) fn phase_names(lines: &[Line]) -> Vec<String> {
     let names: BTreeSet<&String> =
         lines.iter().flat_map(|line| line.phases.iter().map(|(name, ..)| name)).collect();

@@ -1,4 +1,4 @@
-//! Measures a setting in a view: a line of the ledger.
+//! Measures a setting in a view: a row of the ledger.
 
 use crate::draw::interleaved::Effort;
 use crate::draw::session::{Session, SessionError};
@@ -10,7 +10,7 @@ use crate::studies::study::Setting;
 use serde::{Deserialize, Serialize};
 use splatgraph_api::Device;
 
-/// A line of the ledger: a setting in a view.
+/// A row of the ledger: the measurements of a setting in a view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// The setting's name.
@@ -23,10 +23,10 @@ pub struct Row {
     pub found: Result<Measured, String>,
 }
 
-/// Factor on the maximum number of rounds for the exact settings against themselves: all rows depend on their noise.
+/// The exact settings are measured against themselves in this many times the rounds: all rows depend on their noise.
 const ROUNDS_OF_EXACT: u32 = 4;
 
-/// Measures a setting, which `session` draws, with frames interleaved with the exact settings'. Returns the row and its
+/// Measures the setting of `session`, interleaved with the exact settings. Returns the row and its picture.
 /// picture.
 ///
 /// # Errors

@@ -1,10 +1,11 @@
-//! Measures the saving of each setting of a graph, and its cost in accuracy: the ledger.
+//! Measures the time that each setting of a graph saves, and its cost in accuracy: the ledger.
 //!
 //! [`study()`] measures the graph with every parameter at its exact value, settings that change one parameter, the
 //! graph's defaults, and the presets, except for settings that draw the same ([`crate::studies::measurement`]).
-//! [`measure()`](measure::measure) makes a row of a setting in a view. [`ledger`] keeps the rows in a file, so that an
-//! interrupted run can resume; [`table`] prints them, [`page`] plots them, and [`pictures`] keeps the pictures that the
-//! page shows.
+//! [`measure()`](measure::measure) makes the row of a setting in a view. [`ledger`] stores the rows in a file, so that
+//! an
+//! interrupted run can resume; [`table`] prints them, [`page`] plots them, and [`pictures`] stores the pictures that
+//! the page shows.
 
 pub mod ledger;
 pub mod measure;

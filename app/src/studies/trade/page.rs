@@ -1,4 +1,4 @@
-//! Shows a ledger as a plot of time against error, and as a page.
+//! Presents a ledger as a plot of time against error, and as a page.
 
 use super::ledger::{Ledger, Line, phase_names};
 use super::pictures::Album;
@@ -7,13 +7,13 @@ use crate::io::report::page::{Page, Row};
 use crate::io::report::plot::{Axis, Bar, Form, Plot, PlotError, Point, Series};
 use crate::studies::measurement::noise::Mark;
 
-/// Decibels above the highest finite PSNR at which a plot shows settings that equal the truth.
+/// Settings that equal the truth are plotted this many decibels above the highest finite PSNR.
 const ABOVE: f64 = 6.0;
 
-/// Plots time against PSNR, with the Pareto front joined and the dominated settings grey; `None` without times.
+/// Plots time against PSNR, with the Pareto front joined and dominated settings in grey; `None` without times.
 ///
-/// Time is the share of the exact settings' in the same rounds, from which the front is computed. Milliseconds of
-/// settings that were measured one after the other also differ with the device's load.
+/// Time is the share of the exact settings' time in the same rounds, from which the front is computed. Milliseconds
+/// of settings that were measured one after the other would also differ with the device's load.
 pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     let finite = lines.iter().map(|line| line.psnr_db).filter(|db| db.is_finite());
     let top = finite.fold(0.0, f64::max) + ABOVE;
@@ -52,7 +52,7 @@ pub fn plot(ledger: &Ledger, lines: &[Line]) -> Option<Plot> {
     })
 }
 
-/// Explains a column of the table.
+/// Returns the explanation of a column of the table.
 fn about(column: &str) -> &'static str {
     match column {
         "setting" => {
@@ -79,7 +79,9 @@ fn about(column: &str) -> &'static str {
     }
 }
 
-/// Writes the page of a ledger: the plot, the table with the pictures of the album, and the columns. `failed` are settings with their errors.
+/// Makes the page of a ledger as HTML: the plot, the table with the album's pictures, and the columns' explanations.
+///
+/// `failed` lists settings with their errors.
 ///
 /// # Errors
 /// The plot cannot be drawn.

@@ -1,8 +1,9 @@
-//! Keeps the pictures of a ledger in a folder beside it: for each setting, the view farthest from the truth and its
-//! amplified difference.
+//! Stores the pictures of a ledger in a folder next to its file: for each setting, the view farthest from the truth,
+//! and
+//! its amplified difference.
 //!
-//! The page of the ledger shows them when a reader clicks a setting. They are scaled down, so that a ledger of a
-//! hundred settings stays below a hundred megabytes.
+//! The page of the ledger shows them when a reader clicks a setting. They are scaled down, so that the pictures of a
+//! hundred settings stay below a hundred megabytes.
 
 use super::ledger::Ledger;
 use super::measure::Row;
@@ -15,26 +16,27 @@ use percent_encoding::{NON_ALPHANUMERIC, utf8_percent_encode};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Largest width of a kept picture, in pixels.
+/// Maximum width of a stored picture, in pixels. Wider ones are scaled down.
 const WIDTH: usize = 640;
-/// Root mean square of an amplified difference (white is 1): visible, while large errors still stand out.
+/// Root mean square of an amplified difference (white is 1), at which small errors are visible and large ones stand
+/// out.
 const VISIBLE: f64 = 1.0 / 16.0;
-/// Name of the folder.
+/// Name of the folder with the pictures.
 pub const FOLDER: &str = "pictures";
 
-/// The pictures beside a ledger; the default keeps none.
+/// The folder with a ledger's pictures. The default has no folder, and stores nothing.
 #[derive(Default)]
 pub struct Album {
     folder: Option<PathBuf>,
 }
 
 impl Album {
-    /// Returns the album of the ledger in this file.
+    /// Returns the album next to the ledger in this file.
     pub fn beside(ledger: &Path) -> Album {
         Album { folder: Some(ledger.with_file_name(FOLDER)) }
     }
 
-    /// Keeps a picture and its difference, unless another view of the setting is farther from the truth.
+    /// Stores a picture and its difference, unless another view of the setting is farther from the truth.
     ///
     /// # Errors
     /// A file cannot be written.
@@ -53,7 +55,7 @@ impl Album {
         Ok(())
     }
 
-    /// Copies the pictures of a setting from the album of the view farthest from the truth, if they exist.
+    /// Copies the pictures of a setting in the view of `camera` from another album. Missing pictures are skipped.
     ///
     /// # Errors
     /// A file cannot be written.
@@ -67,7 +69,7 @@ impl Album {
         Ok(())
     }
 
-    /// Lists the pictures of a setting: its own, the truth and the difference; empty if one is missing.
+    /// Lists the pictures of a setting: the drawn one, the truth and the difference. Empty if one is missing.
     pub fn of(&self, ledger: &Ledger, setting: &str) -> Vec<Linked> {
         let (Some((camera, psnr_db)), Some(folder)) = (ledger.farthest(setting), &self.folder) else {
             return Vec::new();
@@ -87,7 +89,7 @@ impl Album {
     }
 }
 
-/// Returns the power of two that makes a difference with this PSNR visible; 1 for equal pictures.
+/// Returns the power of two by which a difference with this PSNR becomes visible; 1 for equal pictures.
 fn gain(psnr_db: Option<f64>) -> f64 {
     let rms = squared_error(psnr_db).sqrt();
     if rms > 0.0 { (VISIBLE / rms).log2().round().clamp(0.0, 20.0).exp2() } else { 1.0 }

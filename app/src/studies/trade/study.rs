@@ -1,4 +1,4 @@
-//! Measures every setting of a graph in every view, and keeps the rows in a file.
+//! Measures every setting of a graph in every view, and stores the rows in a file.
 
 use super::ledger::{Book, Ledger, Origin};
 use super::measure::measure;
@@ -17,26 +17,28 @@ use splatgraph_assets::{Camera, Scene};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;
 
-/// The request of the study.
+/// The parameters of a ledger.
 pub struct Wanted {
     /// The graph whose parameters are changed.
     pub pipeline: String,
-    /// Parameters that have a value in every setting.
+    /// Names and values of the parameters that are the same in every setting.
     pub set: Vec<(String, String)>,
-    /// Prefixes of the names of the settings to measure; empty for all.
+    /// Prefixes of the names of settings; only matching settings are measured. Empty for all.
     pub only: Vec<String>,
     /// Numbers of frames and rounds.
     pub frames: Frames,
-    /// True pictures, one per camera, with a common name; `None` for the exact renderer's.
+    /// True pictures, one per camera, with the name of their source; `None` for the exact renderer's.
     pub truths: Option<(String, Vec<Image>)>,
-    /// Facts and checks of the opened device: rows of a device opened differently are not kept.
+    /// Facts of the opened device, and its enabled checks. Rows from a device opened differently are dropped.
     pub opened: String,
-    /// The file of the ledger, from which an interrupted study resumes. Pictures of the settings go into a folder beside it. `None` keeps
+    /// The file of the ledger, from which an interrupted study resumes. `None` stores no file.
+    ///
+    /// Pictures of the settings go to a folder next to it.
     /// neither.
     pub file: Option<PathBuf>,
 }
 
-/// Maximum number of views whose true pictures are in memory at once.
+/// Maximum number of views with their true pictures in memory at once.
 const VIEWS_AT_ONCE: usize = 8;
 
 /// Measures the wanted settings, and returns the ledger with their rows.
@@ -57,11 +59,11 @@ pub fn study<D: Device>(
 
 /// The settings to measure, and the sessions that draw them.
 pub struct Study<D> {
-    /// Draws the graph with every parameter at its exact value.
+    /// Session that draws the graph with every parameter at its exact value.
     exact: Session<D>,
-    /// Draws the setting that is being measured.
+    /// Session that draws the setting that is being measured.
     session: Session<D>,
-    /// The settings, each with the hash of its plans; the exact ones first.
+    /// The settings, each with the hash of its plans, `None` if one cannot be built. The exact settings are first.
     settings: Vec<(Setting, Option<u64>)>,
     origin: Origin,
 }
@@ -89,12 +91,12 @@ impl<D: Device> Study<D> {
         Ok(Study { exact, session, settings, origin })
     }
 
-    /// Returns everything that the rows depend on.
+    /// Returns the inputs on which the rows depend.
     pub fn origin(&self) -> &Origin {
         &self.origin
     }
 
-    /// Opens a ledger, with the rows of an earlier run of the same origin.
+    /// Opens a ledger, with the rows of an earlier run that has the same origin.
     pub fn book(&self, file: Option<PathBuf>, listener: &mut dyn Listener) -> Book {
         let plans: Vec<_> =
             self.settings.iter().map(|(setting, plan)| (setting.name.as_str(), *plan)).collect();
@@ -107,7 +109,7 @@ impl<D: Device> Study<D> {
         book
     }
 
-    /// Adds the missing rows and pictures of some views, given as indices of the subject's cameras.
+    /// Adds the missing rows and pictures of some views, which are given as indices of the subject's cameras.
     ///
     /// # Errors
     /// The device fails, a file cannot be written, or the listener cancels.
@@ -165,7 +167,7 @@ impl<D: Device> Study<D> {
         Ok(())
     }
 
-    /// Leaves out the rows of settings that are not wanted.
+    /// Removes the rows of settings that are not wanted.
     pub fn wanted_of(&self, mut ledger: Ledger) -> Ledger {
         ledger.rows.retain(|row| self.settings.iter().any(|(setting, _)| setting.name == row.setting));
         ledger
@@ -177,7 +179,10 @@ fn only(wanted: &Wanted, setting: &str) -> bool {
     wanted.only.is_empty() || wanted.only.iter().any(|name| setting.starts_with(name.as_str()))
 }
 
-/// Lists the wanted settings, the exact ones first; an error if `only` matches none.
+/// Lists the wanted settings, the exact ones first.
+///
+/// # Errors
+/// The graph has errors, or no setting's name begins with a prefix of [`Wanted::only`].
 fn chosen<D: Device>(
     wanted: &Wanted,
     session: &mut Session<D>,
@@ -194,7 +199,7 @@ fn chosen<D: Device>(
     Ok(all)
 }
 
-/// Describes everything that the rows depend on; `exact` is the hash of the exact settings' plans.
+/// Collects the inputs on which the rows depend. `exact` is the hash of the exact settings' plans.
 fn origin<D: Device>(
     subject: &Subject<D>,
     wanted: &Wanted,
@@ -235,7 +240,7 @@ fn content(pictures: &[Image]) -> String {
     format!("{:016x}", hash.finish())
 }
 
-/// Makes a view with the exact renderer's picture and order, or with the given picture instead.
+/// Makes a view with the exact renderer's picture and order, or with a given picture instead of the renderer's.
 fn view(scene: &Scene, camera: &Camera, picture: Option<&Image>) -> View {
     let mut view = View::exact(scene, camera).with_order(scene);
     if let Some(picture) = picture {

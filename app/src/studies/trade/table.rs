@@ -1,4 +1,4 @@
-//! Prints a ledger as a table and as CSV.
+//! Formats a ledger as a table and as CSV.
 
 use super::ledger::{Line, phase_names};
 use crate::draw::stats::BUSY;
@@ -6,7 +6,7 @@ use crate::io::report::text;
 use crate::studies::measurement::noise::{LEAST_ROUNDS, LEAST_SAVING, Mark};
 use crate::studies::measurement::settings::EXACT;
 
-/// The columns of the tables.
+/// Titles of the table's columns.
 pub(super) const COLUMNS: [&str; 13] = [
     "setting",
     "GPU ms",
@@ -23,7 +23,7 @@ pub(super) const COLUMNS: [&str; 13] = [
     "note",
 ];
 
-/// Formats the cells of a line, rounded for reading.
+/// Formats the cells of a line, rounded for the table.
 pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
     let optional = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
     let db = |value: f64| if value.is_finite() { format!("{value:.1}") } else { "equal".into() };
@@ -44,7 +44,7 @@ pub(super) fn cells(line: &Line) -> [String; COLUMNS.len()] {
     ]
 }
 
-/// Formats the share with half of its range: `70.2 ± 0.4 %`.
+/// Formats the share with half of its range, such as `70.2 ± 0.4 %`.
 fn share(line: &Line) -> String {
     let Some(share) = line.share else { return "-".into() };
     match share.range {
@@ -53,7 +53,7 @@ fn share(line: &Line) -> String {
     }
 }
 
-/// Returns the note of a setting that is not judged, or not with certainty.
+/// Returns the note for a setting that is not judged, or not with certainty; otherwise an empty string.
 fn note(mark: Mark) -> &'static str {
     match mark {
         Mark::Best | Mark::Beaten => "",
@@ -62,7 +62,7 @@ fn note(mark: Mark) -> &'static str {
     }
 }
 
-/// Returns the symbol before a setting's name.
+/// Returns the symbol that marks a setting before its name.
 pub(super) fn sign(mark: Mark) -> &'static str {
     match mark {
         Mark::Best => "*",
@@ -71,7 +71,7 @@ pub(super) fn sign(mark: Mark) -> &'static str {
     }
 }
 
-/// Explains the marks of a table other than `*`, and the size of the noise, in sentences.
+/// Explains the marks of a table except for `*`, and states the size of the noise, in sentences.
 pub fn notes(lines: &[Line]) -> Vec<String> {
     let names = |mark: Mark| -> Vec<&str> {
         lines.iter().filter(|line| line.mark == mark).map(|line| line.setting.as_str()).collect()
