@@ -1,4 +1,4 @@
-//! Generates and finds the demo scene, the default of `render` and `view`.
+//! Generates and finds the demo scene, which `render` and `view` draw by default.
 //!
 //! The first use writes the scene as an ordinary `.ply` in the layout of the reference implementation; later uses load
 //! that file.
@@ -9,10 +9,10 @@ use splatgraph_assets::{Camera, Scene, synth};
 use std::env;
 use std::path::{Path, PathBuf};
 
-/// Name of the generator.
+/// Name of the demo scene's generator.
 pub const NAME: &str = "demo";
 
-/// Returns the demo scene's path: `assets/splats/demo.ply` in a checkout, else in the user's cache folder.
+/// Returns the demo scene's path: `assets/splats/demo.ply` in a checkout, otherwise in the user's cache folder.
 ///
 /// `None` if there is no cache folder. The temporary folder is not used: its names are predictable, and another user could plant
 /// a file.
@@ -27,7 +27,7 @@ pub fn path() -> Option<PathBuf> {
     }
 }
 
-/// Generates the demo scene if `path` does not exist; returns true if it was generated.
+/// Generates the demo scene if `path` does not exist. Returns true if it was generated.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -45,7 +45,7 @@ fn generate() -> Result<Scene, synth::SynthError> {
     synth::generate(NAME, generator.map_or(0, |g| g.default_count), 0)
 }
 
-/// Makes the demo scene's first camera.
+/// Makes the camera from which the demo scene is drawn first.
 pub fn camera() -> Option<Camera> {
     synth::demo_cameras().into_iter().next()
 }

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 static IGNORES_TAGS: AtomicBool = AtomicBool::new(false);
 
-/// Drops the tags of all scenes loaded from now on.
+/// Makes all later loads ignore the tags of scenes' files.
 pub fn ignore_tags() {
     IGNORES_TAGS.store(true, Ordering::Relaxed);
 }
@@ -20,10 +20,10 @@ pub fn scene(path: &Path, progress: Progress) -> Result<Scene, LoadError> {
     Ok(if IGNORES_TAGS.load(Ordering::Relaxed) { scene.without_tags() } else { scene })
 }
 
-/// Loads a scene, or a mesh that is drawn beside one.
+/// Loads a scene, or a mesh that is drawn together with one.
 ///
 /// # Errors
-/// Those of [`Scene::load_any`].
+/// See [`Scene::load_any`].
 pub fn any(path: &Path, progress: Progress) -> Result<Content, LoadError> {
     Ok(match Scene::load_any(path, progress)? {
         Content::Splats(scene) if IGNORES_TAGS.load(Ordering::Relaxed) => {

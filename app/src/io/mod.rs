@@ -4,7 +4,7 @@
 //! - [`image`]: picture files;
 //! - [`film`]: film files;
 //! - [`report`]: plots, and self-contained pages;
-//! - [`program`]: the build of the program;
+//! - [`program`]: hash of the program's build;
 //! - [`progress`]: progress on standard error;
 //! - [`load`]: scene files;
 //! - [`demo`]: the demo scene;

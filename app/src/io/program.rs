@@ -1,4 +1,4 @@
-//! Identifies the program's build, on which numbers and pictures depend.
+//! Identifies the build of the program, on which its numbers and pictures depend.
 
 use std::fs::File;
 use std::hash::{DefaultHasher, Hasher};
@@ -6,7 +6,7 @@ use std::io::{self, Read};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-/// The file that contains this code, if it is not the process's executable.
+/// The file that contains this code; unset if it is the process's executable.
 static FILE: OnceLock<PathBuf> = OnceLock::new();
 
 /// Sets the file that contains this code, for a library loaded by an interpreter. Only the first call has an effect.

@@ -1,6 +1,6 @@
 //! Shows the progress of long tasks on standard error.
 //!
-//! Tasks of less than a second show nothing. After that, a terminal shows a bar. A file or a pipe, in which a bar would
+//! Tasks of less than a second show nothing. After that, a terminal shows a bar. A file or a pipe, where a bar would
 //! become thousands of lines, gets a plain line every ten seconds.
 
 use crate::io::output::{one_line, say};
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 /// Time until a task first shows its progress.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Interval of plain lines.
+/// Time between two plain lines.
 const PLAIN_INTERVAL: Duration = Duration::from_secs(10);
 
 /// The progress of one task. Dropping it clears the bar.
@@ -56,7 +56,7 @@ impl Progress {
         }
     }
 
-    /// Hides the bar while `print` runs, so that its output appears above the bar.
+    /// Hides the bar while `print` runs, so that lines it prints appear above the bar.
     pub fn suspend<T>(&self, print: impl FnOnce() -> T) -> T {
         match &self.bar {
             Some(bar) => bar.suspend(print),

@@ -1,4 +1,4 @@
-//! Defines the encoded frames of films, their writer and their rate, for all formats.
+//! Defines what all film formats share: encoded frames, the writer of a film, and the frame rate.
 
 use crate::io::output::file::Cause;
 use std::fmt;
@@ -20,19 +20,19 @@ pub trait Writer {
     /// The file cannot be written.
     fn add(&mut self, frame: Frame) -> Result<(), Cause>;
 
-    /// Ends the film.
+    /// Writes the end of the film.
     ///
     /// # Errors
     /// The file cannot be written.
     fn finish(self: Box<Self>) -> Result<(), Cause>;
 }
 
-/// Makes the error for a frame encoded for another format.
+/// Makes the error for a frame that was encoded for another format.
 pub(super) fn mixed() -> Cause {
     "a frame of another format".into()
 }
 
-/// Frames per second, as a fraction.
+/// A frame rate: frames per second, as a fraction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rate {
     pub(super) frames: u32,
@@ -40,7 +40,7 @@ pub struct Rate {
 }
 
 impl Rate {
-    /// Returns the frames per second.
+    /// Returns the rate in frames per second.
     pub fn per_second(self) -> f64 {
         f64::from(self.frames) / f64::from(self.seconds)
     }

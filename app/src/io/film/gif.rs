@@ -8,10 +8,10 @@ use std::io::Write;
 /// Maximum width and height of a GIF, in pixels.
 const MAX_GIF_SIDE: usize = 65_535;
 
-/// Sampling factor of NeuQuant, 1 to 30: larger is faster. The crate recommends 10.
+/// Sampling factor of NeuQuant, 1 to 30: larger is faster and less accurate. The crate recommends 10.
 const SPEED: i32 = 10;
 
-/// Chooses 256 colours for a frame and compresses it.
+/// Chooses a frame's 256 colours, and compresses the frame.
 pub(super) fn encode(image: &Image) -> Result<gif::Frame<'static>, Cause> {
     if image.width.max(image.height) > MAX_GIF_SIDE {
         let found = format!("{} x {}", image.width, image.height);

@@ -1,10 +1,9 @@
-//! Writes films: pictures at a constant rate in one file.
+//! Writes films: pictures at a constant frame rate in one file.
 //!
-//! Writing a frame has two steps. [`Format::encode`] does the work that depends on this frame alone, on any thread; a
-//! [`Writer`] takes the results in order. Values are clamped to 0..1, as in 8-bit pictures.
+//! Writing a frame has two steps. [`Format::encode`] does the work that depends on this frame alone, on any thread. A
+//! [`Writer`] then takes the results in order. Values are clamped to 0..1, as in 8-bit pictures.
 //!
-//! - `.gif` plays everywhere: 256 colours in each frame, chosen by NeuQuant, without dithering, which would compress
-//!   badly;
+//! - `.gif` plays everywhere: 256 colours in each frame, chosen by NeuQuant, without dithering, which compresses badly;
 //! - `.apng` and `.png` are animated PNGs, and keep every pixel's 8 bits;
 //! - `.y4m` is uncompressed video, for a pipe into an encoder;
 //! - `.mp4` is AV1, in programs that were built with the feature `av1`.
@@ -23,7 +22,7 @@ use std::path::Path;
 
 pub use frame::{Frame, Rate, Writer};
 
-/// The formats of films in one file.
+/// The file formats of films.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// GIF, looping.
@@ -38,7 +37,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// Returns the format of a path's extension, in upper or lower case.
+    /// Returns the format for a path's extension, in upper or lower case; `None` if it is not a film's.
     pub fn of(path: &Path) -> Option<Format> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
         match extension.as_str() {

@@ -15,12 +15,12 @@ const RED: f32 = 0.2126;
 /// Luma weight of blue in BT.709; green has the rest.
 const BLUE: f32 = 0.0722;
 
-/// Makes the bytes of a frame.
+/// Returns the bytes of a frame: its header line, then its planes.
 pub(super) fn encode(image: &Image) -> Vec<u8> {
     [b"FRAME\n".as_slice(), &planes(image)].concat()
 }
 
-/// Makes the planes of a frame: luma, and both chromas.
+/// Converts a picture to the planes of a frame: luma, then the two chroma planes.
 pub(super) fn planes(image: &Image) -> Vec<u8> {
     let (width, height) = (image.width, image.height);
     let [across, down] = [width, height].map(|side| side.div_ceil(2));

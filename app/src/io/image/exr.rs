@@ -1,7 +1,7 @@
 //! Reads and writes OpenEXR files: float32, channels R, G, B.
 //!
-//! By default, programs interpret the values of an EXR as linear light; ours are display-encoded. Two attributes
-//! declare that: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop
+//! By default, programs interpret the values of an EXR as linear light, but ours are display-encoded. Two attributes
+//! declare this: `colorInteropID` for programs, in the vocabulary of the Academy Software Foundation's Color Interop
 //! Forum, and `comments` for people.
 
 use super::pixels::{Image, ImageError, check_size, open};
@@ -38,7 +38,7 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     Ok(out.write_all(&bytes)?)
 }
 
-/// Writes values that are not colours to the named channels, pixel by pixel; `names` are in alphabetical order.
+/// Writes values other than colours to the named channels, pixel by pixel. `names` are in alphabetical order.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -65,7 +65,7 @@ pub fn save_values(
     })?)
 }
 
-/// Checks the sizes of all layers; returns the size of the first that has R, G and B.
+/// Checks the sizes of all layers, and returns the size of the first one with R, G and B.
 pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
     let file = open(path)?;
     let meta = quietly(|| exr::meta::MetaData::read_from_buffered(file, false))
@@ -84,7 +84,7 @@ pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
     found.ok_or_else(|| ImageError::new(path, "expected a layer with the channels R, G and B, found none"))
 }
 
-/// Loads the data window of the first layer that has R, G and B.
+/// Loads the data window of the first layer with R, G and B.
 pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
     size(path)?;
     let damaged = || ImageError::new(path, "expected compressed pixels, found bytes that cannot be unpacked");
@@ -92,11 +92,11 @@ pub(super) fn load(path: &Path) -> Result<Image, ImageError> {
 }
 
 thread_local! {
-    /// True while [`quietly`] catches this thread's panics, so that they print no message.
+    /// True while [`quietly`] catches this thread's panics; the panic hook then prints no message.
     static QUIET: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Runs `body`; returns `None` if it panics, without the panic's message.
+/// Runs `body`. If it panics, prints no message and returns `None`.
 ///
 /// The library's decoders panic on some damaged files.
 fn quietly<T>(body: impl FnOnce() -> T) -> Option<T> {

@@ -1,7 +1,8 @@
-//! Stores pictures in memory and in files.
+//! Represents pictures in memory, and reads and writes picture files.
 //!
-//! An [`Image`] holds blended pixels as float32, *display-encoded*: a screen shows the values unchanged. Splat scenes are
-//! trained on ordinary photographs, so their colours have that encoding already, and nothing here converts to or from
+//! An [`Image`] holds blended pixels as float32, *display-encoded*: a screen shows the values unchanged. Splat scenes
+//! are
+//! trained on ordinary photographs, so their colours already have that encoding, and nothing here converts to or from
 //! linear light.
 //!
 //! Three formats can be written and read: `.npy` (float32, exact), `.exr` (float32, exact, with attributes for the encoding)
@@ -43,7 +44,7 @@ impl Image {
         }
     }
 
-    /// Loads `.png`, `.exr`, `.npy`, or `archive.npz#array`.
+    /// Loads a picture from `.png`, `.exr`, `.npy`, or `archive.npz#array`.
     pub fn load(path: &Path) -> Result<Image, ImageError> {
         if let Some((archive, array)) = split_member(path) {
             return npy::load_member(&archive, &array).map(|(image, _)| image);
@@ -56,7 +57,8 @@ impl Image {
         }
     }
 
-    /// Loads a picture as [`Image::load`] does, with every digit of float64 arrays. Also returns the file's precision.
+    /// Loads a picture as [`Image::load`] does, but keeps all digits of float64 arrays. Also returns the file's
+    /// precision.
     ///
     /// # Errors
     /// See [`Image::load`].
@@ -77,7 +79,7 @@ impl Image {
     /// Saves a picture in the format of the path's extension, and creates its folder.
     ///
     /// # Errors
-    /// The extension is unknown, or the file cannot be written; an existing file is then kept.
+    /// The extension is unknown, or the file cannot be written. An existing file is then kept.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
         let Some(format) = Format::of(path) else {
             return Err(ImageError::new(path, "expected the extension .png, .exr or .npy"));
@@ -85,10 +87,10 @@ impl Image {
         self.save_as(format, path)
     }
 
-    /// Saves a picture in this format under any name; `-` is standard output.
+    /// Saves a picture in this format, whatever the file's extension. The path `-` is standard output.
     ///
     /// # Errors
-    /// The file cannot be written; an existing file is then kept.
+    /// The file cannot be written. An existing file is then kept.
     pub fn save_as(&self, format: Format, path: &Path) -> Result<(), ImageError> {
         let _span = info_span!("encode and write", path = %path.display()).entered();
         Ok(output::write(path, |out| match format {
@@ -98,7 +100,7 @@ impl Image {
         })?)
     }
 
-    /// Returns the bytes of the picture's PNG file.
+    /// Encodes the picture as a PNG file, and returns its bytes.
     ///
     /// # Errors
     /// The picture has no pixels, or too many for the format.
@@ -109,7 +111,7 @@ impl Image {
     }
 }
 
-/// File formats of pictures that are written.
+/// The file formats in which pictures are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// 8 bits per channel, clamped to 0..1.
@@ -121,12 +123,12 @@ pub enum Format {
 }
 
 impl Format {
-    /// Returns the format of a path's extension, in upper or lower case.
+    /// Returns the format for a path's extension, in upper or lower case; `None` if it is not a picture's.
     pub fn of(path: &Path) -> Option<Format> {
         [Format::Png, Format::Exr, Format::Npy].into_iter().find(|f| has_extension(path, f.extension()))
     }
 
-    /// Returns the extension without the dot.
+    /// Returns the format's extension, without the dot.
     pub fn extension(self) -> &'static str {
         match self {
             Format::Png => "png",
@@ -150,7 +152,7 @@ impl FromStr for Format {
     }
 }
 
-/// Makes the error for a file name without a picture's extension.
+/// Makes the error for a file name that has no picture's extension.
 fn no_picture(path: &Path) -> ImageError {
     if !has_extension(path, "npz") {
         return ImageError::new(path, "expected a picture (.png, .exr, .npy, or FILE.npz#NAME)");
@@ -168,7 +170,7 @@ fn no_picture(path: &Path) -> ImageError {
     ImageError::new(path, text)
 }
 
-/// Splits `a/b.npz#name` into `a/b.npz` and `name`.
+/// Splits `a/b.npz#name` into `a/b.npz` and `name`; `None` for other paths.
 pub fn split_member(path: &Path) -> Option<(PathBuf, String)> {
     let (archive, array) = path.to_str()?.rsplit_once('#')?;
     has_extension(Path::new(archive), "npz").then(|| (PathBuf::from(archive), array.to_owned()))

@@ -16,7 +16,7 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     write_array(out, &shape, image.rgb.as_flattened().iter().copied())
 }
 
-/// Writes 32-bit words of a resource as an array of `shape` (uint32 or float32).
+/// Writes 32-bit words of a resource as an array of the given shape, with the type uint32 or float32.
 pub fn save_words<T: npyz::AutoSerialize + Copy>(
     path: &Path,
     shape: &[u64],
@@ -42,13 +42,13 @@ fn write_array<T: npyz::AutoSerialize>(
     Ok(out.flush()?)
 }
 
-/// Maximum size of a header, in bytes; NumPy pads a picture's header to 128.
+/// Maximum size of an array's header, in bytes. NumPy pads a picture's header to 128.
 const LONGEST_HEADER: usize = 4096;
 
-/// Maximum number of brackets in a header: its parser recurses for each one.
+/// Maximum number of brackets in a header. The library's parser recurses for each one.
 const MOST_BRACKETS: usize = 16;
 
-/// Checks the length and the nesting of the header, which the parser trusts, and reads it.
+/// Reads the header of an array, after checking its length and its nesting, which the library's parser trusts.
 fn header<R: Read>(mut reader: R) -> io::Result<NpyFile<impl Read>> {
     let fail = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
     // The magic number, the version, and the header's length in 2 or 4 bytes.
@@ -96,7 +96,7 @@ pub(super) fn member_size(archive: &Path, array: &str) -> Result<(usize, usize),
     shape(archive, &header(member).map_err(|e| ImageError::because(archive, e))?).map(|(size, _)| size)
 }
 
-/// Finds an array of an archive. The array's own header determines how much is read, not the size in the archive.
+/// Finds an array in an archive. Its own header determines how many bytes are read, not the size in the archive.
 fn member<'a>(
     archive: &Path,
     npz: &'a mut ZipArchive<BufReader<File>>,
@@ -110,7 +110,7 @@ fn member<'a>(
     npz.by_name(&name).map(BufReader::new).map_err(|error| ImageError::because(archive, error))
 }
 
-/// Lists the names of an archive's arrays, sorted.
+/// Lists the names of the arrays in an archive, sorted.
 pub fn npz_names(archive: &Path) -> Result<Vec<String>, ImageError> {
     let npz = open_npz(archive)?;
     let mut names: Vec<String> =
@@ -139,7 +139,7 @@ fn shape<R: Read>(path: &Path, npy: &NpyFile<R>) -> Result<((usize, usize), usiz
     Ok((check_size(path, width, height)?, channels as usize))
 }
 
-/// A channel type as which values of arrays are read.
+/// A channel type to which an array's values are converted.
 pub(super) trait Value: Copy + Default {
     fn of_double(value: f64) -> Self;
     fn of_single(value: f32) -> Self;

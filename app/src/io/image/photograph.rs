@@ -1,4 +1,4 @@
-//! Reads photographs: PNG and JPEG, distinguished by their first bytes.
+//! Reads photographs. PNG and JPEG are distinguished by their first bytes.
 
 use super::pixels::{Image, ImageError, check_size, open, room};
 use super::png;
@@ -20,7 +20,7 @@ fn is_png(path: &Path) -> Result<bool, ImageError> {
 /// A decoder whose header has been read.
 type Decoder = JpegDecoder<BufReader<File>>;
 
-/// Reads the header of a JPEG file, with the picture's size.
+/// Reads the header of a JPEG file; returns the decoder, and the picture's size.
 fn header(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
     let options = DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::RGB);
     let mut decoder = JpegDecoder::new_with_options(open(path)?, options);
@@ -41,10 +41,10 @@ impl Image {
         if is_png(path)? { png::size(path) } else { header(path).map(|(_, size)| size) }
     }
 
-    /// Loads a photograph; an alpha channel blends it over `background`.
+    /// Loads a photograph. If it has an alpha channel, it is blended over `background`.
     ///
     /// # Errors
-    /// See [`Image::photograph_size`]; or the file is damaged.
+    /// See [`Image::photograph_size`]; also, the file may be damaged.
     pub fn load_photograph(path: &Path, background: [f32; 3]) -> Result<Image, ImageError> {
         if is_png(path)? {
             return png::load_over(path, Some(background)).map(|(image, _)| image);
@@ -65,7 +65,7 @@ impl Image {
         Ok(Image { width, height, rgb })
     }
 
-    /// Averages pixels into a smaller picture. A pixel on the border of two counts in both, by its share of each.
+    /// Shrinks the picture to a size by averaging. A pixel that spans two new ones counts in each by its overlap.
     pub fn averaged(&self, width: usize, height: usize) -> Image {
         let across = weights(self.width, width);
         let down = weights(self.height, height);
@@ -82,7 +82,7 @@ impl Image {
     }
 }
 
-/// Lists, for each of the `to` pixels, the pixels out of `from` that it covers, with their weights.
+/// Lists, for each of the `to` new pixels, the old ones out of `from` that it covers, with their weights.
 fn weights(from: usize, to: usize) -> Vec<Vec<(usize, f64)>> {
     let step = from as f64 / to as f64;
     let covered = |index: usize| {

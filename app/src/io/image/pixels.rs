@@ -1,11 +1,11 @@
-//! Defines pictures in memory, and the errors, size limits and memory checks that all readers share.
+//! Defines pictures in memory, and the errors, size limits and memory checks that all readers of pictures share.
 
 use crate::io::output::OutputError;
 use splatgraph_assets::memory;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// Maximum number of pixels of a picture that is read: a damaged header must not exhaust the memory.
+/// Maximum number of pixels of a picture that is read, so that a damaged header cannot exhaust the memory.
 const MAX_PIXELS: u64 = 1 << 28;
 
 /// A picture: rows from the top, pixels from the left, display-encoded RGB, not clamped.
@@ -15,14 +15,14 @@ pub struct Image<C = f32> {
     pub width: usize,
     /// Height, in pixels.
     pub height: usize,
-    /// `width * height` pixels; 0 is black and 1 is white.
+    /// `width * height` pixels, row by row. 0 is black and 1 is white.
     pub rgb: Vec<[C; 3]>,
 }
 
 /// The precision of the values in a picture's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
-    /// Integers from 0 to this level, white.
+    /// Integers from 0 to the given level, which is white.
     Levels(u16),
     /// Floats of single precision.
     Single,
@@ -37,7 +37,9 @@ impl Image<f64> {
         self
     }
 
-    /// Restores the levels of `greatest` to full f64 precision: replaces each float32 by the nearest level as float64.
+    /// Restores the levels of an integer picture to f64 precision: replaces each float32 by the nearest level.
+    ///
+    /// `greatest` is the level of white.
     pub fn levels(mut self, greatest: u16) -> Image<f64> {
         let greatest = f64::from(greatest);
         let level = |value: &mut f64| *value = (*value * greatest).round() / greatest;
@@ -47,7 +49,7 @@ impl Image<f64> {
 }
 
 impl Image {
-    /// Makes a picture whose pixel at column `x` and row `y` is `pixel(x, y)`.
+    /// Makes a picture from a function: `pixel(x, y)` is the pixel at column `x` and row `y`.
     pub fn from_fn(width: usize, height: usize, mut pixel: impl FnMut(usize, usize) -> [f32; 3]) -> Image {
         let mut rgb = Vec::with_capacity(width * height);
         for y in 0..height {
@@ -76,12 +78,13 @@ impl Image {
         Image { width: self.width, height: self.height, rgb }
     }
 
-    /// Returns every channel as 8 bits, as a screen shows it.
+    /// Converts every channel to 8 bits, as a screen shows it.
     pub fn bytes(&self) -> Vec<u8> {
         self.rgb.as_flattened().iter().map(|&value| level(value)).collect()
     }
 
-    /// Averages squares of pixels, the smallest that make the picture at most `width` wide.
+    /// Shrinks the picture to at most `width` columns, by averaging squares of pixels. The squares are as small as
+    /// possible.
     pub fn reduced(&self, width: usize) -> Image {
         let by = self.width.div_ceil(width.max(1)).max(1);
         let side = |of: usize| of.div_ceil(by);
@@ -99,7 +102,7 @@ impl Image {
     }
 }
 
-/// An error while reading or writing a picture: the file and the problem.
+/// An error while reading or writing a picture, with the file and the problem.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {what}", path.display())]
 pub struct ImageError {
@@ -133,17 +136,17 @@ pub(super) fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
-/// Maximum memory per pixel while a picture is read, in bytes: its values as f64, and as f32 or in the file's type.
+/// Maximum memory per pixel while a picture is read, in bytes: the values as f64, and as f32 or the file's type.
 const BYTES_PER_PIXEL: u64 = 24 + 12;
 
-/// Allocates memory for the pixels of a picture.
+/// Allocates memory for the pixels of a picture, if enough is available.
 pub(super) fn room<C>(path: &Path, pixels: usize) -> Result<Vec<[C; 3]>, ImageError> {
     let mut rgb = Vec::new();
     rgb.try_reserve_exact(pixels).map_err(|e| ImageError::because(path, e))?;
     Ok(rgb)
 }
 
-/// Checks the size in a file's header before memory is allocated for it.
+/// Checks the size in a file's header, before memory is allocated for it.
 pub(super) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize), ImageError> {
     let pixels = width.saturating_mul(height);
     if pixels == 0 {

@@ -21,7 +21,7 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
 /// A decoder whose header has been read.
 type Decoder = png::Decoder<BufReader<File>>;
 
-/// Reads the header, with the picture's size.
+/// Reads the header; returns the decoder, and the picture's size.
 fn header(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
     let mut decoder = png::Decoder::new(open(path)?);
     decoder.set_transformations(png::Transformations::EXPAND);
@@ -34,12 +34,14 @@ pub(super) fn size(path: &Path) -> Result<(usize, usize), ImageError> {
     header(path).map(|(_, size)| size)
 }
 
-/// Loads a file without its alpha, since pictures here are opaque; also returns its maximum level.
+/// Loads a file and ignores its alpha, since pictures here are opaque. Also returns the file's maximum level.
 pub(super) fn load(path: &Path) -> Result<(Image, u16), ImageError> {
     load_over(path, None)
 }
 
-/// Loads a file, blended over a background by its alpha if there are both; also returns its maximum level.
+/// Loads a file, and blends it over the background if it has alpha. Also returns the file's maximum level.
+///
+/// Without a background, alpha is ignored.
 pub(super) fn load_over(path: &Path, background: Option<[f32; 3]>) -> Result<(Image, u16), ImageError> {
     let fail = |e: png::DecodingError| ImageError::because(path, e);
     let (decoder, (width, height)) = header(path)?;

@@ -1,13 +1,13 @@
 //! Writes files atomically: each is either complete or absent.
 //!
-//! The bytes go into an unnamed file in the target's folder (`O_TMPFILE`); once all of them are on the disk, the file
-//! is named in one step. If the program ends earlier, nothing is left behind, and an existing file is unchanged. To
-//! replace a file, the new one has a hidden name for the moment between two system calls, since no call replaces a file
-//! by an unnamed one. File systems without unnamed files get a hidden file from the start, which errors and signals
-//! remove.
+//! The bytes go into an unnamed file in the target's folder (`O_TMPFILE`). Once all of them are on the disk, the file
+//! is named in one step. If the program ends earlier, nothing is left behind, and an existing file is unchanged. When a
+//! file is replaced, the new one has a hidden name between two system calls, because no call replaces a file by an
+//! unnamed one. On file systems without unnamed files, the file has a hidden name from the start; errors and signals
+//! remove it.
 //!
-//! A replaced file passes on its permissions. A link is followed, not replaced. Anything but a regular file (a pipe, a
-//! terminal, `/dev/null`) is written directly.
+//! The new file gets the permissions of the file that it replaces. A link is followed, not replaced. Anything but a
+//! regular file (a pipe, a terminal, `/dev/null`) is written directly.
 
 // What is disallowed elsewhere is done here.
 #![allow(clippy::disallowed_methods)]
@@ -23,10 +23,10 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tracing::info_span;
 
-/// An error of any writer.
+/// The cause of a failure, from any writer.
 pub type Cause = Box<dyn std::error::Error + Send + Sync>;
 
-/// An error while writing a file, with the path as given and the cause.
+/// An error while writing a file: the path as given, and the cause.
 #[derive(Debug, thiserror::Error)]
 #[error("{} cannot be written: {cause}", shown(path))]
 pub struct OutputError {
@@ -43,7 +43,7 @@ fn shown(path: &Path) -> std::path::Display<'_> {
 /// Size of the write buffer, in bytes.
 const BUFFER_BYTES: usize = 1 << 17;
 
-/// Maximum number of links that are followed to a target, as on Linux.
+/// Maximum number of links that are followed to a target, the same as on Linux.
 const MAX_LINKS: usize = 40;
 
 /// Writes a file, and creates its folder; `-` is standard output.
@@ -54,7 +54,7 @@ pub fn write(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>
     write_to(path, body).map_err(|cause| OutputError { path: path.to_owned(), cause })
 }
 
-/// Writes these bytes as [`write()`] does.
+/// Writes a file with these bytes, as [`write()`] does.
 ///
 /// # Errors
 /// See [`write()`].
@@ -103,7 +103,7 @@ fn write_to(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>)
     }
 }
 
-/// Runs `body` on a buffered writer, and flushes it.
+/// Runs `body` on a buffered writer, then flushes it.
 fn fill(writer: &mut dyn Write, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), Cause> {
     let mut out = BufWriter::with_capacity(BUFFER_BYTES, writer);
     let filled = body(&mut out).and_then(|()| Ok(out.flush()?));
@@ -112,7 +112,7 @@ fn fill(writer: &mut dyn Write, body: impl FnOnce(&mut dyn Write) -> Result<(), 
     filled
 }
 
-/// Standard output. Records that its reader closed the pipe, because libraries wrap that error in their own.
+/// Standard output. It records that its reader closed the pipe, because libraries wrap that error in their own.
 struct Pipe {
     closed: bool,
 }
@@ -136,7 +136,7 @@ impl Write for Pipe {
     }
 }
 
-/// The file, with the faults that tests inject.
+/// A file, with the faults that tests inject.
 struct Faulty<'a>(&'a File);
 
 impl Write for Faulty<'_> {
@@ -150,7 +150,7 @@ impl Write for Faulty<'_> {
     }
 }
 
-/// The destination of a path.
+/// The destination that a path leads to.
 pub(super) enum Target {
     StandardOutput,
     /// Not a regular file: written directly.
@@ -184,7 +184,7 @@ impl Target {
     }
 }
 
-/// Follows the links of a path's last component; returns the final path, and its metadata if it exists.
+/// Follows the links of a path's last component. Returns the final path, and its metadata if it exists.
 pub(super) fn resolve(path: &Path) -> io::Result<(PathBuf, Option<fs::Metadata>)> {
     let mut target = path.to_owned();
     for _ in 0..MAX_LINKS {
@@ -203,16 +203,16 @@ pub(super) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// The hidden names in use, which a signal removes. A thread holds the lock while it names a file or ends the program.
+/// The hidden names in use, for removal on a signal. A thread holds the lock while it names a file or ends the program.
 static HIDDEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 pub(super) fn hidden_names() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     HIDDEN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes unfinished files; no file is named while the returned guard lives.
+/// Removes unfinished files. No file can be named while the returned guard lives.
 ///
-/// `None` if a thread holds the lock for longer than naming takes: it waits for the reader of a full pipe.
+/// `None` if a thread holds the lock for longer than naming takes, because it waits for the reader of a full pipe.
 #[cfg(unix)]
 pub(super) fn abandon() -> Option<MutexGuard<'static, BTreeSet<PathBuf>>> {
     for _ in 0..100 {
@@ -272,7 +272,7 @@ impl Unfinished {
         }
     }
 
-    /// Syncs the contents to the disk, and names the file.
+    /// Syncs the contents to the disk, then names the file.
     fn finish(mut self) -> io::Result<()> {
         if let Ok(old) = fs::metadata(&self.target) {
             hand_on_permissions(&old, &self.file);
@@ -330,7 +330,7 @@ impl Drop for Unfinished {
     }
 }
 
-/// Returns true if an error means that the file system does not support the operation.
+/// Returns true if the error means that the file system does not support the operation.
 fn is_unsupported(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::Unsupported | ErrorKind::InvalidInput)
 }
@@ -340,7 +340,7 @@ fn synced(result: io::Result<()>) -> io::Result<()> {
     result.or_else(|error| if is_unsupported(&error) { Ok(()) } else { Err(error) })
 }
 
-/// Refuses to replace a file without write permission: permission on its folder would suffice to do so.
+/// Returns an error for a file without write permission: permission on its folder would be enough to replace it.
 #[cfg(unix)]
 fn refuse_protected(target: &Path, _: &fs::Metadata) -> io::Result<()> {
     Ok(rustix::fs::access(target, rustix::fs::Access::WRITE_OK)?)
@@ -369,7 +369,7 @@ fn hand_on_permissions(old: &fs::Metadata, file: &File) {
     let _ = file.set_permissions(old.permissions());
 }
 
-/// Unnamed files, which Linux supports.
+/// Unnamed files, which only Linux supports.
 #[cfg(target_os = "linux")]
 mod nameless {
     use super::{File, Path, io, is_unsupported};
@@ -377,8 +377,9 @@ mod nameless {
     use rustix::io::Errno;
     use std::os::fd::AsRawFd;
 
-    /// Creates an unnamed file; `None` if the file system does not support it, or `/proc` is not mounted, which is
-    /// needed to name it.
+    /// Creates an unnamed file. `None` if the file system does not support it, or if `/proc` is not mounted, which
+    /// naming
+    /// needs.
     pub fn create(folder: &Path) -> io::Result<Option<File>> {
         #[cfg(test)]
         if super::faults::hidden_only() {
@@ -397,7 +398,7 @@ mod nameless {
         }
     }
 
-    /// Names the file; fails if the target exists.
+    /// Gives the file a name. Fails if the target exists.
     pub fn link(file: &File, target: &Path) -> io::Result<()> {
         let handle = format!("/proc/self/fd/{}", file.as_raw_fd());
         Ok(linkat(CWD, handle, CWD, target, AtFlags::SYMLINK_FOLLOW)?)

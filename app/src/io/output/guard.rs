@@ -1,8 +1,8 @@
-//! Refuses outputs that would destroy something, before anything is drawn.
+//! Rejects outputs that would destroy a file, before anything is drawn.
 //!
 //! A command lists the files that it reads and the files that it will write. Two names of one file, through links or
-//! different spellings of the path, count as the same file. An output must not be an input, another output or a folder,
-//! nor lie inside of a file; and its name must not be too long for the file system.
+//! different spellings of the path, count as the same file. An output must not be an input, another output or a folder.
+//! It must not lie inside a file, and its name must not be too long for the file system.
 
 use super::file::{folder_of, resolve};
 use super::names::MAX_NAME_BYTES;
@@ -15,25 +15,25 @@ use std::path::{Component, Path};
 /// Maximum length of a path, in bytes, including its terminator.
 const MAX_PATH_BYTES: usize = 4096;
 
-/// Explains why an output cannot be written, or would destroy something.
+/// An error: the output cannot be written, or would destroy a file. The text is the message.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Conflict(String);
 
-/// Files that a command reads and writes.
+/// The files that a command reads and writes, checked for conflicts.
 #[derive(Clone, Debug, Default)]
 pub struct OutputGuard {
     inputs: HashMap<Identity, String>,
     outputs: HashMap<Identity, String>,
-    /// Folders of outputs that do not exist yet, each with the output that needs it.
+    /// Folders that do not exist yet, each with the output that needs it.
     folders: HashMap<Identity, String>,
 }
 
-/// The identity of a file, equal for all its paths.
+/// The identity of a file, which is the same for all paths to it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Identity {
     StandardOutput,
-    /// A file that exists, by device and inode; by its canonical path on systems without inodes.
+    /// A file that exists: its device and inode, or its canonical path on systems without inodes.
     Existing(Existing),
     /// A file that does not exist yet: an existing folder, and the path relative to it.
     New(Existing, Vec<OsString>),
@@ -56,7 +56,7 @@ fn existing(path: &Path, _: &Metadata) -> std::io::Result<Existing> {
 }
 
 impl OutputGuard {
-    /// Adds a file that the command reads; a path without a file is ignored.
+    /// Adds a file that the command reads. A path without a file is ignored.
     ///
     /// # Errors
     /// A previously added output is the same file.
@@ -76,7 +76,7 @@ impl OutputGuard {
         Ok(())
     }
 
-    /// Adds a file that the command writes; `what` is its option, such as `--json`.
+    /// Adds a file that the command writes. `what` is its option, such as `--json`.
     ///
     /// # Errors
     /// The file is an input or another output, or it cannot be written at this path.
@@ -158,7 +158,7 @@ fn too_long(what: &str, path: &Path, found: usize, most: usize) -> Conflict {
     ))
 }
 
-/// Identifies a file that does not exist by its deepest existing folder and the path below it.
+/// Identifies a file that does not exist, by its deepest existing folder and the path below that.
 fn new(
     what: &str,
     path: &Path,
@@ -195,7 +195,7 @@ fn new(
     Ok(Identity::New(existing(root, &found).map_err(unreachable)?, parts))
 }
 
-/// Normalises a name for comparison: lower case on systems that ignore case.
+/// Normalises a name for comparison: converts it to lower case on systems that ignore case.
 fn spelling(name: OsString) -> OsString {
     if cfg!(any(windows, target_vendor = "apple")) { name.to_ascii_lowercase() } else { name }
 }

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// A file of lines that others read while it grows, such as the viewer's events.
 ///
-/// It is the only output that is written in place. It grows by whole lines, and a failure ends the log, not the
+/// It is the only output that is written in place. It grows by whole lines. A failure ends the log, but not the
 /// program.
 pub struct Log {
     out: Option<Box<dyn Write>>,
@@ -20,7 +20,7 @@ pub struct Log {
 }
 
 impl Log {
-    /// Opens the file, and empties it; `-` is standard output.
+    /// Opens the file, and empties it. The path `-` is standard output.
     ///
     /// # Errors
     /// The folder or the file cannot be created.
@@ -41,13 +41,13 @@ impl Log {
         }
     }
 
-    /// Adds a line, without its line break, to the next [`Log::flush`].
+    /// Adds a line, given without its line break, to those that the next [`Log::flush`] writes.
     pub fn line(&mut self, line: &str) {
         self.pending.extend_from_slice(terminal::harmless(line).as_bytes());
         self.pending.push(b'\n');
     }
 
-    /// Writes the added lines. The first failure is reported, and ends the log.
+    /// Writes the added lines. The first failure is reported and ends the log.
     pub fn flush(&mut self) {
         if let Some(out) = &mut self.out {
             // A signal does not end the program in the middle of a line.

@@ -1,11 +1,14 @@
 //! Makes unique file names from the cameras' names.
 //!
 //! The list of names determines the file names, so two runs give the same files. Names that are valid file names stay
-//! unchanged. In other names, anything that some system refuses becomes `_`: separators, control characters, `< > : " |
+//! unchanged. In other names, everything that some system rejects becomes `_`: separators, control characters, `< > : "
+//! |
 //! ? *`, a leading dot, and the devices of Windows (`CON`, `NUL`, ...). An empty name becomes `camera` and the camera's
-//! index. Among equal results, the first camera whose name was valid keeps it; the others get `-` and the camera's
-//! index, and then a number, until all differ, ignoring case. A name that is too long is cut, and ends in `~` and eight
-//! digits of the hash of the whole name.
+//! index. Among equal results, the first name that was valid stays; the others get `-` and the camera's index, and then
+//! a
+//! number, until all differ, ignoring case. A name that is too long is cut, and ends in `~` and eight digits of the
+//! hash
+//! of the whole name.
 
 use super::terminal::is_harmful;
 use std::collections::HashSet;
@@ -13,10 +16,12 @@ use std::collections::HashSet;
 /// Maximum length of a file name on common file systems, in bytes.
 pub const MAX_NAME_BYTES: usize = 255;
 
-/// Minimum room for a camera's name in a file name, in bytes: for its hash, its index, and a recognisable part.
+/// Minimum length left for a camera's name in a file name, in bytes: for its hash, its index, and a recognisable part.
 pub const MIN_ROOM_BYTES: usize = 48;
 
-/// Makes a file name of each name, without extension, of at most `room` bytes (at least [`MIN_ROOM_BYTES`]).
+/// Makes a unique file name from each name, without extension, of at most `room` bytes.
+///
+/// `room` must be at least [`MIN_ROOM_BYTES`].
 pub fn unique(names: &[String], room: usize) -> Vec<String> {
     let room = room.max(MIN_ROOM_BYTES);
     let fit: Vec<String> =
@@ -43,12 +48,12 @@ pub fn unique(names: &[String], room: usize) -> Vec<String> {
     all
 }
 
-/// Folds the case of a name, as a file system that ignores case does.
+/// Folds the case of a name, to compare names as a file system that ignores case does.
 fn key(name: &str) -> String {
     name.to_uppercase().to_lowercase()
 }
 
-/// Replaces characters and names that are not valid in a file name.
+/// Replaces everything in a name that is not valid in a file name.
 fn sanitized(name: &str, index: usize) -> String {
     let is_refused = |c: char| {
         matches!(c, '/' | '\\' | '<' | '>' | ':' | '"' | '|' | '?' | '*' | '\n' | '\t') || is_harmful(c)
@@ -69,7 +74,7 @@ fn sanitized(name: &str, index: usize) -> String {
     name
 }
 
-/// Cuts a name to at most `room` bytes; a cut name ends in a hash of the whole name.
+/// Cuts a name to at most `room` bytes. A name that was cut ends in a hash of the whole name.
 fn shortened(name: &str, room: usize) -> String {
     if name.len() <= room {
         return name.to_owned();

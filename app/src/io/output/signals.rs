@@ -1,14 +1,14 @@
 //! Ends the program cleanly on a signal.
 //!
-//! SIGINT, SIGTERM and SIGHUP end it at once, regardless of what its threads are doing: finished files stay, unfinished
-//! ones are removed, and the exit code is 128 plus the signal's number. A second signal ends it without that cleanup. A
-//! signal that the parent set to be ignored, as `nohup` does, stays ignored. A file that exceeds the process's size
-//! limit causes an error, not the end.
+//! SIGINT, SIGTERM and SIGHUP end the program at once, regardless of what its threads are doing. Finished files stay,
+//! unfinished ones are removed, and the exit code is 128 plus the signal's number. A second signal ends it without that
+//! cleanup. A signal that the parent process set to be ignored, as `nohup` does, stays ignored. A file that exceeds the
+//! process's size limit causes an error, and does not end the program.
 
 /// Installs the signal handlers. Call it once, at the start of the program.
 ///
-/// Child processes are not affected: they start with the default handlers. If no thread can be started, signals have
-/// their default effect, which leaves no unfinished file either, provided that the file system supports unnamed files.
+/// Child processes are not affected: they start with the default handlers. If no thread can be started, signals keep
+/// their default effect. That leaves no unfinished file either, if the file system supports unnamed files.
 #[cfg(unix)]
 pub fn end_cleanly() {
     use super::file;
@@ -38,7 +38,7 @@ pub fn end_cleanly() {
     let _ = Builder::new().name("signals".into()).spawn(wait);
 }
 
-/// Ends the process without running its libraries' exit handlers. Unfinished files are removed, as on a signal.
+/// Ends the process without running its libraries' exit handlers. Unfinished files are removed as on a signal.
 #[cfg(unix)]
 pub fn end_now(code: u8) {
     use std::io::Write;

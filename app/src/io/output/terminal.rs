@@ -2,8 +2,7 @@
 //!
 //! Names from files (cameras, properties, passes, paths, drivers) reach the terminal only through this module, which
 //! escapes their control characters. Nothing here panics: a line that cannot be written is lost, and the work
-//! continues. A failed write is an error only for a command whose result is its standard output, and not if the reader
-//! closed the pipe.
+//! continues. A failed write is an error only for a command that prints its result, unless the reader closed the pipe.
 
 use std::borrow::Cow;
 use std::fmt::Display;
@@ -38,7 +37,7 @@ pub fn harmless(text: &str) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// Escapes harmful characters, line breaks and tabulators, so that a name stays on its line.
+/// Escapes harmful characters, line breaks and tabs, so that a name stays on its line.
 pub fn one_line(text: &str) -> Cow<'_, str> {
     match harmless(text) {
         text if text.contains(['\n', '\t']) => {
@@ -95,7 +94,7 @@ pub fn say_styled(text: &str) {
     to_standard_error(&harmless_styled(text));
 }
 
-/// Writes a progress line to standard output; a line that cannot be written is lost.
+/// Writes a progress line to standard output. A line that cannot be written is lost.
 pub fn note(line: impl Display) {
     let line = format!("{}\n", harmless(&line.to_string()));
     let mut out = io::stdout().lock();
@@ -105,12 +104,12 @@ pub fn note(line: impl Display) {
 /// Writes a command's result to standard output.
 ///
 /// # Errors
-/// The text cannot be written, for instance to a full disk. A closed pipe is not an error: its reader needs no more.
+/// The text cannot be written, for example to a full disk. A closed pipe is not an error: its reader needs no more.
 pub fn print(text: &str) -> io::Result<()> {
     print_raw(&harmless(text))
 }
 
-/// Writes text to standard output unescaped, with the errors of [`print`].
+/// Writes text to standard output without escaping. Has the errors of [`print`].
 fn print_raw(text: &str) -> io::Result<()> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
@@ -122,7 +121,7 @@ fn print_raw(text: &str) -> io::Result<()> {
     }
 }
 
-/// Writes clap's help to standard output or its error to standard error, and returns the exit code.
+/// Writes clap's help to standard output, or its error to standard error. Returns the exit code.
 pub fn say_usage(error: &clap::Error, colour: bool) -> u8 {
     let text = error.render();
     let text = if colour { text.ansi().to_string() } else { text.to_string() };

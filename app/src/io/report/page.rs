@@ -1,4 +1,4 @@
-//! Writes HTML pages that load nothing from the network: they embed pictures, or link to files beside them.
+//! Writes HTML pages that load nothing from the network: pictures are embedded, or linked as files next to the page.
 
 use super::plot::{Plot, PlotError};
 use crate::io::image::{Image, ImageError};
@@ -23,11 +23,11 @@ pub struct Page {
 pub struct Row {
     /// Texts of the cells; the first names the row.
     pub cells: Vec<String>,
-    /// Pictures shown by a click on the name.
+    /// Pictures that a click on the name shows.
     pub pictures: Vec<Linked>,
 }
 
-/// A picture in a file beside the page, with a caption.
+/// A picture in a file next to the page, with a caption.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Linked {
     /// Text under the picture.
@@ -91,7 +91,7 @@ impl Page {
         self.body += "</table></div>\n";
     }
 
-    /// Adds a table that a reader can sort by each column, and filter. A column has a name and a tooltip.
+    /// Adds a table that a reader can filter, and sort by each column. A column has a name and a tooltip.
     ///
     /// The name of a row with pictures links to the first; a click shows all of them below the row.
     pub fn sortable(&mut self, columns: &[(&str, &str)], rows: &[Row]) {
@@ -135,7 +135,7 @@ impl Page {
         Ok(())
     }
 
-    /// Adds pictures in rows of equal columns, regardless of the page's width.
+    /// Adds pictures in rows of `columns` columns, whatever the width of the page.
     ///
     /// # Errors
     /// A picture cannot be encoded.
@@ -174,7 +174,7 @@ impl Page {
         Ok(())
     }
 
-    /// Returns the page as HTML.
+    /// Returns the whole page as HTML.
     pub fn html(&self) -> String {
         let Page { title, body, .. } = self;
         let script = if self.has_script { format!("<script>\n{SCRIPT}</script>\n") } else { String::new() };

@@ -1,4 +1,4 @@
-//! Draws plots as SVG and as pictures: with the same marks, and an embedded font for the pictures.
+//! Draws plots as SVG and as pictures, with the same marks. Pictures use an embedded font.
 
 use crate::io::image::Image;
 use plotters::coord::Shift;
@@ -23,7 +23,7 @@ pub struct PlotError(String);
 pub struct Axis {
     /// Quantity and unit.
     pub label: String,
-    /// True for a logarithmic scale. Points at or below 0 are then left out.
+    /// True for a logarithmic scale. Points at or below 0 are then omitted.
     pub logarithmic: bool,
 }
 
@@ -34,7 +34,7 @@ pub enum Form {
     Line,
     /// Points labelled with their names.
     Points,
-    /// Grey, labelled points, behind the others.
+    /// Grey, labelled points, drawn behind the others.
     Muted,
 }
 
@@ -52,18 +52,18 @@ pub struct Point {
 /// Points that share a legend entry and a form.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// The name in the legend; no entry if it is empty.
+    /// Name in the legend; empty for no entry.
     pub name: String,
     /// The form of the marks.
     pub form: Form,
-    /// Points of the series. Points that are not finite are left out.
+    /// Points of the series. Points that are not finite are omitted.
     pub points: Vec<Point>,
 }
 
-/// An error bar: the range of a point's horizontal position.
+/// A horizontal error bar: the range of a point's horizontal position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bar {
-    /// Ends of the bar: the least and the greatest horizontal position.
+    /// Ends of the bar: the lowest and the highest horizontal position.
     pub x: (f64, f64),
     /// Vertical position.
     pub y: f64,
@@ -84,7 +84,7 @@ pub struct Plot {
     pub bars: Vec<Bar>,
 }
 
-/// Colours for any colour vision (Okabe and Ito 2008), without their yellow, which is faint on white.
+/// Colours that are distinct for any colour vision (Okabe and Ito 2008), without their yellow, which is faint on white.
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -113,7 +113,7 @@ struct Mark {
 }
 
 impl Mark {
-    /// Lists the discs of a dot, with their radii in pixels, from back to front.
+    /// Lists the discs that form a dot, with their radii in pixels, from back to front.
     fn discs(self) -> impl Iterator<Item = (RGBColor, i32)> {
         iter::once((self.colour, 4)).chain(self.open.then_some((WHITE, 2)))
     }
@@ -264,7 +264,7 @@ impl Plot {
         Ok(())
     }
 
-    /// Lists the error bars that can be shown, in axis coordinates.
+    /// Lists the error bars that the scales can show, in axis coordinates.
     fn shown_bars(&self) -> Vec<(f64, f64, f64)> {
         let on = |axis: &Axis, value: f64| if axis.logarithmic { value.log10() } else { value };
         let bar = |bar: &Bar| (on(&self.x, bar.x.0), on(&self.x, bar.x.1), on(&self.y, bar.y));
@@ -272,7 +272,7 @@ impl Plot {
         self.bars.iter().map(bar).filter(is_finite).collect()
     }
 
-    /// Lists the points of a series that can be shown, in axis coordinates.
+    /// Lists the points of a series that the scales can show, in axis coordinates.
     fn shown<'a>(&self, series: &'a Series) -> Vec<(f64, f64, &'a str)> {
         let on = |axis: &Axis, value: f64| if axis.logarithmic { value.log10() } else { value };
         let point = |point: &'a Point| (on(&self.x, point.x), on(&self.y, point.y), point.name.as_str());
@@ -280,14 +280,14 @@ impl Plot {
     }
 }
 
-/// Registers the font of the pictures, once. An SVG only names a font, so its viewer chooses one.
+/// Registers the font for pictures, once. An SVG only names a font family, so its viewer chooses the font.
 fn register() {
     static ONCE: Once = Once::new();
     // The font is a constant, so that it is always valid.
     ONCE.call_once(|| drop(register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)));
 }
 
-/// Range and ticks of an axis; a logarithmic axis stores logarithms.
+/// Range and ticks of an axis. A logarithmic axis stores logarithms.
 struct Ticks {
     first: f64,
     last: f64,
@@ -297,7 +297,7 @@ struct Ticks {
 }
 
 impl Ticks {
-    /// Chooses a range around values, with ticks at round numbers.
+    /// Chooses the range around the values, with ticks at round numbers.
     fn new(values: impl Iterator<Item = f64>, logarithmic: bool) -> Ticks {
         let range = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         let (low, high) = if range.0 <= range.1 { range } else { (0.0, 1.0) };
@@ -397,7 +397,7 @@ fn step_for(span: f64) -> f64 {
     power * round
 }
 
-/// Boxes of the dots and names drawn so far, which later names avoid.
+/// The areas of the dots and names drawn so far, which later names avoid.
 #[derive(Default)]
 struct Names {
     taken: Vec<[i32; 4]>,
@@ -409,7 +409,7 @@ impl Names {
         self.taken.push([x - 4, y - 4, x + 4, y + 4]);
     }
 
-    /// Finds a place for a name beside its dot, and the alignment of its text; `None` if there is no room.
+    /// Finds a place for a name beside its dot, and the alignment of its text. `None` if there is no room.
     ///
     /// The viewer's font may be wider than this program's, so the alignment fixes the side of the text that faces the
     /// dot.
