@@ -1,14 +1,14 @@
-//! Finds the meaning of a string in a graph file. Only the text before it is used, since the file may be incomplete
-//! while it is edited.
+//! Finds the meaning of a string in a graph file from the text before it, because the file may be incomplete while it
+//! is edited.
 
 use std::ops::Range;
 
-/// Meaning of the string at a position.
+/// What a string at a position in a graph file refers to.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Meaning {
-    /// A block or an image variable of the pass's shaders: a key of `bind`.
+    /// A block or an image variable of the pass's shaders, as a key of `bind`.
     Block {
-        /// Shaders of the pass that precede the string.
+        /// Shaders of the pass, as far as they precede the string.
         shaders: Vec<String>,
     },
     /// A resource, or an expression that selects one.
@@ -23,61 +23,61 @@ pub enum Meaning {
     Format,
     /// An attribute of the scene, or a block of the frame.
     Import,
-    /// A name that the graph defines, or plain words.
+    /// A name that the graph defines, or free text.
     Free,
 }
 
-/// A string in quotes, at a position.
+/// A string in quotes at a position, with its meaning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cursor {
     /// Meaning of the string.
     pub meaning: Meaning,
-    /// Bytes between the quotes, or up to the end of the line if the closing quote is missing.
+    /// Byte range between the quotes, or up to the end of the line if the closing quote is missing.
     pub inside: Range<usize>,
 }
 
-/// A bracket with its contents.
+/// A bracket, with what precedes it and what it contains.
 #[derive(Clone, Debug, Default)]
 pub struct Group {
-    /// The name before a parenthesis: `Dispatch`.
+    /// The name before the opening parenthesis, such as `Dispatch`; empty if there is none.
     pub name: String,
-    /// Field or key whose value is the bracket.
+    /// The field or key that has the bracket as its value; empty if there is none.
     pub lead: String,
-    /// Index of the enclosing bracket; `None` for the file.
+    /// Index of the enclosing bracket in [`Scan::groups`]; `None` for the file.
     pub parent: Option<usize>,
-    /// True if the bracket is a brace.
+    /// True for a brace, which encloses a map.
     pub is_map: bool,
-    /// Fields or keys whose values are strings or names, with these values.
+    /// Fields or keys with a string or a name as their value, and that value.
     pub values: Vec<(String, String)>,
 }
 
 /// A string in quotes, with its position among the brackets.
 #[derive(Clone, Debug)]
 pub struct Text {
-    /// The bytes between the quotes.
+    /// Byte range between the quotes.
     pub inside: Range<usize>,
-    /// Innermost bracket around the string: an index of [`Scan::groups`].
+    /// Index of the innermost bracket around the string in [`Scan::groups`].
     pub group: usize,
-    /// Field or key whose value is the string.
+    /// The field or key that has the string as its value; `None` for a list's element and for a key.
     pub key: Option<String>,
 }
 
 /// The brackets and strings of a graph file.
 #[derive(Debug)]
 pub struct Scan {
-    /// Brackets; the first is the file itself.
+    /// Brackets, in the order of the file; the first is the file itself.
     pub groups: Vec<Group>,
     /// Strings, in the order of the file.
     pub texts: Vec<Text>,
 }
 
 impl Scan {
-    /// Scans a file, which may have syntax errors.
+    /// Scans the text of a file, which may have syntax errors.
     pub fn of(text: &str) -> Scan {
         scan(text, None)
     }
 
-    /// Lists a bracket and the brackets around it, the innermost first.
+    /// Lists a bracket, given by its index, and the brackets around it, the innermost first.
     pub fn around(&self, group: usize) -> impl Iterator<Item = &Group> {
         std::iter::successors(self.groups.get(group), |group| self.groups.get(group.parent?))
     }
@@ -159,10 +159,10 @@ fn scan(text: &str, stop: Option<usize>) -> Scan {
     scan
 }
 
-/// Returns the position of the quote that ends a string.
+/// Returns the byte offset of the quote that ends a string.
 ///
-/// A string may span lines. But one that begins in the line of byte `offset` may be unfinished, and would swallow the
-/// rest of the file: it ends with that line.
+/// A string may span several lines. A string that begins in the line of byte `offset` may be unfinished, though, and
+/// would swallow the rest of the file, so it ends with that line.
 fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
     let last = match offset {
         Some(offset) if !text[start..offset].contains('\n') => {
@@ -180,7 +180,7 @@ fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
     last
 }
 
-/// Determines the meaning of the value of `key` in the first of these brackets; the others enclose it.
+/// Determines the meaning of the value of `key` in the first of the brackets `around`; each encloses the previous one.
 fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
     let Some((group, around)) = around.split_first() else { return Meaning::Free };
     match (key, group.lead.as_str()) {
@@ -204,7 +204,7 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
     }
 }
 
-/// Lists the shaders of a pass.
+/// Lists the names of a pass's shaders.
 pub fn shaders(pass: &Group) -> Vec<String> {
     let named = |key: &str| ["shader", "vertex", "fragment"].contains(&key);
     pass.values.iter().filter(|(key, _)| named(key)).map(|(_, text)| text.clone()).collect()

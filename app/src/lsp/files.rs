@@ -1,39 +1,39 @@
-//! Finds the graphs that may use a file, and the facts that they are built with.
+//! Finds the graphs that may use a file, and the facts with which they are built.
 
 use crate::draw::facts::{self, SceneFacts};
 use splatgraph_framework::ir::{Catalog, Facts};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Maximum number of files to search: the editor's folder may be a whole disk.
+/// Maximum number of files to search, because the editor's folder may be a whole disk.
 const MAX_ENTRIES: usize = 20_000;
 
 /// Maximum depth of the search below the editor's folders.
 const MAX_DEPTH: usize = 6;
 
-/// Subgroup sizes for which graphs are built: a GPU's and a CPU's.
+/// Subgroup sizes for which graphs are built: that of most GPUs, and that of a CPU.
 pub const LANES: [u32; 2] = [facts::USUAL_SUBGROUP_SIZE, 8];
 
-/// Returns true if a file is a graph; other files are read by graphs.
+/// Returns true if a path is a graph's, by its extension.
 pub fn is_graph(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "ron")
 }
 
-/// Returns the facts and imports that graphs are built with.
+/// Returns the facts and imports with which graphs are built, for a subgroup size of `lanes`.
 pub fn nominal(lanes: u32) -> (Facts, Catalog) {
     let device = facts::portable_device(lanes);
     (facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE), facts::nominal_catalog())
 }
 
-/// Resolves links and `..` of an absolute path that exists; returns other paths unchanged.
+/// Resolves the links and `..` in an absolute path that exists. Returns other paths unchanged.
 pub fn canonical(path: &Path) -> PathBuf {
     if path.is_absolute() { path.canonicalize().unwrap_or_else(|_| path.to_owned()) } else { path.to_owned() }
 }
 
-/// Lists the open graphs, and the graphs in the editor's `folders` or, if none of these contains the file, around it.
+/// Lists the open graphs, and the graphs in those of the editor's `folders` that contain the file.
 ///
-/// The file's surroundings are its folder, and the folders `pipelines` beside it and beside its ancestors, three levels
-/// up.
+/// If none contains it, its surroundings are searched instead: its folder, and the folders `pipelines` in the two
+/// folders above.
 pub fn graphs_near(path: &Path, open: &BTreeMap<PathBuf, String>, folders: &[PathBuf]) -> Vec<String> {
     let path = canonical(path);
     let mut searched: Vec<PathBuf> =

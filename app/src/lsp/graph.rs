@@ -22,7 +22,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops;
 use std::path::{Path, PathBuf};
 
-/// A planner, and the newest error-free version of each graph.
+/// A planner, and what is known of each open graph.
 #[derive(Default)]
 pub struct Workspace {
     planner: Planner,
@@ -31,26 +31,26 @@ pub struct Workspace {
     folders: Vec<PathBuf>,
 }
 
-/// Declarations of a graph's newest error-free version.
+/// The declarations of a graph, kept from its last version that could be read while it is edited.
 #[derive(Default)]
 struct Known {
-    /// Resources with a description each.
+    /// The resources, each with a description.
     resources: BTreeMap<String, String>,
     names: ExpressionNames,
     controls: Vec<Control>,
-    /// Plan for a GPU; `None` while the graph has errors.
+    /// The plan for a GPU, as a dump; `None` while the graph has errors.
     dump: Option<Dump>,
 }
 
 impl Workspace {
-    /// Creates a workspace of an editor that opened these folders.
+    /// Creates a workspace for an editor that opened these folders.
     pub fn new(folders: Vec<PathBuf>) -> Workspace {
         Workspace { folders, ..Workspace::default() }
     }
 
-    /// Builds the graphs among the open files, and lists the diagnostics of each file, also of files that are not open.
+    /// Builds the open graphs, and lists the diagnostics of each file, including files that are not open.
     ///
-    /// Every open graph has an entry in the result.
+    /// Every open graph has an entry in the result, even if it has no diagnostics.
     pub fn diagnostics(&mut self, open: &BTreeMap<PathBuf, String>) -> BTreeMap<PathBuf, Vec<Diagnostic>> {
         self.planner.read_unsaved(open.clone());
         let mut found: BTreeMap<PathBuf, Vec<Diagnostic>> = BTreeMap::new();
@@ -67,7 +67,7 @@ impl Workspace {
         found
     }
 
-    /// Builds a graph for a GPU and for a CPU; returns the errors of the first that has any, or the warnings.
+    /// Builds a graph for a GPU and for a CPU. Returns the first errors, or the warnings if there are no errors.
     fn check(&mut self, path: &Path) -> Vec<PlainDiagnostic> {
         let graph = path.display().to_string();
         let mut warnings = Vec::new();
@@ -105,7 +105,7 @@ impl Workspace {
         warnings
     }
 
-    /// Returns true for a graph without an output or with ports, which others include.
+    /// Returns true for a graph without an output or with ports, which is made to be included.
     fn is_part(&mut self, graph: &str) -> bool {
         match self.planner.graph_text(graph).map(|text| Document::parse(&text)) {
             Some(Ok(Document::Graph(graph))) => graph.output.is_none() || !graph.ports.is_empty(),
@@ -113,7 +113,7 @@ impl Workspace {
         }
     }
 
-    /// Lists the completions at a byte of a graph's text.
+    /// Lists the completions at a byte offset of a graph's text.
     pub fn completion(&mut self, path: &Path, text: &str, offset: usize) -> Vec<CompletionItem> {
         let Some(cursor) = cursor::at(text, offset) else { return Vec::new() };
         let none = Known::default();
@@ -191,7 +191,8 @@ impl Workspace {
         offered.into_iter().map(item).collect()
     }
 
-    /// Describes the parameter, value or resource at a byte, and the value of the whole expression.
+    /// Describes the parameter, value or resource at a byte offset, and the value of the whole expression. `None` if
+    /// nothing is known.
     pub fn hover(&mut self, path: &Path, text: &str, offset: usize) -> Option<Hover> {
         let cursor = cursor::at(text, offset)?;
         let known = self.known.get(path)?;
@@ -232,7 +233,7 @@ impl Workspace {
 
     /// Lists the barriers before the passes of a graph, and the values of its `let`s.
     ///
-    /// A part has no plan: its passes are looked up in the plans of open graphs.
+    /// A part has no plan of its own: its passes are looked up in the plans of open graphs.
     pub fn hints(&self, path: &Path, text: &str) -> Vec<InlayHint> {
         let own = self.known.get(path);
         let others = self.known.iter().filter(|(other, _)| *other != path).map(|(_, known)| known);
@@ -255,21 +256,21 @@ impl Workspace {
         Index::of(&mut self.planner, &graphs)
     }
 
-    /// Lists the declarations of the name at a byte of a graph or a shader.
+    /// Lists the declarations of the name at a byte offset of a graph or a shader.
     pub fn definitions(&mut self, at: (&Path, usize), open: &BTreeMap<PathBuf, String>) -> Vec<Location> {
         let index = self.index(at.0, open);
         let places = index.definitions(&in_index(at.0), at.1);
         places.iter().filter_map(|place| location(&index, place, open)).collect()
     }
 
-    /// Lists every occurrence of the name at a byte of a graph or a shader.
+    /// Lists every occurrence of the name at a byte offset of a graph or a shader.
     pub fn references(&mut self, at: (&Path, usize), open: &BTreeMap<PathBuf, String>) -> Vec<Location> {
         let index = self.index(at.0, open);
         let places = index.places(&in_index(at.0), at.1);
         places.iter().filter_map(|(place, _)| location(&index, place, open)).collect()
     }
 
-    /// Returns the range and the text of the name at a byte; `None` if it cannot be renamed.
+    /// Returns the range and the text of the name at a byte offset; `None` if it cannot be renamed.
     pub fn renamed_name(
         &mut self,
         at: (&Path, usize),
@@ -281,7 +282,7 @@ impl Workspace {
         Some((location(&index, &place, open)?.range, text))
     }
 
-    /// Lists the edits that rename the name at a byte, by file; see [`rename::rename`].
+    /// Lists the edits, by file, that rename the name at a byte offset; see [`rename::rename`].
     pub fn rename(
         &mut self,
         at: (&Path, usize),
@@ -304,7 +305,7 @@ impl Workspace {
     }
 }
 
-/// Returns the path by which an index knows a file.
+/// Returns the path under which an index stores a file.
 fn in_index(path: &Path) -> String {
     files::canonical(path).display().to_string()
 }
@@ -318,10 +319,10 @@ fn location(index: &Index, place: &Place, open: &BTreeMap<PathBuf, String>) -> O
     Some(Location { uri: text::uri_of(&as_opened(path, open))?, range })
 }
 
-/// Errors of a graph that is only meant to be included.
+/// Messages of the errors that every graph made to be included has.
 const ONLY_OF_PARTS: [&str; 2] = ["this graph is made to be included", "this graph has no output"];
 
-/// Returns the resources of a plan with a description each.
+/// Returns the resources of a plan, each with a description.
 fn resources(plan: &Plan) -> BTreeMap<String, String> {
     let about = |shape: &Shape| match shape {
         Shape::Buffer { stride, count } => format!("a buffer of {} x {stride} bytes", grouped(*count)),
@@ -335,7 +336,7 @@ fn resources(plan: &Plan) -> BTreeMap<String, String> {
     plan.resources.iter().filter(|r| named(&r.name)).map(|r| (name(&r.name), about(&r.shape))).collect()
 }
 
-/// Converts a diagnostic to the editor's form, with the file in which it is shown.
+/// Converts a diagnostic to the editor's form. Also returns the file in which it is shown.
 ///
 /// An error in a built-in file, which no editor can open, is shown at the start of the graph.
 fn placed(graph: &Path, plain: PlainDiagnostic, open: &BTreeMap<PathBuf, String>) -> (PathBuf, Diagnostic) {
@@ -371,7 +372,7 @@ fn placed(graph: &Path, plain: PlainDiagnostic, open: &BTreeMap<PathBuf, String>
     (file, Diagnostic { range, severity: Some(severity), source, message, ..Diagnostic::default() })
 }
 
-/// Returns the path by which the editor knows a file: the path of the open file, or else the canonical one.
+/// Returns the path under which the editor opened a file, or otherwise its canonical path.
 fn as_opened(path: PathBuf, open: &BTreeMap<PathBuf, String>) -> PathBuf {
     if open.contains_key(&path) || !path.is_absolute() {
         return path;
@@ -381,7 +382,7 @@ fn as_opened(path: PathBuf, open: &BTreeMap<PathBuf, String>) -> PathBuf {
     open.keys().find(same).cloned().unwrap_or(canonical)
 }
 
-/// Returns the range of the name at a byte of a string: letters, digits, `_` and `.`.
+/// Returns the range of the name at a byte offset of a string. Names consist of letters, digits, `_` and `.`.
 fn word(text: &str, inside: &ops::Range<usize>, offset: usize) -> ops::Range<usize> {
     let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.');
     let before = text[inside.start..offset].rfind(|c| !is_part(c));
@@ -392,7 +393,7 @@ fn word(text: &str, inside: &ops::Range<usize>, offset: usize) -> ops::Range<usi
         ..after.map_or(inside.end, |at| offset + at)
 }
 
-/// Returns the graphs or the shaders in the folder of a graph.
+/// Lists the names of the graphs or of the shaders in the folder of a graph.
 fn beside(graph: &Path, graphs: bool) -> Vec<String> {
     let Some(Ok(entries)) = graph.parent().map(std::fs::read_dir) else { return Vec::new() };
     let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
@@ -404,7 +405,7 @@ fn beside(graph: &Path, graphs: bool) -> Vec<String> {
     names.filter(wanted).collect()
 }
 
-/// Collects the blocks and images that a shader and its includes declare, by their `layout` lines.
+/// Collects the names of the blocks and images that a shader and its includes declare, from their `layout` lines.
 ///
 /// All of them are listed, because the shader may not compile while it is edited, and constants that disable parts of
 /// it may be unknown.

@@ -1,4 +1,4 @@
-//! Shows the barriers of a plan before the passes of a graph file.
+//! Makes hints of the barriers before the passes in a graph file, and of the values of its `let`s.
 
 use super::files::canonical;
 use super::text;
@@ -7,10 +7,10 @@ use splatgraph_framework::dump::{self, Dump, DumpPass};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Lists a hint for each pass of a file that waits for others, at the end of the pass's first line.
+/// Lists a hint for each pass that waits for others, at the end of the pass's first line.
 ///
-/// `text` is the file's; `dumps` are the plans that may contain passes of the file. The first plan that contains a pass
-/// determines its hint.
+/// `text` is the text of the file, and `dumps` are the plans that may contain its passes. The first plan that contains
+/// a pass determines its hint.
 pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
     // The export and the like stand at no pass of the file.
     let is_written = |pass: &DumpPass| ["dispatch", "draw", "fill"].contains(&pass.kind.as_str());
@@ -53,7 +53,7 @@ pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
     found.into_iter().filter_map(hint).collect()
 }
 
-/// Lists the passes that a pass's barriers wait for, and layout transitions without a previous writer.
+/// Lists the passes for which a pass's barriers wait, and the layout transitions without an earlier writer.
 fn after(pass: &DumpPass) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     let causes = pass.barriers.iter().flat_map(|barrier| &barrier.dependencies);
@@ -70,12 +70,12 @@ fn after(pass: &DumpPass) -> Vec<String> {
     names
 }
 
-/// Keeps the hints between two lines, both included.
+/// Keeps the hints from line `first` to line `last`, inclusive.
 pub fn within(hints: Vec<InlayHint>, first: u32, last: u32) -> Vec<InlayHint> {
     hints.into_iter().filter(|hint| (first..=last).contains(&hint.position.line)).collect()
 }
 
-/// Returns the value of each `let` as a hint behind its expression.
+/// Makes a hint for each value of a `let`. The hint follows the expression, at the given byte offset.
 pub fn values(text: &str, lets: impl Iterator<Item = (usize, String)>) -> Vec<InlayHint> {
     let hint = |(end, value): (usize, String)| InlayHint {
         position: text::position_of(text, end),

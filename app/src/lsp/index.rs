@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 use std::path::Path;
 
-/// Maximum length of a chain of includes, presets and choices, as in the language.
+/// Maximum length of a chain of includes, presets and choices, the same as in the language.
 const MAX_DEPTH: usize = 16;
 
 /// A range of bytes in a file.
@@ -26,21 +26,21 @@ pub struct Place {
     pub end: usize,
 }
 
-/// Spelling of a name at an occurrence.
+/// How an occurrence spells a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
-    /// The spelling of the declaration.
+    /// As in the declaration.
     Plain,
-    /// In capitals, as a shader's constant.
+    /// In capitals, as the constant in a shader.
     Macro,
 }
 
-/// An occurrence of a name, with what it refers to.
+/// An occurrence of a name, and what it refers to.
 struct Found {
     end: usize,
     form: Form,
     declarations: Vec<usize>,
-    /// Places in files that are not graphs, or whole files.
+    /// Places in files other than graphs, or whole files, that the name refers to.
     places: Vec<Place>,
 }
 
@@ -50,18 +50,18 @@ struct Declaration {
     range: Range<usize>,
     kind: Kind,
     name: String,
-    /// Bracket that contains the declaration.
+    /// Index of the bracket that contains the declaration.
     group: usize,
-    /// True if shaders use the name as declared, not in capitals.
+    /// True if shaders spell the name as declared, rather than in capitals.
     is_live: bool,
-    /// Options, if it is a parameter of kind choice.
+    /// The options of a parameter that is a choice, otherwise empty.
     choices: Vec<String>,
 }
 
 struct Graph {
     scan: Scan,
     mentions: Vec<Mention>,
-    /// Files that the graph names, by name.
+    /// Files of the graphs that this graph names, by that name.
     graphs: HashMap<String, FileId>,
     shaders: HashMap<String, FileId>,
 }
@@ -71,21 +71,21 @@ struct Shader {
     includes: Vec<FileId>,
 }
 
-/// The names of graphs and of their shaders.
+/// An index of all names in graphs and in their shaders.
 pub struct Index {
     paths: HashMap<FileId, (String, String)>,
     graphs: BTreeMap<FileId, Graph>,
     shaders: BTreeMap<FileId, Shader>,
     declarations: Vec<Declaration>,
-    /// The declarations of each file.
+    /// Indices of the declarations in each file.
     of_file: HashMap<FileId, Vec<usize>>,
     found: BTreeMap<(FileId, usize), Found>,
-    /// For each declaration, a parent in its class (union-find); a representative is its own parent.
+    /// For each declaration, its parent in the union-find forest of classes. A representative is its own parent.
     class: Vec<usize>,
 }
 
 impl Index {
-    /// Reads these graphs, and the files that they refer to.
+    /// Indexes the graphs at these paths, and the files that they refer to.
     pub fn of(planner: &mut Planner, paths: &[String]) -> Index {
         let mut index = Index {
             paths: HashMap::new(),
@@ -222,7 +222,7 @@ impl Index {
         at
     }
 
-    /// Returns the declarations that a name of a graph refers to, and places in other files.
+    /// Returns the declarations to which a name in a graph refers, and places in other files.
     fn meant(&self, file: FileId, mention: &Mention) -> (Vec<usize>, Vec<Place>) {
         let graph = &self.graphs[&file];
         let name = mention.name.as_str();
@@ -272,13 +272,13 @@ impl Index {
         all.filter(|id| wanted(&self.declarations[*id])).collect()
     }
 
-    /// Finds a `let` or a parameter.
+    /// Finds a `let` or a parameter by its name.
     fn value(&self, file: FileId, name: &str) -> Vec<usize> {
         let lets = self.declared(file, |d| d.kind == Kind::Let && d.name == name);
         if lets.is_empty() { self.parameter(file, name, 0) } else { lets }
     }
 
-    /// Finds a resource, or a `let` or a parameter that holds the name of one.
+    /// Finds a resource by its name, or a `let` or a parameter with the name of one as its value.
     fn resource(&self, file: FileId, name: &str) -> Vec<usize> {
         let own = self.declared(file, |d| d.kind == Kind::Resource && d.name == name);
         if own.is_empty() { self.value(file, name) } else { own }
@@ -295,7 +295,7 @@ impl Index {
         leaves.into_iter().flat_map(|leaf| self.parameter(leaf, name, depth + 1)).collect()
     }
 
-    /// Returns the names of all parameters that the expressions of a graph can use.
+    /// Returns the names of all parameters that a graph's expressions can use.
     fn parameters(&self, file: FileId, depth: usize) -> BTreeSet<String> {
         let own = self.declared(file, |d| d.kind == Kind::Parameter);
         let mut names: BTreeSet<String> =
@@ -311,7 +311,7 @@ impl Index {
         names
     }
 
-    /// Finds the graphs that a chain of includes leads to.
+    /// Finds the graphs to which a chain of includes leads.
     fn inside(&self, file: FileId, within: &[String]) -> Vec<FileId> {
         within.iter().fold(vec![file], |files, name| {
             let included = |file: FileId| {
@@ -322,7 +322,7 @@ impl Index {
         })
     }
 
-    /// Finds the graphs that a name leads to, through presets and choices.
+    /// Finds the graphs to which a name leads, through presets and choices.
     fn leaves(&self, file: FileId, name: &str) -> Vec<FileId> {
         let mut leaves = BTreeSet::new();
         let mut seen = BTreeSet::new();
@@ -364,7 +364,7 @@ impl Index {
         all.filter_map(include).collect()
     }
 
-    /// Finds a graph's constants and live parameters in its shaders.
+    /// Finds the occurrences of a graph's constants and live parameters in its shaders.
     #[allow(clippy::type_complexity)]
     fn in_shaders(
         &self,
@@ -406,7 +406,7 @@ impl Index {
         }
     }
 
-    /// Finds the first occurrence of a name in a shader or its includes: GLSL declares a name before its use.
+    /// Finds the first occurrence of a name in a shader or its includes, which is the declaration in GLSL.
     fn first_word(&self, shader: FileId, name: &str) -> Option<Place> {
         let mut seen = BTreeSet::new();
         let mut waiting = vec![shader];
@@ -422,14 +422,14 @@ impl Index {
         None
     }
 
-    /// Returns the name at a byte of a file.
+    /// Returns the occurrence of a name at a byte offset of a file, with its key.
     fn at(&self, path: &str, offset: usize) -> Option<(&(FileId, usize), &Found)> {
         let (file, _) = self.paths.iter().find(|(_, (other, _))| other == path)?;
         let (key, found) = self.found.range((*file, 0)..=(*file, offset)).next_back()?;
         (offset <= found.end).then_some((key, found))
     }
 
-    /// Lists the places that declare the name at a byte of a file, or the file that it names.
+    /// Lists the places that declare the name at a byte offset, or the file that it names.
     pub fn definitions(&self, path: &str, offset: usize) -> Vec<Place> {
         let Some((_, found)) = self.at(path, offset) else { return Vec::new() };
         let declared = found.declarations.iter().map(|d| self.place_of(&self.declarations[*d]));
@@ -441,7 +441,9 @@ impl Index {
         Place { file, start: declared.range.start, end: declared.range.end }
     }
 
-    /// Returns the place and the declared name of the name at a byte of a file; `None` if no graph declares it.
+    /// Returns the place of the name at a byte offset, the name as declared, and its spelling at the place. `None` if
+    /// no
+    /// graph declares it.
     pub fn name_at(&self, path: &str, offset: usize) -> Option<(Place, &str, Form)> {
         let ((_, start), found) = self.at(path, offset)?;
         let declared = &self.declarations[*found.declarations.first()?];
@@ -449,7 +451,7 @@ impl Index {
         Some((place, &declared.name, found.form))
     }
 
-    /// Lists every occurrence, in all files, of the name at a byte of a file, sorted.
+    /// Lists all occurrences, in all files, of the name at a byte offset, sorted.
     pub fn places(&self, path: &str, offset: usize) -> Vec<(Place, Form)> {
         let Some(class) = self.at(path, offset).and_then(|(_, found)| found.declarations.first()) else {
             return Vec::new();
@@ -465,7 +467,7 @@ impl Index {
         places
     }
 
-    /// Lists the graphs that a change of these files can affect, by path.
+    /// Lists the paths of the graphs that a change of these files can affect.
     pub fn users(&self, changed: &BTreeSet<String>) -> Vec<String> {
         let mut users: BTreeSet<FileId> = BTreeSet::new();
         loop {
@@ -499,13 +501,13 @@ impl Index {
         false
     }
 
-    /// Returns the text of a file that was read.
+    /// Returns the text of a file; `None` if the index did not read it.
     pub fn text(&self, path: &str) -> Option<&str> {
         self.paths.values().find(|(other, _)| other == path).map(|(_, text)| text.as_str())
     }
 }
 
-/// Returns the path of a file, without links if it is on disk, and its text.
+/// Returns the path of a file and its text. The path of a file on disk has its links resolved.
 fn read(planner: &Planner, file: FileId) -> (String, String) {
     let (path, text) = planner.path_and_text(file);
     (super::files::canonical(Path::new(&path)).display().to_string(), text)
@@ -526,7 +528,7 @@ impl Include {
     }
 }
 
-/// Converts a name to the constant that a graph's shaders see.
+/// Converts a name to that of the constant in the graph's shaders: capitals, with `_` for other characters.
 pub fn capital(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()
 }

@@ -84,7 +84,7 @@ pub fn serve(connection: &Connection) -> Result<()> {
     Ok(())
 }
 
-/// Builds the open graphs if a text changed, and sends the changed diagnostics.
+/// Builds the open graphs if a text changed, and sends the diagnostics that changed.
 fn publish(server: &mut Server, connection: &Connection) -> Result<()> {
     if server.changed {
         for published in server.published_after_a_change() {
@@ -95,7 +95,7 @@ fn publish(server: &mut Server, connection: &Connection) -> Result<()> {
     Ok(())
 }
 
-/// Returns the folders that an editor opened.
+/// Returns the folders that the editor opened.
 #[allow(deprecated)]
 fn folders(editor: &InitializeParams) -> Vec<PathBuf> {
     match &editor.workspace_folders {
@@ -105,7 +105,7 @@ fn folders(editor: &InitializeParams) -> Vec<PathBuf> {
     }
 }
 
-/// Result of a request, or the error that the editor shows.
+/// The result of a request as JSON, or the error that the editor shows.
 type Answer = Result<Value, (ErrorCode, String)>;
 
 /// Parses the parameters of a request, and serialises the result of `answer`.
@@ -119,12 +119,12 @@ fn answered<P: DeserializeOwned, R: serde::Serialize>(
     serde_json::to_value(result).map_err(|error| (ErrorCode::InternalError, error.to_string()))
 }
 
-/// The state of a connection.
+/// The state of the server for one connection.
 #[derive(Default)]
 struct Server {
     /// The texts that the editor holds.
     open: BTreeMap<PathBuf, String>,
-    /// True if a text changed since the last build.
+    /// True if a text has changed since the last build.
     changed: bool,
     workspace: Workspace,
     /// The diagnostics that the editor shows, by file.
@@ -165,7 +165,7 @@ impl Server {
         self.changed = true;
     }
 
-    /// Builds the open graphs, and lists the files whose diagnostics changed.
+    /// Builds the open graphs, and returns the new diagnostics of the files in which they changed.
     fn published_after_a_change(&mut self) -> Vec<PublishDiagnosticsParams> {
         self.changed = false;
         let found = self.workspace.diagnostics(&self.open);
@@ -246,14 +246,14 @@ impl Server {
         CompletionResponse::Array(items.unwrap_or_default())
     }
 
-    /// Resolves a position in an open graph or shader to its file and byte.
+    /// Resolves a position in an open graph or shader to the file and the byte offset.
     fn any_place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
         let offset = text::offset_of(self.open.get(&path)?, at.position);
         Some((path, offset))
     }
 
-    /// Resolves a position in an open graph to its file, text and byte.
+    /// Resolves a position in an open graph to the file, its text and the byte offset.
     fn place(&self, at: &TextDocumentPositionParams) -> Option<(PathBuf, String, usize)> {
         let path = text::path_of(&at.text_document.uri)?;
         let text = self.open.get(&path).filter(|_| files::is_graph(&path))?.clone();

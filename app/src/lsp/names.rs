@@ -1,4 +1,4 @@
-//! Lists the names in a graph file and in a shader, with their positions, and what each declares or refers to.
+//! Lists the names in a graph file or a shader, with their positions, and what each declares or refers to.
 
 use super::cursor::{Group, Meaning, Scan, shaders};
 use splatgraph_framework::schema::{ResourceName, is_choice};
@@ -23,22 +23,22 @@ pub enum Kind {
     Variable,
 }
 
-/// Meaning of a name.
+/// What a name declares or refers to.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Role {
     /// The declaration of a name.
     Declares(Kind),
-    /// A parameter, a `let` or a variable, in an expression.
+    /// The use of a parameter, a `let` or a variable in an expression.
     Value,
-    /// A resource, in the graph that these includes lead to.
+    /// The use of a resource, in the graph to which these includes lead.
     Resource(Vec<String>),
-    /// An include, in the graph that these includes lead to.
+    /// The use of an include, in the graph to which these includes lead.
     Include(Vec<String>),
-    /// A parameter of another graph.
+    /// A parameter of another graph, which is given by name.
     ParameterOf(String),
-    /// A port of another graph.
+    /// A port of another graph, which is given by name.
     PortOf(String),
-    /// A statistic.
+    /// The use of a statistic.
     Statistic,
     /// The name of a graph file.
     Graph,
@@ -48,16 +48,16 @@ pub enum Role {
     OfShaders(Vec<String>),
 }
 
-/// A name at a position.
+/// An occurrence of a name in a graph file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mention {
-    /// The bytes of the name.
+    /// The byte range of the name.
     pub range: Range<usize>,
-    /// Name as written.
+    /// The name as written.
     pub name: String,
-    /// Meaning of the name.
+    /// What the name declares or refers to.
     pub role: Role,
-    /// Bracket that contains the name: an index of [`Scan::groups`].
+    /// Index in [`Scan::groups`] of the bracket that contains the name.
     pub group: usize,
 }
 
@@ -117,12 +117,12 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
     found
 }
 
-/// Returns the string or the name that is a field's value.
+/// Returns the string or the name that is the value of field `key`; `None` if the bracket has no such field.
 pub fn value(group: &Group, key: &str) -> Option<String> {
     group.values.iter().find(|(other, _)| other == key).map(|(_, value)| value.clone())
 }
 
-/// Returns the range of the name in `name`, `front(name)`, `back(name)` or `last(name)`; `None` for another text.
+/// Returns the byte range of the name in `name`, `front(name)`, `back(name)` or `last(name)`; `None` for other text.
 fn resource(text: &str) -> Option<Range<usize>> {
     let range = ResourceName::parse(text)?.range;
     let is_name = |name: &str| !name.is_empty() && name.chars().all(|c| continues_name(c) || c == '.');
@@ -142,9 +142,9 @@ fn of_path(text: &str, range: Range<usize>, add: &mut impl FnMut(Range<usize>, R
     }
 }
 
-/// Adds the names of an expression and its strings in single quotes: shaders, and resources if `resources` is true.
+/// Adds the names in an expression, and its strings in single quotes: shaders, and resources if `resources` is true.
 ///
-/// A string in a comparison names a choice, not a resource.
+/// A string that is compared names a choice's option, not a resource.
 fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Role)) {
     let mut at = 0;
     while let Some(c) = text[at..].chars().next() {
@@ -186,16 +186,16 @@ pub fn continues_name(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
 }
 
-/// A word of a shader.
+/// A word in a shader's text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Word {
-    /// A name that is not a field of something.
+    /// The byte range of a name that is not a field.
     Name(Range<usize>),
     /// Name of an included file.
     Include(String),
 }
 
-/// Lists the names in a shader's text, outside of comments, and the files that it includes.
+/// Lists the names in a shader's text outside of comments, and the files that it includes.
 pub fn words(text: &str) -> Vec<Word> {
     let mut found = Vec::new();
     let mut at = 0;

@@ -1,4 +1,4 @@
-//! Renames a graph's declarations in all files, after building the graphs with the new name to check it.
+//! Renames a declaration of a graph in all files. The graphs are built with the new name first, to check it.
 
 use super::files::{LANES, nominal};
 use super::index::{Form, Index, Place, capital};
@@ -7,12 +7,12 @@ use crate::draw::planner::Planner;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-/// A range of bytes of a file, and its replacement.
+/// The byte range to replace in a file, and its replacement.
 pub type Edit = (std::ops::Range<usize>, String);
 
-/// Lists the edits of each file that rename the name at a byte of a file.
+/// Lists the edits in each file that rename the name at a byte offset of a file.
 ///
-/// `open` holds the editor's texts. The planner is reset to them at the end.
+/// `open` holds the editor's texts, which the planner uses again afterwards.
 ///
 /// # Errors
 /// The byte has no name, the new name is not valid, a file cannot be changed, or the new name would break a graph.
@@ -80,7 +80,7 @@ pub fn rename(
     Ok(edits)
 }
 
-/// Builds graphs for a GPU and for a CPU; summarises each plan independently of names, or returns the first error.
+/// Builds graphs for a GPU and for a CPU. Returns for each a summary of the plan without its names, or the first error.
 fn results(planner: &mut Planner, graphs: &[String]) -> Vec<Result<String, String>> {
     let build = |graph: &String| {
         let mut summaries = Vec::new();

@@ -9,7 +9,7 @@ use std::str::FromStr;
 const RESERVED: &AsciiSet =
     &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'/');
 
-/// Returns the path of a `file:` URI; `None` for another scheme.
+/// Returns the path of a `file:` URI; `None` for a URI with another scheme.
 pub fn path_of(uri: &Uri) -> Option<PathBuf> {
     let rest = uri.as_str().strip_prefix("file://")?;
     // An authority, mostly none, ends at the first slash.
@@ -23,7 +23,7 @@ pub fn uri_of(path: &Path) -> Option<Uri> {
     Uri::from_str(&format!("file://{}", utf8_percent_encode(path.to_str()?, RESERVED))).ok()
 }
 
-/// Converts a position, in UTF-16 units, to a byte offset; the end of the line if the line is shorter.
+/// Converts a position, in UTF-16 units, to a byte offset. If the line is shorter, returns its end.
 pub fn offset_of(text: &str, position: Position) -> usize {
     let start = match position.line {
         0 => 0,
@@ -40,7 +40,7 @@ pub fn offset_of(text: &str, position: Position) -> usize {
     start + line.len()
 }
 
-/// Converts a byte offset to a position.
+/// Converts a byte offset to a position in UTF-16 units.
 pub fn position_of(text: &str, offset: usize) -> Position {
     let before = &text[..offset.min(text.len())];
     let line = before.matches('\n').count() as u32;
@@ -48,7 +48,7 @@ pub fn position_of(text: &str, offset: usize) -> Position {
     Position { line, character: before[start..].encode_utf16().count() as u32 }
 }
 
-/// Converts a line and a column (in characters), both counted from 1, to a position.
+/// Converts a line and a column, counted from 1 and in characters, to a position in UTF-16 units.
 pub fn position_of_column(text: &str, line: u32, column: u32) -> Position {
     let line = line.saturating_sub(1);
     let characters = text.lines().nth(line as usize).unwrap_or_default().chars();
