@@ -1,4 +1,4 @@
-//! Runs `splatgraph advise`: reports the needs of a scene, and finds the fastest setting within a budget.
+//! Runs `splatgraph advise`: reports what a scene needs, and finds the fastest setting within a budget.
 
 use super::cameras;
 use super::console::Console;
@@ -70,13 +70,13 @@ pub struct Args {
     device: DrawingBackendArgs,
 }
 
-/// Parses a number above 0.
+/// Parses a finite number above 0.
 fn positive(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
     number.ok_or_else(|| "expected a number above 0".into())
 }
 
-/// Number of views around a scene without cameras.
+/// Number of views around a scene that has no cameras.
 const AROUND: u32 = 4;
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -141,7 +141,7 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Returns the mapping with the narrowest keys; the cheapest if there are several.
+/// Returns the mapping that needs the narrowest keys, with their bits. Of equal ones, the cheapest is returned.
 fn narrowest(needs: &[Need]) -> Option<(Mapping, u32)> {
     let of = |need: &Need| Some((need.map, need.bits?));
     needs.iter().filter_map(of).reduce(|best, other| if other.1 < best.1 { other } else { best })
@@ -179,17 +179,17 @@ pub(super) fn bands_text(bands: &[Band]) -> String {
     }
 }
 
-/// Maximum number of settings within the noise to name; the JSON has all.
+/// Maximum number of settings within the noise to print. The JSON has all of them.
 const NAMED: usize = 5;
 
-/// Joins the first [`NAMED`] names of a list, and adds the number of the others.
+/// Joins the first [`NAMED`] names of a list, and adds how many others there are.
 fn some(names: &[String]) -> String {
     let more = names.len().saturating_sub(NAMED);
     let named = names[..names.len() - more].join("; ");
     if more == 0 { named } else { format!("{named}; and {more} more") }
 }
 
-/// Lists the settings within the noise, the potentially fastest first; empty if there are none.
+/// Formats the list of the settings within the noise, the potentially fastest first; empty if there are none.
 fn noise(found: Option<&Tried>, hidden: &[&Tried], unsure: &[String]) -> String {
     let mut text = String::new();
     if !hidden.is_empty() {
@@ -227,7 +227,7 @@ fn time(tried: &Tried) -> String {
     }
 }
 
-/// Formats the advice: a complete command, for one picture or several, and its measurements.
+/// Formats the advice: a complete `render` command, for one picture or several, and the setting's measurements.
 fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String {
     let mut command = "splatgraph render".to_owned();
     let mut add = |word: &str| command += &format!(" {}", shell_word(word));
@@ -250,7 +250,7 @@ fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String 
     )
 }
 
-/// Formats the message that no setting is within the budget, with the closest on both sides.
+/// Formats the message that no setting is within the budget, with the most accurate setting and the fastest.
 fn nothing(tried: &[Tried], budget: &Budget) -> String {
     let accurate = tried.iter().reduce(|a, b| if b.least_psnr() > a.least_psnr() { b } else { a });
     let quick = |tried: &Tried| tried.gpu_ms.unwrap_or(f64::INFINITY);

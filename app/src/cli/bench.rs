@@ -1,4 +1,4 @@
-//! Runs `splatgraph bench`: time, bytes and memory of graphs, drawn interleaved.
+//! Runs `splatgraph bench`: measures time, bytes and memory of graphs, drawn interleaved.
 
 use super::cameras;
 use super::console::Console;
@@ -85,7 +85,7 @@ enum Suite {
     Sort,
 }
 
-/// File with all numbers in the folder of `--output`.
+/// Name of the file with all numbers, in the folder of `--output`.
 const CSV: &str = "bench.csv";
 /// File name of the sort's plot, without extension.
 const SORT_PLOT: &str = "sort";
@@ -152,8 +152,9 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
     Ok(!report.is_empty())
 }
 
-/// Refuses graphs and parameters that are invalid on every device, before a scene is loaded. Lacking a feature of this
-/// device is a result, not an error.
+/// Rejects graphs and parameters that are invalid on every device, before a scene is loaded.
+///
+/// A graph that needs a feature of another device is not an error: it becomes a row with the reason.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     let scene = match args.scenes.first().map(SceneHeader::load).transpose()? {
         Some(SceneHeader { count, stored_degree }) => SceneFacts {
@@ -185,7 +186,7 @@ fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
     Ok(())
 }
 
-/// Writes the JSON; to standard output, only the last version.
+/// Writes the JSON. To standard output, only the last version is written.
 fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
     match &args.json {
         Some(path) if last || !is_standard_output(path) => {
@@ -195,7 +196,7 @@ fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
     }
 }
 
-/// Prints the tables; to standard error if the JSON goes to standard output.
+/// Prints the tables, to standard error if the JSON goes to standard output.
 fn show(args: &Args, text: &str) -> Result<()> {
     if args.json.as_deref().is_some_and(is_standard_output) {
         say(text.trim_end());
@@ -204,7 +205,7 @@ fn show(args: &Args, text: &str) -> Result<()> {
     options::write_text(None, text)
 }
 
-/// Measures a scene, or the demo scene, for all numbers of splats and sizes.
+/// Measures a scene, or the demo scene, for all numbers of splats and sizes, and adds the rows to `report`.
 fn measure_scene(
     args: &Args,
     device: &Backend,
@@ -224,7 +225,7 @@ fn measure_scene(
 }
 
 impl Args {
-    /// Lists the picture sizes; `None` for the cameras' own.
+    /// Lists the picture sizes; a single `None`, for the cameras' own sizes, without `--sizes`.
     fn sizes(&self) -> Vec<Option<(u32, u32)>> {
         if self.sizes.is_empty() { vec![None] } else { self.sizes.iter().copied().map(Some).collect() }
     }
@@ -233,9 +234,9 @@ impl Args {
 /// The inputs of a run, known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
-    /// The cameras of each scene of the command line; `None` for the scene's. One entry for the demo scene.
+    /// Cameras from the command line for each scene; `None` for the scene's own. The demo scene has one entry.
     cameras: Vec<Option<Vec<Camera>>>,
-    /// A unique part of file names for each scene.
+    /// For each scene, the unique part of its files' names.
     stems: Vec<String>,
 }
 
@@ -280,7 +281,7 @@ fn once<T: PartialEq>(option: &str, list: &[T], text: impl Fn(&T) -> String) -> 
     }
 }
 
-/// Refuses options that do not apply to the chosen suite.
+/// Rejects options that do not apply to the chosen suite.
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     let of_frames = [
         ("SCENE", !args.scenes.is_empty()),

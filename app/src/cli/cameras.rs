@@ -1,4 +1,4 @@
-//! Finds the cameras of a command: from `--cameras`, or the first of the file beside the scene.
+//! Finds the cameras of a command: those of `--cameras`, or the first camera of the file beside the scene.
 
 use super::outcome::Usage;
 use crate::draw::camera;
@@ -7,14 +7,14 @@ use anyhow::Result;
 use splatgraph_assets::{Camera, CameraError, Dataset};
 use std::path::{Path, PathBuf};
 
-/// Returns the file that is used without `--cameras`; see [`camera::beside`].
+/// Returns the file with the cameras if `--cameras` is missing; see [`camera::beside`].
 fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
     scene.filter(|_| spec.is_none()).and_then(camera::beside)
 }
 
-/// Loads all cameras of `--cameras`, or else the first camera of the file beside the scene, which is then reported.
+/// Loads all cameras of `--cameras`, or else the first camera of the file beside the scene.
 ///
-/// A file beside the scene that holds no cameras is reported and ignored.
+/// The use of a file beside the scene is reported. If it cannot be read or holds no cameras, it is ignored.
 ///
 /// # Errors
 /// The file of `--cameras` cannot be read, or holds no cameras.
@@ -52,12 +52,12 @@ pub fn claim(guard: &mut OutputGuard, spec: Option<&str>, scene: Option<&Path>) 
     }
 }
 
-/// Returns true for the text of a `cameras.json`, false for the name of a file.
+/// Returns true if `spec` is the text of a `cameras.json`, rather than the name of a file.
 fn is_json(spec: &str) -> bool {
     spec.trim_start().starts_with(['[', '{']) && !Path::new(spec).exists()
 }
 
-/// Loads the cameras of `PATH` or `PATH#INDEX`, in any format of [`Dataset`], or parses the text of a `cameras.json`.
+/// Loads the cameras of `PATH` or `PATH#INDEX` in any format of [`Dataset`], or parses the text of a `cameras.json`.
 pub fn parse(spec: &str) -> Result<Vec<Camera>, CameraError> {
     if is_json(spec) {
         let name = Path::new("--cameras");
@@ -74,7 +74,7 @@ pub fn parse(spec: &str) -> Result<Vec<Camera>, CameraError> {
     if cameras.is_empty() { Err(CameraError::Empty { path: spec.into() }) } else { Ok(cameras) }
 }
 
-/// Warns if principal points are off the centre of the pictures.
+/// Warns the user if principal points are not at the centre of the pictures.
 pub fn tell_off_center(dataset: &Dataset) {
     if dataset.off_center > 0.5 {
         say(format!(
@@ -84,7 +84,7 @@ pub fn tell_off_center(dataset: &Dataset) {
     }
 }
 
-/// Adds the file of `FILE` or `FILE#INDEX` to the inputs. The file's own name may contain a `#`; JSON text has no file.
+/// Adds the file of `FILE` or `FILE#INDEX` to the inputs. A file's own name may contain a `#`. JSON text has no file.
 pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {
         return Ok(());

@@ -1,4 +1,4 @@
-//! Runs `splatgraph check`: builds graphs and replays their barriers.
+//! Runs `splatgraph check`: builds graphs, and replays their barriers.
 
 use super::outcome::Outcome;
 use super::outcome::colour;
@@ -116,13 +116,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// A device that graphs are checked for.
+/// A device for which graphs are checked.
 struct On {
-    /// Name of the device; for the smallest supported one, the number of lanes of its subgroups.
+    /// Name of the device. The smallest supported device is named by the number of lanes in its subgroups.
     name: String,
     facts: DeviceFacts,
     storage_buffers: Option<usize>,
-    /// True if the command line names the graph: unmet requirements are then errors.
+    /// True if the command line names the device: unmet requirements are then errors.
     is_named: bool,
 }
 
@@ -155,7 +155,7 @@ impl On {
         }
     }
 
-    /// Names the shaders that bind more storage buffers than the device allows; `None` if there are none.
+    /// Describes the shaders that bind more storage buffers than the device allows; `None` if there are none.
     fn too_many_buffers(&self, plan: &Plan) -> Option<String> {
         let most = self.storage_buffers?;
         let buffers = |shader: &Shader| -> usize {
@@ -195,27 +195,27 @@ fn as_json(
     json
 }
 
-/// Verdict on a graph without errors.
+/// The result of checking a graph that could be built.
 #[derive(Debug)]
 enum Verdict {
     /// The graph is correct; the text summarises it.
     Right(String),
-    /// A device of the command line does not meet these requirements.
+    /// The requirements that a device of the command line does not meet.
     Lacking(String),
-    /// The violations that the oracle found.
+    /// The graph is wrong; the text lists the violations that the oracle found.
     Wrong(String),
 }
 
 /// The verdict on a graph, or its errors.
 type CheckResult = Result<Verdict, GraphErrors>;
 
-/// A warning, rendered with the source text and as plain data. A warning about a parameter has no place in a file.
+/// The warnings about a plan, rendered with the source text and as plain data.
 struct Warning {
     text: String,
     plain: Vec<PlainDiagnostic>,
 }
 
-/// A verified plan, with the subgroup widths that it was built for.
+/// A verified plan, with the subgroup widths for which it was built.
 struct Verified {
     lanes: Vec<String>,
     plan: Plan,
@@ -224,10 +224,11 @@ struct Verified {
 
 /// Builds a graph for each device, because graphs may depend on its facts, and verifies each plan.
 ///
-/// Returns a verdict with a line for each group of devices with equal counts; or the violations of the first device
-/// that has any; or the errors of the first device that has any. If a device does not meet the graph's requirements,
-/// its line says so, and nothing is built. Each warning is printed once; a warning about a parameter without an effect
-/// names the devices.
+/// Returns a verdict with a line for each group of devices with equal counts. If a device has violations or errors,
+/// returns those of the first such device instead. If the smallest device does not meet the graph's requirements, its
+/// line says so, and nothing is built for it. Each warning is passed to `warn` once. A warning about a parameter
+/// without
+/// an effect is printed, and names the devices.
 fn check(
     planner: &mut Planner,
     graph: &str,
@@ -315,7 +316,7 @@ fn check(
     Ok(Verdict::Right(verdict.to_owned() + &found.chain(unsuited).map(line).collect::<String>()))
 }
 
-/// Describes the unmet requirements of a graph, and its fallbacks.
+/// Describes the requirements of a graph that the device does not meet, and the fallbacks.
 ///
 /// `None` if all requirements are met.
 fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
@@ -328,7 +329,7 @@ fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join("; "))
 }
 
-/// Returns true if two plans have the same passes and memory, and so the same dependencies.
+/// Returns true if two plans have the same passes and memory, which implies the same dependencies.
 fn is_same(a: &Plan, b: &Plan) -> bool {
     let uses = |plan: &Plan| -> Vec<_> { plan.passes.iter().map(|p| (p.run, p.uses.clone())).collect() };
     (&a.prologue, &a.frame, &a.resources, &a.blocks, &a.stats, &a.culled)
@@ -339,7 +340,7 @@ fn is_same(a: &Plan, b: &Plan) -> bool {
         && a.passes.iter().zip(&b.passes).all(|(a, b)| a.work == b.work)
 }
 
-/// Returns the imports and the facts of a nominal scene of `splats` splats.
+/// Returns the imports and the facts of a nominal scene with `splats` splats.
 fn nominal(splats: u64) -> (Catalog, SceneFacts) {
     let mut catalog = options::nominal_catalog();
     for attribute in catalog.attributes.values_mut() {
@@ -348,7 +349,7 @@ fn nominal(splats: u64) -> (Catalog, SceneFacts) {
     (catalog, SceneFacts { count: splats, ..SceneFacts::NOMINAL })
 }
 
-/// Finds the sizes that fit, if a graph is correct but too large for the device.
+/// Returns the memory needs of a graph that is correct but too large for the device; `None` otherwise.
 fn too_large(
     planner: &mut Planner,
     graph: &str,
@@ -362,9 +363,12 @@ fn too_large(
     (!fit.fits).then_some(fit)
 }
 
-/// Checks the dependencies, replays the plan with its barriers, and tries every mutation of the barriers.
+/// Verifies a plan: checks the dependencies, replays it with its barriers, and tries every mutation of these.
 ///
-/// Returns the counts, or the missing and needless barriers.
+/// Returns the counts as text.
+///
+/// # Errors
+/// The text lists what is missing or needless.
 fn verify(plan: &Plan, barriers: &Barriers) -> Result<String, String> {
     let objections = oracle::dependencies(plan);
     let mut problems: Vec<String> = objections.iter().map(|objection| objection.describe(plan)).collect();

@@ -58,7 +58,7 @@ fn positive(text: &str) -> Result<f32, String> {
     }
 }
 
-/// The differences between two pictures.
+/// The differences between two pictures of a pair.
 struct Found {
     all: Comparison,
     /// FLIP of the original values.
@@ -92,12 +92,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     printed.map(|()| outcome)
 }
 
-/// The pictures to compare, and the files of their differences.
+/// The pictures to compare, and the files to which their differences are written.
 pub(super) struct Work {
     pairs: Vec<Pair>,
-    /// True if folders are compared.
+    /// True if folders or archives are compared.
     folders: bool,
-    /// One file of differences per pair; empty without `--diff`.
+    /// One file per pair for its differences; empty without `--diff`.
     diffs: Vec<PathBuf>,
 }
 
@@ -150,7 +150,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     Ok(Work { pairs, folders, diffs })
 }
 
-/// Compares the pictures; returns the output and the outcome.
+/// Compares the pictures. Returns the text to print, and the outcome.
 fn compare(args: &Args) -> Result<(String, Outcome)> {
     let Work { pairs, folders, diffs } = prepare(args)?;
     let mut found = Vec::with_capacity(pairs.len());
@@ -177,10 +177,10 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
     Ok((text, if below { Outcome::Failed } else { Outcome::Done }))
 }
 
-/// Pictures that an argument refers to.
+/// The pictures to which an argument refers.
 enum Pictures {
     One(PathBuf),
-    /// Pictures of a folder, by name without extension.
+    /// Pictures of a folder by name without extension, or arrays of an archive by name.
     Many(BTreeMap<String, PathBuf>),
 }
 
@@ -217,7 +217,7 @@ impl Pictures {
     }
 }
 
-/// Pairs the pictures of two folders. An error lists the pictures without a partner.
+/// Pairs the pictures of two folders or archives. An error lists the pictures without a partner.
 fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>) -> Result<Vec<Pair>> {
     let (a, mut b) = if args.by_number { (numbered(a)?, numbered(b)?) } else { (plain(a), plain(b)) };
     let mut pairs = Vec::new();
@@ -241,7 +241,7 @@ fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>
     bail!("these pictures have no partner:{}{hint}", list.concat());
 }
 
-/// Pictures by their matching key, each with its name and file.
+/// Pictures by the key that matches them, each with its name and file.
 type Keyed = BTreeMap<(u64, String), (String, PathBuf)>;
 
 fn plain(pictures: BTreeMap<String, PathBuf>) -> Keyed {
@@ -309,7 +309,7 @@ fn sentence(found: &Found) -> String {
     )
 }
 
-/// Formats a difference with six decimals, or as many as show that it is not 0.
+/// Formats a difference with six decimals, or in scientific notation if it is below 1e-6 and not 0.
 fn digits(difference: f64) -> String {
     if difference > 0.0 && difference < 1e-6 {
         format!("{difference:.1e}")
@@ -342,7 +342,7 @@ fn table(pairs: &[Pair], found: &[Found], worst: usize) -> String {
     text + &format!("worst: {}, {}", one_line(&pairs[worst].name), sentence(&found[worst]))
 }
 
-/// Makes the JSON report; an infinite PSNR becomes `null`.
+/// Makes the JSON report. An infinite PSNR becomes `null`.
 fn report(pairs: &[Pair], found: &[Found], worst: usize, folders: bool) -> Value {
     let entry = |pair: &Pair, found: &Found| {
         let mut entry = json!({ "name": pair.name, "a": pair.a, "b": pair.b });

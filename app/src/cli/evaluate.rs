@@ -77,12 +77,12 @@ pub struct Args {
     pub device: DeviceArgs,
 }
 
-/// A view with its photograph.
+/// A view, with the file of its photograph.
 #[derive(Debug)]
 struct View {
     name: String,
     photograph: PathBuf,
-    /// The camera, at the size of the picture.
+    /// The camera, with the size of the picture.
     camera: Camera,
 }
 
@@ -93,7 +93,7 @@ pub(super) struct Work {
     stems: Vec<String>,
 }
 
-/// Subfolders of `--output`, one for each kind of picture.
+/// Subfolders of `--output`, one per kind of picture.
 const FOLDERS: [&str; 3] = ["renders", "photographs", "differences"];
 
 /// Reads the cameras, finds the photographs and their sizes, and checks the files of the command line.
@@ -167,7 +167,7 @@ fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
     output.join(folder).join(format!("{stem}.png"))
 }
 
-/// Renderer of the views.
+/// A renderer, with the scene that it draws.
 enum Drawer {
     Device(Box<Session<Backend>>),
     Reference(Arc<Scene>),
@@ -203,7 +203,7 @@ impl Drawer {
         }
     }
 
-    /// Draws a view and compares it with its photograph; writes the pictures into the folder of `--output`.
+    /// Draws a view, and scores it against its photograph. Writes the pictures to the folder of `--output`, if any.
     fn score(&mut self, args: &Args, view: &View, stem: &str) -> Result<Score> {
         let (width, height) = (view.camera.width as usize, view.camera.height as usize);
         let photograph = Image::load_photograph(&view.photograph, args.background)?;
@@ -222,7 +222,7 @@ impl Drawer {
     }
 }
 
-/// Returns the part of a command line that determines the scores.
+/// Returns the arguments that determine the scores, as JSON.
 fn request(args: &Args) -> Json {
     let graph = match args.backend {
         Renderer::Device(_) => json!(args.pipeline),
@@ -234,7 +234,7 @@ fn request(args: &Args) -> Json {
     })
 }
 
-/// Adds the scores to a request.
+/// Formats a request with its scores as JSON text.
 fn as_json(mut request: Json, found: &Evaluation) -> String {
     request["views"] = json!(found.views);
     request["mean"] = json!(found.mean);
@@ -283,7 +283,7 @@ pub struct Views {
 }
 
 impl Views {
-    /// Checks the arguments.
+    /// Checks the arguments, and finds the photographs.
     pub fn new(args: Args) -> Result<Views> {
         job::refuse(&[("--json", args.json)])?;
         let Some(folder) = args.output.clone() else {
@@ -354,13 +354,13 @@ impl job::Work for Views {
     }
 }
 
-/// The command's name, in descriptions of shared folders.
+/// Name of the command, in the descriptions of shared folders.
 pub const COMMAND: &str = "evaluate";
 
-/// The scores of a dataset, as `--json` prints them.
+/// Name of the file with a dataset's scores, in the form that `--json` prints.
 const SCORES: &str = "scores.json";
 
-/// Prints the scores that several processes found, and writes them as JSON.
+/// Prints the scores that several processes computed, and writes them as JSON.
 ///
 /// # Errors
 /// The file cannot be written.

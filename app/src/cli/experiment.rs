@@ -1,4 +1,4 @@
-//! Runs `splatgraph experiment`: pages that illustrate an equation with measurements.
+//! Runs `splatgraph experiment`: makes pages that illustrate an equation with measurements.
 
 use super::cameras;
 use super::console::Console;
@@ -64,11 +64,11 @@ struct Common {
     device: DrawingBackendArgs,
 }
 
-/// Width of the pictures without `--size`, in pixels: a page holds about twenty of them.
+/// Default width of the pictures, in pixels; it is small because a page holds about twenty pictures.
 const WIDTH: u32 = 640;
 
 impl Args {
-    /// Returns the page's path.
+    /// Returns the path of the page.
     fn output(&self) -> PathBuf {
         self.kind.common().output.clone().unwrap_or_else(|| self.kind.page().into())
     }

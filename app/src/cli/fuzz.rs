@@ -1,4 +1,4 @@
-//! Parses and checks random command lines, as far as no device is needed: none may panic, hang, or change a file.
+//! Parses and checks random command lines, as far as no device is needed. None may panic, hang, or change a file.
 
 #[path = "../../../tests/files/words.rs"]
 mod words;

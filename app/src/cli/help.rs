@@ -2,7 +2,7 @@
 
 use splatgraph_framework::ir::Domain;
 
-/// Formats a parameter's range of values, for help.
+/// Formats a parameter's range of values, for the help text.
 pub fn domain(domain: &Domain) -> String {
     match domain {
         Domain::Bool => "true|false".into(),
@@ -12,9 +12,9 @@ pub fn domain(domain: &Domain) -> String {
     }
 }
 
-/// Formats a list of names and descriptions in two columns, for help.
+/// Formats a list of names and descriptions in two columns, for the help text.
 pub fn two_columns(rows: Vec<(String, String)>) -> String {
-    /// Width in columns below which clap does not wrap the text on common terminals.
+    /// Width in columns up to which clap does not wrap the text on common terminals.
     const COLUMNS: usize = 98;
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     let mut lines: Vec<String> = Vec::new();

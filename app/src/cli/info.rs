@@ -1,4 +1,4 @@
-//! Runs `splatgraph info`: reports a scene's contents, flaws and memory.
+//! Runs `splatgraph info`: reports the contents, the flaws and the memory of a scene.
 
 use super::advise::{bands_text, keys_text};
 use super::options::{self, Drawing, MemoryArgs};
@@ -143,7 +143,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Describes the mesh beside the splats.
+/// Describes the mesh that is stored with the splats.
 fn mesh_text(mesh: &Mesh) -> String {
     let count = |n: usize| grouped(n as u64);
     format!(
@@ -155,7 +155,7 @@ fn mesh_text(mesh: &Mesh) -> String {
     )
 }
 
-/// Formats the sizes of the plan's buffers and images, grouped by source with a sum each.
+/// Formats the sizes of the plan's buffers and images, grouped by source, with a sum for each group.
 fn memory(dump: &Dump, (width, height): (u32, u32)) -> String {
     let mut text = format!("on the GPU with {}, {width} x {height}\n", dump.graph);
     let (mut all, mut freed) = (0, 0);

@@ -1,10 +1,10 @@
 //! Shares the views of a command among processes, through a folder.
 //!
 //! The views of `render`, `trade`, `sweep` and `evaluate` are independent. Each leaves a result file, which is either
-//! complete or absent. So any number of processes may do them, in any order: `--shard 2/8` does every eighth view, and
-//! the Python package distributes views to the workers of a cluster ([`Job`]). A view whose result exists is not done
-//! again. `job.json` in the folder names the views and everything that their results depend on; a job with another
-//! description is refused. `merge` reads it, joins the results, and names the missing ones.
+//! complete or absent. Therefore, any number of processes may share them, in any order: `--shard 2/8` does every eighth
+//! view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view with a result is not
+//! done again. `job.json` in the folder names the views and all inputs that determine their results; a job with another
+//! description is rejected. `merge` reads it, joins the results, and names the missing ones.
 
 use super::outcome::{Outcome, Usage};
 use crate::draw::session::Session;
@@ -19,7 +19,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// A share of the views: every `count`-th one, starting at `index`.
+/// A share of the views: every `count`-th view, starting at `index`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     index: usize,
@@ -27,7 +27,7 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Lists the indices of the shard's views, out of `of`.
+    /// Lists the indices of the shard's views, out of `of` views.
     fn views(self, of: usize) -> Vec<usize> {
         (self.index..of).step_by(self.count).collect()
     }
@@ -57,24 +57,24 @@ pub struct ShardArgs {
     pub shard: Option<Shard>,
 }
 
-/// Everything that the results of views depend on, by names for messages.
+/// The inputs that determine the results of views, each with a name for messages.
 pub type Origin = Map<String, Json>;
 
-/// A command whose views can be shared.
+/// A command with views that several processes can share.
 pub trait Work: Send {
-    /// The command's name.
+    /// Returns the command's name.
     fn command(&self) -> &'static str;
 
-    /// The folder of the results.
+    /// Returns the folder of the results.
     fn folder(&self) -> &Path;
 
-    /// The file names of the views, unique and without extension.
+    /// Returns the file names of the views, which are unique and have no extension.
     fn views(&self) -> &[String];
 
-    /// Returns the path of a view's result in the folder. The file is written after all other files of the view.
+    /// Returns the path of a view's result within the folder. The file is written after all other files of the view.
     fn file(&self, view: &str) -> PathBuf;
 
-    /// Loads the scene and opens the device; returns everything that the results depend on.
+    /// Loads the scene and opens the device. Returns the inputs that determine the results.
     ///
     /// # Errors
     /// The scene cannot be loaded, or there is no device.
@@ -83,34 +83,34 @@ pub trait Work: Send {
     /// Does the views with these indices, and writes their files.
     ///
     /// # Errors
-    /// A view failed. The work must be closed and opened again.
+    /// A view failed. Close and reopen the work before the next call.
     fn draw(&mut self, views: &[usize]) -> Result<()>;
 
-    /// Closes the device; returns the validation messages.
+    /// Closes the device, and returns its validation messages.
     fn close(&mut self) -> Vec<String>;
 }
 
-/// Name of the file that describes a folder of results.
+/// Name of the file that describes the results in a folder.
 const MANIFEST: &str = "job.json";
 
-/// The description of a folder of results.
+/// The description of the results in a folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// Name of the command.
     pub command: String,
-    /// Everything that the results depend on.
+    /// The inputs that determine the results.
     pub origin: Origin,
     /// The file names of the views, without extension.
     pub views: Vec<String>,
-    /// The path of each view's result in the folder.
+    /// The path within the folder of each view's result.
     pub files: Vec<PathBuf>,
 }
 
 impl Manifest {
-    /// Reads the description of a folder.
+    /// Reads the description in a folder.
     ///
     /// # Errors
-    /// The folder has none, or it comes from another version of the program.
+    /// The folder has no description, or one from another version of the program.
     pub fn read(folder: &Path) -> Result<Manifest> {
         let path = folder.join(MANIFEST);
         let text = fs::read(&path)
@@ -119,7 +119,7 @@ impl Manifest {
             .with_context(|| format!("{}: expected the description of a job", path.display()))
     }
 
-    /// Writes the description, or checks that the folder has the same one.
+    /// Writes the description into a folder, or checks that the folder has the same one.
     ///
     /// # Errors
     /// The folder has results of another request.
@@ -151,7 +151,7 @@ impl Manifest {
         Ok(output::write_bytes(&path, text.as_bytes())?)
     }
 
-    /// Refuses a folder of shared views, whose pictures would no longer match its description.
+    /// Rejects a folder with the results of shared views, because new pictures would not match its description.
     ///
     /// # Errors
     /// The folder has a description.
@@ -165,7 +165,7 @@ impl Manifest {
         }
     }
 
-    /// Lists the differences from another description.
+    /// Lists the inputs that differ from another description's, for messages.
     pub fn changes(&self, other: &Manifest) -> Vec<String> {
         if self.command != other.command {
             return vec!["command".into()];
@@ -181,18 +181,18 @@ impl Manifest {
     }
 }
 
-/// Outcome of a run over some views.
+/// The outcome of a run over some views, which are given by index.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ran {
-    /// Views that were done, by index.
+    /// Views that were done.
     pub done: Vec<usize>,
-    /// Views whose results existed already, by index.
+    /// Views that already had results.
     pub kept: Vec<usize>,
-    /// Views that failed, with the reason.
+    /// Views that failed, each with the reason.
     pub failed: Vec<(usize, String)>,
 }
 
-/// A command's views, done by one process in any order.
+/// The views of a command, which one process does in any order.
 pub struct Job {
     work: Box<dyn Work>,
     opened: bool,
@@ -200,7 +200,7 @@ pub struct Job {
 }
 
 impl Job {
-    /// Makes the job of a command. Nothing is loaded before the first views.
+    /// Makes the job of a command. The first [`Job::run`] loads the scene and opens the device.
     pub fn new(work: Box<dyn Work>) -> Job {
         Job { work, opened: false, messages: Vec::new() }
     }
@@ -210,7 +210,7 @@ impl Job {
         self.work.views()
     }
 
-    /// Does views, unless their results exist. A view that fails does not stop the others.
+    /// Does the views that have no result yet. A view that fails does not stop the others.
     ///
     /// # Errors
     /// The scene cannot be loaded, there is no device, or the folder has results of another request.
@@ -245,7 +245,7 @@ impl Job {
         Ok(ran)
     }
 
-    /// Closes the device; returns the validation messages.
+    /// Closes the device, and returns its validation messages.
     pub fn close(&mut self) -> Vec<String> {
         self.shut();
         std::mem::take(&mut self.messages)
@@ -278,10 +278,10 @@ impl Job {
     }
 }
 
-/// Does the views of a shard.
+/// Does the views of a shard, and reports the failures.
 ///
 /// # Errors
-/// As in [`Job::run`].
+/// See [`Job::run`].
 pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome> {
     let mut job = Job::new(work);
     let views = shard.views(job.views().len());
@@ -303,7 +303,7 @@ pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome>
     Ok(if failed.is_empty() { outcome } else { Outcome::Failed })
 }
 
-/// Formats an error with its causes, each once.
+/// Formats an error with its causes, without repetitions.
 fn reason(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
@@ -314,12 +314,12 @@ fn reason(error: &anyhow::Error) -> String {
     text
 }
 
-/// Returns the path of a view's result that is not a picture.
+/// Returns the path within the folder of a view's result, for commands with results other than pictures.
 pub fn part(view: &str) -> PathBuf {
     Path::new("parts").join(format!("{view}.json"))
 }
 
-/// Writes a view's result that is not a picture.
+/// Writes a view's result, for commands with results other than pictures.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -328,7 +328,7 @@ pub fn write_part(folder: &Path, view: &str, result: &impl Serialize) -> Result<
     Ok(output::write_bytes(&folder.join(part(view)), text.as_bytes())?)
 }
 
-/// Returns everything that pictures of a scene depend on; `session` is prepared.
+/// Returns the inputs that determine pictures of a scene. `session` must be prepared.
 ///
 /// # Errors
 /// The program's file cannot be read.
@@ -348,7 +348,7 @@ pub fn origin_of<D: Device>(
     Ok(origin)
 }
 
-/// Returns everything that pictures of a scene depend on, except the graph.
+/// Returns the inputs that determine pictures of a scene, except for the graph. `scene` is the scene's hash.
 ///
 /// # Errors
 /// The program's file cannot be read.
@@ -358,7 +358,7 @@ pub fn origin(scene: u64, cameras: &Json) -> Result<Origin> {
     Ok(origin.as_object().cloned().unwrap_or_default())
 }
 
-/// Refuses options that do not apply to a part of the views.
+/// Rejects options that do not apply to a share of the views.
 ///
 /// # Errors
 /// One of the options is given.

@@ -1,4 +1,4 @@
-//! Describes devices of other machines: a catalogue of published limits, and files of facts.
+//! Describes devices of other machines, from a catalogue of published limits, and from files of facts.
 
 use crate::draw::facts;
 use anyhow::{Context, Result, bail};
@@ -6,22 +6,23 @@ use serde_json::{Map, Value};
 use splatgraph_framework::ir::{DeviceFacts, Features};
 use std::path::Path;
 
-/// A device that graphs can be built for.
+/// A device for which graphs can be built.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownDevice {
-    /// Name in the catalogue, or of the file.
+    /// Name in the catalogue, or name of the file.
     pub name: String,
     /// Facts of the device, as graphs see them.
     pub facts: DeviceFacts,
     /// Maximum number of storage buffers in one shader; `None` if graphs cannot exceed it.
     pub storage_buffers: Option<usize>,
-    /// Publication that the limits come from.
+    /// Publication that states the limits.
     pub source: &'static str,
 }
 
 /// Lists the devices of the catalogue.
 ///
-/// A family has the smallest limits of its members. Unpublished limits are those of the smallest supported device.
+/// A family of devices has the smallest limits of its members. Unpublished limits are those of the smallest supported
+/// device.
 pub fn catalogue() -> Vec<KnownDevice> {
     let portable = facts::portable_device;
     let integers =
@@ -95,10 +96,10 @@ pub fn catalogue() -> Vec<KnownDevice> {
     ]
 }
 
-/// Finds a device by its name in the catalogue, or by a file of facts; `None` if there is neither.
+/// Finds a device by its name in the catalogue, or in a file of facts; `None` if there is neither.
 ///
 /// # Errors
-/// The file holds no facts of a device.
+/// The file does not contain the facts of a device.
 pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
     if let Some(found) = catalogue().into_iter().find(|device| device.name == wanted) {
         return Ok(Some(found));
@@ -111,8 +112,9 @@ pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
     from_json(wanted, &text).with_context(|| format!("{wanted} does not describe a device")).map(Some)
 }
 
-/// Reads facts as `splatgraph devices --json` writes them: a list, of which the first device is taken; one device; or
-/// its facts alone.
+/// Parses facts as `splatgraph devices --json` writes them: a list of devices, one device, or its facts alone.
+///
+/// Of a list, the first device is taken.
 fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
     let value: Value = serde_json::from_str(text)?;
     let device = match &value {
@@ -126,7 +128,7 @@ fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
     Ok(KnownDevice { name, facts: read(facts)?, storage_buffers: None, source: "a file" })
 }
 
-/// Reads facts by their names in graphs. Missing facts are those of the smallest supported device.
+/// Converts facts, by their names in graphs. Missing facts are those of the smallest supported device.
 fn read(named: &Map<String, Value>) -> Result<DeviceFacts> {
     let mut facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
     for (name, value) in named {
@@ -169,7 +171,7 @@ fn read(named: &Map<String, Value>) -> Result<DeviceFacts> {
     Ok(facts)
 }
 
-/// Lists the catalogue in two columns, for help.
+/// Formats the catalogue in two columns, for the help text.
 pub fn list() -> String {
     let row = |device: KnownDevice| (device.name, device.source.to_owned());
     super::help::two_columns(catalogue().into_iter().map(row).collect())

@@ -1,4 +1,4 @@
-//! Makes cameras from the command line: a point to look from and one to look at, and circles of cameras.
+//! Makes cameras from points on the command line, one to look from and one to look at, and circles of cameras.
 
 use super::outcome::Usage;
 use crate::draw::facts;
@@ -34,14 +34,14 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
     values.ok_or_else(|| "expected three numbers, for instance 1,-0.5,2".into())
 }
 
-/// Parses a field of view.
+/// Parses a field of view, in degrees.
 fn angle(text: &str) -> Result<f64, String> {
     let angle = text.parse().ok().filter(|angle: &f64| (0.1..=179.0).contains(angle));
     angle.ok_or_else(|| "expected 0.1 to 179 degrees".into())
 }
 
 impl LookAtArgs {
-    /// Returns the cameras' names, before the scene is loaded; `None` without these options.
+    /// Returns the names that the cameras will have, before the scene is loaded; `None` without these options.
     pub fn names(&self) -> Option<Vec<String>> {
         match self.orbit {
             Some(count) => Some((0..count).map(|index| format!("orbit-{index:04}")).collect()),
@@ -54,7 +54,7 @@ impl LookAtArgs {
         self.eye.is_some() || self.target.is_some() || self.up.is_some() || self.fov.is_some()
     }
 
-    /// Returns the number of `--orbit`.
+    /// Returns the number of cameras of `--orbit`.
     pub fn count(&self) -> Option<u32> {
         self.orbit
     }
@@ -69,12 +69,12 @@ impl LookAtArgs {
         Ok(Some(cameras.map(|(camera, img_name)| Camera { img_name, ..camera }).collect()))
     }
 
-    /// Makes the circle about the axis `--up` through the eye, in the scene's coordinates.
+    /// Makes the circle through the eye around the axis `--up`, in the scene's coordinates.
     ///
     /// Without `--eye`, the first camera has the position of [`framing`](super::options::framing).
     ///
     /// # Errors
-    /// Eye and target coincide, or are too far away to draw.
+    /// The eye and the target coincide, or are too far away to draw.
     pub fn circle(&self, scene: &Scene, size: Option<(u32, u32)>) -> Result<Orbit, Usage> {
         let size = size.unwrap_or(facts::DEFAULT_SIZE);
         let local = |place: [f64; 3]| DVec3::from(place) - DVec3::from(scene.offset());

@@ -1,10 +1,11 @@
 //! Defines the command line, one file per command.
 //!
-//! A command is a struct of arguments, whose documentation is the help text, and a function `run`. Results go to
-//! standard output, everything else to standard error. The exit code is 0 for success, 1 for a failure, 2 for an
-//! invalid command line, and 128 plus the signal's number after a signal. It reports whether the work was done, not
-//! whether its lines could be written. An output that would overwrite an input or another output is an invalid command
-//! line, detected before anything is drawn.
+//! A command is a struct of arguments, documented by its help text, and a function `run`. Results go to standard
+//! output,
+//! everything else to standard error. The exit code is 0 for success, 1 for a failure, 2 for an invalid command line,
+//! and 128 plus the signal's number after a signal. It reports whether the work was done, not whether its lines could
+//! be written. An output that would overwrite an input or another output is an invalid command line, detected before
+//! anything is drawn.
 
 mod advise;
 mod bench;
@@ -80,7 +81,7 @@ const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a 
   splatgraph params                                 # what --set can change
   splatgraph dump splat --format dot | dot -Tsvg > splat.svg";
 
-/// Returns the examples of the whole program; the first uses `view` if it is available.
+/// Formats the examples of the whole program. The first one uses `view` if it is available.
 fn examples() -> String {
     let view = match cfg!(feature = "window") {
         true => "  splatgraph view                                   # a window on the demo scene\n",
@@ -148,7 +149,7 @@ impl Command {
         }
     }
 
-    /// Returns the shard of a command that has one, and true if validation was requested.
+    /// Returns the shard that a command was given, and true if validation was requested.
     fn shard(&self) -> Option<(Shard, bool)> {
         let (shard, validate) = match self {
             Command::Render(args) => (args.shard.shard, args.device.validate),
@@ -172,7 +173,7 @@ impl Command {
     }
 }
 
-/// Makes the job of a command line, whose first word is the command, for a process that chooses the views.
+/// Makes the job of a command line, for a process that chooses the views. The first word is the command.
 ///
 /// # Errors
 /// The command has no views to share, or its arguments are invalid.
@@ -193,7 +194,7 @@ pub fn main() -> ExitCode {
     ExitCode::from(run(std::env::args_os().collect(), worker, store))
 }
 
-/// Runs the program with `arguments`, whose first is the program's name, and returns the exit code.
+/// Runs the program with `arguments`, which begin with the program's name, and returns the exit code.
 ///
 /// `worker` compiles shaders, and `store` keeps them between runs.
 pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<ShaderCache>) -> u8 {
@@ -278,7 +279,7 @@ fn run_command(command: &Command) -> anyhow::Result<Outcome> {
     }
 }
 
-/// Makes the command line, with the lists of graphs and scenes in its long help.
+/// Makes the definition of the command line, with the lists of graphs and scenes in its long help.
 fn command(arguments: &[OsString]) -> clap::Command {
     let command = Cli::command();
     // The lists take some milliseconds to make, so only long help has them.

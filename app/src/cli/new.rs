@@ -1,4 +1,4 @@
-//! Runs `splatgraph new`: writes a graph to start from.
+//! Runs `splatgraph new`: writes a graph as a starting point.
 
 use super::outcome::{Outcome, Usage};
 use crate::io::output::{self, note, shell_word};
@@ -42,7 +42,7 @@ enum Start {
     Post,
 }
 
-/// Embeds a file of the tutorial, which explains and tests it.
+/// Embeds a file of the tutorial, where it is explained and tested.
 macro_rules! tutorial {
     ($name:literal) => {
         ($name, include_str!(concat!("../../../examples/tutorial/", $name)))
@@ -50,7 +50,7 @@ macro_rules! tutorial {
 }
 
 impl Start {
-    /// Returns the graph and its shaders, each with its name in the tutorial.
+    /// Returns the files of the graph and its shaders, each with its name in the tutorial.
     fn files(self) -> &'static [(&'static str, &'static str)] {
         match self {
             Start::Splat => &[
@@ -65,7 +65,7 @@ impl Start {
     }
 }
 
-/// Lists the files to write with their texts; an error if a name is invalid or a file exists.
+/// Lists the files to write, with their texts. An error means that a name is invalid or a file exists.
 pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
     let name = args.file.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     let stem = name.strip_suffix(".ron").filter(|stem| !stem.is_empty()).ok_or_else(|| {
@@ -92,7 +92,7 @@ pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
     Ok(files)
 }
 
-/// Returns the files of a template: their extensions, and their texts with the shaders renamed.
+/// Returns the files of a template: their extensions, and their texts, which refer to the shaders by their new names.
 fn files(start: Start, stem: &str) -> impl Iterator<Item = (&'static str, String)> {
     let all = start.files();
     all.iter().map(move |(name, text)| {

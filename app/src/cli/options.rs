@@ -1,4 +1,4 @@
-//! Defines options and helpers of several commands.
+//! Defines options and helpers that several commands share.
 
 use super::known_devices;
 use super::outcome::Usage;
@@ -63,7 +63,7 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
-/// Loads a scene, with progress.
+/// Loads a scene, and shows the progress.
 pub fn load_scene(path: &Path) -> Result<Scene> {
     match load_any(path)? {
         Content::Splats(scene) => Ok(*scene),
@@ -71,7 +71,7 @@ pub fn load_scene(path: &Path) -> Result<Scene> {
     }
 }
 
-/// Loads a scene, or a mesh that is drawn beside one, with progress.
+/// Loads a scene, or a mesh that is drawn together with one, and shows the progress.
 pub fn load_any(path: &Path) -> Result<Content> {
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
     let _span = info_span!("load the scene", path = %path.display()).entered();
@@ -90,7 +90,7 @@ pub fn load_any(path: &Path) -> Result<Content> {
     Ok(content)
 }
 
-/// Loads the scene at `path`, or the demo scene with its camera; also returns the scene's path.
+/// Loads the scene at `path`, or the demo scene with its camera. Also returns the scene's path.
 pub fn scene_or_demo(path: Option<&Path>) -> Result<(Scene, PathBuf, Option<Camera>)> {
     let Some(path) = path else {
         let path = demo::path().context(
@@ -105,7 +105,7 @@ pub fn scene_or_demo(path: Option<&Path>) -> Result<(Scene, PathBuf, Option<Came
     Ok((load_scene(path)?, path.to_owned(), None))
 }
 
-/// Parses `RESOURCE@PASS`.
+/// Parses `RESOURCE@PASS` into the two names.
 pub fn inspect_target(text: &str) -> Result<(String, String), String> {
     match text.split_once('@') {
         Some((resource, pass)) if !resource.is_empty() && !pass.is_empty() => {
@@ -115,7 +115,7 @@ pub fn inspect_target(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Lists the imports of built-in graphs, for a nominal scene and the viewer's window.
+/// Lists the imports of the built-in graphs, for a nominal scene and the viewer's window.
 pub fn nominal_catalog() -> Catalog {
     #[cfg_attr(not(feature = "window"), expect(unused_mut))]
     let mut catalog = facts::nominal_catalog();
@@ -134,10 +134,10 @@ pub fn built_in_graphs() -> Vec<&'static str> {
     graphs
 }
 
-/// Name of the camera that frames the scene.
+/// Name of the camera that [`framing`] makes.
 const FRAMING: &str = "framing";
 
-/// Lists the names of the cameras that [`scene_and_cameras`] will return, before the scene is loaded.
+/// Lists the names of the cameras that [`scene_and_cameras`] returns, before the scene is loaded.
 pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<String> {
     let own = || {
         scene.is_none().then(demo::camera).flatten().map_or_else(|| FRAMING.into(), |camera| camera.img_name)
@@ -145,8 +145,9 @@ pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<Strin
     given.map_or_else(|| vec![own()], |all| all.iter().map(|camera| camera.img_name.clone()).collect())
 }
 
-/// Loads the scene and its cameras, in the requested size. A camera with an empty or duplicate name gets its stem as
-/// the name.
+/// Loads the scene and its cameras, with pictures of the requested size.
+///
+/// A camera with an empty or duplicate name is renamed to its entry in `stems`.
 pub fn scene_and_cameras(
     path: Option<&Path>,
     given: Option<Vec<Camera>>,
@@ -158,8 +159,10 @@ pub fn scene_and_cameras(
     Ok((scene, cameras))
 }
 
-/// Converts cameras to the scene's coordinates and the requested size; without any, makes the one that frames the
-/// scene. For names, see [`scene_and_cameras`].
+/// Converts cameras to the scene's coordinates and to the requested size. Without cameras, makes one that frames the
+/// scene.
+///
+/// Names are changed as by [`scene_and_cameras`].
 pub fn cameras_of(
     scene: &Scene,
     given: Option<Vec<Camera>>,
@@ -183,7 +186,7 @@ pub fn cameras_of(
     cameras
 }
 
-/// Scales the camera down to at most `width` pixels.
+/// Scales a camera's picture down to at most `width` pixels wide.
 pub fn at_most(camera: &Camera, width: u32) -> Camera {
     if camera.width <= width {
         return camera.clone();
@@ -192,18 +195,18 @@ pub fn at_most(camera: &Camera, width: u32) -> Camera {
     camera.resized(width, (height as u32).max(1))
 }
 
-/// Converts cameras of a file from world coordinates to the scene's.
+/// Converts cameras from world coordinates to the scene's.
 pub fn in_scene(cameras: &[Camera], scene: &Scene) -> Vec<Camera> {
     cameras.iter().map(|camera| camera.relative_to(scene.offset())).collect()
 }
 
-/// Returns the camera that frames a scene, named `framing`.
+/// Makes the camera that frames a scene, with the name `framing`.
 pub fn framing(scene: &Scene) -> Camera {
     let (width, height) = facts::DEFAULT_SIZE;
     Camera { img_name: FRAMING.into(), ..Camera::framing(scene, width, height) }
 }
 
-/// Returns the facts of the named device, or of the smallest supported one; see [`target`].
+/// Returns the facts of the named device, or those of the smallest supported one; see [`target`].
 pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
     match wanted {
         Some(wanted) => Ok(target(Some(wanted))?.facts),
@@ -211,7 +214,7 @@ pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
     }
 }
 
-/// Finds a device in the catalogue or in a file, or else opens a device of this machine.
+/// Finds a device in the catalogue or in a file. Otherwise, opens the device of this name on this machine.
 ///
 /// Without a name, opens the default device.
 pub fn target(wanted: Option<&str>) -> Result<Target> {
@@ -293,7 +296,7 @@ impl DrawingBackendArgs {
         Backend::open(self.backend, &self.device.options())
     }
 
-    /// Returns the options that choose the same device, as words of a command line.
+    /// Returns the options that choose this device, as words of a command line.
     pub fn words(&self) -> Vec<String> {
         let backend = (self.backend != Api::default())
             .then(|| ["--backend".to_owned(), self.backend.name().to_owned()]);
@@ -333,7 +336,7 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// Loads the cameras of `--cameras`, or the first beside the scene.
+    /// Loads the cameras of `--cameras`, or the first camera beside the scene.
     pub fn cameras(&self, scene: Option<&Path>) -> Result<Option<Vec<Camera>>> {
         super::cameras::load(self.cameras.as_deref(), scene)
     }
@@ -363,14 +366,15 @@ pub struct EffortArgs {
 }
 
 impl EffortArgs {
-    /// Returns the numbers of frames and rounds.
+    /// Returns the requested numbers of frames and rounds.
     pub fn frames(&self) -> Frames {
         Frames { rounds: self.rounds, frames: self.frames }
     }
 }
 
-/// Adds the inputs of a command that draws, so that outputs cannot overwrite them: the scene, or the demo scene, and
-/// the cameras.
+/// Adds the inputs of a command that draws, so that outputs cannot overwrite them.
+///
+/// These are the scene, or the demo scene, and the cameras.
 pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
     match scene {
@@ -393,17 +397,17 @@ pub fn claim_json<'a>(
     json.map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
 }
 
-/// Writes JSON to a file, or to standard output if the name is `-`.
+/// Writes JSON to a file, or to standard output if the path is `-`.
 pub fn write_json(path: &Path, value: &serde_json::Value) -> Result<()> {
     write_text(Some(path), &format!("{value:#}\n"))
 }
 
-/// Prints a line of the command's result to standard output; a closed pipe is no error.
+/// Prints a line of the command's result to standard output. A closed pipe is not an error.
 pub fn print(line: &str) -> Result<()> {
     write_text(None, &format!("{line}\n"))
 }
 
-/// Writes text to a file, or to standard output for `None` or `-`; a closed pipe is no error.
+/// Writes text to a file, or to standard output for `None` or `-`. A closed pipe is not an error.
 pub fn write_text(path: Option<&Path>, text: &str) -> Result<()> {
     match path.filter(|path| !output::is_standard_output(path)) {
         Some(path) => Ok(output::write_bytes(path, output::harmless(text).as_bytes())?),

@@ -4,12 +4,12 @@ use crate::io::output::{self, OutputGuard, say};
 use splatgraph_framework::reload::Wanted;
 use std::io::IsTerminal;
 
-/// Outcome of a command that ran to its end.
+/// The outcome of a command that ran to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// Success: exit code 0.
     Done,
-    /// A negative result, already reported: exit code 1.
+    /// A negative result, which was already reported: exit code 1.
     Failed,
 }
 
@@ -24,12 +24,12 @@ impl From<output::guard::Conflict> for Usage {
     }
 }
 
-/// Adds the files that a plan is built from to the inputs, once they are known.
+/// Adds the files from which a plan is built to the inputs, once they are known.
 pub fn claim_graph_files(guard: &mut OutputGuard, wanted: &[Wanted]) -> Result<(), Usage> {
     wanted.iter().try_for_each(|file| Ok(guard.input("a file of the graph", &file.path)?))
 }
 
-/// Prints the validation messages; they are a failure if validation was requested.
+/// Prints the validation messages. They are a failure if validation was requested.
 pub fn validated(asked: bool, messages: &[String]) -> Outcome {
     for message in messages {
         say(format!("validation: {message}"));

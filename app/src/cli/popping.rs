@@ -70,16 +70,16 @@ pub struct Args {
     device: DrawingBackendArgs,
 }
 
-/// Number of frames of an orbit without `--frames`.
+/// Default number of frames of an orbit.
 const FRAMES: u32 = 12;
-/// Width of the pictures without `--size`, in pixels.
+/// Default width of the pictures, in pixels.
 const WIDTH: u32 = 480;
 /// Files in the folder of `--output`.
 const CSV: &str = "popping.csv";
 const SVG: &str = "popping.svg";
 const PNG: &str = "popping.png";
 
-/// Parses `NAME=VALUE,...`.
+/// Parses the variant `NAME=VALUE,...`: the parameters of a graph.
 fn variant(text: &str) -> Result<Setting, String> {
     let set = text.split(',').map(options::setting).collect::<Result<Vec<_>, _>>()?;
     let name = set.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",");
@@ -159,7 +159,7 @@ fn variants(args: &Args) -> Vec<Setting> {
     kept
 }
 
-/// Returns the path: the given cameras, or an orbit around the scene that includes the only camera.
+/// Returns the cameras of the path: the given ones, or an orbit around the scene if there is only one.
 fn path(args: &Args, scene: &Scene, mut cameras: Vec<Camera>) -> Result<Vec<Camera>> {
     if args.size.is_none() {
         cameras = cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect();

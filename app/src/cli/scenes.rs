@@ -1,4 +1,4 @@
-//! Loads the scenes of a picture or a film: one, or several in one sort.
+//! Loads the scenes of a picture or a film. There is one, or several that are sorted together.
 
 use super::look_at::point;
 use super::options;
@@ -39,12 +39,12 @@ impl ScenesArgs {
         self.more.iter().try_for_each(|path| Ok(guard.input("a further scene", path)?))
     }
 
-    /// Refuses a first scene that cannot fit the device, from its header ([`fit::check_header`]).
+    /// Rejects a first scene that cannot fit the device, from its file's header ([`fit::check_header`]).
     pub fn check_header(&self, device: &DeviceInfo, pipeline: &str, set: &[(String, String)]) -> Result<()> {
         self.scene.iter().try_for_each(|path| fit::check_header(path, device, pipeline, set))
     }
 
-    /// Loads the scenes, moves the further ones, and joins all. Also returns the demo scene's camera if that scene is
+    /// Loads the scenes, moves all but the first, and joins them. Also returns the demo scene's camera if that scene is
     /// drawn.
     ///
     /// # Errors

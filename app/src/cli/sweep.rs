@@ -57,12 +57,12 @@ pub struct Args {
     pub device: DrawingBackendArgs,
 }
 
-/// Page in the folder of `--output`.
+/// Name of the page, in the folder of `--output`.
 const PAGE: &str = "sweep.html";
 const CSV: &str = "sweep.csv";
 const JSON: &str = "sweep.json";
 
-/// The scene, its cameras, and the request of the study.
+/// The scene, its cameras, and the parameters of the study.
 struct Request {
     name: String,
     scene: Arc<Scene>,
@@ -71,7 +71,7 @@ struct Request {
 }
 
 impl Request {
-    /// Loads the scene for an opened device.
+    /// Loads the scene to draw on an opened device.
     fn load(args: &Args, device: &Backend) -> Result<Request> {
         let given = args.drawing.cameras(args.scene.as_deref())?;
         let stems = stems(args, given.as_deref());
@@ -122,7 +122,7 @@ fn save_pictures(shown: &[Shown], output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Returns the path of a picture in the folder of results.
+/// Returns the path of a picture within the folder of results.
 fn picture_of(choice: Option<Choice>, count: u32) -> PathBuf {
     format!("pictures/{}-{count}.png", choice.map_or("all", Choice::stem)).into()
 }
@@ -142,11 +142,11 @@ fn report(swept: &Swept, shown: &[Shown], output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The result of one view of a sweep, written by one of several processes.
+/// The result of one view of a sweep, as one of several processes writes it.
 #[derive(Serialize, Deserialize)]
 pub struct Part {
     steps: Vec<Step>,
-    /// The approach, measured with the first view.
+    /// The steps of the approach, which is measured with the first view.
     closer: Vec<Closer>,
 }
 
@@ -219,7 +219,7 @@ impl Work for Views {
     }
 }
 
-/// The command's name, in descriptions of shared folders.
+/// Name of the command, in the descriptions of shared folders.
 pub const COMMAND: &str = "sweep";
 
 /// Writes the report of the views that several processes measured. Each picture is in one of `folders`.

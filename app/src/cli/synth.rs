@@ -56,7 +56,7 @@ pub struct Args {
     size: Option<(u32, u32)>,
 }
 
-/// Lists the scenes, for help.
+/// Lists the scenes that can be generated, for the help text.
 pub fn generator_list() -> String {
     let row = |g: &synth::Generator| {
         (g.name.to_owned(), format!("{} ({} splats)", g.summary, grouped(g.default_count.into())))
@@ -66,7 +66,7 @@ pub fn generator_list() -> String {
     format!("Scenes:\n{}", super::help::two_columns(rows.collect()))
 }
 
-/// Checks the files of the command line, before a scene is made.
+/// Checks the files of the command line, before a scene is generated.
 pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     let mut guard = OutputGuard::default();
     if let Some(path) = &args.enlarge {
@@ -123,7 +123,7 @@ fn write_mesh(output: &Path) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Lists the files of a dataset's photographs.
+/// Lists the files of the photographs in a dataset.
 fn photographs(args: &Args, folder: &Path) -> Vec<PathBuf> {
     let name = |index| folder.join("images").join(format!("view-{index:04}.png"));
     (0..args.views.unwrap_or(24)).map(name).collect()

@@ -1,8 +1,8 @@
 //! Fits the pool of worker threads to the system's limits.
 //!
-//! rayon's pool panics at its first use if one of its threads cannot be started, for instance under `ulimit -u` or
-//! `ulimit -v`; and a global pool whose build failed cannot be built again. So the threads are started first, and the
-//! pool gets those that did start.
+//! rayon's pool panics at its first use if one of its threads cannot be started, for example under `ulimit -u` or
+//! `ulimit -v`, and a global pool that could not be built cannot be built again. Therefore, the threads are started
+//! first, and the pool gets those that did start.
 
 use rayon::{ThreadBuilder, ThreadPoolBuilder};
 use std::io;

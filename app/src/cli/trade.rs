@@ -1,4 +1,4 @@
-//! Runs `splatgraph trade`: writes a ledger of each setting's saving and cost.
+//! Runs `splatgraph trade`: writes a ledger of what each setting saves and costs.
 
 use super::cameras;
 use super::console::Console;
@@ -84,14 +84,14 @@ pub struct Args {
     pub device: DrawingBackendArgs,
 }
 
-/// The ledger's file in the folder of `--output`.
+/// Name of the ledger's file, in the folder of `--output`.
 const LEDGER: &str = "ledger.json";
 const CSV: &str = "ledger.csv";
 const PAGE: &str = "ledger.html";
 const SVG: &str = "ledger.svg";
 const PNG: &str = "ledger.png";
 
-/// The scene, its cameras, and the request of the study.
+/// The scene, its cameras, and the parameters of the study.
 struct Request {
     scene: Arc<Scene>,
     cameras: Vec<Camera>,
@@ -99,7 +99,7 @@ struct Request {
 }
 
 impl Request {
-    /// Loads the scene for an opened device.
+    /// Loads the scene to draw on an opened device.
     fn load(args: &Args, device: &Backend, file: Option<PathBuf>) -> Result<Request> {
         let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
         let stems = stems(args, given.as_deref());
@@ -231,10 +231,10 @@ impl Work for Views {
     }
 }
 
-/// The command's name, in descriptions of shared folders.
+/// Name of the command, in the descriptions of shared folders.
 pub const COMMAND: &str = "trade";
 
-/// Returns the album of a view that several processes share, from the path of its rows.
+/// Returns the album of a view that several processes share, given the path of its rows.
 fn album_of(part: &Path) -> Album {
     Album::beside(&part.with_extension("").join(LEDGER))
 }
@@ -295,7 +295,7 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Loads the true picture of every camera.
+/// Loads the true picture for every camera from a folder.
 fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<Vec<Image>> {
     let load = |(camera, stem): (&Camera, &String)| -> Result<Image> {
         let formats = [Format::Npy, Format::Exr, Format::Png];

@@ -113,10 +113,10 @@ pub struct Args {
     frames: Option<u64>,
 }
 
-/// Maximum width and height of a window, in pixels: more than any display has, and less than window systems allow.
+/// Maximum width and height of a window, in pixels. No display is larger, and window systems allow more.
 const LARGEST: u32 = 16_384;
 
-/// Window width in pixels below which two panels leave no room for a picture.
+/// Width of a window, in pixels, below which two panels leave no room for a picture.
 const SMALL: u32 = 900;
 
 impl Args {
@@ -125,7 +125,7 @@ impl Args {
         self.drawing.size.unwrap_or((1600, 900))
     }
 
-    /// Refuses invalid values, before the scene is loaded.
+    /// Rejects invalid values, before the scene is loaded.
     fn check(&self) -> Result<(), Usage> {
         let within = |name: &str, value: f32, range: RangeInclusive<f32>| match range.contains(&value) {
             true => Ok(()),
@@ -171,7 +171,7 @@ enum Theme {
     Light,
 }
 
-/// Parses a position in the picture, as shares of its width and height.
+/// Parses a position in the picture, given as shares of its width and height.
 fn place(text: &str) -> Result<[f32; 2], String> {
     let share = |text: &str| text.trim().parse::<f32>().ok().filter(|v| (0.0..=1.0).contains(v));
     text.split_once(',')
@@ -291,7 +291,7 @@ fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
     }
 }
 
-/// Loads the scene and its cameras; returns the scene with its path.
+/// Loads the scene and its cameras. Also returns the scene's path.
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {
     let (scene, path, own) = options::scene_or_demo(args.scene.as_deref())?;
     let cameras = match (given, own, camera::beside(&path)) {

@@ -37,21 +37,21 @@ pub struct EditArgs {
     order: String,
 }
 
-/// A region of space, in world coordinates.
+/// The region to keep, in world coordinates.
 #[derive(Clone, Copy, Debug)]
 enum Crop {
     Box([DVec3; 2]),
     Sphere(DVec3, f64),
 }
 
-/// A condition with its text.
+/// A condition on splats, with its text for messages.
 #[derive(Clone, Debug)]
 struct Condition {
     text: String,
     expr: Expr,
 }
 
-/// Parses `KIND:NUMBERS`; each kind takes a certain number of numbers.
+/// Parses `KIND:NUMBERS`. Each of the `kinds` has a name, a count of numbers, and an example.
 fn numbers<'a>(text: &'a str, kinds: &[(&str, usize, &str)]) -> Result<(&'a str, Vec<f64>), String> {
     let parse = || {
         let (kind, rest) = text.split_once(':')?;
@@ -104,7 +104,7 @@ impl Crop {
     }
 }
 
-/// Resolves the names of a condition to the values of a splat.
+/// Gives the names in a condition the values of one splat.
 struct Names<'a> {
     scene: &'a Scene,
     index: usize,
@@ -145,7 +145,7 @@ fn condition(text: &str) -> Result<Condition, String> {
     Ok(Condition { text: text.to_owned(), expr })
 }
 
-/// Adds the position in the text, and a suggestion, to an error in an expression.
+/// Formats an error in an expression, with its column in the text and a suggestion.
 fn place(text: &str, error: &ExprError) -> String {
     let column = text.get(..error.start).map_or(1, |before| before.chars().count() + 1);
     let help = error.help.as_ref().map(|help| format!("; {help}")).unwrap_or_default();
@@ -153,7 +153,7 @@ fn place(text: &str, error: &ExprError) -> String {
 }
 
 impl Condition {
-    /// Evaluates the condition for a splat.
+    /// Returns true if the condition holds for a splat.
     fn holds(&self, scene: &Scene, index: usize) -> Result<bool, Usage> {
         match self.expr.eval(&Names { scene, index }) {
             Ok(Value::Bool(holds)) => Ok(holds),
@@ -166,7 +166,7 @@ impl Condition {
 }
 
 impl EditArgs {
-    /// Applies the changes; without any, returns the scene unchanged.
+    /// Applies the changes. Without any, returns the scene unchanged.
     ///
     /// # Errors
     /// A scene cannot be loaded or does not fit in memory, the condition cannot be evaluated, or no splat is left.

@@ -51,7 +51,7 @@ pub struct Args {
     price: PriceArgs,
 }
 
-/// Parses the name of a format, which is its extension.
+/// Makes the parser for the name of a format, which is its extension.
 fn formats() -> impl TypedValueParser<Value = SceneFormat> {
     PossibleValuesParser::new(SceneFormat::WRITTEN.map(SceneFormat::extension)).map(|name| {
         let named = |format: &SceneFormat| format.extension() == name;
@@ -65,7 +65,7 @@ pub fn format_list() -> String {
     format!("Formats:\n{}", super::help::two_columns(SceneFormat::WRITTEN.map(row).to_vec()))
 }
 
-/// Checks the files of the command line, and finds the output and its format; `None` without an output.
+/// Checks the files of the command line. Returns the output and its format; `None` without an output.
 pub(super) fn check_files(args: &Args) -> Result<Option<(&Path, SceneFormat)>, Usage> {
     let mut guard = OutputGuard::default();
     guard.input("the scene", &args.input)?;
@@ -108,7 +108,7 @@ impl Write for Counted<'_> {
     }
 }
 
-/// Properties of the input, which the last lines compare with the output.
+/// Properties of the input that the report compares with the output.
 struct Before {
     format: String,
     file_bytes: u64,

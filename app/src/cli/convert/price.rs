@@ -1,4 +1,4 @@
-//! Prints the price of each format (`convert --price`).
+//! Measures and prints the price of each format (`convert --price`).
 
 use crate::cli::outcome::{Outcome, Usage};
 use crate::cli::{cameras, options};
@@ -29,7 +29,7 @@ pub struct PriceArgs {
 }
 
 impl PriceArgs {
-    /// Adds the option's files to the command's.
+    /// Adds the option's files to those of the command.
     pub(super) fn claim(&self, guard: &mut OutputGuard, scene: &Path) -> Result<(), Usage> {
         if self.price {
             cameras::claim(guard, self.cameras.as_deref(), Some(scene))?;
@@ -37,7 +37,7 @@ impl PriceArgs {
         self.json.as_ref().map_or(Ok(()), |path| Ok(guard.output("--json", path)?))
     }
 
-    /// Measures the prices of a scene that was loaded from `path`, and prints them.
+    /// Measures the prices of `scene`, which was loaded from `path`, and prints them.
     pub(super) fn run(&self, scene: &Scene, path: &Path) -> Result<Outcome> {
         let given = cameras::load(self.cameras.as_deref(), Some(path))?;
         // Cameras of the world, as each format may keep the scene's origin or not.
@@ -60,7 +60,7 @@ impl PriceArgs {
     }
 }
 
-/// Formats the prices, one row per format.
+/// Formats the prices as a table with a row per format.
 fn table(prices: &[Price]) -> String {
     let number =
         |value: Option<f64>, digits: usize| value.map_or("-".into(), |value| format!("{value:.digits$}"));

@@ -19,12 +19,12 @@ struct Pass {
     gpu_ms: Option<f64>,
 }
 
-/// GPU times of a file.
+/// GPU times of passes, read from a file of statistics.
 #[derive(Debug, PartialEq)]
 pub struct Times {
     /// Name of the drawn graph.
     pub pipeline: String,
-    /// Pass names with the median over the cameras, in milliseconds.
+    /// Names of the passes, each with its median time over the cameras, in milliseconds.
     pub passes: Vec<(String, f64)>,
 }
 

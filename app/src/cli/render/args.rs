@@ -106,14 +106,14 @@ pub struct Args {
     pub device: DeviceArgs,
 }
 
-/// The renderer of `--backend`.
+/// The renderer that `--backend` selects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Renderer {
     Device(Api),
     Reference,
 }
 
-/// The name of the exact renderer.
+/// Name of the exact renderer.
 const REFERENCE: &str = "reference";
 
 impl fmt::Display for Renderer {
@@ -133,7 +133,7 @@ pub fn renderer(text: &str) -> Result<Renderer, String> {
     }
 }
 
-/// Parses the number of frames. The times of all of them are kept for the medians.
+/// Parses the number of frames. It is limited because the times of all frames are kept for the medians.
 fn repeat(text: &str) -> Result<u32, String> {
     const MOST: u32 = 100_000;
     match text.parse() {
@@ -144,10 +144,10 @@ fn repeat(text: &str) -> Result<u32, String> {
     }
 }
 
-/// The cameras and files of a run, known before the device is opened.
+/// The cameras and files of a run, as known before the device is opened.
 #[derive(Debug)]
 pub struct Work {
-    /// The cameras of the command line; `None` for the scene's.
+    /// The cameras of the command line; `None` for the scene's own.
     pub(super) given: Option<Vec<Camera>>,
     pub(super) destination: Option<Destination>,
     /// A unique file name for each camera, without extension.
@@ -155,7 +155,10 @@ pub struct Work {
     pub(super) guard: OutputGuard,
 }
 
-/// Reads the cameras and chooses the names of all files; an error if one of them would overwrite another, or an input.
+/// Reads the cameras, and chooses the names of all files.
+///
+/// # Errors
+/// The command line is invalid, for example because a file would overwrite an input or another output.
 pub fn prepare(args: &Args) -> Result<Work> {
     refuse_options_of_others(args)?;
     let destination = Destination::of(args.picture()?, args.format)?;
@@ -221,7 +224,7 @@ pub fn prepare(args: &Args) -> Result<Work> {
     Ok(Work { given, destination, stems, guard })
 }
 
-/// Refuses options that have no meaning for the chosen renderer.
+/// Rejects options that have no meaning for the chosen renderer.
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     if let Renderer::Reference = args.backend {
         let more = [
@@ -243,7 +246,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     }
 }
 
-/// Refuses the options of graphs and devices, for the exact renderer.
+/// Rejects the options of graphs and devices, which have no meaning for the exact renderer.
 pub fn refuse_graph_options(
     pipeline: &str,
     set: &[(String, String)],
@@ -279,14 +282,14 @@ impl Args {
         self.jobs.map_or_else(|| 2 * rayon::current_num_threads(), usize::from)
     }
 
-    /// Returns the files beside the pictures, with their options; several cameras have one each.
+    /// Lists the files of inspections and outputs, each with its option. With several cameras, each has its own file.
     pub(super) fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
         let outputs = self.named().map(|(_, file)| ("--output", file));
         inspected.map(|file| ("--inspect", file)).chain(outputs)
     }
 
-    /// The outputs besides the picture, with their files.
+    /// Lists the outputs besides the picture, each with its file.
     pub(super) fn named(&self) -> impl Iterator<Item = (&str, &Path)> {
         self.output.iter().filter_map(|output| match output {
             Output::Named(name, file) => Some((name.as_str(), file.as_path())),
@@ -294,7 +297,7 @@ impl Args {
         })
     }
 
-    /// Destination of the picture.
+    /// Returns the destination of the picture; `None` if none was given.
     pub(super) fn picture(&self) -> Result<Option<&Path>, Usage> {
         let pictures: Vec<&Path> = self
             .output

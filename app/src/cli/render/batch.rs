@@ -21,11 +21,11 @@ use std::collections::VecDeque;
 use std::path::PathBuf;
 use tracing::info_span;
 
-/// The cameras whose frames are submitted, but not yet reported.
+/// The cameras with frames that are submitted but not yet reported.
 pub struct Batch {
     /// The destination of pictures; `None` if none is written.
     pub destination: Option<Destination>,
-    /// Files of the outputs besides the picture, with their names; and the number of cameras.
+    /// Outputs besides the picture with their files, and the number of cameras.
     files: (Vec<(String, PathBuf)>, usize),
     stdout: Stdout,
     flying: VecDeque<Flying>,
@@ -41,7 +41,7 @@ struct Flying {
     size: (u32, u32),
 }
 
-/// A camera whose frames are done, with the pictures to write.
+/// A camera with finished frames, and the pictures to write.
 pub struct Shown {
     /// Statistics of the camera's frames.
     pub stats: CameraStats,
@@ -49,13 +49,13 @@ pub struct Shown {
     pub output: Option<Pixels>,
     /// Outputs besides the picture.
     pub outputs: Vec<Output>,
-    /// Error message if the output has no colours.
+    /// Error message in case the picture's format has no colours.
     pub no_colours: String,
     /// Name of the picture's file, without extension.
     pub stem: String,
 }
 
-/// A camera whose file is written, with the line to print.
+/// A camera with a written file, and the line to print.
 struct Told {
     stats: CameraStats,
     line: String,
@@ -79,7 +79,7 @@ impl Batch {
         }
     }
 
-    /// Submits a camera's only frame. The session must be prepared for its size.
+    /// Submits the only frame of a camera. The session must be prepared for its size.
     ///
     /// # Errors
     /// The device fails, or a previous picture cannot be written.
@@ -102,7 +102,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Waits for all frames in flight; required before another plan is prepared.
+    /// Waits for all frames in flight, which must be done before another plan is prepared.
     ///
     /// # Errors
     /// See [`Batch::submit`].
@@ -129,7 +129,7 @@ impl Batch {
         self.save(Shown { stats, output, outputs, no_colours, stem }, progress)
     }
 
-    /// Starts to write a camera's picture, and reports the pictures that are written.
+    /// Starts to write a camera's picture, and reports the earlier pictures that are written.
     ///
     /// # Errors
     /// The picture is missing, or a previous one cannot be written.
@@ -172,7 +172,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Waits for all pictures; returns the statistics of all cameras so far, in order.
+    /// Waits for all pictures. Returns the statistics of all cameras so far, in order.
     ///
     /// # Errors
     /// A picture cannot be written.

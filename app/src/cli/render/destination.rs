@@ -17,8 +17,9 @@ pub enum Output {
     Named(String, PathBuf),
 }
 
-/// Parses a value of `--output`: `NAME=FILE`, or the path of the picture. A name consists of letters, digits and `_`,
-/// so `./a=b.png` is a picture.
+/// Parses a value of `--output`: `NAME=FILE`, or the path of the picture.
+///
+/// A name consists of letters, digits and `_`, so `./a=b.png` is the path of a picture.
 pub fn output(text: OsString) -> Result<Output, String> {
     let is_name =
         |name: &str| !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
@@ -36,7 +37,7 @@ pub fn output(text: OsString) -> Result<Output, String> {
     Ok(Output::Named(name.to_owned(), file.into()))
 }
 
-/// Lists the outputs of the built-in graphs for help.
+/// Lists the outputs of the built-in graphs, for the help text.
 pub fn output_help() -> String {
     let names = NAMES.map(|(name, what)| (name.to_owned(), what.to_owned()));
     format!("{OUTPUT_HELP}\n\n{}", help::two_columns(names.into()))
@@ -52,17 +53,17 @@ Characters that a file name cannot have become `_`, and cameras of equal names g
 NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture of that name.) Those of the built-in
 graphs, of which quads (`splat`) give the first three, are defined in docs/splatting.md:";
 
-/// The destination of pictures.
+/// The destination and the format of pictures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Destination {
-    /// One picture; `-` is standard output.
+    /// The file of one picture; `-` is standard output.
     Picture(PathBuf, Format),
-    /// One picture per camera.
+    /// A folder with one picture per camera.
     Folder(PathBuf, Format),
 }
 
 impl Destination {
-    /// Reads `--output` and `--format`; `None` without an output.
+    /// Determines the destination from `--output` and `--format`; `None` without an output.
     ///
     /// # Errors
     /// The extension is unknown, or contradicts the requested format.
@@ -102,7 +103,7 @@ impl Destination {
     }
 }
 
-/// Returns a file's name without extension.
+/// Returns the name of a file without its extension.
 pub fn stem(file: &Path) -> std::borrow::Cow<'_, str> {
     file.file_stem().unwrap_or_default().to_string_lossy()
 }

@@ -22,17 +22,17 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use tracing::info_span;
 
-/// A scene and its cameras, in the scene's coordinates.
+/// A loaded scene, and its cameras in the scene's coordinates.
 #[derive(Clone)]
 pub struct Loaded {
     /// Scene to draw, shared with the session.
     pub scene: Arc<Scene>,
-    /// Cameras, one for each file name of [`Work`].
+    /// Cameras, in the order of the file names in [`Work`].
     pub cameras: Vec<Camera>,
 }
 
 impl Loaded {
-    /// Loads the scenes and their cameras, in the requested size.
+    /// Loads the scenes and their cameras, at the requested size.
     fn load(args: &Args, work: &Work) -> Result<Loaded> {
         let (scene, own) = args.scenes.load()?;
         let given = work.given.clone().or(own.map(|own| vec![own]));
@@ -42,7 +42,7 @@ impl Loaded {
     }
 }
 
-/// Draws views; keeps the scene and the device for later calls.
+/// A renderer that keeps the scene and the device between calls.
 pub struct Drawer {
     loaded: Loaded,
     stems: Vec<String>,
@@ -110,10 +110,10 @@ impl Drawer {
         &self.loaded
     }
 
-    /// Builds the plan of the first view. Returns the session, or `None` for the exact renderer.
+    /// Builds the plan for the first view. Returns the session, or `None` for the exact renderer.
     ///
     /// # Errors
-    /// The graph has errors, or the device has no room.
+    /// The graph has errors, or the device has no room for the plan.
     pub fn prepared(&mut self) -> Result<Option<&Session<Backend>>> {
         let With::Device { session, .. } = &mut self.with else { return Ok(None) };
         if let Some(camera) = self.loaded.cameras.first() {
@@ -151,7 +151,7 @@ impl Drawer {
         Ok(())
     }
 
-    /// Waits for all pictures; returns the statistics of all views so far, in order.
+    /// Waits for all pictures. Returns the statistics of all views so far, in order.
     ///
     /// # Errors
     /// A picture cannot be written.
@@ -162,7 +162,7 @@ impl Drawer {
         })
     }
 
-    /// Closes the device; returns the validation messages.
+    /// Closes the device, and returns its validation messages.
     pub fn close(self) -> Vec<String> {
         let _span = info_span!("close the device").entered();
         match self.with {

@@ -1,4 +1,4 @@
-//! Draws the frames of one camera, several for medians, and reads resources back.
+//! Draws the frames of one camera, several if medians are wanted, and reads resources back.
 
 use super::kept::Kept;
 use crate::cli::options;
@@ -18,14 +18,14 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// A parsed `RESOURCE@PASS[=FILE.npy]`.
+/// The parsed value `RESOURCE@PASS[=FILE.npy]` of `--inspect`.
 #[derive(Clone, Debug)]
 pub struct InspectRequest {
     /// Name of the resource.
     pub resource: String,
     /// Name of the pass after which the resource is read.
     pub pass: String,
-    /// File to write the contents to, if any.
+    /// File to which the contents are written; `None` to print a summary only.
     pub file: Option<PathBuf>,
 }
 
@@ -42,7 +42,7 @@ pub fn inspect_request(text: &str) -> Result<InspectRequest, String> {
     Ok(InspectRequest { resource, pass, file })
 }
 
-/// The request for each camera: frames to draw, and outputs to read back.
+/// What to draw for each camera, and what to read back.
 pub struct Wanted<'a> {
     /// Number of frames that count towards the times.
     pub repeat: u32,
@@ -61,11 +61,12 @@ pub struct Drawn {
     pub output: Option<Pixels>,
     /// The outputs of the last frame besides the picture.
     pub outputs: Vec<Output>,
-    /// Index of the `--inspect` option of each finding in `stats`. Results of the prologue are read once per load.
+    /// For each finding in `stats`, the index of its `--inspect` option. Results of the prologue are read once per
+    /// load.
     pub requests: Vec<usize>,
 }
 
-/// Draws the frames of one camera with the prepared plan; `loaded` is true if the plan has just been loaded.
+/// Draws the frames of one camera with the prepared plan. `loaded` is true if the plan was only just loaded.
 pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, loaded: bool) -> Result<Drawn> {
     let plan = session.plan().context("no plan after `prepare`")?.clone();
     let resolve = |plan: &Plan, inspect_request: &InspectRequest| {
@@ -143,7 +144,7 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
     Ok(Drawn { stats, output, outputs, requests })
 }
 
-/// Builds and loads the plan, with progress.
+/// Builds and loads the plan, and shows the progress. Returns true if the plan was loaded now.
 pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<bool> {
     let mut compiling = Progress::new("making pipelines");
     let mut uploading = None;
@@ -160,7 +161,7 @@ pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<b
     Ok(loaded)
 }
 
-/// Formats the error that the output of the current plan has no colours.
+/// Formats the error that the output of the current plan has a format without colours.
 pub fn no_colours(session: &Session<Backend>) -> String {
     let name = session.plan().map_or("", |plan| &plan.resource(plan.output).name);
     format!("the graph's output `{name}` has no colours")

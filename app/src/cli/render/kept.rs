@@ -1,4 +1,4 @@
-//! Collects the results of a camera's counted frames, and the prologue's times.
+//! Collects the results of a camera's measured frames, and the times of the prologue.
 
 use crate::draw::stats::CameraStats;
 use splatgraph_api::{DeviceInfo, FrameResult, Pixels};
@@ -6,10 +6,10 @@ use splatgraph_framework::ir::Run;
 use splatgraph_framework::plan::Plan;
 use std::time::Instant;
 
-/// The collected results of frames of one plan.
+/// The collected results of the frames of one plan.
 #[derive(Default)]
 pub struct Kept {
-    /// Result of the frame that ran the prologue, reduced to the passes that run once, if the frame does not count.
+    /// Times of the passes that run once, from the frame that ran the prologue, if that frame does not count.
     once: Option<FrameResult>,
     counted: Vec<FrameResult>,
     /// Times at which the counted frames were done.
@@ -17,7 +17,7 @@ pub struct Kept {
 }
 
 impl Kept {
-    /// Adds the next frame. If it does not count, only the times of passes that run once are kept.
+    /// Adds the next frame. Of a frame that does not count, only the times of passes that run once are kept.
     pub fn add(&mut self, mut result: FrameResult, plan: &Plan, counts: bool) {
         if counts {
             // Counts are those of the last frame.
@@ -39,7 +39,7 @@ impl Kept {
         self.counted.last_mut()?.output.take()
     }
 
-    /// Summarises the frames.
+    /// Summarises the frames as the statistics of a camera.
     pub fn stats(
         self,
         camera: (&str, (u32, u32)),
@@ -59,7 +59,7 @@ impl Kept {
     /// Computes the share of the time that the device spends drawing, at most 1; `None` with fewer than four frames, or
     /// without timestamps.
     ///
-    /// The last frame is left out: its picture is read back.
+    /// The last frame is left out, because its picture is read back.
     fn busy(&self) -> Option<f64> {
         let (between, times) = match (self.counted.as_slice(), self.done.as_slice()) {
             ([_, between @ .., _], [first, .., end, _]) if between.len() > 1 => (between, (*first, *end)),

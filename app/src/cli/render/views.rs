@@ -9,10 +9,10 @@ use anyhow::{Context, Result};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// The command's name, in descriptions of shared folders.
+/// Name of the command, in the descriptions of shared folders.
 pub const COMMAND: &str = "render";
 
-/// The views of a rendering into a folder.
+/// The views of a rendering into a folder, which several processes can share.
 pub struct Views {
     args: Args,
     folder: PathBuf,

@@ -84,17 +84,16 @@ pub struct Args {
 /// Maximum number of frames of a film.
 const MAX_FRAMES: u32 = 100_000;
 
-/// Open time of the shutter without `--shutter`, as a share of the time between frames: 180 degrees of a rotary
-/// shutter.
+/// Default time that the shutter is open, as a share of the time between frames: 180 degrees of a rotary shutter.
 const SHUTTER: f64 = 0.5;
 
-/// Parses a duration.
+/// Parses a duration in seconds.
 fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds| SECONDS.contains(seconds));
     seconds.ok_or_else(|| format!("expected {} to {} seconds", SECONDS.start(), SECONDS.end()))
 }
 
-/// Parses the open time of the shutter, a share of the time between frames.
+/// Parses the time that the shutter is open, as a share of the time between frames.
 fn shutter(text: &str) -> Result<f64, String> {
     let share = text.parse().ok().filter(|share: &f64| (0.0..=1.0).contains(share));
     share.ok_or_else(|| "expected 0 to 1, for instance 0.5 for a shutter of 180 degrees".into())
@@ -107,17 +106,20 @@ enum Destination {
     Folder(Sequence),
 }
 
-/// The film's properties that are known before the device is opened.
+/// The properties of a film that are known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
-    /// The keys of `--cameras`.
+    /// The keys of the path, from `--cameras`.
     keys: Option<Vec<Camera>>,
     frames: u32,
     destination: Destination,
     guard: OutputGuard,
 }
 
-/// Reads the keys and determines the output's format; an error if the output would overwrite an input.
+/// Reads the keys, and determines the output's format.
+///
+/// # Errors
+/// The command line is invalid, for example because the output would overwrite an input.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let destination = destination(args)?;
     let frames = frames(args)?;
@@ -169,7 +171,7 @@ fn destination(args: &Args) -> Result<Destination, Usage> {
     }
 }
 
-/// Computes the number of frames.
+/// Computes the number of frames from the arguments.
 fn frames(args: &Args) -> Result<u32, Usage> {
     let timed = || (args.seconds.unwrap_or(DEFAULT_SECONDS) * args.fps.per_second()).round().max(1.0);
     match args.look.count().map_or_else(timed, f64::from) {
@@ -191,7 +193,7 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
     Ok(())
 }
 
-/// Makes the camera's path, in the scene's coordinates. `own` is the demo scene's camera.
+/// Makes the camera's motion, in the scene's coordinates. `own` is the demo scene's camera.
 fn motion(args: &Args, keys: Option<&[Camera]>, scene: &Scene, own: Option<Camera>) -> Result<Motion> {
     let sized = |camera: &Camera| match args.drawing.size {
         Some((width, height)) => camera.resized(width, height),
@@ -257,8 +259,8 @@ impl Job<'_> {
         DrawOptions { background: self.args.background, jobs }
     }
 
-    /// Writes the film to one file; returns the number of frames and their GPU milliseconds, or `None` if the reader of
-    /// a pipe closed it.
+    /// Writes the film to one file. Returns the number of frames and their GPU milliseconds; `None` if the reader of a
+    /// pipe closed it.
     fn write(
         &self,
         session: &mut Session<Backend>,
@@ -326,7 +328,7 @@ impl Job<'_> {
         })
     }
 
-    /// Describes everything that determines the frames' pixels.
+    /// Describes the inputs that determine the frames' pixels.
     fn record(&self, session: &Session<Backend>, cameras: &[Camera]) -> Result<serde_json::Value> {
         let plan = session.plan().context("no plan after `prepare`")?;
         let (width, height) = self.size;
@@ -346,7 +348,7 @@ impl Job<'_> {
         Ok(record)
     }
 
-    /// Reports the drawn frames and their rate.
+    /// Formats a report of the drawn frames and their rate.
     fn summary(&self, drawn: usize, seconds: f64, ms: Option<f64>) -> String {
         let ((width, height), frames) = (self.size, self.film.frames);
         let path = &self.args.output;

@@ -1,7 +1,7 @@
 //! Numbers the pictures of a film in a folder, and finds the missing ones.
 //!
-//! `film.json` records everything that determines the pictures' pixels. Each picture is either complete or absent, so
-//! pictures beside an equal record need not be drawn again.
+//! `film.json` records the inputs that determine the pictures' pixels. Each picture is either complete or absent, so
+//! pictures in a folder with an equal record need not be drawn again.
 
 use crate::io::image::{Format, Image, ImageError};
 use crate::io::output;
@@ -21,7 +21,7 @@ impl Sequence {
         Sequence { folder: folder.to_owned(), format }
     }
 
-    /// Returns the path of the record.
+    /// Returns the path of the record, `film.json`.
     pub fn record(&self) -> PathBuf {
         self.folder.join("film.json")
     }
@@ -73,7 +73,7 @@ impl Sequence {
     }
 }
 
-/// Describes the first difference between two records.
+/// Describes the first difference between two records; `None` if they are equal.
 fn difference(found: &Value, wanted: &Value) -> Option<String> {
     let keys = |record: &Value| record.as_object().map(|all| all.keys().cloned().collect::<Vec<_>>());
     let all = [keys(wanted), keys(found)].into_iter().flatten().flatten();
