@@ -227,8 +227,7 @@ struct Verified {
 /// Returns a verdict with a line for each group of devices with equal counts. If a device has violations or errors,
 /// returns those of the first such device instead. If the smallest device does not meet the graph's requirements, its
 /// line says so, and nothing is built for it. Each warning is passed to `warn` once. A warning about a parameter
-/// without
-/// an effect is printed, and names the devices.
+/// without an effect is printed, and names the devices.
 fn check(
     planner: &mut Planner,
     graph: &str,

@@ -70,6 +70,7 @@ pub struct DrawOptions {
 ///
 /// `encode` runs on other threads. `done` receives its results in the order of the frames. The session must be prepared
 /// for the size of the pictures.
+///
 /// # Errors
 /// The device fails, the graph's output has no colours, or `encode` or `done` fails.
 pub fn draw<D: Device, T: Send + 'static>(

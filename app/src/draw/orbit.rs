@@ -1,8 +1,7 @@
 //! Moves cameras around a point, and turns them towards it.
 //!
 //! Rotations without an axis are about the camera's own vertical axis: captured scenes have no up direction, but each
-//! of
-//! their cameras has one. An [`Orbit`] has its own axis.
+//! of their cameras has one. An [`Orbit`] has its own axis.
 
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::Camera;

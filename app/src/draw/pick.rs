@@ -6,8 +6,7 @@
 //!
 //! The rules are [`Rules::of`] the scene, in f64, whichever graph draws: the published rasteriser's, unless the scene's
 //! file has tags. A graph with other rules (another `low_pass`, a `cutoff`, culling, an inexact order) draws a
-//! different
-//! picture, so its shares differ.
+//! different picture, so its shares differ.
 //!
 //! A position on the picture is in pixels from its top left corner, right and down: the middle of the first pixel is
 //! (0.5, 0.5).

@@ -142,8 +142,7 @@ impl Planner {
     }
 
     /// Returns the graphs that `graph` passes over on a device with these facts, or its unmet requirements if no graph
-    /// is
-    /// left.
+    /// is left.
     pub fn standing(
         &mut self,
         graph: &str,

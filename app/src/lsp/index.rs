@@ -442,8 +442,7 @@ impl Index {
     }
 
     /// Returns the place of the name at a byte offset, the name as declared, and its spelling at the place. `None` if
-    /// no
-    /// graph declares it.
+    /// no graph declares it.
     pub fn name_at(&self, path: &str, offset: usize) -> Option<(Place, &str, Form)> {
         let ((_, start), found) = self.at(path, offset)?;
         let declared = &self.declarations[*found.declarations.first()?];

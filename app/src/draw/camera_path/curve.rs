@@ -7,8 +7,7 @@
 //! Quaternion Calculus for Fast Animation, 1987), with inner quaternions that give it these slopes.
 //!
 //! A component that is equal at two adjacent keys stays constant between them. If a component changes little beside
-//! keys
-//! with large steps, its slopes are limited: it overshoots by at most a sixth of a radian, so that the camera does
+//! keys with large steps, its slopes are limited: it overshoots by at most a sixth of a radian, so that the camera does
 //! not spin.
 
 use glam::{DMat3, DQuat, DVec3};

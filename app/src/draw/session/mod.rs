@@ -8,8 +8,7 @@
 //! plan with more capacity and draws the frame again. It also repeats the frames that were in flight behind it, so that
 //! all results come from the current plan. A repeated frame has the inputs of the original. The graph's histories are
 //! not restored: `last(...)` then contains the same camera, or the next one in flight. The larger capacity is kept
-//! until
-//! [`Session::set_graph`], for pictures of all sizes, unless the default for another size is larger.
+//! until [`Session::set_graph`], for pictures of all sizes, unless the default for another size is larger.
 
 use crate::draw::camera;
 use crate::draw::capacity::{self, Capacities, Overflow};
@@ -358,10 +357,8 @@ impl<D: Device> Session<D> {
     /// Builds and loads the plan for pictures of this size, unless it is already loaded.
     ///
     /// Returns true if the plan was loaded now; the next frame then runs its prologue. The first time, warnings about
-    /// the
-    /// graph are printed to standard error, with a line for each graph of a choice whose requirements the device does
-    /// not
-    /// meet.
+    /// the graph are printed to standard error, with a line for each graph of a choice whose requirements the device
+    /// does not meet.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
@@ -452,8 +449,7 @@ impl<D: Device> Session<D> {
     /// Waits for a frame and returns its results, drawn with the current plan.
     ///
     /// An incomplete frame is repeated with capacity for its need plus a quarter: see the module's documentation. Wait
-    /// for
-    /// all frames before another size is prepared.
+    /// for all frames before another size is prepared.
     ///
     /// # Errors
     /// The device fails, or a frame needs more capacity than a parameter's range or the device allows. The plan then

@@ -1,9 +1,8 @@
 //! Represents pictures in memory, and reads and writes picture files.
 //!
 //! An [`Image`] holds blended pixels as float32, *display-encoded*: a screen shows the values unchanged. Splat scenes
-//! are
-//! trained on ordinary photographs, so their colours already have that encoding, and nothing here converts to or from
-//! linear light.
+//! are trained on ordinary photographs, so their colours already have that encoding, and nothing here converts to or
+//! from linear light.
 //!
 //! Three formats can be written and read: `.npy` (float32, exact), `.exr` (float32, exact, with attributes for the encoding)
 //! and `.png` (8 bits per channel, for display). `#` selects an array of a `.npz` archive: `golden.npz#camera0`.

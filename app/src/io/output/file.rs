@@ -378,8 +378,7 @@ mod nameless {
     use std::os::fd::AsRawFd;
 
     /// Creates an unnamed file. `None` if the file system does not support it, or if `/proc` is not mounted, which
-    /// naming
-    /// needs.
+    /// naming needs.
     pub fn create(folder: &Path) -> io::Result<Option<File>> {
         #[cfg(test)]
         if super::faults::hidden_only() {

@@ -60,8 +60,7 @@ impl Tried {
     }
 
     /// Returns true if this setting is certainly faster than `other`, false if it certainly is not or without
-    /// timestamps,
-    /// and `None` if noise hides the difference.
+    /// timestamps, and `None` if noise hides the difference.
     fn faster(&self, other: &Tried) -> Option<bool> {
         match (self.share, other.share) {
             (Some(own), Some(other)) => own.faster(&other),
@@ -84,8 +83,7 @@ pub fn own_share(rows: &[Row]) -> Option<Share> {
 
 impl Budget {
     /// Returns true if a setting is certainly within the limits, false if it certainly is not, and `None` if noise
-    /// hides
-    /// it.
+    /// hides it.
     ///
     /// Without timestamps, no setting is within a time limit.
     pub fn allows(&self, tried: &Tried) -> Option<bool> {
@@ -218,8 +216,7 @@ pub struct Best<'a> {
 ///
 /// Among settings that noise does not distinguish from the fastest, the most accurate is chosen. If the defaults are
 /// within the budget, they are chosen unless another setting is faster (or, with a time limit, more accurate) beyond
-/// the
-/// noise.
+/// the noise.
 pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
     let of = |wanted: Option<bool>| tried.iter().filter(move |tried| budget.allows(tried) == wanted);
     let more_accurate = |a: &'a Tried, b: &'a Tried| if b.least_psnr() > a.least_psnr() { b } else { a };

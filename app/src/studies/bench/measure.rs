@@ -149,8 +149,7 @@ impl<D: Device> Bench<'_, D> {
     /// Measures candidates from each camera, interleaved. Each camera is one step of the task.
     ///
     /// `place` names the scene and the size for messages. A candidate that cannot be drawn is left out; its result is
-    /// the
-    /// reason.
+    /// the reason.
     ///
     /// # Errors
     /// The device fails, or the listener cancels.

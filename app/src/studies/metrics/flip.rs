@@ -7,8 +7,7 @@
 //!
 //! [`of_floats`] compares the pictures as they are. [`of_8_bits`] first rounds them to 8 bits, as a file or a display
 //! does, and calls NVIDIA's own program. The two disagree for pictures that differ by less than a step, because
-//! rounding
-//! either hides the difference or amplifies it to a whole step.
+//! rounding either hides the difference or amplifies it to a whole step.
 
 use super::Channel;
 use crate::io::image::Image;

@@ -2,8 +2,7 @@
 //!
 //! Each of the three numbers shows what the others miss. **PSNR** is the squared error of the whole picture; **SSIM**
 //! compares local structure, closer to perception; the **worst pixel** reveals a single missing splat. [`flip`]
-//! measures
-//! the perceived difference between alternating pictures. All sums are in f64.
+//! measures the perceived difference between alternating pictures. All sums are in f64.
 
 pub mod flip;
 

@@ -98,8 +98,7 @@ impl Swept {
     }
 
     /// Plots PSNR against the number of splats, without the step that draws all splats: its picture differs from the
-    /// truth
-    /// only by rounding.
+    /// truth only by rounding.
     pub fn quality(&self) -> Plot {
         let point = |mean: &Mean| (mean.count < self.splats).then_some((f64::from(mean.count), mean.psnr_db));
         self.plot("Quality of a budget of splats", splats(), psnr(), point)

@@ -107,12 +107,10 @@ pub struct Book {
 
 impl Book {
     /// Opens the ledger in a file, with the rows of plans that have not changed. If the file has another origin, the
-    /// ledger
-    /// is empty.
+    /// ledger is empty.
     ///
     /// `plans` are the settings, each with the hash of its plans. The second value is the reason why rows of the file
-    /// are
-    /// dropped. The file stays unchanged until the first row is added. Without a path, nothing is saved.
+    /// are dropped. The file stays unchanged until the first row is added. Without a path, nothing is saved.
     pub fn open(
         path: Option<PathBuf>,
         origin: Origin,

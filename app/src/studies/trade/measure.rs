@@ -27,7 +27,6 @@ pub struct Row {
 const ROUNDS_OF_EXACT: u32 = 4;
 
 /// Measures the setting of `session`, interleaved with the exact settings. Returns the row and its picture.
-/// picture.
 ///
 /// # Errors
 /// The device fails. A setting that cannot be drawn gives a row with the reason, and no picture.

@@ -1,6 +1,5 @@
 //! Stores the pictures of a ledger in a folder next to its file: for each setting, the view farthest from the truth,
-//! and
-//! its amplified difference.
+//! and its amplified difference.
 //!
 //! The page of the ledger shows them when a reader clicks a setting. They are scaled down, so that the pictures of a
 //! hundred settings stay below a hundred megabytes.

@@ -31,10 +31,9 @@ pub struct Wanted {
     pub truths: Option<(String, Vec<Image>)>,
     /// Facts of the opened device, and its enabled checks. Rows from a device opened differently are dropped.
     pub opened: String,
-    /// The file of the ledger, from which an interrupted study resumes. `None` stores no file.
+    /// The file of the ledger, from which an interrupted study resumes.
     ///
-    /// Pictures of the settings go to a folder next to it.
-    /// neither.
+    /// Pictures of the settings go to a folder next to it. `None` stores neither.
     pub file: Option<PathBuf>,
 }
 
