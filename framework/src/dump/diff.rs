@@ -34,7 +34,7 @@ pub struct Diff {
     pub resources: Differences<ResourceSize, NamedChange>,
 }
 
-/// Identifies one of the two compared dumps.
+/// The name and summary of one of the two compared dumps.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DiffSide {
     /// Name that the graph was requested by.

@@ -30,7 +30,7 @@ impl ExprError {
     }
 }
 
-/// Provides the values of an expression's names.
+/// The names that an expression can use, with their values.
 pub trait Scope {
     /// Returns the value of a name; `None` for an unknown name.
     fn get(&self, name: &str) -> Option<Value>;

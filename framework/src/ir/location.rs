@@ -17,7 +17,7 @@ pub struct Span {
     pub end: usize,
 }
 
-/// Locates a declaration in a graph file, for messages.
+/// The position of a declaration in a graph file, for messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
     /// The file's path.

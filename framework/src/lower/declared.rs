@@ -243,7 +243,7 @@ impl Parameters {
     }
 }
 
-/// Caches parameters by graph file, because a part may be included several times.
+/// A cache of parameters by graph file, because a part may be included several times.
 pub(super) type Known = HashMap<FileId, Rc<Parameters>>;
 
 /// Lists the parameters of a graph.

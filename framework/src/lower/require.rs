@@ -23,7 +23,7 @@ pub(super) struct Chosen {
 
 type Found = Result<Rc<Chosen>, Vec<Diagnostic>>;
 
-/// Chooses graphs by the facts of a request, once per file.
+/// The graphs that were chosen by the facts of a request, one per file.
 pub(super) struct Choices<'a> {
     request: &'a Request<'a>,
     /// The graph chosen for each file; `None` while the file's own includes are being visited.

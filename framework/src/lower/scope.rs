@@ -217,7 +217,7 @@ impl Names {
     }
 }
 
-/// Records the names that an evaluation reads.
+/// A scope that records the names which an evaluation reads.
 struct Reached<'a> {
     names: &'a Names,
     values: RefCell<Values>,

@@ -17,7 +17,7 @@ use crate::shader::Cancel;
 /// Minimum time for a job, even if a newer one waits: enough for most plans, so that a moving slider shows progress.
 pub const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Builds on a separate thread. Dropping it cancels the running job, waits for it, and discards a waiting job.
+/// A thread that builds. Dropping it cancels the running job, waits for it, and discards a waiting job.
 #[derive(Debug)]
 pub struct Rebuilder<Job, Output> {
     shared: Arc<Shared<Job, Output>>,
@@ -35,7 +35,7 @@ pub struct Panicked {
 #[derive(Debug)]
 struct Shared<Job, Output> {
     state: Mutex<State<Job, Output>>,
-    /// Signalled when a job waits or the thread should end.
+    /// Condition that is signalled when a job waits or the thread should end.
     called: Condvar,
 }
 

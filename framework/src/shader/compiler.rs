@@ -40,7 +40,7 @@ pub struct Compiled {
     pub declared: Arc<BTreeSet<String>>,
 }
 
-/// Compiles shaders, and caches the results.
+/// A compiler of shaders, with a cache of the results.
 ///
 /// `Glslang` (feature `glslang`) is the only implementation; most tests of the framework use hand-made reflections
 /// instead.
@@ -66,7 +66,7 @@ pub trait ShaderCompiler {
     }
 }
 
-/// Stores SPIR-V between runs of a program.
+/// A store that keeps SPIR-V between runs of a program.
 ///
 /// Its contents are trusted: a store must return only words that the same build of the program stored under the same
 /// key.

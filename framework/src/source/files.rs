@@ -61,7 +61,7 @@ pub struct Library {
 /// The folders, with links followed, that may contain a graph's files.
 type Roots = Arc<Vec<PathBuf>>;
 
-/// Finds files by name, and keeps the opened ones. See the module's documentation for the search.
+/// A finder of files by name, which keeps the opened ones. See the module's documentation for the search.
 ///
 /// ```
 /// use splatgraph_framework::source::{Kind, Library, SourceMap};

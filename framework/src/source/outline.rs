@@ -25,7 +25,7 @@ pub(super) struct Node {
     pub place: Range<usize>,
     /// A short span for diagnostics: the name before the parenthesis, or the opening bracket.
     pub head: Range<usize>,
-    /// Range of the field's name or the map's key before the element.
+    /// Range of the field's name or the map's key before the element; `None` for elements of lists.
     pub key: Option<Range<usize>>,
     pub content: Content,
 }

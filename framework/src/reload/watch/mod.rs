@@ -80,7 +80,7 @@ impl fmt::Display for WatchKind {
     }
 }
 
-/// Watches files; see the module's documentation. Dropping it ends its thread.
+/// A watcher of files; see the module's documentation. Dropping it ends its thread.
 #[derive(Debug)]
 pub struct Watcher {
     inbox: Sender<Message>,
@@ -107,7 +107,7 @@ enum Message {
     Event(Instant, notify::Result<notify::Event>),
     Watch(Vec<Wanted>),
     Stop,
-    /// Acknowledged once all earlier messages have been handled.
+    /// A request for a reply once all earlier messages have been handled.
     #[cfg(test)]
     Answer(Sender<()>),
 }

@@ -43,7 +43,7 @@ struct Glance {
     content: Content,
 }
 
-/// Identifies a file's contents, unless they change twice within the clock's resolution.
+/// Metadata that changes with a file's contents, unless these change twice within the clock's resolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Stamp {
     length: u64,

@@ -23,7 +23,8 @@ pub struct Entry {
     pub is_link: bool,
 }
 
-/// Resolves paths, and caches entries so that shared folders are read once. Valid for one resolution of all paths.
+/// A cache of entries for resolving paths: folders on several paths are read once. Valid for one resolution of all
+/// paths.
 #[derive(Debug, Default)]
 pub struct Walk {
     met: HashMap<PathBuf, Met>,

@@ -297,7 +297,7 @@ fn words(text: &str, index: usize) -> Vec<Word<'_>> {
     lex(text).iter().map(word).collect()
 }
 
-/// Evaluates the expression of an `#if`. Unknown values are `None`.
+/// An evaluator for the expression of an `#if`. Unknown values are `None`.
 struct Condition<'w, 't, 'a> {
     words: &'w [Word<'t>],
     at: usize,

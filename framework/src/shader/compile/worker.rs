@@ -107,7 +107,7 @@ pub(super) enum Reply {
     Failed(Failure),
 }
 
-/// Starts a worker on demand, and sends compilations to it.
+/// The parent's side: starts a worker on demand, and sends compilations to it.
 #[derive(Debug)]
 pub(super) struct Parent {
     worker: Worker,

@@ -18,8 +18,9 @@ use super::module::{Module, Type, id};
 pub(super) struct Accesses {
     pub reads: HashSet<Word>,
     pub writes: HashSet<Word>,
-    /// Variables accessed by atomics, and by other instructions.
+    /// Variables accessed by atomic instructions.
     pub atomics: HashSet<Word>,
+    /// Variables accessed by other instructions.
     pub plain: HashSet<Word>,
     /// Variables whose first access is a store, in code order: the entry point, then the functions that it calls.
     pub written_first: HashSet<Word>,
