@@ -78,7 +78,7 @@ pub struct DumpParameter {
     pub reason: Option<Reason>,
     /// The value that costs no accuracy, if the graph names one.
     pub exact: Option<Value>,
-    /// The statistic that the value grows with: a frame whose statistic exceeds the value was incomplete.
+    /// The statistic that the value grows with, if any: a frame whose statistic exceeds the value was incomplete.
     pub grows: Option<String>,
     /// True if the parameter can be changed between frames; otherwise it is baked into the plan.
     pub live: bool,
@@ -158,7 +158,7 @@ pub struct DumpResource {
     pub name: String,
     /// `transient`, `scene`, `frame`, `live` or `readback`.
     pub source: String,
-    /// The scene's attribute, or the uniform block or buffer that comes with each frame.
+    /// The scene's attribute, or the uniform block or buffer that comes with each frame; `None` for other sources.
     pub from: Option<String>,
     /// For buffers `count x stride`, for images `width x height format`.
     pub shape: String,
@@ -168,14 +168,14 @@ pub struct DumpResource {
     pub bytes: u64,
     /// Uses of the resource, for instance `STORAGE` and `INDIRECT`.
     pub usage: Usage,
-    /// The block of a transient resource; it lists the resource's aliases.
+    /// The block of a transient resource, which lists the resource's aliases; `None` for other sources.
     pub block: Option<u32>,
     /// First and last use; `None` for a resource that outlives the frame.
     pub lifetime: Option<Lifetime>,
     /// True if only passes that run once use the resource: it is freed after them.
     #[serde(default)]
     pub freed: bool,
-    /// Name under which the contents persist from frame to frame and from plan to plan.
+    /// Name under which the contents persist from frame to frame and from plan to plan; `None` if they do not.
     pub history: Option<String>,
     /// Position of the resource's declaration.
     pub declared: Origin,
@@ -229,7 +229,7 @@ pub struct DumpPass {
     pub run: Run,
     /// `dispatch`, `draw`, `fill`, `start`, `export` or `host`.
     pub kind: String,
-    /// Position of the pass in a repeat.
+    /// Position of the pass in a repeat; `None` outside of repeats.
     pub repeat: Option<Iteration>,
     /// Shaders: one for a dispatch, the vertex and the fragment shader for a draw.
     pub shaders: Vec<DumpShader>,

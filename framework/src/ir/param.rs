@@ -23,7 +23,7 @@ pub struct Param {
     pub reason: Option<Reason>,
     /// The value at which the result is exact, if the graph names one.
     pub exact: Option<Value>,
-    /// The statistic that the value grows with: a frame whose statistic exceeds the value is incomplete.
+    /// The statistic that the value grows with, if any: a frame whose statistic exceeds the value is incomplete.
     pub grows: Option<String>,
     /// The values that the parameter may take.
     pub domain: Domain,
@@ -105,6 +105,6 @@ pub struct Effect {
     /// True if a condition, the count of a repeat or a swap depends on the parameter: the value decides which passes
     /// exist.
     pub shape: bool,
-    /// Without an effect, the reason: a phrase such as `nothing in this plan depends on it`.
+    /// The reason for no effect, a phrase such as `nothing in this plan depends on it`; `None` if there is an effect.
     pub none: Option<String>,
 }

@@ -17,7 +17,7 @@ pub struct Shader {
     pub spirv: Arc<Vec<u32>>,
     /// Declarations and accesses.
     pub reflection: Reflection,
-    /// The shader in Metal's language, for plans that Metal executes.
+    /// The shader in Metal's language; `None` until `msl::add_msl` translates the plan.
     pub msl: Option<Arc<Msl>>,
 }
 

@@ -29,7 +29,7 @@ pub struct LinkedPass {
     pub pass: Pass,
     /// Place of the pass's name in the file.
     pub span: Span,
-    /// The include that the pass comes from, as an index into [`Lowered::includes`].
+    /// The include that the pass comes from, as an index into [`Lowered::includes`]; `None` for the root graph's own.
     pub include: Option<usize>,
     /// The parameters that the pass depends on.
     pub params: PassParams,

@@ -64,7 +64,7 @@ pub(super) struct Reach {
     pub names: BTreeSet<String>,
     /// Names in the `set` of an include, each with the include's index in [`Declared::around`].
     pub set: BTreeSet<(usize, String)>,
-    /// A name that an expression uses although its parameter is neither exposed nor set, and the place of its
+    /// A name, if any, that an expression uses although its parameter is neither exposed nor set; with the place of its
     /// declaration.
     pub hidden: Option<(String, Span)>,
 }

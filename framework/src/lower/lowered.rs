@@ -68,7 +68,7 @@ pub struct Declaration {
     /// Place of the declaration in the file.
     pub span: Span,
     /// For `last(name)`, the resource itself, or for a ping-pong resource the half in front at the end of the frame.
-    /// Readers of `last(name)` run before this frame's writers.
+    /// `None` for all others. Readers of `last(name)` run before this frame's writers.
     pub previous_frame_of: Option<ResourceId>,
     /// Parameters that the declaration depends on.
     pub params: ParamSet,
@@ -81,7 +81,7 @@ pub struct LoweredInclude {
     pub name: String,
     /// Place of the include's `name` in the file.
     pub span: Span,
-    /// The include that contains this one, as an index into [`Lowered::includes`].
+    /// The include that contains this one, as an index into [`Lowered::includes`]; `None` in the root graph.
     pub parent: Option<usize>,
     /// The name of each port and its resources, both halves for a ping-pong buffer.
     pub given: Vec<(String, Vec<ResourceId>)>,
@@ -128,7 +128,7 @@ pub struct LoweredPass {
     pub file: FileId,
     /// Place of the pass's `name` in the file.
     pub span: Span,
-    /// The include that the pass comes from, as an index into [`Lowered::includes`].
+    /// The include that the pass comes from, as an index into [`Lowered::includes`]; `None` for the root graph's own.
     pub include: Option<usize>,
     /// Place of the `size` or the `call` in the file.
     pub size_span: Span,

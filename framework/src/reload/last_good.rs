@@ -24,7 +24,7 @@ pub struct LastGood<P, E> {
     newest: Attempt,
     /// Earliest time to show an error of the newest attempt; `None` to show it at once.
     patient_until: Option<Instant>,
-    /// Visible error, kept while newer attempts are running.
+    /// Visible error, if any. It is kept while newer attempts are running.
     shown: Option<E>,
     /// Error of the newest attempt, delayed until `patient_until`.
     kept_back: Option<E>,

@@ -42,7 +42,7 @@ struct Shared<Job, Output> {
 #[derive(Debug)]
 struct State<Job, Output> {
     waiting: Option<Job>,
-    /// Start of the running job.
+    /// Time at which the running job started; `None` while no job runs.
     building: Option<Instant>,
     done: VecDeque<Result<Output, Panicked>>,
     /// True if the owner has a newer job.

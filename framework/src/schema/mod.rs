@@ -200,7 +200,7 @@ pub enum ParamKind {
         /// Value at which the result is exact.
         #[serde(default)]
         exact: Option<Number>,
-        /// Statistic of the graph that the value grows with; only for constants.
+        /// Statistic of the graph that the value grows with, if any; only for constants.
         #[serde(default)]
         grows: Option<String>,
         /// Short text for the control; empty by default.

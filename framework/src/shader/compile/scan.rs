@@ -153,7 +153,7 @@ pub(super) struct Scan<'t> {
     pub bindings: Vec<&'t str>,
     /// The text's first `#version`, and true if it is 460 in the core profile.
     pub version: Option<(Range<usize>, bool)>,
-    /// The first invalid token.
+    /// The first token with a character that GLSL allows in comments only, if any.
     pub foreign: Option<Range<usize>>,
 }
 
