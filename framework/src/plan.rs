@@ -24,7 +24,7 @@ use crate::source::Diagnostic;
 
 /// Everything that a backend executes. See the module's documentation.
 ///
-/// The default is empty, as a start for hand-made plans.
+/// The default is empty, as a starting point for hand-made plans.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
     /// The requested name: a preset's name or a path.
@@ -316,7 +316,7 @@ pub struct Dependency<P = PassId, R = ResourceId> {
     pub since: Since,
     /// The resource that the later pass accesses.
     pub resource: R,
-    /// The resource that the earlier pass accessed, if it is another one in the same memory.
+    /// The resource that the earlier pass accessed, if it is an alias in the same block; otherwise `None`.
     pub alias: Option<R>,
     /// The smallest range of the resource that holds all bytes of the conflict.
     #[serde(flatten)]
@@ -341,7 +341,7 @@ pub struct Cause<P = PassId, R = ResourceId> {
     pub after: Vec<P>,
     /// True if the passes of `after` ran one frame before the pass `before`.
     pub previous_frame: bool,
-    /// The resource that the passes of `after` accessed, if it is another one in the same memory.
+    /// The resource that the passes of `after` accessed, if it is an alias in the same block; otherwise `None`.
     pub alias: Option<R>,
 }
 

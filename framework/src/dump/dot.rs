@@ -5,7 +5,7 @@ use super::text::{cause_line, subject};
 use crate::ir::Hazard;
 use std::collections::HashMap;
 
-/// Returns a DOT graph.
+/// Formats a dump as a DOT graph.
 ///
 /// Edges are the dependencies of barriers, from the earlier passes to the one that waits. Dashed edges are execution
 /// dependencies, or come from the previous frame. There is no edge for a read of data that an earlier barrier has

@@ -1,4 +1,4 @@
-//! Formats the encoders that a backend added to a dump, beside its barriers.
+//! Formats the encoders that a backend added to a dump, next to its barriers.
 //!
 //! The framework only displays them. A backend that divides plans into encoders (Metal's) fills them in.
 
@@ -12,7 +12,7 @@ use super::text::conflict_line;
 use crate::ir::Run;
 use crate::plan::Cause;
 
-/// Formats a dump's encoders with their reasons, beside its barriers, which are Vulkan's.
+/// Formats a dump's encoders with their reasons, next to its barriers, which are Vulkan's.
 ///
 /// Returns `None` if the dump has no encoders.
 pub fn encoders_text(dump: &Dump) -> Option<String> {

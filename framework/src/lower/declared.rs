@@ -24,7 +24,7 @@ pub(super) struct Declared {
     /// Place of the parameter's declaration.
     pub place: Place,
     /// Replacement for the declared default: a value from an included graph's preset, or from the includer's `set`.
-    /// Comes with the number of includes in `around` that enclose the place where it was written.
+    /// The number tells how many includes of `around`, from the innermost, the value was written outside of.
     pub default: Option<(Setting, usize)>,
     /// The include that exposes the parameter; `None` for the graph's own.
     pub part: Option<String>,
@@ -45,7 +45,7 @@ pub(super) struct Around {
 #[derive(Debug)]
 pub(super) struct Given {
     pub setting: Setting,
-    /// The included graph, which declares the parameter.
+    /// The graph that declares the parameter.
     graph: Rc<Graph>,
     name: String,
 }

@@ -249,7 +249,7 @@ impl Lowering<'_> {
         id
     }
 
-    /// Returns the resources that the reference at `place` means at this point of the walk. `Ok(None)` if the name is
+    /// Returns the resources that the reference at `place` refers to at this point of the walk. `Ok(None)` if the name is
     /// known but its declaration is invalid.
     pub(super) fn look_up(
         &self,

@@ -95,7 +95,7 @@ struct Shared {
     found: Option<Found>,
 }
 
-/// A change that was not taken yet.
+/// A change that has not been taken yet.
 #[derive(Debug)]
 struct Found {
     /// New contents of each file.

@@ -30,7 +30,7 @@ pub struct Subject {
     pub path: PathBuf,
     /// The contents last built or reported.
     pub told: Content,
-    /// True if `told` was reported but not built yet.
+    /// True if `told` has been reported but not built yet.
     announced: bool,
     glance: Option<Glance>,
     pending: Option<Pending>,

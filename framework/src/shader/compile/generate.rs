@@ -14,7 +14,7 @@ use crate::ir::ShaderStage;
 
 /// Maximum bytes of GLSL after includes; a file can be included more than once.
 pub(super) const MOST_INCLUDED_BYTES: usize = 4 << 20;
-/// Bytes that each include adds to the count besides its text, which bounds the number of small includes.
+/// Bytes that each include adds to the count in addition to its text. This bounds the number of small includes.
 pub(super) const INCLUDE_BYTES: usize = 256;
 /// Maximum nesting of includes.
 pub(super) const MOST_DEPTH: usize = 32;

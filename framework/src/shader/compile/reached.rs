@@ -88,9 +88,9 @@ impl From<Option<i64>> for Truth {
 
 /// An open `#if`.
 struct Group {
-    /// True if the current branch is taken.
+    /// Certainty that the current branch is compiled.
     active: Truth,
-    /// True if this branch or an earlier one is taken.
+    /// Certainty that this branch or an earlier one is compiled.
     taken: Truth,
 }
 
