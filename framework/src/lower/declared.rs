@@ -74,8 +74,7 @@ impl Declared {
         &self.graph.params[&self.name]
     }
 
-    /// Collects the names in the parameter's expressions and in `setting`, which replaces its default, through the
-    /// includes around it.
+    /// Collects the names in the parameter's expressions, through the includes around it. `setting` replaces the default.
     pub fn reach(&self, setting: Option<&Setting>) -> Reach {
         let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = self.declaration();
         let mut open: Vec<(usize, String)> = Vec::new();

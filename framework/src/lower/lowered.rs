@@ -92,13 +92,13 @@ pub struct LoweredInclude {
 pub struct RemovedUse {
     /// Resource that the removed pass would use.
     pub resource: ResourceId,
-    /// The removed pass.
+    /// Name of the removed pass.
     pub pass: String,
     /// Place of the pass's `when`.
     pub when: Span,
 }
 
-/// A removed pass, include, or pass of a repeat.
+/// A pass or an include that was removed, or a pass of a removed repeat.
 #[derive(Clone, Debug)]
 pub struct RemovedPass {
     /// Text of the `when` of the pass, or of its repeat.

@@ -249,8 +249,8 @@ impl Lowering<'_> {
         id
     }
 
-    /// Returns the resources that the reference at `place` refers to at this point of the walk. `Ok(None)` if the name is
-    /// known but its declaration is invalid.
+    /// Returns the resources that the reference at `place` refers to at this point of the walk. `Ok(None)` if the name
+    /// is known but its declaration is invalid.
     pub(super) fn look_up(
         &self,
         level: &Level,

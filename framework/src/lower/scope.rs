@@ -77,7 +77,7 @@ impl Names {
         self.define(name, value, params);
     }
 
-    /// Takes over a parameter from the includer's names.
+    /// Copies a parameter from the includer's names, with its value.
     pub fn adopt(&mut self, name: &str, from: &Names) {
         if let Some(value) = from.values.get(name) {
             self.define(name, value.clone(), from.params.get(name).cloned().unwrap_or_default());
