@@ -74,7 +74,8 @@ impl Declared {
         &self.graph.params[&self.name]
     }
 
-    /// Collects the names in the parameter's expressions, through the includes around it. `setting` replaces the default.
+    /// Collects the names that the parameter's expressions and `setting` depend on, through the includes around it.
+    /// `setting` is the requested value, if any.
     pub fn reach(&self, setting: Option<&Setting>) -> Reach {
         let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = self.declaration();
         let mut open: Vec<(usize, String)> = Vec::new();

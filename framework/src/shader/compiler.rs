@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::ir::{FileId, Reflection, ShaderStage};
 use crate::source::{Diagnostic, SourceMap};
 
-/// A shader with the constants to compile it with.
+/// A request to compile a shader with a graph's constants.
 #[derive(Clone, Debug)]
 pub struct ShaderRequest<'a> {
     /// The shader's file in the source map.
@@ -86,8 +86,8 @@ pub const CANCELLED: &str = "the build was cancelled";
 pub struct Cancel(Option<Arc<dyn Fn() -> bool + Send + Sync>>);
 
 impl Cancel {
-    /// Creates a cancellation. `wanted_no_more` returns true once the build should end; it is called often, from any
-    /// thread.
+    /// Creates a cancellation from a function, which returns true once the build should end. It is called often, from
+    /// any thread.
     pub fn new(wanted_no_more: impl Fn() -> bool + Send + Sync + 'static) -> Cancel {
         Cancel(Some(Arc::new(wanted_no_more)))
     }
