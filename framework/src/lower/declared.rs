@@ -75,7 +75,7 @@ impl Declared {
     }
 
     /// Collects the names that the parameter's expressions and `setting` depend on, through the includes around it.
-    /// `setting` is the requested value, if any.
+    /// `setting` replaces the default.
     pub fn reach(&self, setting: Option<&Setting>) -> Reach {
         let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = self.declaration();
         let mut open: Vec<(usize, String)> = Vec::new();
