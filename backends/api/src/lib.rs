@@ -89,8 +89,9 @@ impl fmt::Display for Robustness {
 pub struct Heap {
     /// Size of the heap in bytes.
     pub bytes: u64,
-    /// Bytes that this process can still allocate, as estimated by the driver when the device was listed (in Vulkan
-    /// from `VK_EXT_memory_budget`). `None` if unknown.
+    /// Bytes that this process can still allocate; `None` if unknown.
+    ///
+    /// It is the driver's estimate of the moment when the device was listed (in Vulkan from `VK_EXT_memory_budget`).
     pub available: Option<u64>,
 }
 
@@ -246,8 +247,9 @@ pub struct Running {
 /// The results of a frame.
 #[derive(Clone, Debug, Default)]
 pub struct FrameResult {
-    /// GPU milliseconds of each pass in execution order, including the prologue in the frame that ran it, excluding the
-    /// host's step. `None` without timestamps.
+    /// GPU milliseconds of each pass, in execution order; `None` without timestamps.
+    ///
+    /// The frame that runs the prologue includes its passes. The host's step is left out.
     pub pass_ms: Vec<(PassId, Option<f64>)>,
     /// GPU milliseconds from the first to the last command of the frame.
     pub total_ms: Option<f64>,
@@ -353,8 +355,7 @@ pub trait Loader: Send + 'static {
     #[must_use]
     fn sharing_results(self) -> Self;
 
-    /// Creates the plan's pipelines and resources, and uploads the scene attributes that it reads, unless they are
-    /// already on the device.
+    /// Creates the plan's pipelines and resources, and uploads its scene attributes that are not on the device yet.
     ///
     /// # Errors
     /// [`BackendError::StuckCompiler`] if the driver takes longer than [`Options::compile_patience`] for a pipeline.
@@ -398,8 +399,10 @@ pub trait Device: Sized {
     /// [pictures](Device::picture).
     fn shares_device(&self, other: &Self) -> bool;
 
-    /// Makes the plan the current one: creates its objects, uploads the scene attributes that it reads, and lets the
-    /// next frame run its prologue. If it fails, the earlier plan stays current.
+    /// Makes the plan the current one, and lets the next frame run its prologue.
+    ///
+    /// Creates the plan's objects, and uploads the scene attributes that it reads. If that fails, the earlier plan
+    /// stays current.
     ///
     /// Does not wait for frames of the earlier plan; their results stay available. If both plans have a history of
     /// equal name and shape, and the scene is unchanged, the new plan continues from its contents.

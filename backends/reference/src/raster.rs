@@ -27,8 +27,8 @@ pub struct Picture {
     pub contributors: Vec<u32>,
     /// Sum of the splats' view depths, each times its weight (alpha times transmittance).
     pub depth: Vec<f64>,
-    /// View depth of the splat at which the transmittance falls to one half: the last one with more before it. 0
-    /// without splats.
+    /// View depth of the splat that brings the transmittance to one half or below, or of the last splat; 0 without
+    /// splats.
     pub median_depth: Vec<f64>,
     /// Sum of the splats' normals, each times its weight. A splat's normal is its shortest axis in world space,
     /// pointing towards the camera.

@@ -29,12 +29,12 @@ const IN_FLIGHT: &str = "frames in flight";
 
 /// An open device and the plan that it executes.
 ///
-/// Several executors can share one device ([`Device::new_context`]): its queue, the scene's planes, the validation
-/// messages, and its loss, which the first executor that meets it reports to all. Each executor can be used from its
-/// own thread. An executor has its own plan, frames, results and shared output.
+/// Several executors can share one device ([`Device::new_context`]), with its queue, the scene's planes and the
+/// validation messages. If one of them finds the device lost, all report the loss. Each executor has its own plan,
+/// frames, results and shared output, and can be used from its own thread.
 ///
-/// Dropping it waits for the device and destroys the executor's objects. The device is closed with the last executor,
-/// [`Loader`] or [`Ready`] of it.
+/// Dropping it waits for the device, then destroys the executor's objects. The device is closed with its last executor,
+/// [`Loader`] or [`Ready`].
 pub struct Executor<G: Gpu> {
     /// Id of the executor, unique within the process.
     id: u64,
@@ -74,8 +74,9 @@ impl<G: Gpu> Executor<G> {
         Self::new(info, gpu)
     }
 
-    /// Opens a device that presents to `window`, whose current size is `size` pixels (width, height). Considers only
-    /// devices that can present to it.
+    /// Opens a device that presents to `window`, and considers only devices that can.
+    ///
+    /// `size` is the window's current size in pixels (width, height).
     ///
     /// The window is kept until the device and all executors [on it](Device::new_context) are closed.
     ///
@@ -196,8 +197,8 @@ impl<G: Gpu> Executor<G> {
         self.shared.losing(error, || self.where_lost())
     }
 
-    /// Describes where the device stopped: in the first pending frame that is not known to be complete, else after the
-    /// last. `None` if no frame is pending.
+    /// Describes where the device stopped: in the first pending frame not known to be complete, else after the last.
+    /// `None` if no frame is pending.
     fn where_lost(&self) -> Option<String> {
         let mut place = None;
         for back in 0..FRAMES_IN_FLIGHT as u64 {
@@ -338,8 +339,7 @@ impl<G: Gpu> Device for Executor<G> {
         Some(self.shared.watch.look(&self.shared.gpu, &oldest.ticket))
     }
 
-    /// Lists this executor's memory. Planes shared with other executors are listed by each executor whose plan reads
-    /// them.
+    /// Lists the memory of this executor. Each executor lists all planes that its plan reads, shared or not.
     fn memory(&self) -> Vec<(String, u64)> {
         let mut memory = self.compiled.as_ref().map(CompiledPlan::memory).unwrap_or_default();
         memory.extend(self.output.iter().map(|own| ("picture".to_string(), own.buffer.memory.bytes())));

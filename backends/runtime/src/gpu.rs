@@ -458,8 +458,8 @@ pub enum BindingTarget<'a, G: Gpu> {
     Image(&'a Image<G>),
 }
 
-/// Returns the number of copies of a pass's bindings: one per frame in flight if a binding differs between frames, else
-/// one.
+/// Returns the number of copies of a pass's bindings: one, or one per frame in flight if a bound object differs between
+/// frames.
 pub fn binding_copies(plan: &Plan, pass: &Pass) -> usize {
     let per_frame = pass.bindings.iter().any(|b| plan.resource(b.resource).source.is_per_frame());
     if per_frame { splatgraph_api::FRAMES_IN_FLIGHT } else { 1 }

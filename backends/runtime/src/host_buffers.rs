@@ -39,7 +39,7 @@ enum Contents {
     Nothing,
     /// A prefix of `own` of this many bytes.
     Bytes(u64),
-    /// A byte range of the shared output with this id. (Ids are never reused, so an equal id is the same buffer.)
+    /// A byte range of the shared output with this id. Ids are never reused, so an equal id is the same buffer.
     Output(u64, Range<u64>),
 }
 

@@ -32,8 +32,9 @@ pub(crate) struct Resources<G: Gpu> {
 }
 
 impl<G: Gpu> Resources<G> {
-    /// Creates the resources of `plan`, except `taken` (results of other plans), `planes` on the device, and buffers
-    /// that no executed pass uses.
+    /// Creates the resources of `plan` that no other plan provides and that an executed pass uses.
+    ///
+    /// `taken` are results of other plans, and `planes` are on the device already.
     ///
     /// Missing planes are created, added to `planes`, and returned. The caller uploads their data.
     pub fn create(
@@ -233,8 +234,9 @@ impl<G: Gpu> Resources<G> {
     }
 }
 
-/// Creates the members of all blocks, except blocks with a reused (`taken`) or `unused` member, which has a block of
-/// its own.
+/// Creates the members of all blocks, except blocks of a reused (`taken`) or `unused` resource.
+///
+/// Such a resource shares its block with no other.
 fn transients<G: Gpu>(
     gpu: &Arc<G>,
     plan: &Plan,

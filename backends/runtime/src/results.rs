@@ -3,9 +3,9 @@
 //! Most results of passes with `run: Once` (covariances, packed coefficients) do not change when a window is resized or
 //! a constant is set. A [`Recipe`] is everything that such a result depends on: the passes that lead to it, in order,
 //! with their shader code, workgroup counts, push constants and bindings, down to the planes of the scene. Results with
-//! equal recipes have equal bytes. When a plan is prepared, the device's [`Results`] are searched for its recipes. The
-//! new plan holds the buffers that are found together with the plan that computed them, and skips the passes whose
-//! results are all reused.
+//! equal recipes have equal bytes. When a plan is prepared, its recipes are looked up in the device's [`Results`]. The
+//! new plan then shares the buffers found with the plan that computed them, and skips the passes whose results are all
+//! reused.
 //!
 //! A buffer has a recipe if only the prologue writes it, if it does not alias other resources, and if it depends on
 //! nothing from the host. It is entered once the frame that computes it is submitted: its readers come later in the
@@ -57,8 +57,7 @@ pub(crate) fn recipes(plan: &Plan, identity: u64) -> Recipes {
     results.filter_map(|&id| Some((id, Arc::new(prologue.recipe(id, identity)?)))).collect()
 }
 
-/// Returns the prologue's passes that need not run: each resource that they write is `taken`, or only such passes use
-/// it.
+/// Returns the prologue's passes that need not run: everything that they write is `taken`, or used only by such passes.
 ///
 /// Removes from `taken` the results that a remaining pass computes anyway.
 pub(crate) fn skipped<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Vec<PassId> {

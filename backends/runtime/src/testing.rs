@@ -13,8 +13,10 @@ pub(crate) const SPLATS: ResourceId = ResourceId(3);
 pub(crate) const COLOR: ResourceId = ResourceId(4);
 pub(crate) const READBACK: ResourceId = ResourceId(5);
 
-/// Prologue: `clear` fills `words`. Frame: `scan[0]` and `scan[1]` dispatch, `splat` draws into `color`, `export`, `host`.
-/// Each transient has its own block.
+/// Returns a plan in which each transient has its own block.
+///
+/// Prologue: `clear` fills `words`. Frame: `scan[0]` and `scan[1]` dispatch, `splat` draws into `color`, `export`,
+/// `host`.
 pub(crate) fn plan() -> Plan {
     let buffer = |count| Shape::Buffer { stride: 4, count };
     let color = Shape::Image { format: Format::Rgba16Float, width: 64, height: 32 };

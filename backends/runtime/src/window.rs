@@ -72,7 +72,7 @@ impl<G: Gpu> Swapchain<G> {
     /// Acquires an image of the window and records the blit of `output` into it.
     ///
     /// The blit is submitted after the frame in `slot`; the image is then [`present`](Swapchain::present)ed. Returns
-    /// the image's index; `None` if nothing can be shown now. The slot's former frame must have completed.
+    /// the image's index; `None` if nothing can be shown now. The slot's previous frame must have completed.
     ///
     /// Blocks while the window system holds all images: with vsync, until the display's next refresh.
     pub fn prepare(

@@ -44,7 +44,8 @@ struct Walk<'a> {
     places: Vec<Option<(usize, usize)>>,
     /// The waits of each encoder in the walk: those of the prologue, the first frame and the second.
     waits: Vec<Vec<Edge>>,
-    /// For each encoder, the number of the last search that visited the end of its vertices, then that of its rest.
+    /// For each encoder, the numbers of the last searches that visited the ends of its vertices and of its rest.
+    ///
     /// Numbering the searches saves clearing the marks.
     seen: Vec<u32>,
     searches: u32,

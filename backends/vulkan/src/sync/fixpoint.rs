@@ -41,8 +41,7 @@ pub(super) fn fixpoint(mut steps: Vec<Step>, other: Vec<Step>, inputs: &Inputs) 
     Some(steps)
 }
 
-/// Merges a barrier into a call: adds its masks to the call's barrier on the same image or on all memory, or inserts
-/// it.
+/// Adds a barrier to a call: merges its masks into the barrier on the same image or on all memory, if any.
 fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
     match call.iter_mut().find(|b| b.image == barrier.image) {
         Some(known) => {

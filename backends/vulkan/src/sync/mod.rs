@@ -1,5 +1,6 @@
-//! Lowers a plan's dependencies to Vulkan's barriers, by a walk over the passes that tracks the effect of the barriers
-//! so far.
+//! Lowers a plan's dependencies to Vulkan's barriers.
+//!
+//! A walk over the passes tracks the effect of the barriers so far.
 //!
 //! A barrier is placed as late as possible, immediately before the pass that requires it, with as few bits as suffice.
 //! If all causes of a requirement precede the last call, that call gets the bits instead, so that there are as few

@@ -113,13 +113,14 @@ impl Scopes {
         }
     }
 
-    /// Returns the source stages for a barrier that must follow the work of `origin` up to `time`; any one suffices.
+    /// Returns the source stages that wait for the work of `origin` up to `time`; a barrier needs any one of them.
     pub fn after(&self, origin: Origin, time: Time) -> Stages {
         origin.named_by() | reached(&self.ordered, origin, time)
     }
 
-    /// Returns the source stages for a barrier that must follow the availability of a write by `stage` at `time`; any
-    /// one suffices.
+    /// Returns the source stages that chain with the barrier which made a write by `stage` at `time` available.
+    ///
+    /// A barrier needs any one of them.
     pub fn available(&self, stage: Stages, time: Time) -> Stages {
         reached(&self.available, Origin::new(stage, false), time)
     }

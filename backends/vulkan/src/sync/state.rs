@@ -1,4 +1,4 @@
-//! Tracks the state of the walk: the effect of the barriers so far, the time of each pass, and pending layout changes.
+//! Tracks the state of the walk: the effect of the barriers, the time of each pass, and pending layout changes.
 
 use super::barrier::{Barrier, Step};
 use super::needs::{self, Reason, Requirement};
@@ -60,7 +60,7 @@ struct Call {
     before: Scopes,
     /// All requirements that the call must meet, without duplicates.
     needs: Vec<Requirement>,
-    /// The requirements that no image barrier met when they were added.
+    /// The requirements for which `memory` was created or extended.
     reasons: Vec<Requirement>,
     /// The masks of the barrier on all memory.
     memory: Masks,

@@ -173,8 +173,7 @@ pub enum State {
 impl Contents {
     pub const NEVER: Contents = Contents { state: State::Never, by: None };
 
-    /// Returns true if the bytes were last written through `resource` and, if `fresh` is given, in that part of the
-    /// run.
+    /// Returns true if the bytes were last written through `resource`; with `fresh`, in that part of the run.
     pub fn hold(&self, resource: ResourceId, fresh: Option<When>) -> bool {
         let now = fresh.is_none_or(|when| self.by.is_some_and(|by| by.when() == when));
         self.state == State::Written(resource) && now

@@ -1,5 +1,5 @@
-//! Models Vulkan's rules: replays a plan with its barriers on memory that records every access, and reports each access
-//! that Vulkan leaves undefined.
+//! Models Vulkan's rules: replays a plan with its barriers, and reports each access whose result Vulkan does not
+//! define.
 //!
 //! The lowering in [`crate::sync`] places barriers by reasoning about the whole plan. The model does not reason: it
 //! walks through the prologue, the handover and a few frames in the order of submission, records every access to every

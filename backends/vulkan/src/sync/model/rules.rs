@@ -14,7 +14,7 @@ pub struct Replay {
 }
 
 impl Default for Replay {
-    /// Four frames, two of them in flight: each copy of the host's resources is used twice.
+    /// Replays four frames, two of them in flight, so that each copy of the host's resources is used twice.
     fn default() -> Self {
         Replay { frames: 4, in_flight: 2, copies: 2 }
     }
@@ -27,8 +27,7 @@ pub struct Rules {
     ///
     /// Otherwise the first need only be available, as in the memory model (Vulkan 1.3, appendix B).
     pub writes_see_writes: bool,
-    /// If true, the source of a layout change must name the preceding write, even if an earlier barrier made it
-    /// available.
+    /// If true, a layout change must name the preceding write, even if an earlier barrier made it available.
     ///
     /// A read in between removes this need. Validation layers require this; the specification does not.
     pub changes_name_writes: bool,

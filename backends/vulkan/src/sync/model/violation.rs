@@ -42,7 +42,7 @@ pub enum ViolationKind {
     Unwritten,
 }
 
-/// The first guarantee that the later access lacks: order, then availability, then visibility.
+/// The guarantee that the later access lacks: of order, availability and visibility, the first one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Missing {
     /// The earlier access may still be running.
@@ -97,7 +97,7 @@ pub enum Actor {
     Transition {
         /// Part of the run that the barrier belongs to.
         when: When,
-        /// The image that changes its layout.
+        /// The image whose layout changes.
         image: ResourceId,
         /// Pass that follows the barrier; `None` in the handover.
         before: Option<PassId>,
