@@ -128,7 +128,7 @@ pub(crate) struct Builtin {
     pub clear_floats: ComputePipelineState,
     pub clear_words: ComputePipelineState,
     pub show: RenderPipelineState,
-    /// Sampler that takes the nearest texel; the next field interpolates linearly.
+    /// Sampler without interpolation, for outputs that are shown at their own size or cannot be interpolated.
     pub nearest: SamplerState,
     pub linear: SamplerState,
 }

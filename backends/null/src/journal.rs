@@ -220,7 +220,7 @@ impl Journal {
         self.state().alive.iter().filter(|(_, count)| **count != 0).map(|(&k, &v)| (k, v)).collect()
     }
 
-    /// Returns how often the kind of call has been made so far.
+    /// Returns the number of calls of this kind so far.
     pub fn reached(&self, point: Point) -> u64 {
         self.state().reached.get(&point).copied().unwrap_or(0)
     }

@@ -2,7 +2,7 @@
 //!
 //! Rays start at the camera. They advance by 1 in view depth per unit of the ray's parameter, so the parameter of a hit
 //! is its view depth. A triangle is tested against the rays of the pixels in its bounding box, or of all pixels if it
-//! reaches behind the near plane. Materials are those of glTF 2.0 (appendix B), lit by the mesh's one light and its
+//! crosses the near plane. Materials are those of glTF 2.0 (appendix B), lit by the mesh's one light and its
 //! ambient light.
 
 use crate::rules::{KeyOf, Rules};

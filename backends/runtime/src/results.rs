@@ -196,7 +196,7 @@ impl<'a> Prologue<'a> {
 /// A recipe and its result. The buffer is owned by the plans that use it.
 type Computed<G> = (Arc<Recipe>, Weak<Buffer<G>>);
 
-/// The results on a device, as far as a plan still holds them.
+/// The results on a device that at least one plan still holds.
 pub(crate) struct Results<G: Gpu> {
     computed: Mutex<Vec<Computed<G>>>,
 }

@@ -28,8 +28,8 @@ pub struct Encoder {
     pub(super) submitted: Vec<CommandBuffer>,
     /// Event and value that signal completion of the submission.
     pub(super) done: (SharedEvent, u64),
-    /// Event that orders earlier commands of the buffer before later ones: signalled, then waited for, between them.
-    /// With its last value.
+    /// Event that is signalled, then waited for, to order earlier commands of the buffer before later ones; and its last
+    /// value.
     pub(super) midst: (Event, u64),
     /// Event and value that the commands wait for before they start; see [`submit`](crate::queue::submit).
     pub(super) others: (SharedEvent, u64),

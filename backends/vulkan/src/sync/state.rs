@@ -364,7 +364,7 @@ impl SyncState {
         }
     }
 
-    /// Adds the requirement that a layout change be visible to an access of `to` or, if it is empty, complete.
+    /// Adds the requirement that a layout change be visible to an access of `to` or, if the access is empty, complete.
     fn after_change(
         &self,
         changed: &Changed,
