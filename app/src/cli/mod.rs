@@ -140,7 +140,7 @@ enum Command {
 }
 
 impl Command {
-    /// Returns the file for the timeline of the command.
+    /// Returns the file to which the command's timeline is written; `None` if it has none.
     fn timeline(&self) -> Option<&Path> {
         match self {
             Command::Render(args) => args.timeline.as_deref(),
@@ -244,7 +244,7 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
     code
 }
 
-/// Writes the arguments as a shell would read them.
+/// Formats the arguments as a command line for a shell.
 fn command_line(arguments: &[OsString]) -> String {
     let words = arguments.iter().skip(1).map(|word| shell_word(&word.to_string_lossy()));
     ["splatgraph".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ")

@@ -264,7 +264,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &messages))
 }
 
-/// Chooses the storage of the splats for the memory of --memory or of the device; `None` for the graph's own.
+/// Chooses the storage of the splats that fits `--memory` and the device; `None` for the graph's own storage.
 fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
     let limit = args.memory.memory;
     if limit.is_none() && !fit::may_exceed_any(scene.count().into()) {

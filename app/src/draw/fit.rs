@@ -108,23 +108,23 @@ pub fn resident_bytes(plan: &Plan) -> u64 {
     Needs::of(plan).total
 }
 
-/// Returns true for a scene of so many splats that may exceed the device's memory or its buffers.
+/// Returns true if a scene of `count` splats may exceed the device's memory or its maximum buffer size.
 ///
-/// For other scenes nothing needs to be built to find out.
+/// If false, the scene certainly fits, and no plan has to be built to find out.
 pub fn may_exceed(count: u64, device: &DeviceInfo) -> bool {
     let least = available(&device.heap).unwrap_or(u64::MAX).min(device.facts.max_storage_bytes);
     count.saturating_mul(USUAL) > least
 }
 
-/// Returns true for a scene of so many splats that [may exceed](may_exceed) some device.
+/// Returns true if a scene of `count` splats [may exceed](may_exceed) the buffers of the smallest supported device.
 pub fn may_exceed_any(count: u64) -> bool {
     count.saturating_mul(USUAL) > Target::nominal().facts.max_storage_bytes
 }
 
-/// Bytes per splat below whose total a scene certainly fits: twice the largest buffer of the built-in graphs.
+/// Generous estimate of the bytes per splat: twice the largest buffer of the built-in graphs.
 const USUAL: u64 = 96;
 
-/// Returns the available bytes of the device's memory; `None` if unknown.
+/// Returns the available bytes of the device's memory, or all bytes if that is unknown; `None` if both are unknown.
 pub fn available(heap: &Heap) -> Option<u64> {
     heap.available.or(Some(heap.bytes).filter(|bytes| *bytes > 0))
 }

@@ -1,8 +1,9 @@
 //! Chooses the storage of a scene's splats: the most accurate one that fits a given memory.
 //!
-//! A graph that can pack splats has the parameters `sh_storage` and `storage`. Their settings form a ladder, from the most accurate to the
-//! smallest. The plan of each is built and its resident bytes are counted, until one fits. Settings that a graph lacks are passed over, and
-//! so are those that the device has no buffers for. A user's own setting of these parameters leaves nothing to choose.
+//! A graph that can pack splats has the parameters `sh_storage` and `storage`. Their settings form a ladder, from the
+//! most accurate to the smallest. For each of them in order, the plan is built and its resident bytes are counted, until
+//! one fits. Settings that the graph lacks are skipped, and so are settings with buffers that the device does not
+//! support. If the user sets one of these parameters, there is nothing to choose.
 
 use crate::draw::fit;
 use serde_json::{Value as Json, json};
@@ -12,14 +13,14 @@ use splatgraph_framework::plan::Plan;
 use std::error::Error;
 use std::fmt;
 
-/// A setting of a graph's parameters for storage.
+/// A step of the ladder: the value of a storage parameter.
 struct Rung {
     set: (&'static str, &'static str),
-    /// PSNR against separate storage: the worst of the two captures in docs/accuracy-tables.md.
+    /// PSNR against separate storage, in decibels: the lower of the two captures' in docs/accuracy-tables.md.
     psnr: u32,
 }
 
-/// The settings after the graph's own, from the most accurate to the smallest.
+/// The settings to try after the graph's own, from the most accurate to the smallest.
 const LADDER: [Rung; 4] = [
     Rung { set: ("sh_storage", "q8"), psnr: 79 },
     Rung { set: ("storage", "b64"), psnr: 70 },
@@ -27,42 +28,42 @@ const LADDER: [Rung; 4] = [
     Rung { set: ("storage", "b24"), psnr: 45 },
 ];
 
-/// The parameters that a user's own setting decides.
+/// The parameters that leave nothing to choose if the user sets one of them.
 const PARAMETERS: [&str; 4] = ["storage", "sh_storage", "covariance", "position_storage"];
 
-/// The chosen storage.
+/// The storage that was chosen, and the settings that were tried before it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// The setting to add; `None` for the graph's own storage.
+    /// The setting to add to the user's; `None` for the graph's own storage.
     pub set: Option<(String, String)>,
-    /// The settings that need too much, from the most accurate on, and the chosen one, each with its resident bytes.
+    /// The settings that were tried, each with its resident bytes. The last one is the chosen one.
     tried: Vec<(String, u64)>,
     psnr: Option<u32>,
     memory: u64,
 }
 
-/// An error of the choice.
+/// Reasons why no storage can be chosen.
 #[derive(Debug, thiserror::Error)]
 pub enum StorageError<E: Error + 'static> {
     /// No plan can be built.
     #[error(transparent)]
     Plan(E),
-    /// The smallest storage needs more memory.
+    /// Even the smallest storage needs more memory than there is.
     #[error(
         "expected a plan of at most {memory} bytes, found that the smallest storage ({setting}) needs {needed} bytes: fewer splats or a smaller picture may fit"
     )]
     TooLarge {
-        /// The memory, in bytes.
+        /// The available memory, in bytes.
         memory: u64,
-        /// The setting that needs least.
+        /// The setting that needs the least memory.
         setting: String,
-        /// Its resident bytes.
+        /// Resident bytes with that setting.
         needed: u64,
     },
 }
 
 impl<E: Error + Send + Sync + 'static> StorageError<E> {
-    /// Converts to an error of a command: errors of the graph stay what they are.
+    /// Converts the error to one of a command. Errors of the graph keep their type.
     pub fn into_error(self) -> anyhow::Error {
         match self {
             StorageError::Plan(error) => error.into(),
@@ -72,18 +73,19 @@ impl<E: Error + Send + Sync + 'static> StorageError<E> {
 }
 
 impl Choice {
-    /// Returns the setting of the smallest storage; `None` if the user's parameters leave no choice.
+    /// Returns the setting with the smallest storage; `None` if the parameters `set` leave nothing to choose.
     pub fn smallest(set: &[(String, String)]) -> Option<(String, String)> {
         let last = LADDER.last().filter(|_| !decided(set))?;
         Some((last.set.0.to_owned(), last.set.1.to_owned()))
     }
 
-    /// Chooses the storage whose plan keeps at most `memory` bytes on the device after the first frame.
+    /// Chooses the most accurate storage with which a plan keeps at most `memory` bytes on the device.
     ///
-    /// `set` has the user's parameters, and `plan` builds the plan of others.
+    /// Bytes that are freed after the first frame do not count. `set` has the user's parameters. `plan` builds the plan
+    /// with the parameters that it is given.
     ///
     /// # Errors
-    /// No plan can be built, or all need too much.
+    /// No plan can be built, or all plans need too much memory.
     pub fn of<E: Error + 'static>(
         set: &[(String, String)],
         memory: u64,
@@ -114,25 +116,25 @@ impl Choice {
 }
 
 impl Choice {
-    /// Lists the tried settings with their bytes, the chosen one last.
+    /// Returns the memory and the tried settings with their resident bytes as JSON. The chosen setting is last.
     pub fn json(&self) -> Json {
         let row = |(setting, needed): &(String, u64)| json!({ "setting": setting, "bytes": needed });
         json!({ "memory": self.memory, "tried": self.tried.iter().map(row).collect::<Vec<_>>() })
     }
 }
 
-/// Returns true if the user's parameters leave no choice.
+/// Returns true if the user's parameters `set` leave nothing to choose.
 fn decided(set: &[(String, String)]) -> bool {
     set.iter().any(|(name, _)| PARAMETERS.contains(&name.as_str()))
 }
 
-/// Names a setting.
+/// Formats a setting for messages; `None` is the graph's own storage.
 fn name(set: Option<&(String, String)>) -> String {
     set.map_or_else(|| "the graph's own storage".to_owned(), |(name, value)| format!("{name}={value}"))
 }
 
 impl fmt::Display for Choice {
-    /// Writes a line: the choice, its bytes, and those of the settings before it.
+    /// Writes a line with the chosen setting and its bytes, and with the settings that need too much.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Some(((chosen, needed), larger)) = self.tried.split_last() else { return Ok(()) };
         let memory = display(self.memory);
@@ -148,10 +150,10 @@ impl fmt::Display for Choice {
     }
 }
 
-/// Parses a size of memory: a number of bytes, or one with a unit such as `8GiB` or `500MB`.
+/// Parses a size of memory: a number of bytes, or a number with a unit, such as `8GiB` or `500MB`.
 ///
 /// # Errors
-/// The text is no size, or 0.
+/// The text is not a size, or the size is less than a byte.
 pub fn parse_bytes(text: &str) -> Result<u64, String> {
     let expected = || format!("expected bytes, such as 8GiB, 500MB or 1073741824, found `{text}`");
     let digits = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());

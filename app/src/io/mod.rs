@@ -8,7 +8,7 @@
 //! - [`progress`]: progress on standard error;
 //! - [`load`]: scene files;
 //! - [`demo`]: the demo scene;
-//! - [`timeline`]: where the time of a command goes.
+//! - [`timeline`]: the time that each step of a command takes.
 
 pub mod demo;
 pub mod film;

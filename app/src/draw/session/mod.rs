@@ -283,9 +283,10 @@ impl<D: Device> Session<D> {
         Ok(plan?)
     }
 
-    /// Sets the graph's storage to the most accurate one that fits `limit` bytes of the device's memory, for pictures of this size.
+    /// Sets the graph's storage to the most accurate one that fits the device's memory, for pictures of this size.
     ///
-    /// Without a limit, the memory is what the device has free, and a scene that is small for it is not considered: `None`.
+    /// The plan may use at most `limit` bytes, and at most the device's free memory. `None` if there is no limit, and the
+    /// scene is small for the device or the device's memory is unknown.
     ///
     /// # Errors
     /// The graph has errors, or no storage fits.
@@ -371,7 +372,7 @@ impl<D: Device> Session<D> {
         Ok(true)
     }
 
-    /// Builds and loads the plan; `share` reuses the results of the current plan's `Once` passes.
+    /// Builds and loads the plan. With `share`, it reuses the results of the current plan's `Once` passes.
     fn load(
         &mut self,
         size: (u32, u32),
@@ -478,7 +479,7 @@ impl<D: Device> Session<D> {
         }
     }
 
-    /// Waits for a frame of a plan.
+    /// Waits for a frame, and adds it to the timeline if its plan is given.
     fn land(&mut self, id: FrameId, plan: Option<&Plan>) -> Result<FrameResult, BackendError> {
         let result = info_span!("wait for a frame").in_scope(|| self.device.wait(id))?;
         if let Some(plan) = plan {
@@ -528,7 +529,7 @@ impl<D: Device> Session<D> {
     }
 }
 
-/// Adds the times of `Once` passes of an incomplete frame to the frame that replaces it, if that reused their results.
+/// Copies the times of `Once` passes from an incomplete frame to the frame that replaces it and reused their results.
 fn keep_once_times(
     (former_plan, former): &(Arc<Plan>, FrameResult),
     (plan, result): (&Plan, &mut FrameResult),
@@ -543,7 +544,7 @@ fn keep_once_times(
     result.pass_ms.splice(0..0, reused);
 }
 
-/// Lists the timed passes of a frame.
+/// Lists the passes of a frame that have a start and a time, for the timeline.
 fn timed(plan: &Plan, result: &FrameResult) -> Vec<timeline::Pass> {
     let passes = result.pass_ms.iter().zip(&result.pass_start_ms);
     let timed = passes.filter_map(|((pass, ms), start)| {

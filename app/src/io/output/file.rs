@@ -62,7 +62,7 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     write(path, |out| Ok(out.write_all(bytes)?))
 }
 
-/// Checks that [`write()`] can begin a file, and creates its folder. Nothing else changes.
+/// Checks that [`write()`] could create a file at this path. Creates its folder, and changes nothing else.
 ///
 /// # Errors
 /// The folder or the file cannot be created.

@@ -1,4 +1,4 @@
-//! Tells where the time of a command goes: a trace for Perfetto, and a summary as text.
+//! Records the timeline of a command, as a trace for Perfetto and a summary as text.
 
 mod record;
 mod summary;
@@ -11,13 +11,13 @@ use std::time::Instant;
 
 pub use record::{Frame, Pass, completed, submitted};
 
-/// A timeline that is being recorded for a file.
+/// A timeline in progress, and the file to which its trace is written.
 pub struct Timeline {
     path: PathBuf,
 }
 
 impl Timeline {
-    /// Starts to record work that began at `begun`.
+    /// Starts recording. The command's work began earlier, at `begun`.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -27,7 +27,7 @@ impl Timeline {
         Ok(Timeline { path: path.to_owned() })
     }
 
-    /// Ends the recording, writes the trace and returns the summary.
+    /// Ends the recording, writes the trace, and returns the summary. `command` is the command line.
     ///
     /// # Errors
     /// The file cannot be written.

@@ -1,8 +1,8 @@
-//! Collects spans of host threads and frames of the device.
+//! Records the spans of host threads, and the frames of the device.
 //!
-//! All crates open spans of the crate `tracing`. Without a subscriber they cost an atomic load each. [`start`] installs the subscriber
-//! of this module, which keeps every closed span with its thread and its two times; [`finish`] returns them. Only the program's own
-//! spans are kept: libraries have others.
+//! The program's crates open spans with the crate `tracing`. Without a subscriber, each costs an atomic load. [`start`]
+//! installs this module's subscriber, which keeps every closed span with its thread, its begin and its end. [`finish`]
+//! returns them. Spans of other libraries are ignored.
 
 use std::collections::HashMap;
 use std::fmt::Debug;
@@ -16,62 +16,62 @@ use tracing::span::{Attributes, Id, Record};
 use tracing::subscriber::{Interest, Subscriber};
 use tracing::{Event, Metadata};
 
-/// Beginning of the paths of the program's own crates.
+/// Prefix of the module paths of the program's own crates.
 const OWN: &str = "splatgraph";
 
-/// A closed span. Times count from the start of the process's work.
+/// A closed span. Times are relative to the begin of the recording.
 #[derive(Clone, Debug)]
 pub struct Span {
-    /// Index into [`Recording::threads`].
+    /// Index of the span's thread in [`Recording::threads`].
     pub thread: usize,
-    /// The work, as a verb and its object.
+    /// The work of the span, as a verb with its object: `build the plan`.
     pub name: &'static str,
-    /// Details, by name.
+    /// The span's fields, as text, by name.
     pub details: Vec<(&'static str, String)>,
-    /// Start.
+    /// Time when the span was entered.
     pub begin: Duration,
-    /// End.
+    /// Time when the span was exited.
     pub end: Duration,
 }
 
-/// A frame of the device.
+/// A frame that the device drew. Times of the host are relative to the begin of the recording.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// Its number on the device.
+    /// The frame's number on the device.
     pub number: u64,
-    /// The host gave it to the device.
+    /// Time when the host submitted the frame.
     pub submitted: Duration,
-    /// The host saw it complete.
+    /// Time when the host saw that the frame was complete.
     pub seen: Duration,
-    /// Start on the device's clock, in milliseconds.
+    /// Start of the frame on the device's clock, in milliseconds; `None` without timestamps.
     pub start_ms: Option<f64>,
-    /// Milliseconds on the device.
+    /// Duration on the device, in milliseconds; `None` without timestamps.
     pub total_ms: Option<f64>,
-    /// The timed passes.
+    /// The passes that have timestamps.
     pub passes: Vec<Pass>,
 }
 
-/// A pass of a frame.
+/// A timed pass of a frame.
 #[derive(Clone, Debug)]
 pub struct Pass {
-    /// Its name in the graph.
+    /// The pass's name in the plan.
     pub name: String,
-    /// Milliseconds after the frame's start.
+    /// Start of the pass, in milliseconds from the start of the frame.
     pub start_ms: f64,
-    /// Milliseconds that it took.
+    /// Duration of the pass, in milliseconds.
     pub ms: f64,
 }
 
-/// All that was recorded.
+/// A finished recording. Its times are relative to its begin.
 #[derive(Clone, Debug, Default)]
 pub struct Recording {
-    /// Names of the threads; the first is the main thread.
+    /// Names of the threads. The first is the main thread.
     pub threads: Vec<String>,
-    /// The closed spans, in the order of their ends.
+    /// The closed spans, in the order in which they were closed.
     pub spans: Vec<Span>,
     /// The completed frames.
     pub frames: Vec<Frame>,
-    /// Time of the end.
+    /// Time when the recording ended.
     pub end: Duration,
 }
 
@@ -80,12 +80,12 @@ struct Running {
     begun: Instant,
     threads: HashMap<ThreadId, usize>,
     open: HashMap<u64, Open>,
-    /// Times of submission of the frames in flight.
+    /// For each frame in flight, the time when it was submitted.
     flying: HashMap<u64, Duration>,
     recording: Recording,
 }
 
-/// A span that is not closed.
+/// A span that is not closed yet.
 struct Open {
     name: &'static str,
     details: Vec<(&'static str, String)>,
@@ -116,7 +116,7 @@ impl Running {
     }
 }
 
-/// Starts to record. Work from `begun` until now is a span of the name `before`.
+/// Starts recording. The time from `begun` until now becomes a span with the name `before`.
 pub fn start(begun: Instant, before: &'static str) {
     let mut running = running();
     let end = begun.elapsed();
@@ -130,14 +130,14 @@ pub fn start(begun: Instant, before: &'static str) {
     let _ = tracing::subscriber::set_global_default(Recorder);
 }
 
-/// Ends the recording and returns it; `None` if there is none. Spans that are still open are lost.
+/// Ends the recording, and returns it; `None` if nothing is being recorded. Spans that are still open are lost.
 pub fn finish() -> Option<Recording> {
     ACTIVE.store(false, Ordering::Relaxed);
     let Running { begun, recording, .. } = running().take()?;
     Some(Recording { end: begun.elapsed(), ..recording })
 }
 
-/// Notes that a frame was given to the device.
+/// Records that a frame is submitted now.
 pub fn submitted(number: u64) {
     if ACTIVE.load(Ordering::Relaxed)
         && let Some(running) = &mut *running()
@@ -147,7 +147,7 @@ pub fn submitted(number: u64) {
     }
 }
 
-/// Notes that a frame completed; `frame` gets the times of submission and completion.
+/// Records that a frame is complete. `frame` makes the record from the times of submission and completion.
 pub fn completed(number: u64, frame: impl FnOnce(Duration, Duration) -> Frame) {
     if ACTIVE.load(Ordering::Relaxed)
         && let Some(running) = &mut *running()
@@ -158,7 +158,7 @@ pub fn completed(number: u64, frame: impl FnOnce(Duration, Duration) -> Frame) {
     }
 }
 
-/// The subscriber, of which a process has one.
+/// The process's only subscriber to spans.
 struct Recorder;
 
 impl Subscriber for Recorder {
@@ -213,7 +213,7 @@ impl Subscriber for Recorder {
     }
 }
 
-/// The fields of a span as text.
+/// The fields of a span, as text by name.
 struct Details(Vec<(&'static str, String)>);
 
 impl Visit for Details {

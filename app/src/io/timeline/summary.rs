@@ -1,22 +1,23 @@
-//! Summarises a recording as lines: the main thread's time, the work that overlapped it, and the device's passes.
+//! Summarises a recording as text: the main thread's time, the work of other threads, and the device's passes.
 //!
-//! A span's own time is its length without the spans within it, so the lines of the main thread sum to the whole.
+//! A span's own time is its duration without that of the spans within it, so the main thread's lines add up to the
+//! whole.
 
 use super::record::{Recording, Span};
 use super::trace::ms;
 use std::fmt::Write;
 
-/// Share of the whole below which lines are joined into one.
+/// Share of the whole time below which rows are combined into one line.
 const LEAST_SHARE: f64 = 0.005;
 
-/// A line: a name, its milliseconds, and how often it occurred.
+/// A row of the summary: a name, its milliseconds, and the number of its occurrences.
 struct Row {
     name: String,
     ms: f64,
     times: usize,
 }
 
-/// Writes the summary, without a line break at its end.
+/// Formats the summary, without a line break at the end.
 pub fn text(recording: &Recording) -> String {
     let all = ms(recording.end);
     let (main, others): (Vec<_>, Vec<_>) = recording.spans.iter().partition(|span| span.thread == 0);
@@ -44,7 +45,7 @@ fn seconds(ms: f64) -> String {
     format!("{:.3} s", ms / 1e3)
 }
 
-/// Writes rows in descending order of time; small ones are joined.
+/// Formats rows in descending order of time. Rows below [`LEAST_SHARE`] of `all` milliseconds are combined.
 fn lines(mut rows: Vec<Row>, all: f64) -> String {
     rows.sort_by(|a, b| b.ms.total_cmp(&a.ms));
     let shown = rows.iter().take_while(|row| row.ms >= LEAST_SHARE * all).count();
@@ -63,7 +64,7 @@ fn lines(mut rows: Vec<Row>, all: f64) -> String {
     out
 }
 
-/// Sums the own times of spans by their names.
+/// Sums the own times of spans by name, in milliseconds.
 fn own_times(mut spans: Vec<&Span>) -> Vec<Row> {
     spans.sort_by(|a, b| (a.thread, a.begin).cmp(&(b.thread, b.begin)).then(b.end.cmp(&a.end)));
     let mut own: Vec<f64> = spans.iter().map(|span| ms(span.end - span.begin)).collect();
@@ -82,7 +83,7 @@ fn own_times(mut spans: Vec<&Span>) -> Vec<Row> {
     sums(spans.iter().zip(own).map(|(span, own)| (span.name.to_owned(), own)))
 }
 
-/// Sums times by name, in the order of first occurrence.
+/// Sums times by name, in the order in which the names first occur.
 fn sums(times: impl Iterator<Item = (String, f64)>) -> Vec<Row> {
     let mut rows: indexmap::IndexMap<String, (f64, usize)> = indexmap::IndexMap::new();
     for (name, ms) in times {

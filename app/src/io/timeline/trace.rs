@@ -1,19 +1,19 @@
-//! Writes a recording as JSON of Chrome's trace events, which Perfetto opens.
+//! Converts a recording to a trace in Chrome's JSON format, which Perfetto opens.
 //!
-//! The format is the JSON Array Format of the Trace Event Format: complete events (`ph: "X"`) with times in microseconds, and the names
-//! of threads as metadata (`ph: "M"`). Frames are on tracks beside the threads: one for the passes on the device, and one for each
-//! frame in flight.
+//! The events are those of the Trace Event Format: complete events (`ph: "X"`) with times in microseconds, and the names
+//! of threads as metadata (`ph: "M"`). Frames have tracks after those of the threads: one for the passes on the device,
+//! and one for each frame in flight.
 
 use super::record::{Frame, Recording};
 use serde_json::{Value as Json, json};
 use std::time::Duration;
 
-/// The number of the process in the trace.
+/// Number of the process in the trace.
 const PROCESS: u32 = 1;
-/// The first number of tracks that are no threads.
+/// Number of the first track that is not a thread's.
 const FIRST_TRACK: usize = 1000;
 
-/// Makes the trace of a recording. `command` is the command line.
+/// Makes the trace of a recording. `command` is the command line, which names the process.
 pub fn json(recording: &Recording, command: &str) -> Json {
     let mut events = vec![name("process_name", 0, command)];
     for (thread, text) in recording.threads.iter().enumerate() {
@@ -36,7 +36,7 @@ pub fn json(recording: &Recording, command: &str) -> Json {
     })
 }
 
-/// Makes the tracks of frames.
+/// Makes the tracks of the frames: their names and events.
 fn frames(frames: &[Frame]) -> Vec<Json> {
     let mut events = Vec::new();
     let track = |events: &mut Vec<Json>, index: usize, text: &str| {
@@ -75,10 +75,11 @@ fn frames(frames: &[Frame]) -> Vec<Json> {
     events
 }
 
-/// Moves the starts of frames from the device's clock to the recording's, in milliseconds; `None` without timestamps.
+/// Converts the starts of frames from the device's clock to the recording's, in milliseconds; `None` without timestamps.
 ///
-/// The clocks differ by an unknown offset. A frame ends before the host sees it complete, so each frame bounds the offset from above; the
-/// smallest bound counts. Starts are late by the shortest time in which the host noticed the end of a frame.
+/// The clocks differ by an unknown offset. A frame ends before the host sees that it is complete, so each frame bounds
+/// the offset from above, and the smallest bound is used. The results are late by the shortest time that the host took
+/// to notice the end of a frame. If the device's clock wrapped, each frame is taken to end when the host saw it.
 pub fn starts(frames: &[Frame]) -> Vec<Option<f64>> {
     let bound = |frame: &Frame| Some(ms(frame.seen) - frame.start_ms? - frame.total_ms?);
     let wrapped = frames.windows(2).any(|pair| pair[1].start_ms < pair[0].start_ms);
