@@ -33,6 +33,8 @@ use std::path::{Path, PathBuf};
 ///
 /// `--suite sort` measures the sort alone instead: random pairs of a key and a 32-bit value, with keys of 16, 24 and 32 bits.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("rounds", |arg| arg.help("Number of rounds")))]
+#[command(mut_arg("frames", |arg| arg.help("Frames of each graph per round [default: 1 to 30, from the frame time]")))]
 #[command(after_help = "Examples:
   splatgraph bench                                     # the demo scene
   splatgraph bench scene.ply --pipelines splat,key16,my/graph.ron --json bench.json

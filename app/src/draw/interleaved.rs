@@ -26,7 +26,7 @@ pub struct Effort {
 /// The numbers of rounds and frames that the user asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Frames {
-    /// Maximum number of rounds.
+    /// Number of rounds; a maximum for studies that end once the time is precise enough.
     pub rounds: u32,
     /// Frames of each session per round; `None` to choose from the frame time.
     pub frames: Option<u32>,
