@@ -29,8 +29,9 @@ use std::path::{Path, PathBuf};
 /// command with the best setting that it measured to be within the budget. PSNR is measured for each view against the exact
 /// renderer (`render --backend reference`), as in `compare`. The exit code is 1 if no setting is within the budget.
 ///
-/// If the times of several settings differ only within the noise, it advises the most accurate of them, and lists the others as
-/// too noisy to tell. If the defaults are within the budget, they are advised unless another setting is better beyond the noise.
+/// If the times of several settings differ only within the noise, it recommends the most accurate of them, and lists the others
+/// as too noisy to tell. If the defaults are within the budget, it recommends them unless another setting is better beyond the
+/// noise.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   splatgraph advise scene.ply -c cameras.json                # what the scene is like

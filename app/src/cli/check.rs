@@ -323,7 +323,7 @@ fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
     if !unmet.is_empty() {
         let needs: Vec<String> = unmet.iter().map(ToString::to_string).collect();
         let whose = fallbacks.last().map_or("the graph".to_owned(), |last| format!("`{}`", last.taken));
-        parts.push(format!("{whose} needs {}, and nothing stands in", needs.join(" and ")));
+        parts.push(format!("{whose} needs {}, and there is no fallback", needs.join(" and ")));
     }
     (!parts.is_empty()).then(|| parts.join("; "))
 }
@@ -383,8 +383,9 @@ fn verify(plan: &Plan, barriers: &Barriers) -> Result<String, String> {
     let dump = sync::dump::add_barriers(dump::dump(plan), plan, Ok(barriers));
     let frame = &dump.totals.frame;
     let mut line = format!(
-        "{} passes once and {} every frame, {} shaders; {} barriers in {} calls: they leave no hazard, and taking away any \
-         barrier or any bit of one ({} ways) leaves one",
+        "{} passes ({} once, {} every frame), {} shaders; {} barriers in {} calls: no hazards, and removing any barrier, \
+         or any bit of one ({} ways), causes a hazard",
+        plan.prologue.len() + plan.frame.len(),
         plan.prologue.len(),
         plan.frame.len(),
         plan.shaders.len(),
@@ -428,7 +429,7 @@ mod tests {
         };
         let line = lacking(on("tiled", "webgpu"));
         assert!(
-            line.contains("device.subgroup_") && line.ends_with("= false), and nothing stands in"),
+            line.contains("device.subgroup_") && line.ends_with("= false), and there is no fallback"),
             "{line}"
         );
         let line = lacking(on("splat", "webgpu-subgroups"));
@@ -496,7 +497,7 @@ mod tests {
         assert_eq!(
             checked(&written("wide.ron", wide)),
             "not for the smallest supported device\n  4, 8, 16, 32, 64 lanes: the graph needs workgroups of 1024 \
-             invocations (device.max_invocations = 256), and nothing stands in"
+             invocations (device.max_invocations = 256), and there is no fallback"
         );
         let narrow = r#"require: [("device.subgroup_size <= 32", "narrow subgroups")]"#;
         let narrow = written("narrow.ron", narrow);

@@ -36,7 +36,7 @@ pub const EXAMPLES: &str = "Examples:
 /// Draw a film of a camera that moves through a scene
 ///
 /// With --cameras, the camera moves smoothly through them at constant speed, where rotation counts as distance. Without, it goes
-/// once around the scene. The viewer plays the same path: K records a key, and the tool Cameras writes the keys to a file.
+/// once around the scene. The viewer plays the same path: K records a key, and the Cameras tool writes the keys to a file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

@@ -186,7 +186,7 @@ fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
             });
         }
         Copy::Unknown => {
-            let button = target.controls.seen("measure_copy", ui.button("Hold against a copy"));
+            let button = target.controls.seen("measure_copy", ui.button("Compare with a copy"));
             let about = "Measures how fast the device copies, and shows how long a copy of the bound bytes would take";
             *target.measure |= hint(button, about).clicked();
         }
