@@ -180,7 +180,7 @@ pub(super) fn bands_text(bands: &[Band]) -> String {
     }
 }
 
-/// Maximum number of settings within the noise to print. The JSON has all of them.
+/// Maximum number of settings within the noise that are printed. The JSON has all of them.
 const NAMED: usize = 5;
 
 /// Joins the first [`NAMED`] names of a list, and adds how many others there are.

@@ -64,7 +64,7 @@ struct Common {
     device: DrawingBackendArgs,
 }
 
-/// Default width of the pictures, in pixels; it is small because a page holds about twenty pictures.
+/// Default width of the pictures, in pixels. It is small because a page holds about twenty pictures.
 const WIDTH: u32 = 640;
 
 impl Args {

@@ -1,4 +1,4 @@
-//! Makes cameras from points on the command line, one to look from and one to look at, and circles of cameras.
+//! Makes cameras from a point to look from and a point to look at, and circles of cameras.
 
 use super::outcome::Usage;
 use crate::draw::facts;

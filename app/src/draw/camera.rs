@@ -48,8 +48,7 @@ struct Block {
 
 const _: () = assert!(size_of::<Block>() == 256);
 
-/// Focal length in pixels above which the rounding of positions relative to the camera could move a splat by a
-/// thousandth of a pixel.
+/// Focal length in pixels above which rounding relative to the camera could move a splat by a thousandth of a pixel.
 const LONG_FOCAL: f64 = 16_384.0;
 
 /// Byte offset of the frame number in the block.
@@ -80,11 +79,12 @@ pub fn depth_range(camera: &Camera, bounds: &Bounds) -> [f64; 2] {
     [(near - rounding).max(NEAR), (far + rounding).max(NEAR)]
 }
 
-/// Bound on the error of a view depth in f32, relative to the coordinates from which it is computed: four roundings,
-/// doubled.
+/// Bound on the relative error of a view depth in f32: four roundings, doubled.
+///
+/// The error is relative to the coordinates from which the depth is computed.
 pub const ROUNDING: f64 = 8.0 / (1u64 << 24) as f64;
 
-/// Computes an upper bound on the distance from the camera to a splat in the scene's box; it also holds in f32.
+/// Computes an upper bound on the distance from the camera to a splat in the scene's box, even in f32.
 fn farthest(camera: &Camera, bounds: &Bounds) -> f64 {
     let corner =
         bounds.corners().into_iter().map(|corner| DVec3::from(corner).distance(camera.position.into()));

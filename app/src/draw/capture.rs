@@ -73,7 +73,9 @@ pub fn wrong_pairs(truth: &[u32], given: &[u32]) -> Option<u64> {
     inversions(&only(truth, given), given)
 }
 
-/// Counts the pairs of splats that swap places, among splats in both orders; `None` if an order has a splat twice.
+/// Counts the pairs of splats, out of those in both orders, that swap places.
+///
+/// `None` if an order contains a splat twice.
 pub fn order_changes(before: &[u32], after: &[u32]) -> Option<u64> {
     let kept = only(before, after);
     inversions(&kept, &only(after, &kept))

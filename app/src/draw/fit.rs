@@ -54,7 +54,7 @@ impl Target {
 /// Memory that a graph needs for a scene, compared with the limits of a device.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Fit {
-    /// The device whose limits are compared.
+    /// The device with the limits.
     pub device: Target,
     /// True if every buffer and the total memory fit the device.
     pub fits: bool,
@@ -62,7 +62,7 @@ pub struct Fit {
     pub splats: u64,
     /// Bytes of the resources that stay on the device; memory that resources share counts once.
     pub needed_bytes: u64,
-    /// Bytes of the resources that are freed after the first frame; they are in host memory if the device has no room.
+    /// Bytes of the resources that are freed after the first frame. Host memory holds them if the device has no room.
     pub loading_bytes: u64,
     /// Name and bytes of the largest storage buffer.
     pub largest: Option<(String, u64)>,

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 /// Numbers of rounds and frames to draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Effort {
-    /// Number of rounds, whose medians show the spread.
+    /// Number of rounds. The medians of the rounds show the spread.
     pub rounds: u32,
     /// Frames of each session per round, interleaved.
     pub frames: u32,
@@ -180,8 +180,9 @@ pub fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> 
     }
 }
 
-/// Computes the share of the host's frame time that the device spends drawing, at most 1; `None` without timestamps or
-/// frames.
+/// Computes the share of the host's frame time that the device spends drawing, at most 1.
+///
+/// `None` without timestamps or frames.
 pub fn busy(frames: &[Timed]) -> Option<f64> {
     let drawn = frames.iter().map(|frame| frame.result.total_ms).sum::<Option<f64>>()?;
     let all: f64 = frames.iter().map(|frame| frame.wall_ms).sum();

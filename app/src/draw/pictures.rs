@@ -13,7 +13,7 @@ use std::sync::mpsc::{Receiver, channel};
 /// Unfinished pictures may take the available memory divided by this number.
 const MEMORY_SHARE: u64 = 4;
 
-/// Bytes of memory per pixel that encoding takes in addition to the pixels: RGB in f32, 8 bits, and the encoded file.
+/// Bytes of memory per pixel for encoding, besides the pixels themselves: RGB in f32, 8 bits, and the encoded file.
 const ENCODING_BYTES: u64 = 12 + 3 + 3;
 
 /// Estimates the memory that encoding a picture takes, in bytes.
@@ -70,7 +70,7 @@ impl<T: Send + 'static> Pictures<T> {
     }
 }
 
-/// Waits for the pictures in progress, even after an error, so that the process does not end in the middle of a file.
+/// Waits for the pictures in progress, even after an error. Otherwise, the process could end in the middle of a file.
 impl<T> Drop for Pictures<T> {
     fn drop(&mut self) {
         self.unfinished.drain(..).for_each(|picture| _ = picture.recv());

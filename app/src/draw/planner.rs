@@ -141,8 +141,9 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// Returns the graphs that `graph` passes over on a device with these facts, or its unmet requirements if no graph
-    /// is left.
+    /// Returns the graphs that `graph` passes over on a device with these facts.
+    ///
+    /// If no graph is left, also returns the unmet requirements.
     pub fn standing(
         &mut self,
         graph: &str,

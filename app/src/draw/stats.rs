@@ -57,7 +57,7 @@ pub struct CameraStats {
     pub inspected: Vec<crate::draw::inspect::Finding>,
 }
 
-/// Value of [`CameraStats::busy`] below which the device idles so much that its clock may fall.
+/// Value of [`CameraStats::busy`] below which the device idles so often that its clock may fall.
 pub const BUSY: f64 = 0.5;
 
 /// The time of a pass.
@@ -191,7 +191,7 @@ pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     }
 }
 
-/// Finds the smallest of the ascending `values` such that at least the share `q` of them does not exceed it.
+/// Finds the smallest of the ascending `values` that is at least as large as the share `q` of them.
 #[cfg(feature = "window")]
 pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let rank = (q * values.len() as f64).ceil() as usize;

@@ -1,5 +1,6 @@
-//! Finds the meaning of a string in a graph file from the text before it, because the file may be incomplete while it
-//! is edited.
+//! Finds the meaning of a string in a graph file.
+//!
+//! Only the text before the string is used, because the file may be incomplete while it is edited.
 
 use std::ops::Range;
 

@@ -117,7 +117,7 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
     found
 }
 
-/// Returns the string or the name that is the value of field `key`; `None` if the bracket has no such field.
+/// Returns the string or the name that is the value of field `key`; `None` without such a field.
 pub fn value(group: &Group, key: &str) -> Option<String> {
     group.values.iter().find(|(other, _)| other == key).map(|(_, value)| value.clone())
 }

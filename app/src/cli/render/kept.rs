@@ -56,8 +56,9 @@ impl Kept {
         CameraStats { busy, frames, record_ms, ..stats }
     }
 
-    /// Computes the share of the time that the device spends drawing, at most 1; `None` with fewer than four frames, or
-    /// without timestamps.
+    /// Computes the share of the time that the device spends drawing, at most 1.
+    ///
+    /// `None` with fewer than four frames, or without timestamps.
     ///
     /// The last frame is left out, because its picture is read back.
     fn busy(&self) -> Option<f64> {

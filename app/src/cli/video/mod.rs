@@ -84,7 +84,7 @@ pub struct Args {
 /// Maximum number of frames of a film.
 const MAX_FRAMES: u32 = 100_000;
 
-/// Default time that the shutter is open, as a share of the time between frames: 180 degrees of a rotary shutter.
+/// Default time that the shutter is open, as a share of the time between frames. It is that of a 180-degree shutter.
 const SHUTTER: f64 = 0.5;
 
 /// Parses a duration in seconds.

@@ -26,8 +26,7 @@ const UNEVEN: f64 = 1e-3;
 const BISECTIONS: (u32, u32) = (4, 24);
 /// Length below which an interval is not bisected, as a share of the distances between all keys.
 const TINY: f64 = 1e-7;
-/// Length below which an interval is not bisected, as a multiple of the rounding error of a view: shorter lengths are
-/// noise.
+/// Length below which an interval is not bisected, because it is noise, as a multiple of a view's rounding error.
 const NOISE: f64 = 1e3;
 
 /// Position, rotation and zoom of a camera.

@@ -107,8 +107,9 @@ pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option
     at(KEYS_BYTE).or_else(|| if pairs { at(PAIRS_BYTE) } else { value("visible") })
 }
 
-/// Returns the lowest bit that a sort reads of its keys: the smallest push constant `shift` among the iterations of a
-/// pass.
+/// Returns the lowest bit of the keys that a sort reads.
+///
+/// It is the smallest push constant `shift` among the iterations of a pass.
 pub(super) fn lowest_bit(plan: &Plan, pass: &Pass) -> u32 {
     let iterations =
         plan.passes.iter().filter(|other| without_index(&other.name) == without_index(&pass.name));

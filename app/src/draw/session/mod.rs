@@ -170,7 +170,7 @@ impl<D: Device> Session<D> {
         Ok(Session::new(self.device.new_context()?, scene, pipeline, set))
     }
 
-    /// Gives every resource its own memory, so that its contents after any pass can be read until the end of the frame.
+    /// Gives every resource its own memory, so that its contents can be read after any pass.
     ///
     /// This applies to plans that are prepared later.
     pub fn keep_contents(&mut self) {
@@ -285,8 +285,8 @@ impl<D: Device> Session<D> {
 
     /// Sets the graph's storage to the most accurate one that fits the device's memory, for pictures of this size.
     ///
-    /// The plan may use at most `limit` bytes, and at most the device's free memory. `None` if there is no limit, and the
-    /// scene is small for the device or the device's memory is unknown.
+    /// The plan may use at most `limit` bytes, and at most the device's free memory. `None` if there is no limit, and
+    /// the scene is small for the device or the device's memory is unknown.
     ///
     /// # Errors
     /// The graph has errors, or no storage fits.

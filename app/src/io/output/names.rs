@@ -13,7 +13,7 @@ use std::collections::HashSet;
 /// Maximum length of a file name on common file systems, in bytes.
 pub const MAX_NAME_BYTES: usize = 255;
 
-/// Minimum length left for a camera's name in a file name, in bytes: for its hash, its index, and a recognisable part.
+/// Minimum length that is left for a camera's name, in bytes: for its hash, its index, and a recognisable part.
 pub const MIN_ROOM_BYTES: usize = 48;
 
 /// Makes a unique file name from each name, without extension, of at most `room` bytes.

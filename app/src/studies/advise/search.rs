@@ -59,8 +59,9 @@ impl Tried {
         self.psnr_db.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns true if this setting is certainly faster than `other`, false if it certainly is not or without
-    /// timestamps, and `None` if noise hides the difference.
+    /// Returns true if this setting is certainly faster than `other`, and false if it certainly is not.
+    ///
+    /// `None` if noise hides the difference. Without timestamps, no setting is faster.
     fn faster(&self, other: &Tried) -> Option<bool> {
         match (self.share, other.share) {
             (Some(own), Some(other)) => own.faster(&other),
@@ -82,8 +83,9 @@ pub fn own_share(rows: &[Row]) -> Option<Share> {
 }
 
 impl Budget {
-    /// Returns true if a setting is certainly within the limits, false if it certainly is not, and `None` if noise
-    /// hides it.
+    /// Returns true if a setting is certainly within the limits, and false if it certainly is not.
+    ///
+    /// `None` if noise hides it.
     ///
     /// Without timestamps, no setting is within a time limit.
     pub fn allows(&self, tried: &Tried) -> Option<bool> {

@@ -4,7 +4,7 @@ use splatgraph_framework::ir::{Pass, ResourceId, Work};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 
-/// Sums the declared sizes of the buffers and images that a pass reads and writes, each once.
+/// Sums the declared sizes of the buffers and images that a pass accesses, once for reads and once for writes.
 ///
 /// A resource that is read and written counts twice, as in a copy; a target that is cleared is not read. A pass that
 /// reads data several times moves more. A pass whose buffers are only partly used, such as a sort of the visible splats

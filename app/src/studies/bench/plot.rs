@@ -66,7 +66,7 @@ fn unique<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<T> {
     found
 }
 
-/// Plots one line per graph: the frame time, averaged over the cameras; on the GPU if known, otherwise on the host.
+/// Plots one line per graph: the frame time on the GPU, or on the host if unknown, averaged over the cameras.
 fn plot(
     report: &Report,
     title: String,

@@ -31,7 +31,7 @@ pub struct Drawn {
     pub image: Image,
     /// Error of this picture against the exact one.
     pub error: Comparison,
-    /// Number of pairs of splats that are in the wrong order in the order buffer; `None` if it cannot be read.
+    /// Number of pairs of splats in the wrong order in the order buffer; `None` if it cannot be read.
     pub inversions: Option<u64>,
     /// Number of pairs of splats that are blended in the wrong order.
     pub wrong: Option<u64>,

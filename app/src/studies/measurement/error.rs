@@ -43,8 +43,9 @@ pub fn measure(picture: &Image, truth: &Image, covered: &[bool]) -> Result<Error
     })
 }
 
-/// Computes the share of pixels in which a channel differs by more than [`STEP`], among those that `wanted` accepts by
-/// index.
+/// Computes the share of pixels in which a channel differs by more than [`STEP`].
+///
+/// Only pixels with an index that `wanted` accepts count.
 fn off(picture: &Image, truth: &Image, wanted: impl Fn(usize) -> bool) -> f64 {
     let (mut off, mut count) = (0usize, 0usize);
     for (_, (a, b)) in picture.rgb.iter().zip(&truth.rgb).enumerate().filter(|(pixel, _)| wanted(*pixel)) {

@@ -10,7 +10,7 @@
 use crate::draw::stats::median;
 use serde::{Deserialize, Serialize};
 
-/// Minimum number of rounds for a range: with 8, the median lies between the least and the greatest in 99.2 % of cases.
+/// Minimum number of rounds for a range. With 8, the median is between the least and the greatest in 99.2 % of cases.
 pub const LEAST_ROUNDS: usize = 8;
 
 /// Maximum probability that the true median is outside of the range.
@@ -22,8 +22,9 @@ pub const LEAST_SAVING: f64 = 0.02;
 /// PSNRs that differ by less than this, in decibels, count as equal: a table does not show the difference.
 const EQUAL_DB: f64 = 0.05;
 
-/// Half width at which a range is narrow enough to end the rounds: for a share near 1, and what a share far from 1
-/// adds.
+/// Half width at which a range is narrow enough to end the rounds.
+///
+/// The first number is for a share of 1. The second, times the share's distance from 1, is added to it.
 const NARROW: (f64, f64) = (0.01, 0.05);
 
 /// A frame time as a share of the exact settings' time.
@@ -74,8 +75,9 @@ impl Share {
         Share { range, ..self }
     }
 
-    /// Returns true if this takes at least [`LEAST_SAVING`] less time than `other`, false if it does not, and `None` if
-    /// noise hides the difference.
+    /// Returns true if this takes at least [`LEAST_SAVING`] less time than `other`, and false if it does not.
+    ///
+    /// `None` if noise hides the difference.
     pub fn faster(&self, other: &Share) -> Option<bool> {
         let ((low, high), (other_low, other_high)) = (self.range?, other.range?);
         let kept = 1.0 - LEAST_SAVING;

@@ -200,8 +200,9 @@ impl Plane {
     }
 }
 
-/// Contrast sensitivity of the eye to lightness, red-green and blue-yellow: sums of Gaussians, each with its amplitude
-/// and its width in degrees squared (table 1).
+/// Contrast sensitivity of the eye to lightness, red-green and blue-yellow (table 1).
+///
+/// Each is a sum of Gaussians, with their amplitudes and their widths in degrees squared.
 const SENSITIVITY: [&[(f64, f64)]; 3] = [&[(1.0, 0.0047)], &[(1.0, 0.0053)], &[(34.1, 0.04), (13.5, 0.025)]];
 
 /// The widest Gaussian of [`SENSITIVITY`], which determines the size of all filters.
@@ -239,8 +240,9 @@ fn contrast(plane: &Plane, gaussians: &[(f64, f64)]) -> Plane {
 /// Width of the detected features, in degrees.
 const FEATURE: f64 = 0.082;
 
-/// Computes the strength of the edge and of the point at each pixel, by the first and second derivatives of a Gaussian
-/// [11 to 14].
+/// Computes the strength of the edge and of the point at each pixel [11 to 14].
+///
+/// They are the first and second derivatives of a Gaussian.
 fn features(lightness: &Plane) -> Vec<[f64; 2]> {
     let deviation = 0.5 * FEATURE * PIXELS_PER_DEGREE;
     let radius = (3.0 * deviation).ceil() as usize;

@@ -92,7 +92,7 @@ pub fn world_area(scene: &Scene, index: usize) -> f64 {
     (a * b).max(b * c).max(a * c)
 }
 
-/// Computes a splat's area on the screen as if it faced the camera, in square pixels over pi; 0 if it is not visible.
+/// Computes the area on the screen of a splat that faces the camera, in square pixels over pi; 0 if it is not visible.
 fn screen_area(scene: &Scene, camera: &Camera, index: usize) -> f64 {
     let [x, y, z] = camera.to_view(scene.positions()[index].map(f64::from));
     if z <= NEAR {

@@ -97,8 +97,9 @@ impl Swept {
         Plot { bars: Vec::new(), title: title.to_owned(), x, y, series: series.collect() }
     }
 
-    /// Plots PSNR against the number of splats, without the step that draws all splats: its picture differs from the
-    /// truth only by rounding.
+    /// Plots PSNR against the number of splats.
+    ///
+    /// The step that draws all splats is left out: its picture differs from the truth only by rounding.
     pub fn quality(&self) -> Plot {
         let point = |mean: &Mean| (mean.count < self.splats).then_some((f64::from(mean.count), mean.psnr_db));
         self.plot("Quality of a budget of splats", splats(), psnr(), point)
@@ -366,7 +367,7 @@ impl Swept {
     }
 }
 
-/// Phases whose time depends on the number of splats.
+/// Phases with a time that depends on the number of splats.
 const PHASES: [&str; 5] = ["project", "sort", "bin", "draw", "rasterise"];
 
 /// Fits the line to an approach, and combines it with the steps to a sweep.

@@ -1,5 +1,6 @@
-//! Stores the pictures of a ledger in a folder next to its file: for each setting, the view farthest from the truth,
-//! and its amplified difference.
+//! Stores the pictures of a ledger in a folder next to its file.
+//!
+//! For each setting, these are the view farthest from the truth, and its amplified difference.
 //!
 //! The page of the ledger shows them when a reader clicks a setting. They are scaled down, so that the pictures of a
 //! hundred settings stay below a hundred megabytes.
@@ -17,8 +18,7 @@ use std::path::{Path, PathBuf};
 
 /// Maximum width of a stored picture, in pixels. Wider ones are scaled down.
 const WIDTH: usize = 640;
-/// Root mean square of an amplified difference (white is 1), at which small errors are visible and large ones stand
-/// out.
+/// Root mean square of an amplified difference, for a white of 1. Small errors are visible, and large ones stand out.
 const VISIBLE: f64 = 1.0 / 16.0;
 /// Name of the folder with the pictures.
 pub const FOLDER: &str = "pictures";
