@@ -172,7 +172,7 @@ impl On {
     }
 }
 
-/// Writes the result of one graph as JSON.
+/// Converts the result of one graph to JSON.
 fn as_json(
     graph: &str,
     device: Option<&str>,
@@ -195,7 +195,7 @@ fn as_json(
     json
 }
 
-/// The result of checking a graph that could be built.
+/// The result of checking a graph that has no errors.
 #[derive(Debug)]
 enum Verdict {
     /// The graph is correct; the text summarises it.

@@ -101,7 +101,10 @@ pub(super) struct Work {
     diffs: Vec<PathBuf>,
 }
 
-/// Lists the files of the command line; an error if an output would overwrite a picture.
+/// Finds the pictures to compare, and chooses the files of the differences.
+///
+/// # Errors
+/// A picture has no partner, or an output would overwrite a picture.
 pub(super) fn prepare(args: &Args) -> Result<Work> {
     let (a, b) = (Pictures::of(&args.a)?, Pictures::of(&args.b)?);
     let (pairs, folders) = match (a, b) {

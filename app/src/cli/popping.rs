@@ -172,7 +172,7 @@ fn path(args: &Args, scene: &Scene, mut cameras: Vec<Camera>) -> Result<Vec<Came
     Ok(cameras)
 }
 
-/// Lists the files; an error if an output would overwrite an input.
+/// Makes the guard of the command line's files. An error means that an output would overwrite an input.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     for graph in &args.pipeline {

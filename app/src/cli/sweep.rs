@@ -158,7 +158,7 @@ pub struct Views {
 }
 
 impl Views {
-    /// Checks the arguments.
+    /// Checks the arguments, and reads the cameras. The scene is not loaded yet.
     pub fn new(args: Args) -> Result<Views> {
         let given = args.drawing.cameras(args.scene.as_deref())?;
         let stems = stems(&args, given.as_deref());

@@ -303,7 +303,7 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene,
     Ok(((scene, path), cameras))
 }
 
-/// The viewer's initial state.
+/// The state in which the viewer opens, from the command line.
 struct InitialState {
     background: [f32; 3],
     compare: Option<(Mode, Option<String>, IndexMap<String, String>)>,

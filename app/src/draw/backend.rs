@@ -50,7 +50,7 @@ impl Api {
     #[cfg(not(target_vendor = "apple"))]
     pub const ALL: [Api; 2] = [Api::Vulkan, Api::Null];
 
-    /// Returns the name on the command line.
+    /// Returns the API's name, as `--backend` takes it.
     pub fn name(self) -> &'static str {
         match self {
             Api::Vulkan => "vulkan",

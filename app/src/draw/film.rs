@@ -57,7 +57,7 @@ impl Film {
     }
 }
 
-/// Options of [`draw`].
+/// Options of [`draw`] besides the film.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawOptions {
     /// Background colour, display-encoded.

@@ -55,7 +55,7 @@ impl Frames {
 
 /// A frame with its times on the host.
 pub struct Timed {
-    /// Results from the device.
+    /// Results of the frame from the device.
     pub result: FrameResult,
     /// Host time until the frame was submitted, in milliseconds.
     pub submit_ms: f64,

@@ -158,7 +158,7 @@ fn stretch(x: u32, range: u32, bits: u32) -> u32 {
 pub struct View<'a> {
     /// The visible splats, near to far.
     pub visible: &'a [Visible],
-    /// Tiles across and down.
+    /// Number of tiles across and down.
     pub tiles: [u32; 2],
     /// Depth range that the keys cover.
     pub range: (f32, f32),

@@ -47,7 +47,7 @@ pub const NAMES: [(&str, &str); 7] = [
 /// An image of a frame besides its picture, row 0 at the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
-    /// The name in the graph.
+    /// Name of the output in the graph.
     pub name: String,
     /// Shape: `[height, width]`, or `[height, width, channels]`.
     pub shape: Vec<u64>,

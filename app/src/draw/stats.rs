@@ -78,7 +78,7 @@ pub struct PassTime {
 pub struct BufferSize {
     /// Name of the resource, or the backend's purpose for the memory.
     pub name: String,
-    /// Size in bytes.
+    /// Size of the allocation, in bytes.
     pub bytes: u64,
 }
 

@@ -35,7 +35,7 @@ pub struct TruthStats {
     pub most_contributors: u32,
     /// The share of pixels whose transmittance is below 1.
     pub covered: f64,
-    /// Milliseconds on the host.
+    /// Milliseconds that drawing took on the host.
     pub cpu_ms: f64,
 }
 

@@ -13,7 +13,7 @@ pub enum Kind {
     Let,
     /// An import, a port, a buffer or an image.
     Resource,
-    /// A dispatch, a draw or a fill.
+    /// A pass: a dispatch, a draw or a fill.
     Pass,
     /// An include.
     Include,

@@ -17,7 +17,7 @@ const LOADS: usize = 3;
 pub struct Price {
     /// Extension of the format, with a version if it has several.
     pub format: String,
-    /// Bytes of the file.
+    /// Size of the file, in bytes.
     pub bytes: u64,
     /// Bytes of the file per splat.
     pub bytes_per_splat: f64,

@@ -97,7 +97,7 @@ enum Api {
     Metal,
 }
 
-/// Lists the files of the command line; an error if the output is an input.
+/// Makes the guard of the command line's files. An error means that the output is an input.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
     let graphs = [Some(&args.graph), args.diff.as_ref()].into_iter().flatten();

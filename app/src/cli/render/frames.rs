@@ -21,7 +21,7 @@ use std::time::Instant;
 /// The parsed value `RESOURCE@PASS[=FILE.npy]` of `--inspect`.
 #[derive(Clone, Debug)]
 pub struct InspectRequest {
-    /// Name of the resource.
+    /// Name of the resource to read back.
     pub resource: String,
     /// Name of the pass after which the resource is read.
     pub pass: String,
@@ -50,7 +50,7 @@ pub struct Wanted<'a> {
     pub background: [f32; 3],
     /// True to read the last frame's picture back.
     pub read_output: bool,
-    /// Resources to read back.
+    /// Resources to read back, each after a pass.
     pub inspect: &'a [InspectRequest],
 }
 

@@ -22,7 +22,7 @@ pub struct Views {
 }
 
 impl Views {
-    /// Checks the arguments.
+    /// Checks the arguments, and reads the cameras. The scene is not loaded yet.
     ///
     /// # Errors
     /// An option does not apply to a part of the views, or the output is not a folder.

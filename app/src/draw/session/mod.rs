@@ -110,7 +110,7 @@ struct Flight {
 /// Maximum number of frames whose inputs are kept. A device keeps the results of as many.
 const MOST_FLYING: usize = 64;
 
-/// Options of a frame.
+/// What a frame draws, reads back and measures.
 #[derive(Clone, Debug, Default)]
 pub struct FrameOptions {
     /// Background colour, display-encoded.
@@ -119,7 +119,7 @@ pub struct FrameOptions {
     pub read_output: bool,
     /// Resources to read back, each after a pass.
     pub inspect: Vec<Inspect>,
-    /// True to omit timestamps of passes: see [`FrameInputs::untimed_passes`].
+    /// True to omit the timestamps of passes; see [`FrameInputs::untimed_passes`].
     pub untimed_passes: bool,
 }
 

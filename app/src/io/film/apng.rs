@@ -1,4 +1,4 @@
-//! Writes animated PNGs.
+//! Writes animated PNGs, which keep all 8 bits of each channel.
 
 use super::frame::{Frame, Rate, Writer, mixed};
 use crate::io::output::file::Cause;

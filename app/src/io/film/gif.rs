@@ -1,4 +1,4 @@
-//! Writes animated GIFs.
+//! Writes animated GIFs, with 256 colours in each frame.
 
 use super::frame::{Frame, Rate, Writer, mixed};
 use crate::io::image::Image;

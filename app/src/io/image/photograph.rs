@@ -20,7 +20,7 @@ fn is_png(path: &Path) -> Result<bool, ImageError> {
 /// A decoder whose header has been read.
 type Decoder = JpegDecoder<BufReader<File>>;
 
-/// Reads the header of a JPEG file; returns the decoder, and the picture's size.
+/// Reads the header of a JPEG file. Returns the decoder, and the picture's size.
 fn header(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
     let options = DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::RGB);
     let mut decoder = JpegDecoder::new_with_options(open(path)?, options);

@@ -21,7 +21,7 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
 /// A decoder whose header has been read.
 type Decoder = png::Decoder<BufReader<File>>;
 
-/// Reads the header; returns the decoder, and the picture's size.
+/// Reads the header of a PNG file. Returns the decoder, and the picture's size.
 fn header(path: &Path) -> Result<(Decoder, (usize, usize)), ImageError> {
     let mut decoder = png::Decoder::new(open(path)?);
     decoder.set_transformations(png::Transformations::EXPAND);

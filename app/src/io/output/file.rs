@@ -32,7 +32,7 @@ pub type Cause = Box<dyn std::error::Error + Send + Sync>;
 pub struct OutputError {
     /// Path of the file, as given.
     pub path: PathBuf,
-    /// Cause of the failure.
+    /// Why the file could not be written.
     pub cause: Cause,
 }
 

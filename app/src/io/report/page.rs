@@ -21,7 +21,7 @@ pub struct Page {
 
 /// A row of a sortable table.
 pub struct Row {
-    /// Texts of the cells; the first names the row.
+    /// Texts of the cells. The first one is the name of the row.
     pub cells: Vec<String>,
     /// Pictures that a click on the name shows.
     pub pictures: Vec<Linked>,

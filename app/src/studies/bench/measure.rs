@@ -24,7 +24,7 @@ pub struct Part {
     pub phase: Option<String>,
     /// Milliseconds on the GPU; `None` if the device has no timestamps.
     pub gpu_ms: Option<Figure>,
-    /// Lower bound of the bytes that the pass or phase moves: see [`bytes::of_pass`].
+    /// Lower bound of the bytes that the pass or phase moves; see [`bytes::of_pass`].
     pub bytes: u64,
     /// Bandwidth: `bytes` per GPU time, in 10^9 bytes per second.
     pub gb_per_s: Option<f64>,
@@ -102,7 +102,7 @@ pub struct Found {
     pub once: Vec<Part>,
     /// Device memory by name, in bytes. Candidates that read the same scene attributes share their memory.
     pub memory: Vec<BufferSize>,
-    /// The sum of `memory`.
+    /// Total device memory, in bytes: the sum of `memory`.
     pub memory_bytes: u64,
 }
 
@@ -135,9 +135,9 @@ struct Runner<D> {
 
 /// A measurement of candidates on one scene.
 pub struct Bench<'a, D> {
-    /// Device that draws.
+    /// Device on which the candidates draw.
     pub device: &'a D,
-    /// Scene to draw.
+    /// Scene that the candidates draw.
     pub scene: Arc<Scene>,
     /// Numbers of frames and rounds.
     pub frames: Frames,

@@ -17,7 +17,7 @@ pub const GRAPH: &str = "bench/pairs";
 /// Phase of [`GRAPH`] that is measured.
 const PHASE: &str = "sort";
 
-/// Key widths, in bits.
+/// Key widths that are measured, in bits.
 pub const KEY_BITS: [u32; 3] = [16, 24, 32];
 
 /// Parameters of [`GRAPH`] that the study itself sets.

@@ -39,7 +39,7 @@ pub struct Drawn {
 pub struct Direction {
     /// The direction, in words.
     pub name: String,
-    /// The exact renderer's picture.
+    /// The exact renderer's picture with all bands.
     pub exact: Image,
     /// The pictures with bands up to 0, 1, and so on.
     pub degrees: Vec<Drawn>,
@@ -50,7 +50,7 @@ pub struct Direction {
 pub struct Glossy {
     /// Position and energy of the part in the first camera's picture.
     pub part: Part,
-    /// The first camera's picture.
+    /// The first camera's whole picture.
     pub overview: Image,
     /// The pictures of the part.
     pub directions: Vec<Direction>,

@@ -35,7 +35,7 @@ pub struct Blended {
     pub steps: Vec<([f64; 3], Option<f64>)>,
     /// Colour of the pixel that the device drew.
     pub drawn: [f64; 3],
-    /// The device's picture.
+    /// The device's picture of the two splats.
     pub image: Image,
 }
 
@@ -55,7 +55,7 @@ pub struct Two {
     pub ways: Vec<Blended>,
     /// The exact renderer's colour of the pixel.
     pub exact: [f64; 3],
-    /// The exact renderer's picture.
+    /// The exact renderer's picture of the two splats.
     pub image: Image,
 }
 

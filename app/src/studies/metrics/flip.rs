@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// Pixels per degree of the display that FLIP assumes: a 4K display of 0.7 m at 0.7 m.
+/// Pixels per degree that FLIP assumes: those of a 4K display, 0.7 m wide, at a distance of 0.7 m.
 const PIXELS_PER_DEGREE: f64 = nv_flip::DEFAULT_PIXELS_PER_DEGREE as f64;
 
 /// Computes the mean FLIP over the pixels: 0 for equal pictures, at most 1. Values are clamped to 0..1.

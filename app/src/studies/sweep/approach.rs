@@ -33,9 +33,9 @@ pub struct Closer {
 /// A straight line through the times: milliseconds of the draw = `fixed_ms` + `ns_per_fragment` * fragments.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fit {
-    /// Milliseconds without fragments.
+    /// Milliseconds that the draw takes without fragments.
     pub fixed_ms: f64,
-    /// Nanoseconds per fragment.
+    /// Nanoseconds that each fragment adds.
     pub ns_per_fragment: f64,
     /// Share of the times' variance that the line explains, at most 1.
     pub r_squared: f64,
