@@ -92,8 +92,9 @@ impl Scene {
             )));
         };
         let scene = self.0.clone();
-        let written =
-            wait::run(py, move || output::write(&path, |mut out| Ok(scene.write(format, &mut out)?)))?;
+        let write =
+            move || output::write(&path, |mut out| Ok(scene.write(format, assets::QUIET, &mut out)?));
+        let written = wait::run(py, write)?;
         written.map_err(|error| SceneError::new_err(error.to_string()))
     }
 

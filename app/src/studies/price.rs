@@ -65,7 +65,7 @@ fn price(
             format!("{}, version {}", format.extension(), version as u32),
             scene.write_spz(version, &mut bytes),
         ),
-        None => (format.extension().to_owned(), scene.write(format, &mut bytes)),
+        None => (format.extension().to_owned(), scene.write(format, QUIET, &mut bytes)),
     };
     written.with_context(|| format!("the scene cannot be written as {name}"))?;
     let (mut load_ms, mut loaded) = (f64::INFINITY, None);

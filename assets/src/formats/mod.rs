@@ -250,18 +250,24 @@ impl Scene {
     /// Writes the scene in a format, in the world's coordinates.
     ///
     /// All formats but [`SceneFormat::Ply`] and [`SceneFormat::Gltf`] round the values: [`SceneFormat::losses`]
-    /// describes how.
+    /// describes how. `progress` is called in the search for the palette of [`SceneFormat::Sog`], which takes longest.
     ///
     /// # Errors
-    /// The writer fails, or the format is not in [`SceneFormat::WRITTEN`].
-    pub fn write(&self, format: SceneFormat, out: &mut impl Write) -> std::io::Result<()> {
+    /// The writer fails, the progress cancels ([`Interrupted`](std::io::ErrorKind::Interrupted)), or the format is not in
+    /// [`SceneFormat::WRITTEN`].
+    pub fn write(
+        &self,
+        format: SceneFormat,
+        progress: Progress,
+        out: &mut impl Write,
+    ) -> std::io::Result<()> {
         match format {
             SceneFormat::Ply => self.write_ply_to(out),
             SceneFormat::CompressedPly => ply::pack::write(self, out),
             SceneFormat::Spz => spz::write(self, SpzVersion::default(), out),
             SceneFormat::Splat => splat::write(self, out),
             SceneFormat::Gltf => gltf::write(self, out),
-            SceneFormat::Sog => sog::write(self, out),
+            SceneFormat::Sog => sog::write(self, progress, out),
             SceneFormat::Ksplat => {
                 let found = format.extension();
                 let text =

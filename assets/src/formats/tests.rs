@@ -22,7 +22,7 @@ fn varied(count: u32, degree: u32) -> Scene {
 
 fn written(scene: &Scene, format: SceneFormat) -> Vec<u8> {
     let mut bytes = Vec::new();
-    scene.write(format, &mut bytes).unwrap();
+    scene.write(format, crate::QUIET, &mut bytes).unwrap();
     bytes
 }
 
@@ -190,8 +190,7 @@ fn a_scene_larger_than_the_memory_is_refused() {
 #[test]
 fn a_load_that_its_progress_cancels_ends_before_all_is_read() {
     for format in SceneFormat::WRITTEN {
-        // A palette for so many splats takes long to find without optimisation.
-        let scene = varied(100_000, if format == SceneFormat::Sog { 0 } else { 3 });
+        let scene = varied(100_000, 3);
         let bytes = written(&scene, format);
         let most = Mutex::new((0, 0));
         let cancel = |done: u64, of: u64| {
@@ -203,6 +202,20 @@ fn a_load_that_its_progress_cancels_ends_before_all_is_read() {
         let (done, of) = *most.lock().unwrap();
         assert!(0 < done && done < of, "{format:?}: {done} of {of}");
     }
+}
+
+#[test]
+fn writing_that_its_progress_cancels_ends_with_an_error() {
+    let scene = varied(3000, 1);
+    let most = Mutex::new((0, 0));
+    let tell = |done: u64, of: u64| {
+        *most.lock().unwrap() = (done, of);
+        if done > 100 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let error = scene.write(SceneFormat::Sog, &tell, &mut Vec::new()).unwrap_err();
+    assert_eq!(error.kind(), std::io::ErrorKind::Interrupted);
+    let (done, of) = *most.lock().unwrap();
+    assert!(100 < done && done < of, "{done} of {of}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 fn bytes(scene: &Scene) -> Vec<u8> {
     let mut bytes = Vec::new();
-    scene.write(SceneFormat::Gltf, &mut bytes).unwrap();
+    scene.write(SceneFormat::Gltf, crate::QUIET, &mut bytes).unwrap();
     bytes
 }
 

@@ -79,7 +79,7 @@ mod tests {
             let scene = Scene::generate(3, 0, splat).with_notes(notes);
             for format in [SceneFormat::Ply, SceneFormat::CompressedPly] {
                 let mut bytes = Vec::new();
-                scene.write(format, &mut bytes).unwrap();
+                scene.write(format, crate::QUIET, &mut bytes).unwrap();
                 assert_eq!(Scene::parse(&bytes, QUIET).unwrap().notes(), notes);
             }
         }

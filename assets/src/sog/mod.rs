@@ -12,8 +12,9 @@
 //! <https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/sog/>.
 
 mod archive;
-mod clusters;
+mod codebook;
 mod meta;
+mod palette;
 mod read;
 #[cfg(test)]
 mod tests;

@@ -1,13 +1,16 @@
 //! Writes SOG version 2: splats in Morton order, textures as lossless WebP, stored in a ZIP archive.
 
-use super::clusters::{Codebook, palette};
+use super::codebook::Codebook;
 use super::meta::MOST_ENTRIES;
+use super::palette::palette;
 use crate::activation::{largest_positive, logarithm, quantised};
+use crate::input::Progress;
 use crate::scene::{Filter, Scene, sh_floats};
 use image_webp::{ColorType, WebPEncoder};
 use serde_json::{Value, json};
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::io::{Cursor, Error, ErrorKind, Result, Write};
+use std::ops::ControlFlow;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
@@ -16,6 +19,10 @@ const ENTRIES_PER_ROW: usize = 64;
 
 /// Maximum width and height of a WebP picture, in pixels.
 const MOST_SIDE: usize = 16_383;
+
+/// Bounds of the weights of splats in codebooks: no weight is 0, and no sum of squares overflows.
+const LEAST_WEIGHT: f32 = 1e-12;
+const MOST_WEIGHT: f32 = 1e12;
 
 /// A texel of a splat or of a coefficient.
 type Texel = [u8; 4];
@@ -73,11 +80,11 @@ fn rotation(quaternion: [f32; 4]) -> Texel {
     texel
 }
 
-/// Writes a scene.
+/// Writes a scene. `progress` counts the entries of the palette.
 ///
 /// # Errors
-/// The writer fails, or the scene has no splats or more than a texture has texels.
-pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
+/// The writer fails, the progress cancels, or the scene has no splats or more than a texture has texels.
+pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> Result<()> {
     if scene.count() == 0 {
         return Err(Error::new(ErrorKind::InvalidInput, "expected at least one splat, found none"));
     }
@@ -107,7 +114,14 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     }
 
     let scales = |at: usize| scene.scales()[at].map(logarithm);
-    let scale_codes = Codebook::of(order.iter().flat_map(|at| scales(*at)).collect());
+    // Errors of a splat are seen in proportion to its opacity and to its extent.
+    let weight = |at: usize| {
+        let mut axes = scene.scales()[at];
+        axes.sort_unstable_by(f32::total_cmp);
+        ((axes[1] * axes[2]).sqrt() * scene.opacities()[at]).clamp(LEAST_WEIGHT, MOST_WEIGHT)
+    };
+    let weighted = order.iter().flat_map(|at| scales(*at).map(|number| (number, weight(*at))));
+    let scale_codes = Codebook::of(weighted.collect());
     let texel = |at: &usize| {
         let [x, y, z] = scales(*at).map(|value| scale_codes.nearest(value));
         [x, y, z, 255]
@@ -117,7 +131,11 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
 
     let floats = sh_floats(scene.stored_degree());
     let harmonics = |at: usize| &scene.sh()[at * floats..][..floats];
-    let color_codes = Codebook::of(order.iter().flat_map(|at| &harmonics(*at)[..3]).copied().collect());
+    let weighted = order.iter().flat_map(|at| {
+        let weight = weight(*at);
+        harmonics(*at)[..3].iter().map(move |number| (*number, weight))
+    });
+    let color_codes = Codebook::of(weighted.collect());
     let texel = |at: &usize| {
         let color = &harmonics(*at)[..3];
         let [r, g, b] = [0, 1, 2].map(|channel| color_codes.nearest(color[channel]));
@@ -141,8 +159,19 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     if scene.stored_degree() > 0 {
         let rest = floats - 3;
         let points: Vec<f32> = order.iter().flat_map(|at| &harmonics(*at)[3..]).copied().collect();
-        let found = palette(&points, rest, entries(order.len()));
-        let codes = Codebook::of(found.entries.clone());
+        let entries = entries(order.len());
+        let tell = |chosen: usize| match progress(chosen as u64, entries as u64) {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(Error::new(ErrorKind::Interrupted, "the writing was cancelled")),
+        };
+        let found = palette(&points, rest, entries, tell)?;
+        let mut weights = vec![0.0; found.entries.len() / rest];
+        for (at, label) in order.iter().zip(&found.labels) {
+            weights[*label as usize] += weight(*at);
+        }
+        let weighted = found.entries.chunks_exact(rest).zip(weights);
+        let weighted = weighted.flat_map(|(entry, weight)| entry.iter().map(move |number| (*number, weight)));
+        let codes = Codebook::of(weighted.collect());
         let coefficients = rest / 3;
         let count = found.entries.len() / rest;
         // A row of the texture has the coefficients of 64 entries, one after the other.

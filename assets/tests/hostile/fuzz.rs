@@ -239,7 +239,7 @@ fn packed_scenes(format: SceneFormat, head: usize) -> Vec<(Vec<u8>, usize)> {
     let seeds = scenes.map(|(generator, count)| {
         let scene = synth::generate(generator, count, 0).expect("it is generated");
         let mut bytes = Vec::new();
-        scene.write(format, &mut bytes).expect("memory takes it");
+        scene.write(format, splatgraph_assets::QUIET, &mut bytes).expect("memory takes it");
         bytes
     });
     seeds.into_iter().map(|bytes| (bytes, head)).collect()

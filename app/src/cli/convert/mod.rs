@@ -6,13 +6,16 @@ mod price;
 use super::options;
 use super::outcome::{Outcome, Usage};
 use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
+use crate::io::progress::Progress;
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use edit::EditArgs;
 use price::PriceArgs;
 use splatgraph_assets::{Dropped, FileNotes, Scene, SceneFormat, SortKey, SpzVersion, grouped, sh_floats};
 use std::io::{self, Write};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 pub const EXAMPLES: &str = "Examples:
   splatgraph convert scene.ply scene.spz
@@ -181,15 +184,23 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let scene = cut.as_ref().unwrap_or(&edited);
     let Some((output, format)) = output else { return args.price.run(scene, &args.input) };
     let mut bytes = 0;
+    let progress = Mutex::new(Progress::new(format!("writing {}", output.display())));
+    let tell = |done, of| {
+        if let Ok(mut progress) = progress.lock() {
+            progress.set(done, of, "");
+        }
+        ControlFlow::Continue(())
+    };
     output::write(output, |out| {
         let mut counted = Counted { out, bytes: 0 };
         match args.spz_version {
             Some(3) => scene.write_spz(SpzVersion::V3, &mut counted)?,
-            _ => scene.write(format, &mut counted)?,
+            _ => scene.write(format, &tell, &mut counted)?,
         }
         bytes = counted.bytes;
         Ok(())
     })?;
+    drop(progress);
 
     let tell = |line: String| if is_standard_output(output) { say(line) } else { note(line) };
     let (path, from, size) = (args.input.display(), &before.format, grouped(before.file_bytes));

@@ -1,0 +1,185 @@
+//! Chooses the codebooks of SOG: 256 numbers that stand near many.
+//!
+//! The sorted numbers are divided into intervals, always the one with the largest error, so that rare numbers far from all
+//! others have codes. Lloyd's algorithm (k-means) then moves the borders of all intervals.
+
+use super::meta::CODES;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Steps of Lloyd's algorithm. More change less than the bytes that the numbers are stored in.
+const STEPS: usize = 48;
+
+/// Steps that move the border between the two halves of an interval.
+const BORDER_STEPS: usize = 8;
+
+/// 256 ascending numbers.
+pub(super) struct Codebook {
+    pub codes: Vec<f32>,
+    /// The ends of the numbers that each code but the last stands for.
+    ends: Vec<f32>,
+}
+
+impl Codebook {
+    /// Chooses codes for finite numbers, each with the weight of its squared error, above 0; there is at least one number.
+    ///
+    /// Numbers of at most 256 different values are codes themselves.
+    pub(super) fn of(numbers: Vec<(f32, f32)>) -> Self {
+        let sorted = Sorted::new(numbers);
+        let mut codes: Vec<f32> = sorted.intervals(CODES).iter().map(|of| sorted.mean(of) as f32).collect();
+        codes.sort_unstable_by(f32::total_cmp);
+        let last = codes[codes.len() - 1];
+        codes.resize(CODES, last);
+        for _ in 0..STEPS {
+            let ends = middles(&codes);
+            let mut begin = 0;
+            for (code, value) in codes.iter_mut().enumerate() {
+                let end = match ends.get(code) {
+                    Some(end) => begin + sorted.numbers[begin..].partition_point(|number| number < end),
+                    None => sorted.numbers.len(),
+                };
+                if end > begin {
+                    *value = sorted.mean(&(begin..end)) as f32;
+                }
+                begin = end;
+            }
+            codes.sort_unstable_by(f32::total_cmp);
+        }
+        let ends = middles(&codes);
+        Self { codes, ends }
+    }
+
+    /// Returns the code that is nearest to a number.
+    pub(super) fn nearest(&self, number: f32) -> u8 {
+        self.ends.partition_point(|end| *end <= number) as u8
+    }
+}
+
+fn middles(codes: &[f32]) -> Vec<f32> {
+    codes.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect()
+}
+
+/// Ascending numbers.
+struct Sorted {
+    numbers: Vec<f32>,
+    /// Sums up to each number: of the weights, of the weighted numbers, and of their weighted squares.
+    sums: Vec<[f64; 3]>,
+}
+
+impl Sorted {
+    fn new(mut weighted: Vec<(f32, f32)>) -> Self {
+        weighted.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        let mut sums = Vec::with_capacity(weighted.len() + 1);
+        let mut sum = [0.0; 3];
+        sums.push(sum);
+        for (number, weight) in &weighted {
+            let (number, weight) = (f64::from(*number), f64::from(*weight));
+            sum = [sum[0] + weight, sum[1] + weight * number, sum[2] + weight * number * number];
+            sums.push(sum);
+        }
+        Self { numbers: weighted.into_iter().map(|(number, _)| number).collect(), sums }
+    }
+
+    /// Sums the weights, the weighted numbers and the weighted squares of an interval.
+    fn moments(&self, interval: &Range<usize>) -> [f64; 3] {
+        std::array::from_fn(|of| self.sums[interval.end][of] - self.sums[interval.start][of])
+    }
+
+    fn is_equal(&self, interval: &Range<usize>) -> bool {
+        self.numbers[interval.start] == self.numbers[interval.end - 1]
+    }
+
+    /// Returns the mean of an interval, without rounding if its numbers are equal.
+    fn mean(&self, interval: &Range<usize>) -> f64 {
+        if self.is_equal(interval) {
+            return self.numbers[interval.start].into();
+        }
+        let [weight, sum, _] = self.moments(interval);
+        sum / weight
+    }
+
+    /// Sums the squared distances from the mean; 0 only if the numbers are equal.
+    fn error(&self, interval: &Range<usize>) -> f64 {
+        if self.is_equal(interval) {
+            return 0.0;
+        }
+        let [weight, sum, squares] = self.moments(interval);
+        (squares - sum * sum / weight).max(f64::MIN_POSITIVE)
+    }
+
+    /// Divides the numbers into at most `count` intervals of small error.
+    fn intervals(&self, count: usize) -> Vec<Range<usize>> {
+        let whole = 0..self.numbers.len();
+        let mut intervals = vec![(self.error(&whole), whole)];
+        while intervals.len() < count {
+            let errors = intervals.iter().map(|(error, _)| *error).enumerate();
+            let Some((at, _)) = errors.filter(|(_, error)| *error > 0.0).max_by(|a, b| a.1.total_cmp(&b.1))
+            else {
+                break;
+            };
+            let (_, interval) = intervals.swap_remove(at);
+            intervals.extend(self.halves(interval).map(|half| (self.error(&half), half)));
+        }
+        intervals.into_iter().map(|(_, interval)| interval).collect()
+    }
+
+    /// Divides an interval of numbers that are not all equal.
+    fn halves(&self, interval: Range<usize>) -> [Range<usize>; 2] {
+        let numbers = &self.numbers[interval.clone()];
+        let halves = |border: f64| {
+            // The mean of so many numbers may be rounded beyond all of them.
+            let middle = numbers.partition_point(|number| f64::from(*number) <= border);
+            let middle = interval.start + middle.clamp(1, numbers.len() - 1);
+            [interval.start..middle, middle..interval.end]
+        };
+        (0..BORDER_STEPS).fold(halves(self.mean(&interval)), |[low, high], _| {
+            halves(0.5 * (self.mean(&low) + self.mean(&high)))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(numbers: impl IntoIterator<Item = f32>) -> Codebook {
+        Codebook::of(numbers.into_iter().map(|number| (number, 1.0)).collect())
+    }
+
+    fn coded(codebook: &Codebook, number: f32) -> f32 {
+        codebook.codes[usize::from(codebook.nearest(number))]
+    }
+
+    #[test]
+    fn few_numbers_have_a_code_each_and_many_one_nearby() {
+        let codebook = of([3.0, -1.0, 3.0, 0.5]);
+        assert_eq!(codebook.codes.len(), CODES);
+        for number in [3.0, -1.0, 0.5] {
+            assert_eq!(coded(&codebook, number), number);
+        }
+        let many: Vec<f32> = (0..100_000).map(|i| (i as f32 * 0.37).sin() * 4.0).collect();
+        let codebook = of(many.iter().copied());
+        let worst = many.iter().map(|number| (coded(&codebook, *number) - number).abs());
+        assert!(worst.fold(0.0, f32::max) < 8.0 / 256.0);
+    }
+
+    #[test]
+    fn the_codes_of_another_codebook_stay() {
+        // Most numbers are near 0, and the codes far from it have one number each.
+        let code = |at: usize| ((at as f32 - 100.0) / 60.0).powi(3);
+        let codebook = of((0..CODES).flat_map(|at| vec![code(at); 1 + 90_000 / (1 + at * at)]));
+        assert!((0..CODES).all(|at| coded(&codebook, code(at)) == code(at)));
+    }
+
+    #[test]
+    fn numbers_of_large_weight_have_near_codes() {
+        let number = |i: usize| (i as f32 * 0.37).sin();
+        let weight = |i: usize| if i % 100 == 7 { 1000.0 } else { 1.0 };
+        let codebook = Codebook::of((0..50_000).map(|i| (number(i), weight(i))).collect());
+        let error = |heavy: bool| {
+            let of = (0..50_000).filter(|i| (weight(*i) > 1.0) == heavy);
+            of.map(|i| (coded(&codebook, number(i)) - number(i)).abs()).fold(0.0, f32::max)
+        };
+        assert!(error(true) < 0.5 * error(false), "{} and {}", error(true), error(false));
+    }
+}
