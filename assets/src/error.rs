@@ -50,6 +50,10 @@ pub enum SceneError {
         advice: &'static str,
     },
 
+    /// A level was asked for, and the scene has none.
+    #[error("expected a scene with levels, a streamed SOG (lod-meta.json), found one without")]
+    NoLevels,
+
     /// A field of a binary file is damaged, or has a value that the format or this reader does not allow.
     #[error("byte {at}, `{field}`: {message}")]
     Field {

@@ -22,6 +22,9 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 use tracing::info_span;
 
+/// Number of leading bytes that determine the format.
+pub(crate) const HEAD: usize = 4096;
+
 /// Bytes of rows that a thread reads at a time; at least one row.
 const PIECE: usize = 1 << 20;
 

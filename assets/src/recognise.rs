@@ -30,9 +30,6 @@ const MAGIC: &[(&[u8], &str)] = &[
     (b"\xEF\xBB\xBFply", "a PLY file behind a byte order mark (save it without one)"),
 ];
 
-/// Number of first bytes that are needed to recognise a format.
-pub(crate) const HEAD: usize = 4096;
-
 /// A format of scene files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneFormat {
@@ -44,7 +41,8 @@ pub enum SceneFormat {
     Spz,
     /// antimatter15's `.splat`.
     Splat,
-    /// PlayCanvas's SOG in one file, version 2.
+    /// PlayCanvas's SOG: both versions are read, in one file or a folder, and levels of a streamed scene; version 2 is written, in
+    /// one file.
     Sog,
     /// Mark Kellogg's `.ksplat`; read, not written.
     Ksplat,
@@ -142,7 +140,7 @@ impl SceneFormat {
     }
 }
 
-/// Recognises the format of a file of `length` bytes that begins with `head`: its first [`HEAD`] bytes, or all.
+/// Recognises the format of a file of `length` bytes that begins with `head`: its first [`HEAD`](crate::input::HEAD) bytes, or all.
 ///
 /// Both layouts of PLY are [`SceneFormat::Ply`] here: the header distinguishes them.
 ///
@@ -162,8 +160,8 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     if head.starts_with(spz::MAGIC) || spz::begins_as_spz(head) {
         return Ok(SceneFormat::Spz);
     }
-    // Its reader decides whether it is a scene.
-    if head.starts_with(sog::MAGIC) {
+    // Its reader decides whether it is a scene. Its JSON has keys of glTF, too, so it comes first.
+    if head.starts_with(sog::MAGIC) || sog::begins_as_json(head) {
         return Ok(SceneFormat::Sog);
     }
     if head.starts_with(gltf::MAGIC) || extension == "gltf" || gltf::begins_as_json(head) {

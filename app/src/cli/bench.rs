@@ -7,6 +7,7 @@ use super::outcome::{Outcome, Usage};
 use crate::draw::backend::Backend;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::{Planner, without_effect};
+use crate::io::load;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output, say};
 use crate::io::report::plot::Plot;
@@ -158,7 +159,7 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
 ///
 /// A graph that needs a feature of another device is not an error: it becomes a row with the reason.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
-    let scene = match args.scenes.first().map(SceneHeader::load).transpose()? {
+    let scene = match args.scenes.first().map(|scene| load::header(scene)).transpose()? {
         Some(SceneHeader { count, stored_degree }) => SceneFacts {
             count,
             sh_degree: stored_degree,

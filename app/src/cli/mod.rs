@@ -110,6 +110,9 @@ struct Cli {
     /// overrides a single one.
     #[arg(long, global = true)]
     ignore_tags: bool,
+    /// Level of a streamed SOG (lod-meta.json): 0 is the finest, and the default
+    #[arg(long, value_name = "N", global = true)]
+    level: Option<u32>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -213,6 +216,9 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
     info_span!("start threads").in_scope(threads::build_pool);
     if cli.ignore_tags {
         load::ignore_tags();
+    }
+    if let Some(level) = cli.level {
+        load::set_level(level);
     }
     let store = store.map(|cache| Arc::new(cache) as Arc<_>);
     planner::configure(planner::Settings { worker, store, include_roots: cli.include_root });

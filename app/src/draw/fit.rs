@@ -8,6 +8,7 @@
 
 use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, Planner};
+use crate::io::load;
 use serde::Serialize;
 use splatgraph_api::{DeviceInfo, Heap};
 use splatgraph_assets::memory::display;
@@ -244,7 +245,7 @@ pub fn check_header(
     graph: &str,
     set: &[(String, String)],
 ) -> anyhow::Result<()> {
-    let SceneHeader { count, stored_degree } = SceneHeader::load(path)?;
+    let SceneHeader { count, stored_degree } = load::header(path)?;
     if !may_exceed(count, device) {
         return Ok(());
     }

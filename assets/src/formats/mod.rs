@@ -2,16 +2,16 @@
 
 use crate::composition::{self, Placed};
 use crate::error::{LoadError, SceneError};
-use crate::input::{Input, OpenFile, Progress, SceneHeader, Source};
+use crate::input::{HEAD, Input, OpenFile, Progress, SceneHeader, Source};
 use crate::memory;
 use crate::mesh::{self, Mesh};
-use crate::recognise::{self, HEAD, SceneFormat};
+use crate::recognise::{self, SceneFormat};
 use crate::scene::Scene;
 use crate::similarity::Similarity;
 use crate::spz::SpzVersion;
 use crate::{gltf, ksplat, ply, sog, splat, spz};
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 #[cfg(test)]
 mod tests;
@@ -21,12 +21,13 @@ fn recognise(source: &Source, path: Option<&Path>) -> Result<SceneFormat, SceneE
     recognise::format(path, &source.head(HEAD)?, source.length())
 }
 
-fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
+fn parse(input: &Input, path: Option<&Path>, level: Option<u32>) -> Result<Scene, SceneError> {
     match recognise(input.source, path)? {
+        SceneFormat::Sog => sog::parse(input, path, level),
+        _ if level.is_some() => Err(SceneError::NoLevels),
         SceneFormat::Ply | SceneFormat::CompressedPly => ply::read::parse(input),
         SceneFormat::Spz => spz::parse(input),
         SceneFormat::Splat => splat::parse(input),
-        SceneFormat::Sog => sog::parse(input),
         SceneFormat::Ksplat => ksplat::parse(input),
         SceneFormat::Gltf => gltf::parse(input, path),
     }
@@ -51,18 +52,30 @@ pub enum Content {
     Mesh(Mesh),
 }
 
-/// Opens a file and recognises its content. Reads a single scene with `one`, and a mesh or a composition itself.
-fn open<T>(path: &Path, one: impl FnOnce(&Source) -> Result<T, SceneError>) -> Result<Found<T>, LoadError> {
+/// Finds the document of a folder that is a scene.
+fn document(path: &Path) -> Option<PathBuf> {
+    let names = ["lod-meta.json", "meta.json"].iter().filter(|_| path.is_dir());
+    names.map(|name| path.join(name)).find(|document| document.is_file())
+}
+
+/// Opens a file, or the document of a folder, and recognises its content. Reads a single scene with `one`, and a mesh or a
+/// composition itself.
+fn open<T>(
+    path: &Path,
+    one: impl FnOnce(&Source, &Path) -> Result<T, SceneError>,
+) -> Result<Found<T>, LoadError> {
+    let document = document(path);
+    let path = document.as_deref().unwrap_or(path);
     let inner = || {
         let file = OpenFile::open(path)?;
         let source = Source::File(&file);
         let head = source.head(HEAD)?;
         let content = if composition::begins_as_scenes(&head) {
             placed(&source, path).map(Found::Several)
-        } else if mesh::begins_as_gltf(&head) && is_mesh(&source, &head)? {
+        } else if !sog::begins_as_json(&head) && mesh::begins_as_gltf(&head) && is_mesh(&source, &head)? {
             mesh(&source, path).map(Found::Mesh)
         } else {
-            one(&source).map(Found::One)
+            one(&source, path).map(Found::One)
         };
         // If the file was modified during the read, its contents mean nothing.
         file.check_unchanged().and(content)
@@ -119,13 +132,22 @@ impl SceneHeader {
     /// # Errors
     /// The errors of [`Scene::load`] that the header and the file's length reveal.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, LoadError> {
+        Self::load_level(path, None)
+    }
+
+    /// Reads the header of a level; see [`Scene::load_level`].
+    ///
+    /// # Errors
+    /// The errors of [`Scene::load_level`] that the headers and the files' lengths reveal.
+    pub fn load_level(path: impl AsRef<Path>, level: Option<u32>) -> Result<Self, LoadError> {
         let path = path.as_ref();
-        let parts = match open(path, |source| Self::of(source, path))? {
+        let of = |source: &Source, path: &Path| Self::of(source, path, level);
+        let parts = match open(path, of)? {
             Found::One(header) => return Ok(header),
             Found::Mesh(_) => return Err(alone(path)),
             Found::Several(parts) => parts,
         };
-        let all = parts.iter().map(|part| match open(&part.file, |source| Self::of(source, &part.file))? {
+        let all = parts.iter().map(|part| match open(&part.file, of)? {
             Found::One(header) => Ok(header),
             Found::Mesh(_) => Ok(Self { count: 0, stored_degree: 0 }),
             Found::Several(_) => Err(nested(&part.file)),
@@ -135,12 +157,13 @@ impl SceneHeader {
         Ok(Self { count: all.iter().map(|header| header.count).sum(), stored_degree })
     }
 
-    fn of(source: &Source, path: &Path) -> Result<Self, SceneError> {
+    fn of(source: &Source, path: &Path, level: Option<u32>) -> Result<Self, SceneError> {
         match recognise(source, Some(path))? {
+            SceneFormat::Sog => sog::header(source, Some(path), level),
+            _ if level.is_some() => Err(SceneError::NoLevels),
             SceneFormat::Ply | SceneFormat::CompressedPly => ply::read::scene_header(source),
             SceneFormat::Spz => spz::header(source),
             SceneFormat::Splat => splat::header(source),
-            SceneFormat::Sog => sog::header(source),
             SceneFormat::Ksplat => ksplat::header(source),
             SceneFormat::Gltf => gltf::header(source),
         }
@@ -159,43 +182,63 @@ pub fn names_scenes(path: &Path) -> bool {
 }
 
 impl Scene {
-    /// Loads a scene file of any [`SceneFormat`], recognised by its bytes, or a `.ron` composition of several.
+    /// Loads a scene file of any [`SceneFormat`], recognised by its bytes, a folder of SOG, or a `.ron` composition of several.
+    /// Of a streamed SOG, it loads the finest level.
     ///
     /// # Errors
     /// The file cannot be read, is not a scene, is damaged, does not fit in memory, or was modified during the read.
     /// See [`SceneError`].
     pub fn load(path: impl AsRef<Path>, progress: Progress) -> Result<Self, LoadError> {
+        Self::load_level(path, None, progress)
+    }
+
+    /// Loads a level of a streamed SOG: 0 is the finest, which `None` means as well.
+    ///
+    /// # Errors
+    /// The errors of [`Scene::load`]. Scenes of other formats have no levels, and the number can be too large.
+    pub fn load_level(
+        path: impl AsRef<Path>,
+        level: Option<u32>,
+        progress: Progress,
+    ) -> Result<Self, LoadError> {
         let path = path.as_ref();
-        let parts = match Self::load_one(path, progress)? {
+        let parts = match Self::load_one(path, level, progress)? {
             Found::One(scene) => return Ok(scene),
             Found::Mesh(_) => return Err(alone(path)),
             Found::Several(parts) => parts,
         };
-        Self::load_placed(&parts, progress).map_err(|error| within(path, error))
+        Self::load_placed(&parts, level, progress).map_err(|error| within(path, error))
     }
 
-    /// Loads what [`Scene::load`] loads, or a mesh (glTF).
+    /// Loads what [`Scene::load_level`] loads, or a mesh (glTF).
     ///
     /// # Errors
-    /// Those of [`Scene::load`], and of [`Mesh::parse`].
-    pub fn load_any(path: impl AsRef<Path>, progress: Progress) -> Result<Content, LoadError> {
+    /// Those of [`Scene::load_level`], and of [`Mesh::parse`].
+    pub fn load_any(
+        path: impl AsRef<Path>,
+        level: Option<u32>,
+        progress: Progress,
+    ) -> Result<Content, LoadError> {
         let path = path.as_ref();
-        match Self::load_one(path, progress)? {
+        match Self::load_one(path, level, progress)? {
             Found::One(scene) => Ok(Content::Splats(scene.into())),
             Found::Mesh(mesh) => Ok(Content::Mesh(mesh)),
             Found::Several(parts) => {
-                let scene = Self::load_placed(&parts, progress).map_err(|error| within(path, error))?;
+                let scene =
+                    Self::load_placed(&parts, level, progress).map_err(|error| within(path, error))?;
                 Ok(Content::Splats(scene.into()))
             }
         }
     }
 
-    fn load_one(path: &Path, progress: Progress) -> Result<Found<Self>, LoadError> {
-        open(path, |source| parse(&Input { source, memory: memory::available(), progress }, Some(path)))
+    fn load_one(path: &Path, level: Option<u32>, progress: Progress) -> Result<Found<Self>, LoadError> {
+        open(path, |source, path| {
+            parse(&Input { source, memory: memory::available(), progress }, Some(path), level)
+        })
     }
 
     /// Loads scenes, transforms each, and joins them.
-    fn load_placed(parts: &[Placed], progress: Progress) -> Result<Self, LoadError> {
+    fn load_placed(parts: &[Placed], level: Option<u32>, progress: Progress) -> Result<Self, LoadError> {
         let bytes = |part: &Placed| std::fs::metadata(&part.file).map_or(0, |found| found.len());
         let total: u64 = parts.iter().map(bytes).sum();
         let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
@@ -207,7 +250,7 @@ impl Scene {
                 progress(before + (share * length as f64) as u64, total)
             };
             let no_room = |error| LoadError { path: part.file.clone(), problem: SceneError::Memory(error) };
-            let scene = match Self::load_one(&part.file, &tell)? {
+            let scene = match Self::load_one(&part.file, level, &tell)? {
                 Found::One(scene) => scene,
                 Found::Mesh(mesh) => {
                     meshes.push((mesh, part.by));
@@ -236,7 +279,7 @@ impl Scene {
     /// # Errors
     /// The errors of [`Scene::load`].
     pub fn parse(bytes: &[u8], progress: Progress) -> Result<Self, SceneError> {
-        parse(&Input { source: &Source::Bytes(bytes), memory: memory::available(), progress }, None)
+        parse(&Input { source: &Source::Bytes(bytes), memory: memory::available(), progress }, None, None)
     }
 
     /// Writes the scene as SPZ of a given version; [`Scene::write`] uses the newest.

@@ -180,8 +180,9 @@ fn a_scene_larger_than_the_memory_is_refused() {
     for format in SceneFormat::WRITTEN {
         let bytes = written(&scene, format);
         let source = Source::Bytes(&bytes);
-        let with =
-            |memory| parse(&Input { source: &source, memory: Some(memory), progress: crate::QUIET }, None);
+        let with = |memory| {
+            parse(&Input { source: &source, memory: Some(memory), progress: crate::QUIET }, None, None)
+        };
         assert!(matches!(with(200_000), Err(SceneError::Memory(_))), "{format:?}");
         assert_eq!(with(64 << 20).unwrap().count(), 5000, "{format:?}");
     }

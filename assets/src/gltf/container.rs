@@ -16,9 +16,7 @@ const MOST_JSON: u64 = 16 << 20;
 /// Returns true if a text may be the JSON of glTF.
 pub(crate) fn begins_as_json(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
-    text.trim_start().starts_with('{')
-        && ["\"asset\"", "\"buffers\""].iter().any(|key| text.contains(key))
-        && !text.contains("\"means\"")
+    text.trim_start().starts_with('{') && ["\"asset\"", "\"buffers\""].iter().any(|key| text.contains(key))
 }
 
 /// The bytes of a buffer.

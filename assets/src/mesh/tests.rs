@@ -124,7 +124,7 @@ fn scene_files_place_meshes_and_a_mesh_alone_is_no_scene() {
     assert_eq!((scene.count(), scene.mesh().expect("a mesh").positions[0]), (3, [0.0, 0.0, 5.0]));
     let alone = Scene::load(at("stone.glb"), crate::QUIET).unwrap_err().to_string();
     assert!(alone.contains("expected splats, found a mesh"), "{alone}");
-    assert!(matches!(Scene::load_any(at("stone.glb"), crate::QUIET), Ok(Content::Mesh(_))));
+    assert!(matches!(Scene::load_any(at("stone.glb"), None, crate::QUIET), Ok(Content::Mesh(_))));
 }
 
 #[test]

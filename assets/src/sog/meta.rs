@@ -1,28 +1,33 @@
 //! Parses `meta.json`.
+//!
+//! Both versions become tables of the values of a byte: version 2 has codebooks, version 1 the ends of ranges.
 
+use crate::activation;
 use crate::error::SceneError;
 use crate::scene::Filter;
 use serde::Deserialize;
 
-/// Number of entries of a codebook.
+/// Values of a byte, and entries of a codebook.
 pub(super) const CODES: usize = 256;
 
 /// Maximum number of palette entries, which 16-bit labels can address.
 pub(super) const MOST_ENTRIES: u32 = 1 << 16;
 
-/// The fields that the reader needs; others are ignored.
-#[derive(Debug, Deserialize)]
+/// The description of a scene.
+#[derive(Debug)]
 pub(super) struct Meta {
+    pub version: u32,
     pub count: u32,
-    #[serde(default)]
-    antialias: bool,
-    model: Option<String>,
+    pub filter: Filter,
     pub means: Means,
+    /// Logarithms of scales, per axis.
     pub scales: Coded,
-    pub quats: Plain,
-    pub sh0: Coded,
-    #[serde(rename = "shN")]
-    pub sh_n: Option<Palette>,
+    pub quats: String,
+    /// Band 0, per channel.
+    pub colors: Coded,
+    /// Opacity of each value of alpha.
+    pub opacities: Vec<f32>,
+    pub palette: Option<Palette>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -32,62 +37,112 @@ pub(super) struct Means {
     pub files: [String; 2],
 }
 
-#[derive(Debug, Deserialize)]
+/// A texture whose bytes have values of tables.
+#[derive(Debug)]
 pub(super) struct Coded {
-    pub codebook: Vec<f32>,
-    pub files: [String; 1],
+    pub tables: [Vec<f32>; 3],
+    pub file: String,
 }
 
-#[derive(Debug, Deserialize)]
-pub(super) struct Plain {
-    pub files: [String; 1],
-}
-
-#[derive(Debug, Deserialize)]
+#[derive(Debug)]
 pub(super) struct Palette {
-    pub count: u32,
-    pub bands: u32,
+    /// Entries and bands, which version 1 leaves to the size of the texture.
+    pub size: Option<(u32, u32)>,
     pub codebook: Vec<f32>,
-    /// Files of the palette and of the labels.
+    /// The palette, and the labels.
     pub files: [String; 2],
 }
 
-/// The version field, which determines the others.
+/// The field that determines the others.
 #[derive(Deserialize)]
 struct Version {
     version: Option<u32>,
 }
 
-impl Meta {
-    /// Parses the text.
-    pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
-        let malformed = |error: serde_json::Error| SceneError::Row {
-            line: error.line() as u64,
-            message: format!("meta.json: {error}"),
+/// The fields of version 2 that a reader needs; others are ignored.
+#[derive(Deserialize)]
+struct Meta2 {
+    count: u32,
+    #[serde(default)]
+    antialias: bool,
+    model: Option<String>,
+    means: Means,
+    scales: Coded2,
+    quats: Plain,
+    sh0: Coded2,
+    #[serde(rename = "shN")]
+    sh_n: Option<Palette2>,
+}
+
+#[derive(Deserialize)]
+struct Coded2 {
+    codebook: Vec<f32>,
+    files: [String; 1],
+}
+
+#[derive(Deserialize)]
+struct Plain {
+    files: [String; 1],
+}
+
+#[derive(Deserialize)]
+struct Palette2 {
+    count: u32,
+    bands: u32,
+    codebook: Vec<f32>,
+    files: [String; 2],
+}
+
+/// The fields of version 1.
+#[derive(Deserialize)]
+struct Meta1 {
+    means: Means1,
+    scales: Range1<3>,
+    quats: Plain,
+    sh0: Range1<4>,
+    #[serde(rename = "shN")]
+    sh_n: Option<Palette1>,
+}
+
+#[derive(Deserialize)]
+struct Means1 {
+    shape: Vec<u64>,
+    #[serde(flatten)]
+    means: Means,
+}
+
+#[derive(Deserialize)]
+#[serde(bound = "[f64; N]: Deserialize<'de>")]
+struct Range1<const N: usize> {
+    mins: [f64; N],
+    maxs: [f64; N],
+    files: [String; 1],
+}
+
+#[derive(Deserialize)]
+struct Palette1 {
+    mins: f64,
+    maxs: f64,
+    files: [String; 2],
+}
+
+/// Tabulates the values of a byte between two ends.
+fn between(min: f64, max: f64) -> Vec<f32> {
+    (0..CODES).map(|byte| (min + (max - min) * (byte as f64 / 255.0)) as f32).collect()
+}
+
+impl Meta2 {
+    fn checked(self) -> Result<Meta, SceneError> {
+        let filter = match (self.model.as_deref(), self.antialias) {
+            (Some("antialiased"), _) | (None | Some("default"), true) => Filter::Compensated,
+            (None | Some("default"), false) => Filter::Dilated,
+            (Some("2dgs"), _) => return Err(SceneError::SURFELS),
+            (Some(found), _) => return Err(wrong("model", "default, antialiased or 2dgs", found)),
         };
-        let Version { version } = serde_json::from_slice(text).map_err(malformed)?;
-        match version {
-            Some(2) => {}
-            None | Some(1) => {
-                let (format, advice) =
-                    ("a PlayCanvas SOG scene of version 1", "convert it to version 2 with splat-transform");
-                return Err(SceneError::Unsupported { format, advice });
-            }
-            Some(found) => return Err(wrong("version", "2", found)),
-        }
-        let meta: Self = serde_json::from_slice(text).map_err(malformed)?;
-        match meta.model.as_deref() {
-            None | Some("default" | "antialiased") => {}
-            Some("2dgs") => return Err(SceneError::SURFELS),
-            Some(found) => return Err(wrong("model", "default, antialiased or 2dgs", found)),
-        }
-        if meta.count == 0 {
-            return Err(wrong("count", "at least one splat", 0));
-        }
-        let palette = meta.sh_n.as_ref();
+        let palette = self.sh_n.as_ref();
         let codebooks = [
-            ("scales.codebook", Some(&meta.scales.codebook)),
-            ("sh0.codebook", Some(&meta.sh0.codebook)),
+            ("scales.codebook", Some(&self.scales.codebook)),
+            ("sh0.codebook", Some(&self.sh0.codebook)),
             ("shN.codebook", palette.map(|palette| &palette.codebook)),
         ];
         for (name, codebook) in codebooks {
@@ -103,21 +158,91 @@ impl Meta {
                 return Err(wrong("shN.count", "1 to 65536", palette.count));
             }
         }
+        let coded = |Coded2 { codebook, files: [file] }: Coded2| Coded {
+            tables: [codebook.clone(), codebook.clone(), codebook],
+            file,
+        };
+        let [quats] = self.quats.files;
+        Ok(Meta {
+            version: 2,
+            count: self.count,
+            filter,
+            means: self.means,
+            scales: coded(self.scales),
+            quats,
+            colors: coded(self.sh0),
+            opacities: between(0.0, 1.0),
+            palette: self.sh_n.map(|Palette2 { count, bands, codebook, files }| Palette {
+                size: Some((count, bands)),
+                codebook,
+                files,
+            }),
+        })
+    }
+}
+
+impl Meta1 {
+    fn checked(self) -> Result<Meta, SceneError> {
+        let rows = self.means.shape.first().copied().unwrap_or(0);
+        let count =
+            u32::try_from(rows).map_err(|_| wrong("means.shape", "at most 4294967295 splats", rows))?;
+        fn coded<const N: usize>(range: &Range1<N>) -> Coded {
+            let tables = [0, 1, 2].map(|axis| between(range.mins[axis], range.maxs[axis]));
+            Coded { tables, file: range.files[0].clone() }
+        }
+        let logits = between(self.sh0.mins[3], self.sh0.maxs[3]);
+        let [quats] = self.quats.files;
+        Ok(Meta {
+            version: 1,
+            count,
+            filter: Filter::Dilated,
+            means: self.means.means,
+            scales: coded(&self.scales),
+            quats,
+            colors: coded(&self.sh0),
+            opacities: logits.into_iter().map(activation::sigmoid).collect(),
+            palette: self.sh_n.map(|Palette1 { mins, maxs, files }| Palette {
+                size: None,
+                codebook: between(mins, maxs),
+                files,
+            }),
+        })
+    }
+}
+
+impl Meta {
+    /// Parses the text.
+    pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
+        let malformed = |error: serde_json::Error| malformed("meta.json", &error);
+        let Version { version } = serde_json::from_slice(text).map_err(malformed)?;
+        let meta = match version {
+            Some(2) => serde_json::from_slice::<Meta2>(text).map_err(malformed)?.checked()?,
+            None | Some(1) => serde_json::from_slice::<Meta1>(text).map_err(malformed)?.checked()?,
+            Some(found) => return Err(wrong("version", "1 or 2", found)),
+        };
+        if meta.count == 0 {
+            return Err(wrong("count", "at least one splat", 0));
+        }
         Ok(meta)
     }
 
-    /// Returns the degree of the spherical harmonics.
-    pub(super) fn degree(&self) -> u32 {
-        self.sh_n.as_ref().map_or(0, |palette| palette.bands)
+    /// Lists the textures with a texel per splat; the last one is the labels.
+    pub(super) fn textures(&self) -> [Option<&str>; 6] {
+        [
+            Some(&self.means.files[0]),
+            Some(&self.means.files[1]),
+            Some(&self.scales.file),
+            Some(&self.quats),
+            Some(&self.colors.file),
+            self.palette.as_ref().map(|palette| &palette.files[1]),
+        ]
+        .map(|name| name.map(String::as_str))
     }
+}
 
-    /// Returns the low-pass filter of the training, which newer files call the model.
-    pub(super) fn filter(&self) -> Filter {
-        match self.antialias || self.model.as_deref() == Some("antialiased") {
-            true => Filter::Compensated,
-            false => Filter::Dilated,
-        }
-    }
+/// Returns the error for a text that is not the JSON of the document.
+pub(super) fn malformed(name: &str, error: &serde_json::Error) -> SceneError {
+    SceneError::Row { line: error.line() as u64, message: format!("{name}: {error}") }
 }
 
 /// Returns the error for an invalid value in `meta.json`.

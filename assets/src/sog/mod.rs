@@ -1,4 +1,7 @@
-//! Reads and writes PlayCanvas's SOG files, version 2: a ZIP archive of lossless WebP textures with a texel per splat, and `meta.json`.
+//! Reads and writes PlayCanvas's SOG: lossless WebP textures with a texel per splat, and `meta.json`, in a ZIP archive or a folder.
+//!
+//! The table is of version 2, which is written. Version 1 stores the ends of ranges in place of codebooks, and opacities as logits.
+//! [`levels`] reads a level of a streamed scene.
 //!
 //! | texture | value of the splat's texel |
 //! |---|---|
@@ -11,8 +14,9 @@
 //! Texel `i` is at column `i % width` and row `i / width`. The palette has 64 entries per row, and a texel per coefficient. Format:
 //! <https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/sog/>.
 
-mod archive;
 mod codebook;
+mod container;
+mod levels;
 mod meta;
 mod palette;
 mod read;
@@ -20,8 +24,40 @@ mod read;
 mod tests;
 mod write;
 
-pub(crate) use read::{header, parse};
+use crate::error::SceneError;
+use crate::input::{HEAD, Input, SceneHeader, Source};
+use crate::scene::Scene;
+use std::path::Path;
+
+pub(crate) use container::MAGIC;
 pub(crate) use write::write;
 
-/// First bytes of a ZIP archive.
-pub(crate) const MAGIC: &[u8; 4] = b"PK\x03\x04";
+/// Returns true if a text seems to be a `meta.json` or a `lod-meta.json`.
+pub(crate) fn begins_as_json(head: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(head);
+    text.trim_start().starts_with('{') && text.contains("\"means\"") || levels::begins_as_levels(head)
+}
+
+/// Reads the splats' description; `level` is of a streamed scene, the finest if it is `None`.
+pub(crate) fn header(
+    source: &Source,
+    path: Option<&Path>,
+    level: Option<u32>,
+) -> Result<SceneHeader, SceneError> {
+    let folder = path.and_then(Path::parent);
+    match (levels::begins_as_levels(&source.head(HEAD)?), level) {
+        (true, level) => levels::header(source, folder, level),
+        (false, None) => read::header(source, folder),
+        (false, Some(_)) => Err(SceneError::NoLevels),
+    }
+}
+
+/// Parses a scene; `level` is of a streamed scene, the finest if it is `None`.
+pub(crate) fn parse(input: &Input, path: Option<&Path>, level: Option<u32>) -> Result<Scene, SceneError> {
+    let folder = path.and_then(Path::parent);
+    match (levels::begins_as_levels(&input.source.head(HEAD)?), level) {
+        (true, level) => levels::parse(input, folder, level),
+        (false, None) => read::parse(input, folder, None),
+        (false, Some(_)) => Err(SceneError::NoLevels),
+    }
+}

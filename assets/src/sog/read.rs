@@ -1,6 +1,6 @@
 //! Reads SOG: unpacks the textures, then converts the texels in parallel.
 
-use super::archive::{Archive, Texture};
+use super::container::{Container, Texture};
 use super::meta::{Meta, Palette, wrong};
 use crate::activation;
 use crate::error::SceneError;
@@ -9,6 +9,8 @@ use crate::memory::SceneMemoryError;
 use crate::scene::{FileNotes, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use std::f64::consts::FRAC_1_SQRT_2;
+use std::ops::Range;
+use std::path::Path;
 
 /// Size of a texel, in bytes.
 const TEXEL: usize = 4;
@@ -19,8 +21,9 @@ const ENTRIES_PER_ROW: u32 = 64;
 /// Maximum splats per byte of a file: a splat has 20 bytes of texels, packed at most 1032-fold, the limit of gzip.
 const MOST_PER_BYTE: u64 = 1032 / 20;
 
-fn meta(archive: &mut Archive, length: u64) -> Result<Meta, SceneError> {
-    let meta = Meta::parse(&archive.meta()?)?;
+fn meta(files: &mut Container) -> Result<Meta, SceneError> {
+    let meta = Meta::parse(&files.meta()?)?;
+    let length = files.bytes_of(meta.textures().into_iter().flatten());
     let most = length.saturating_mul(MOST_PER_BYTE);
     if u64::from(meta.count) > most {
         return Err(wrong("count", &format!("at most {most}, which {length} bytes can hold"), meta.count));
@@ -29,30 +32,49 @@ fn meta(archive: &mut Archive, length: u64) -> Result<Meta, SceneError> {
 }
 
 /// Reads the splats' description in `meta.json`.
-pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
-    let meta = meta(&mut Archive::open(source)?, source.length())?;
-    Ok(SceneHeader { count: meta.count.into(), stored_degree: meta.degree() })
+pub(super) fn header(source: &Source, folder: Option<&Path>) -> Result<SceneHeader, SceneError> {
+    let mut files = Container::open(source, folder)?;
+    let meta = meta(&mut files)?;
+    let stored_degree = match &meta.palette {
+        None => 0,
+        Some(Palette { size: Some((_, bands)), .. }) => *bands,
+        // In version 1, the size of the texture tells.
+        Some(palette) => Entries::read(&mut files, palette)?.bands,
+    };
+    Ok(SceneHeader { count: meta.count.into(), stored_degree })
 }
 
 /// The palette of harmonics.
-struct Entries {
+struct Entries<'a> {
+    bands: u32,
     coefficients: usize,
     count: usize,
     texture: Texture,
-    codebook: Vec<f32>,
+    codebook: &'a [f32],
 }
 
-impl Entries {
-    fn read(archive: &mut Archive, palette: &Palette) -> Result<Self, SceneError> {
-        let coefficients = sh_floats(palette.bands) / 3 - 1;
-        let (width, height) =
-            (u64::from(ENTRIES_PER_ROW) * coefficients as u64, palette.count.div_ceil(ENTRIES_PER_ROW));
-        let texture = archive.texture(&palette.files[0], |found, rows| {
-            let fits = found == width && (u64::from(height)..=u64::from(height) + 4).contains(&rows);
-            (!fits).then(|| format!("expected {width} x {height} texels for {} entries", palette.count))
+/// Returns the coefficients per channel above band 0.
+fn coefficients(bands: u32) -> u32 {
+    (sh_floats(bands) / 3 - 1) as u32
+}
+
+impl<'a> Entries<'a> {
+    fn read(files: &mut Container, palette: &'a Palette) -> Result<Self, SceneError> {
+        let width = |bands: u32| u64::from(ENTRIES_PER_ROW * coefficients(bands));
+        let most_rows = u64::from(super::meta::MOST_ENTRIES / ENTRIES_PER_ROW);
+        let texture = files.texture(&palette.files[0], most_rows * width(3), |found, rows| {
+            if let Some((count, bands)) = palette.size {
+                let (width, height) = (width(bands), u64::from(count.div_ceil(ENTRIES_PER_ROW)));
+                let fits = found == width && (height..=height + 4).contains(&rows);
+                return (!fits).then(|| format!("expected {width} x {height} texels for {count} entries"));
+            }
+            let fits = (1..=3).any(|bands| width(bands) == found) && rows <= most_rows + 4;
+            (!fits).then(|| format!("expected 192, 512 or 960 x at most {most_rows} texels"))
         })?;
-        let codebook = palette.codebook.clone();
-        Ok(Self { coefficients, count: palette.count as usize, texture, codebook })
+        let by_width = || (1..3).find(|bands| width(*bands) == u64::from(texture.width)).unwrap_or(3);
+        let (count, bands) = palette.size.unwrap_or_else(|| (ENTRIES_PER_ROW * texture.height, by_width()));
+        let coefficients = coefficients(bands) as usize;
+        Ok(Self { bands, coefficients, count: count as usize, texture, codebook: &palette.codebook })
     }
 
     /// Sets the harmonics above band 0. A label beyond the palette gives NaN.
@@ -68,41 +90,47 @@ impl Entries {
     }
 }
 
-/// Parses a scene.
-pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
-    let length = input.source.length();
-    let mut archive = Archive::open(input.source)?;
-    let meta = meta(&mut archive, length)?;
-    let (count, degree) = (u64::from(meta.count), meta.degree());
-    let labels = meta.sh_n.as_ref().map(|palette| palette.files[1].as_str());
-    let names = [
-        Some(meta.means.files[0].as_str()),
-        Some(meta.means.files[1].as_str()),
-        Some(meta.scales.files[0].as_str()),
-        Some(meta.quats.files[0].as_str()),
-        Some(meta.sh0.files[0].as_str()),
-        labels,
-    ];
+/// Parses a scene, or the splats of `runs`, which do not overlap. `folder` is that of a `meta.json`.
+pub(super) fn parse(
+    input: &Input,
+    folder: Option<&Path>,
+    runs: Option<&[Range<u64>]>,
+) -> Result<Scene, SceneError> {
+    let mut files = Container::open(input.source, folder)?;
+    let meta = meta(&mut files)?;
+    let all = u64::from(meta.count);
+    let whole = 0..all;
+    let runs = runs.unwrap_or(std::slice::from_ref(&whole));
+    if let Some(beyond) = runs.iter().find(|run| run.end > all) {
+        return Err(wrong("count", &format!("at least {}, the end of a run of splats", beyond.end), all));
+    }
+    let count: u64 = runs.iter().map(|run| run.end - run.start).sum();
+    let palette = meta.palette.as_ref();
+    // Until the palette of version 1 is read, its degree is the highest.
+    let degree = palette.map_or(0, |palette| palette.size.map_or(3, |(_, bands)| bands));
+    let names = meta.textures();
     let bytes = count * (TEXEL * names.iter().flatten().count()) as u64;
     // One more texture while it is unpacked.
-    let beside = bytes + 2 * count * TEXEL as u64;
+    let beside = bytes + 2 * all * TEXEL as u64;
     let needed = Scene::host_bytes(count, degree).saturating_add(beside);
     SceneMemoryError::check_against(count, degree, needed, input.memory)?;
     let done = Done::new(2 * bytes, input.progress)?;
+    let entries = palette.map(|palette| Entries::read(&mut files, palette)).transpose()?;
     let mut data = Vec::new();
     let mut tables = [Table { start: 0, stride: 0 }; 6];
     for (table, name) in tables.iter_mut().zip(names) {
         let Some(name) = name else { continue };
         *table = Table { start: data.len() as u64, stride: TEXEL };
-        let texels = archive.texels(name, count)?.texels;
-        let rows = &texels[..count as usize * TEXEL];
-        data.try_reserve(rows.len()).map_err(std::io::Error::from)?;
-        data.extend_from_slice(rows);
-        done.add(rows.len() as u64)?;
+        let texels = files.texels(name, all)?.texels;
+        data.try_reserve(count as usize * TEXEL).map_err(std::io::Error::from)?;
+        for run in runs {
+            data.extend_from_slice(&texels[run.start as usize * TEXEL..run.end as usize * TEXEL]);
+        }
+        done.add(count * TEXEL as u64)?;
     }
-    let entries = meta.sh_n.as_ref().map(|palette| Entries::read(&mut archive, palette)).transpose()?;
-    let packed = archive.packed_bytes()?;
+    let (packed, file_bytes) = files.packed_bytes()?;
 
+    let degree = entries.as_ref().map_or(0, |entries| entries.bands);
     let mut columns = input.allocate(count, degree, false, (6 * TEXEL, bytes))?;
     let gathered = input::fill(&Source::Bytes(&data), tables, &mut columns, &done, |rows, _, out| {
         let (splat, norm) = splat(rows, &meta, entries.as_ref());
@@ -116,19 +144,19 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         used: true,
     };
     let size_breakdown = SizeBreakdown {
-        format: "sog, version 2".into(),
-        file_bytes: length,
-        header_bytes: length - packed,
+        format: format!("sog, version {}{}", meta.version, files.kind()),
+        file_bytes,
+        header_bytes: file_bytes - packed,
         elements: vec![ElementSize {
             name: "splats".into(),
             rows: count,
             bytes: packed,
-            fields: archive.sizes.into_iter().map(field).collect(),
+            fields: files.sizes.into_iter().map(field).collect(),
             separator_bytes: 0,
         }],
         trailing_bytes: 0,
     };
-    let notes = FileNotes { low_pass: meta.filter(), ..FileNotes::default() };
+    let notes = FileNotes { low_pass: meta.filter, ..FileNotes::default() };
     input::finish((columns, gathered), count, size_breakdown, notes)
 }
 
@@ -139,21 +167,20 @@ fn splat(
     entries: Option<&Entries>,
 ) -> (Splat, f64) {
     let (rotation, norm) = activation::unit(quaternion(quat));
+    let coded = |tables: &[Vec<f32>; 3], axis: usize, texel: &[u8]| tables[axis][usize::from(texel[axis])];
     let mut splat = Splat {
         position: std::array::from_fn(|axis| {
             let part = f64::from(u16::from_le_bytes([low[axis], high[axis]])) / 65_535.0;
             let value = meta.means.mins[axis] * (1.0 - part) + meta.means.maxs[axis] * part;
             (value.signum() * value.abs().exp_m1()) as f32
         }),
-        scale: std::array::from_fn(|axis| {
-            activation::exponential(meta.scales.codebook[usize::from(scale[axis])])
-        }),
+        scale: std::array::from_fn(|axis| activation::exponential(coded(&meta.scales.tables, axis, scale))),
         rotation,
-        opacity: (f64::from(color[3]) / 255.0) as f32,
+        opacity: meta.opacities[usize::from(color[3])],
         sh: [0.0; 48],
     };
-    for (value, code) in splat.sh.iter_mut().zip(&color[..3]) {
-        *value = meta.sh0.codebook[usize::from(*code)];
+    for (channel, value) in splat.sh.iter_mut().take(3).enumerate() {
+        *value = coded(&meta.colors.tables, channel, color);
     }
     if let Some(entries) = entries {
         entries.apply(usize::from(u16::from_le_bytes([label[0], label[1]])), &mut splat.sh);

@@ -2,16 +2,17 @@
 
 use super::{header, parse as read};
 use crate::error::SceneError;
-use crate::input::{Input, Source};
+use crate::input::{Input, SceneHeader, Source};
 use crate::scene::Scene;
 use image_webp::{ColorType, WebPEncoder};
 use serde_json::{Value, json};
 use std::io::{Cursor, Write};
+use std::path::Path;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 fn parse(bytes: &[u8]) -> Result<Scene, SceneError> {
-    read(&Input { source: &Source::Bytes(bytes), memory: Some(1 << 30), progress: crate::QUIET })
+    read(&Input { source: &Source::Bytes(bytes), memory: Some(1 << 30), progress: crate::QUIET }, None, None)
 }
 
 fn webp(width: u32, height: u32, texels: &[u8]) -> Vec<u8> {
@@ -91,7 +92,7 @@ fn texels_have_the_values_that_the_format_defines() {
     near(&first.sh[3..12], &std::array::from_fn::<f32, 9, _>(|k| (k as f32 + 1.0) / 64.0));
     near(&second.sh[3..12], &[0.0; 9]);
     let source = Source::Bytes(&bytes);
-    assert_eq!(header(&source).unwrap().count, 2);
+    assert_eq!(header(&source, None, None).unwrap().count, 2);
 }
 
 #[test]
@@ -101,8 +102,8 @@ fn damage_names_the_file_and_the_field() {
         *meta.pointer_mut(pointer).unwrap() = value;
         parse(&archive(&meta, &files)).unwrap_err().to_string()
     };
-    assert!(with("/version", json!(3)).contains("`meta.json: version`: expected 2, found 3"));
-    assert!(with("/version", json!(1)).contains("SOG scene of version 1"));
+    assert!(with("/version", json!(3)).contains("`meta.json: version`: expected 1 or 2, found 3"));
+    assert!(with("/version", json!(1)).contains("meta.json: missing field `shape`"));
     assert!(with("/count", json!(0)).contains("`meta.json: count`: expected at least one splat"));
     assert!(
         with("/count", json!(17))
@@ -154,5 +155,189 @@ fn a_texture_of_one_colour_and_huge_size_is_refused_before_it_is_unpacked() {
     assert!(
         said.contains("`l.webp`: expected 1 texels and at most 4 rows more, found 2048 x 2048"),
         "{said}"
+    );
+}
+
+/// Builds the parts of a file of version 1 with two splats of degree 2.
+fn version_1() -> (Value, Vec<(&'static str, Vec<u8>)>) {
+    let (meta, mut files) = two();
+    let mut means = meta["means"].clone();
+    means["shape"] = json!([2, 3]);
+    let meta = json!({
+        "means": means,
+        "scales": { "shape": [2, 3], "mins": [-4.0, -2.0, 0.0], "maxs": [4.0, 2.0, 1.0], "files": ["s.webp"] },
+        "quats": { "shape": [2, 4], "encoding": "quaternion_packed", "files": ["q.webp"] },
+        "sh0": { "shape": [2, 1, 4], "mins": [-1.0, -2.0, 0.0, -6.0], "maxs": [1.0, 2.0, 0.5, 4.2], "files": ["c.webp"] },
+        "shN": { "shape": [2, 8, 3], "mins": -1.0, "maxs": 1.55, "files": ["n.webp", "i.webp"] },
+    });
+    let mut palette = vec![100; 512 * 2 * 4];
+    // Entry 64, the first in the second row.
+    palette[512 * 4..][..4].copy_from_slice(&[0, 200, 255, 255]);
+    files[5].1 = webp(512, 2, &palette);
+    (meta, files)
+}
+
+#[test]
+fn version_1_has_values_between_the_ends_of_ranges() {
+    let (meta, files) = version_1();
+    let bytes = archive(&meta, &files);
+    let scene = parse(&bytes).unwrap();
+    assert_eq!(scene.size_breakdown().format, "sog, version 1");
+    assert_eq!((scene.count(), scene.stored_degree(), scene.notes().is_antialiased()), (2, 2, false));
+    let first = scene.splat(0);
+    // The same positions and rotations as in version 2.
+    near(&first.position, &[1f32.exp() - 1.0, 1.0 - 2f32.exp(), 3f32.exp() - 1.0]);
+    let part = |byte: u8| f32::from(byte) / 255.0;
+    let logarithms = [-4.0 + 8.0 * part(128), -2.0 + 4.0 * part(144), part(112)];
+    near(&first.scale.map(f32::ln), &logarithms);
+    near(&first.sh[..3], &[-1.0 + 2.0 * part(160), -2.0 + 4.0 * part(96), 0.5 * part(128)]);
+    // The logit of alpha 51 is -6 + 10.2 / 5.
+    near(&[first.opacity], &[1.0 / (1.0 + 3.96f32.exp())]);
+    near(&first.sh[3..7], &[-1.0, 1.0, 1.55, 0.0]);
+    let source = Source::Bytes(&bytes);
+    let header = header(&source, None, None).unwrap();
+    assert_eq!((header.count, header.stored_degree), (2, 2));
+
+    let with = |pointer: &str, value: Value| {
+        let (mut meta, files) = version_1();
+        *meta.pointer_mut(pointer).unwrap() = value;
+        parse(&archive(&meta, &files)).unwrap_err().to_string()
+    };
+    assert!(with("/means/shape", json!([])).contains("`meta.json: count`: expected at least one splat"));
+    assert!(
+        with("/means/shape/0", json!(5_000_000_000u64))
+            .contains("`meta.json: means.shape`: expected at most")
+    );
+    assert!(with("/sh0/mins", json!([1, 2, 3])).starts_with("line 1: meta.json: "));
+    assert!(
+        with("/shN/files/0", json!("l.webp"))
+            .contains("`l.webp`: expected 192, 512 or 960 x at most 1024 texels, found 4 x 4")
+    );
+}
+
+/// Writes a scene as a folder.
+fn folder(at: &Path, (meta, files): &(Value, Vec<(&str, Vec<u8>)>)) {
+    std::fs::create_dir_all(at).unwrap();
+    std::fs::write(at.join("meta.json"), meta.to_string()).unwrap();
+    for (name, bytes) in files {
+        std::fs::write(at.join(name), bytes).unwrap();
+    }
+}
+
+#[test]
+fn a_folder_has_the_splats_of_the_archive_and_only_its_own_files() {
+    let place = tempfile::tempdir().unwrap();
+    for parts in [two(), version_1()] {
+        folder(place.path(), &parts);
+        let packed = parse(&archive(&parts.0, &parts.1)).unwrap();
+        for path in [place.path().to_owned(), place.path().join("meta.json")] {
+            let scene = Scene::load(&path, crate::QUIET).unwrap();
+            assert_eq!(scene.identity(), packed.identity());
+            let breakdown = scene.size_breakdown();
+            assert!(breakdown.format.ends_with(", in a folder"), "{}", breakdown.format);
+            let bytes = |entry: std::io::Result<std::fs::DirEntry>| entry.unwrap().metadata().unwrap().len();
+            let all: u64 = std::fs::read_dir(place.path()).unwrap().map(bytes).sum();
+            assert_eq!((breakdown.sum(), breakdown.file_bytes), (all, all));
+            let header = SceneHeader::load(&path).unwrap();
+            assert_eq!((header.count, header.stored_degree), (2, scene.stored_degree()));
+        }
+    }
+    let (mut meta, files) = two();
+    for (name, said) in [
+        ("../q.webp", "`../q.webp`: expected a file in the folder of the JSON"),
+        ("/etc/passwd", "`/etc/passwd`: expected a file in the folder of the JSON"),
+        ("none.webp", "`none.webp`: expected a readable file beside the meta.json"),
+        ("meta.json", "`meta.json`: expected a WebP texture"),
+    ] {
+        meta["quats"]["files"][0] = json!(name);
+        folder(place.path(), &(meta.clone(), files.clone()));
+        let error = Scene::load(place.path(), crate::QUIET).unwrap_err().to_string();
+        assert!(error.contains(said), "{error}");
+    }
+    // A document without a folder has no textures.
+    let error = parse(two().0.to_string().as_bytes()).unwrap_err().to_string();
+    assert!(error.contains("`meta.json: count`: expected at most 0"), "{error}");
+}
+
+/// Writes a streamed scene: two leaves at level 0 in a folder of two splats, and one splat at level 1.
+fn streamed(at: &Path) -> Value {
+    folder(&at.join("0_0"), &two());
+    folder(&at.join("1_0"), &version_1());
+    let leaf = |lods: Value| json!({ "bound": { "min": [0, 0, 0], "max": [1, 1, 1] }, "lods": lods });
+    let run = |file: u32, offset: u32| json!({ "file": file, "offset": offset, "count": 1 });
+    let document = json!({
+        "version": 1, "count": 3, "counts": [2, 1], "lodLevels": 2,
+        "filenames": ["0_0/meta.json", "1_0/meta.json"],
+        "tree": { "children": [leaf(json!({ "0": run(0, 0), "1": run(1, 1) })), leaf(json!({ "0": run(0, 1) }))] },
+    });
+    std::fs::write(at.join("lod-meta.json"), document.to_string()).unwrap();
+    document
+}
+
+#[test]
+fn a_level_of_a_streamed_scene_has_its_runs_and_the_environment() {
+    let place = tempfile::tempdir().unwrap();
+    let mut document = streamed(place.path());
+    let load = |level: Option<u32>| Scene::load_level(place.path(), level, crate::QUIET);
+    let [fine, coarse] = [two(), version_1()].map(|(meta, files)| parse(&archive(&meta, &files)).unwrap());
+    let finest = load(None).unwrap();
+    assert_eq!(finest.identity(), fine.identity());
+    assert_eq!(finest.size_breakdown().format, "sog, streamed, level 0, the finest, of 2");
+    assert_eq!(finest.size_breakdown().sum(), finest.size_breakdown().file_bytes);
+    let level = load(Some(1)).unwrap();
+    assert_eq!((level.count(), level.splat(0)), (1, coarse.splat(1)));
+    assert!(
+        load(Some(2)).unwrap_err().to_string().contains(
+            "`lod-meta.json: lodLevels`: expected level 0, the finest, to 1, the coarsest, found 2"
+        )
+    );
+    let put =
+        |document: &Value| std::fs::write(place.path().join("lod-meta.json"), document.to_string()).unwrap();
+    document["environment"] = json!("0_0/meta.json");
+    put(&document);
+    let level = load(Some(1)).unwrap();
+    assert_eq!((level.count(), level.stored_degree()), (3, 2));
+    assert_eq!(level.splat(1).position, fine.splat(0).position);
+    assert_eq!(level.size_breakdown().sum(), level.size_breakdown().file_bytes);
+    let header = SceneHeader::load_level(place.path(), Some(1)).unwrap();
+    assert_eq!((header.count, header.stored_degree), (3, 2));
+    // Other scenes have no levels.
+    let one = Scene::load_level(place.path().join("1_0"), Some(0), crate::QUIET).unwrap_err();
+    assert!(matches!(one.problem, SceneError::NoLevels), "{one}");
+}
+
+#[test]
+fn damage_of_a_streamed_scene_names_the_field_or_the_file() {
+    let place = tempfile::tempdir().unwrap();
+    let document = streamed(place.path());
+    let with = |pointer: &str, value: Value| {
+        let mut document = document.clone();
+        *document.pointer_mut(pointer).unwrap() = value;
+        std::fs::write(place.path().join("lod-meta.json"), document.to_string()).unwrap();
+        Scene::load(place.path(), crate::QUIET).unwrap_err().to_string()
+    };
+    assert!(with("/version", json!(2)).contains("`lod-meta.json: version`: expected 1, found 2"));
+    assert!(with("/lodLevels", json!(0)).contains("`lod-meta.json: lodLevels`: expected level 0"));
+    assert!(with("/tree/children/0/lods/0/file", json!(2)).contains("expected a number below 2, found 2"));
+    assert!(
+        with("/tree/children/0/lods/0/count", json!(2)).contains(
+            "`lod-meta.json: tree.lods.offset`: expected runs that do not overlap in 0_0/meta.json"
+        )
+    );
+    assert!(
+        with("/tree/children/1/lods/0/count", json!(4_000_000_000u32)).contains(
+            "`lod-meta.json: tree.lods`: expected runs within the 2 splats of 0_0/meta.json, found one that ends at 4000000001"
+        )
+    );
+    assert!(with("/tree/children", json!([])).contains("`lod-meta.json: tree`: expected a leaf with splats"));
+    assert!(
+        with("/filenames/0", json!("../a")).contains("`../a`: expected a file in the folder of the JSON")
+    );
+    assert!(with("/filenames/0", json!("none")).contains("`none`: expected a readable file, found"));
+    assert!(
+        with("/tree", json!(7)).starts_with(&format!(
+            "{}: line 1: lod-meta.json: ",
+            place.path().join("lod-meta.json").display()
+        ))
     );
 }

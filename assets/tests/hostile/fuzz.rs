@@ -389,8 +389,8 @@ fn damage_inside_a_sog_file_as_written_is_read_or_refused() {
     }
 }
 
-/// Builds a SOG file of two splats with harmonics.
-fn sog(method: CompressionMethod) -> Vec<u8> {
+/// Builds the parts of a SOG scene of two splats with harmonics, in version 1 or 2.
+fn sog_parts(version: u32) -> Vec<(&'static str, Vec<u8>)> {
     let webp = |width: u32, height: u32| {
         let texels: Vec<u8> =
             (0..width * height * 4).map(|i| if i % 4 == 3 { 253 } else { i as u8 % 3 }).collect();
@@ -400,17 +400,32 @@ fn sog(method: CompressionMethod) -> Vec<u8> {
         bytes
     };
     let codebook: Vec<f64> = (0..256).map(|u| f64::from(u - 128) / 16.0).collect();
-    let meta = json!({
-        "version": 2, "count": 2,
-        "means": { "mins": [-1, -1, -1], "maxs": [1, 1, 1], "files": ["l", "u"] },
-        "scales": { "codebook": codebook, "files": ["s"] },
-        "quats": { "files": ["q"] },
-        "sh0": { "codebook": codebook, "files": ["c"] },
-        "shN": { "count": 600, "bands": 1, "codebook": codebook, "files": ["n", "i"] },
-    });
-    let (texture, palette, meta) = (webp(4, 4), webp(192, 10), meta.to_string());
-    let textures = ["l", "u", "s", "q", "c", "i"].map(|name| (name, texture.as_slice()));
-    zipped(textures.into_iter().chain([("n", palette.as_slice()), ("meta.json", meta.as_bytes())]), method)
+    let meta = match version {
+        1 => json!({
+            "means": { "shape": [2, 3], "mins": [-1, -1, -1], "maxs": [1, 1, 1], "files": ["l", "u"] },
+            "scales": { "mins": [-9, -9, -9], "maxs": [1, 2, 3], "files": ["s"] },
+            "quats": { "files": ["q"] },
+            "sh0": { "mins": [-1, -1, -1, -7], "maxs": [1, 1, 1, 7], "files": ["c"] },
+            "shN": { "mins": -1, "maxs": 1.5, "files": ["n", "i"] },
+        }),
+        _ => json!({
+            "version": 2, "count": 2,
+            "means": { "mins": [-1, -1, -1], "maxs": [1, 1, 1], "files": ["l", "u"] },
+            "scales": { "codebook": codebook, "files": ["s"] },
+            "quats": { "files": ["q"] },
+            "sh0": { "codebook": codebook, "files": ["c"] },
+            "shN": { "count": 600, "bands": 1, "codebook": codebook, "files": ["n", "i"] },
+        }),
+    };
+    let textures = ["l", "u", "s", "q", "c", "i"].map(|name| (name, webp(4, 4)));
+    let rest = [("n", webp(192, 10)), ("meta.json", meta.to_string().into_bytes())];
+    textures.into_iter().chain(rest).collect()
+}
+
+/// Packs a SOG scene.
+fn sog(version: u32, method: CompressionMethod) -> Vec<u8> {
+    let parts = sog_parts(version);
+    zipped(parts.iter().map(|(name, bytes)| (*name, bytes.as_slice())), method)
 }
 
 /// Builds a `.ksplat` of two splats of degree 1 in a partial bucket.
@@ -443,8 +458,63 @@ fn damaged_ksplat_files_are_read_or_refused() {
 
 #[test]
 fn damaged_sog_files_are_read_or_refused() {
-    let seeds = [CompressionMethod::Stored, CompressionMethod::Deflated].map(|method| (sog(method), 200));
-    run("SOG", &seeds, SOG_MEMORY, parse);
+    for version in [1, 2] {
+        let methods = [CompressionMethod::Stored, CompressionMethod::Deflated];
+        let seeds = methods.map(|method| (sog(version, method), 200));
+        run(&format!("SOG version {version}"), &seeds, SOG_MEMORY, parse);
+    }
+}
+
+/// Checks a scene that is read from a folder.
+fn load(folder: &Path) -> Result<(), String> {
+    match Scene::load(folder, splatgraph_assets::QUIET) {
+        Ok(scene) => {
+            assert!(scene.count() > 0 && scene.positions().as_flattened().iter().all(|v| v.is_finite()));
+            assert_eq!(scene.size_breakdown().sum(), scene.size_breakdown().file_bytes);
+            Ok(())
+        }
+        // Without the path, which differs from run to run.
+        Err(error) => Err(kind(&error.problem.to_string())),
+    }
+}
+
+#[test]
+fn damaged_folders_of_sog_are_read_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for version in [1, 2] {
+        let parts = sog_parts(version);
+        for (name, bytes) in &parts {
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        let (_, meta) = parts.last().expect("there are several");
+        run(&format!("meta.json of version {version}"), &[(meta.clone(), meta.len())], SOG_MEMORY, |bytes| {
+            std::fs::write(folder.path().join("meta.json"), bytes).unwrap();
+            load(folder.path())
+        });
+    }
+}
+
+#[test]
+fn damaged_streamed_sog_is_read_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (version, name) in [(1, "0_0"), (2, "0_1")] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+        for (part, bytes) in sog_parts(version) {
+            std::fs::write(folder.path().join(name).join(part), bytes).unwrap();
+        }
+    }
+    let leaf =
+        |file: u32, offset: u32| json!({ "lods": { "0": { "file": file, "offset": offset, "count": 1 } } });
+    let document = json!({
+        "version": 1, "lodLevels": 1, "filenames": ["0_0/meta.json", "0_1/meta.json"],
+        "environment": "0_0/meta.json",
+        "tree": { "children": [{ "children": [leaf(0, 0), leaf(1, 1)] }, leaf(1, 0)] },
+    });
+    let text = document.to_string().into_bytes();
+    run("lod-meta.json", &[(text.clone(), text.len())], SOG_MEMORY, |bytes| {
+        std::fs::write(folder.path().join("lod-meta.json"), bytes).unwrap();
+        load(folder.path())
+    });
 }
 
 #[test]

@@ -1,0 +1,211 @@
+//! Reads the files of a scene, in an archive or in a folder, and unpacks textures into rows of one texel per splat.
+
+use super::meta::wrong;
+use crate::error::SceneError;
+use crate::input::{OpenFile, Source, SourceReader};
+use image_webp::WebPDecoder;
+use std::io::{BufReader, Cursor, Read};
+use std::path::{Component, Path, PathBuf};
+use zip::ZipArchive;
+use zip::result::ZipError;
+
+/// First bytes of a ZIP archive.
+pub(crate) const MAGIC: &[u8; 4] = b"PK\x03\x04";
+
+/// Maximum bytes of `meta.json`.
+pub(super) const MOST_META: u64 = 1 << 20;
+
+/// Maximum number of padding rows: writers round a texture's height up to a multiple of 4.
+const PADDING: u64 = 4;
+
+/// The place of the files.
+enum Place<'a> {
+    /// A ZIP archive of so many bytes.
+    Archive(ZipArchive<BufReader<SourceReader<'a>>>, u64),
+    /// A `meta.json` and, if it is a file itself, the folder of the others.
+    Folder(&'a Source<'a>, Option<PathBuf>),
+}
+
+/// The opened files of a scene.
+pub(super) struct Container<'a> {
+    place: Place<'a>,
+    /// Name and packed bytes of each file that was read.
+    pub sizes: Vec<(String, u64)>,
+}
+
+/// A texture of 4 bytes per texel.
+pub(super) struct Texture {
+    pub width: u32,
+    pub height: u32,
+    pub texels: Vec<u8>,
+}
+
+pub(super) fn damaged(name: &str, message: String) -> SceneError {
+    SceneError::Part { part: name.into(), message }
+}
+
+/// Finds a file that a JSON document names: only files in the document's folder are read.
+pub(super) fn beside(folder: Option<&Path>, name: &str) -> Result<PathBuf, SceneError> {
+    let inside = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+    let folder = folder.filter(|_| inside && !name.is_empty());
+    folder.map(|folder| folder.join(name)).ok_or_else(|| {
+        let shown: String = name.chars().take(60).collect();
+        damaged(&shown, "expected a file in the folder of the JSON, found another place".into())
+    })
+}
+
+impl<'a> Container<'a> {
+    /// Opens an archive, or a `meta.json` in `folder`.
+    pub(super) fn open(source: &'a Source<'a>, folder: Option<&Path>) -> Result<Self, SceneError> {
+        let place = if source.head(MAGIC.len())? == MAGIC {
+            let reader = BufReader::new(SourceReader::new(source, 0));
+            let zip = ZipArchive::new(reader).map_err(|error| {
+                damaged("zip", format!("expected a whole archive, found damage: {error}"))
+            })?;
+            Place::Archive(zip, source.length())
+        } else {
+            Place::Folder(source, folder.map(Path::to_owned))
+        };
+        Ok(Self { place, sizes: Vec::new() })
+    }
+
+    /// Describes the place, for the size breakdown.
+    pub(super) fn kind(&self) -> &'static str {
+        match self.place {
+            Place::Archive(..) => "",
+            Place::Folder(..) => ", in a folder",
+        }
+    }
+
+    /// Reads `meta.json`, which every scene must have.
+    pub(super) fn meta(&mut self) -> Result<Vec<u8>, SceneError> {
+        match &self.place {
+            Place::Archive(zip, _) => {
+                if zip.index_for_name("meta.json").is_none() {
+                    let found = "a ZIP archive without a meta.json (unpack it first)".into();
+                    return Err(SceneError::NotScene { found });
+                }
+                self.read("meta.json", MOST_META)
+            }
+            Place::Folder(source, _) => {
+                let length = source.length();
+                if length > MOST_META {
+                    let message = format!("expected at most {MOST_META} bytes, found {length}");
+                    return Err(damaged("meta.json", message));
+                }
+                self.sizes.push(("meta.json".into(), length));
+                Ok(source.head(length as usize)?)
+            }
+        }
+    }
+
+    /// Returns the bytes of the archive, or of the files with these names. A file that cannot be read counts 0: reading it will
+    /// name the problem.
+    pub(super) fn bytes_of<'n>(&self, names: impl Iterator<Item = &'n str>) -> u64 {
+        match &self.place {
+            Place::Archive(_, length) => *length,
+            Place::Folder(_, folder) => names
+                .filter_map(|name| beside(folder.as_deref(), name).ok())
+                .filter_map(|path| std::fs::metadata(path).ok())
+                .fold(0, |sum, file| sum.saturating_add(file.len())),
+        }
+    }
+
+    /// Reads a file of at most `most` bytes.
+    fn read(&mut self, name: &str, most: u64) -> Result<Vec<u8>, SceneError> {
+        let (bytes, packed) = match &mut self.place {
+            Place::Archive(zip, _) => {
+                let mut entry = zip.by_name(name).map_err(|error| match error {
+                    ZipError::FileNotFound => {
+                        damaged(name, "expected this file in the archive, found none".into())
+                    }
+                    other => {
+                        damaged(name, format!("expected a readable file of the archive, found: {other}"))
+                    }
+                })?;
+                let packed = entry.compressed_size();
+                let mut bytes = Vec::new();
+                let read = (&mut entry).take(most + 1).read_to_end(&mut bytes);
+                read.map_err(|error| damaged(name, format!("expected a whole file, found damage: {error}")))?;
+                (bytes, packed)
+            }
+            Place::Folder(_, folder) => {
+                let path = beside(folder.as_deref(), name)?;
+                let unreadable = |error| {
+                    damaged(name, format!("expected a readable file beside the meta.json, found: {error}"))
+                };
+                let file = OpenFile::open(&path).map_err(unreadable)?;
+                let source = Source::File(&file);
+                let bytes = source.head(usize::try_from(most + 1).unwrap_or(usize::MAX));
+                file.check_unchanged()?;
+                let bytes = bytes.map_err(unreadable)?;
+                let length = bytes.len() as u64;
+                (bytes, length)
+            }
+        };
+        if bytes.len() as u64 > most {
+            return Err(damaged(name, format!("expected at most {most} bytes, found more")));
+        }
+        self.sizes.push((name.to_owned(), packed));
+        Ok(bytes)
+    }
+
+    /// Reads a texture with a texel for each of `count` splats.
+    pub(super) fn texels(&mut self, name: &str, count: u64) -> Result<Texture, SceneError> {
+        self.texture(name, count, |width, height| {
+            let (texels, most) = (width * height, count + PADDING * width);
+            let expected = || format!("expected {count} texels and at most {PADDING} rows more");
+            (texels < count || texels > most).then(expected)
+        })
+    }
+
+    /// Reads a texture of about `count` texels; `fault` checks its width and height before it is unpacked.
+    pub(super) fn texture(
+        &mut self,
+        name: &str,
+        count: u64,
+        fault: impl Fn(u64, u64) -> Option<String>,
+    ) -> Result<Texture, SceneError> {
+        // A file can be only a little longer than its bytes in an archive, or than its texels: WebP packs better than ZIP.
+        let most = match &self.place {
+            Place::Archive(_, length) => 4 * length + MOST_META,
+            Place::Folder(..) => 8 * count + MOST_META,
+        };
+        let bytes = self.read(name, most)?;
+        let unreadable = |error| damaged(name, format!("expected a WebP texture, found: {error}"));
+        let mut decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(unreadable)?;
+        if decoder.is_lossy() {
+            return Err(damaged(
+                name,
+                "expected lossless WebP, found lossy, which loses the low bits".into(),
+            ));
+        }
+        let (width, height) = decoder.dimensions();
+        if let Some(expected) = fault(width.into(), height.into()) {
+            return Err(damaged(name, format!("{expected}, found {width} x {height}")));
+        }
+        let channels = if decoder.has_alpha() { 4 } else { 3 };
+        let mut pixels = Vec::new();
+        let length = width as usize * height as usize * channels;
+        pixels.try_reserve_exact(length).map_err(std::io::Error::from)?;
+        pixels.resize(length, 0);
+        decoder.read_image(&mut pixels).map_err(unreadable)?;
+        let texels = match channels {
+            4 => pixels,
+            _ => pixels.chunks_exact(3).flat_map(|rgb| [rgb[0], rgb[1], rgb[2], 255]).collect(),
+        };
+        Ok(Texture { width, height, texels })
+    }
+
+    /// Sums the packed bytes of the files read, which an archive must contain, and returns them with the bytes of all.
+    pub(super) fn packed_bytes(&self) -> Result<(u64, u64), SceneError> {
+        let sum = self.sizes.iter().fold(0u64, |sum, (_, bytes)| sum.saturating_add(*bytes));
+        match self.place {
+            Place::Archive(_, length) if sum > length => {
+                Err(wrong("files", &format!("at most the {length} bytes of the archive"), sum))
+            }
+            Place::Archive(_, length) => Ok((sum, length)),
+            Place::Folder(..) => Ok((sum, sum)),
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! Reads one level of a streamed SOG: a `lod-meta.json` names folders of SOG, and a tree of boxes has, for each level, the run of
+//! splats in one of the folders. Level 0 is the finest. The splats of `environment` belong to every level. Format:
+//! <https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/streamed-sog/>.
+
+use super::container::{beside, damaged};
+use super::meta::malformed;
+use super::read;
+use crate::error::SceneError;
+use crate::input::{Input, OpenFile, SceneHeader, Source};
+use crate::memory::SceneMemoryError;
+use crate::scene::{Dropped, Scene};
+use crate::size_breakdown::{ElementSize, SizeBreakdown};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::ops::{ControlFlow, Range};
+use std::path::Path;
+
+/// The document's name, in errors.
+const NAME: &str = "lod-meta.json";
+
+/// Maximum bytes of the document. A scene of 259 million splats with ten levels has 4,096 leaves.
+const MOST_JSON: u64 = 64 << 20;
+
+/// The fields that a reader needs; others are ignored.
+#[derive(Deserialize)]
+struct Document {
+    version: Option<u32>,
+    #[serde(rename = "lodLevels")]
+    levels: u32,
+    environment: Option<String>,
+    filenames: Vec<String>,
+    tree: Node,
+}
+
+#[derive(Deserialize)]
+struct Node {
+    #[serde(default)]
+    children: Vec<Node>,
+    #[serde(default)]
+    lods: BTreeMap<u32, Run>,
+}
+
+/// A leaf's splats of a level.
+#[derive(Clone, Copy, Deserialize)]
+struct Run {
+    file: usize,
+    offset: u32,
+    count: u32,
+}
+
+/// The runs of a file, in ascending order; `None` are all of its splats.
+type Runs = Option<Vec<Range<u64>>>;
+
+/// The files of a level.
+struct Level {
+    level: u32,
+    levels: u32,
+    files: Vec<(String, Runs)>,
+}
+
+/// Returns true if a text seems to be a `lod-meta.json`.
+pub(super) fn begins_as_levels(head: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(head);
+    text.trim_start().starts_with('{') && text.contains("\"lodLevels\"")
+}
+
+fn wrong(field: &str, expected: String, found: impl std::fmt::Display) -> SceneError {
+    damaged(&format!("{NAME}: {field}"), format!("expected {expected}, found {found}"))
+}
+
+impl Node {
+    /// Collects the runs of a level below the node. A leaf without the level has no splats in it.
+    fn collect(&self, level: u32, runs: &mut Vec<Run>) {
+        runs.extend(self.lods.get(&level).filter(|run| run.count > 0));
+        for child in &self.children {
+            child.collect(level, runs);
+        }
+    }
+}
+
+impl Level {
+    fn read(source: &Source, level: Option<u32>) -> Result<Self, SceneError> {
+        let length = source.length();
+        if length > MOST_JSON {
+            return Err(wrong("length", format!("at most {MOST_JSON} bytes"), length));
+        }
+        let text = source.head(length as usize)?;
+        let document: Document = serde_json::from_slice(&text).map_err(|error| malformed(NAME, &error))?;
+        if let Some(found) = document.version.filter(|version| *version != 1) {
+            return Err(wrong("version", "1".into(), found));
+        }
+        let (level, levels) = (level.unwrap_or(0), document.levels);
+        if level >= levels {
+            let most = levels.saturating_sub(1);
+            return Err(wrong("lodLevels", format!("level 0, the finest, to {most}, the coarsest"), level));
+        }
+        let mut runs = Vec::new();
+        document.tree.collect(level, &mut runs);
+        // By path, not by number: a file that the document names twice is read once.
+        let mut by_file: BTreeMap<&Path, Vec<Range<u64>>> = BTreeMap::new();
+        for Run { file, offset, count } in runs {
+            let Some(name) = document.filenames.get(file) else {
+                let most = document.filenames.len();
+                return Err(wrong("tree.lods.file", format!("a number below {most}"), file));
+            };
+            let first = u64::from(offset);
+            by_file.entry(Path::new(name)).or_default().push(first..first + u64::from(count));
+        }
+        let mut files = Vec::new();
+        for (file, mut runs) in by_file {
+            runs.sort_unstable_by_key(|run| run.start);
+            if let Some(pair) = runs.windows(2).find(|pair| pair[1].start < pair[0].end) {
+                let expected = format!("runs that do not overlap in {}", file.display());
+                return Err(wrong("tree.lods.offset", expected, pair[1].start));
+            }
+            files.push((file.to_string_lossy().into_owned(), Some(runs)));
+        }
+        files.extend(document.environment.map(|file| (file, None)));
+        if files.is_empty() {
+            return Err(wrong("tree", format!("a leaf with splats in level {level}"), "none"));
+        }
+        Ok(Self { level, levels, files })
+    }
+}
+
+/// Opens a file of the level, and calls `work` with its bytes and its folder.
+fn within<T>(
+    folder: Option<&Path>,
+    name: &str,
+    work: impl FnOnce(&Source, &Path) -> Result<T, SceneError>,
+) -> Result<T, SceneError> {
+    let path = beside(folder, name)?;
+    let open = OpenFile::open(&path);
+    let file = open.map_err(|error| damaged(name, format!("expected a readable file, found: {error}")))?;
+    let done = work(&Source::File(&file), path.parent().unwrap_or(Path::new("")));
+    file.check_unchanged().and(done).map_err(|problem| match problem {
+        SceneError::Cancelled => problem,
+        _ => damaged(name, problem.to_string()),
+    })
+}
+
+/// Adds up the descriptions of the level's files.
+pub(super) fn header(
+    source: &Source,
+    folder: Option<&Path>,
+    level: Option<u32>,
+) -> Result<SceneHeader, SceneError> {
+    headers(&Level::read(source, level)?, folder).map(|(all, _)| all)
+}
+
+/// Returns the sum of the descriptions, and the splats of each file.
+fn headers(level: &Level, folder: Option<&Path>) -> Result<(SceneHeader, Vec<u64>), SceneError> {
+    let mut all = SceneHeader { count: 0, stored_degree: 0 };
+    let mut counts = Vec::new();
+    for (name, runs) in &level.files {
+        let header = within(folder, name, |source, folder| read::header(source, Some(folder)))?;
+        let end = runs.iter().flatten().map(|run| run.end).max().unwrap_or(0);
+        if end > header.count {
+            let expected = format!("runs within the {} splats of {name}", header.count);
+            return Err(wrong("tree.lods", expected, format_args!("one that ends at {end}")));
+        }
+        let count =
+            runs.as_ref().map_or(header.count, |runs| runs.iter().map(|run| run.end - run.start).sum());
+        all.count += count;
+        all.stored_degree = all.stored_degree.max(header.stored_degree);
+        counts.push(count);
+    }
+    Ok((all, counts))
+}
+
+/// Parses a level, or the finest.
+pub(super) fn parse(input: &Input, folder: Option<&Path>, level: Option<u32>) -> Result<Scene, SceneError> {
+    let level = Level::read(input.source, level)?;
+    let (all, counts) = headers(&level, folder)?;
+    // The files' scenes, and the whole.
+    let needed = Scene::host_bytes(all.count, all.stored_degree).saturating_mul(2);
+    SceneMemoryError::check_against(all.count, all.stored_degree, needed, input.memory)?;
+    let (mut scenes, mut before) = (Vec::with_capacity(counts.len()), 0);
+    let (mut dropped, mut breakdown) = (Dropped::default(), empty(&level, input.source.length()));
+    for ((name, runs), count) in level.files.iter().zip(counts) {
+        // Counts splats, whatever a file's reader counts.
+        let tell = |done: u64, of: u64| -> ControlFlow<()> {
+            let share = done as f64 / of.max(1) as f64;
+            (input.progress)(before + (share * count as f64) as u64, all.count)
+        };
+        let scene = within(folder, name, |source, folder| {
+            let input = Input { source, memory: input.memory, progress: &tell };
+            read::parse(&input, Some(folder), runs.as_deref())
+        })?;
+        dropped.join(scene.dropped());
+        add(&mut breakdown, scene.size_breakdown());
+        scenes.push(scene);
+        before += count;
+    }
+    let scene = match scenes.len() {
+        1 => scenes.remove(0),
+        _ => Scene::joined(&scenes)?.with_dropped(dropped),
+    };
+    Ok(scene.with_breakdown(breakdown))
+}
+
+/// Starts the size breakdown of a level with the bytes of the document.
+fn empty(level: &Level, length: u64) -> SizeBreakdown {
+    let Level { level, levels, .. } = level;
+    let finest = if *level == 0 { ", the finest" } else { "" };
+    let element =
+        ElementSize { name: "splats".into(), rows: 0, bytes: 0, fields: Vec::new(), separator_bytes: 0 };
+    SizeBreakdown {
+        format: format!("sog, streamed, level {level}{finest}, of {levels}"),
+        file_bytes: length,
+        header_bytes: length,
+        elements: vec![element],
+        trailing_bytes: 0,
+    }
+}
+
+/// Adds the sizes of a file's parts to those of the level, by name.
+fn add(all: &mut SizeBreakdown, part: &SizeBreakdown) {
+    all.file_bytes += part.file_bytes;
+    all.header_bytes += part.header_bytes;
+    let (all, part) = (&mut all.elements[0], &part.elements[0]);
+    all.rows += part.rows;
+    all.bytes += part.bytes;
+    for field in &part.fields {
+        match all.fields.iter_mut().find(|known| known.name == field.name) {
+            Some(known) => known.bytes += field.bytes,
+            None => all.fields.push(field.clone()),
+        }
+    }
+}
