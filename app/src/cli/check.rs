@@ -52,8 +52,8 @@ pub struct Args {
     /// Print JSON, or write it to a file: for each graph and each --device, its name, validity, verdict and diagnostics
     ///
     /// A diagnostic has `file`, `line`, `column`, `end_line`, `end_column`, `severity` (`error` or `warning`),
-    /// `message`, `label` (the words at the place) and `help` (a list). Lines and columns count from 1, columns in
-    /// characters.
+    /// `message`, `label` (the text shown under the span, which may be empty) and `help` (a list). Lines and columns
+    /// count from 1, columns in characters.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
 }

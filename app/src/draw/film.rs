@@ -169,7 +169,7 @@ struct Exposure {
 }
 
 impl Exposure {
-    /// Adds a sample, which has the size of the earlier ones.
+    /// Adds a display-encoded sample to the sum. All samples must have the same size.
     fn add(&mut self, image: &Image) {
         self.size = (image.width, image.height);
         self.count += 1.0;

@@ -34,9 +34,9 @@ pub enum Role {
     Resource(Vec<String>),
     /// The use of an include, in the graph to which these includes lead.
     Include(Vec<String>),
-    /// A parameter of another graph, which is given by name.
+    /// The use of a parameter of the graph with this name, in `set` or `Only` of an include.
     ParameterOf(String),
-    /// A port of another graph, which is given by name.
+    /// The use of a port of the graph with this name, in `with` of an include.
     PortOf(String),
     /// The use of a statistic.
     Statistic,

@@ -129,6 +129,8 @@ impl History {
     }
 
     /// Lists the GPU times of the newest `count` frames, in milliseconds, oldest first, across all plans.
+    ///
+    /// Frames without a time are left out.
     pub fn recent(&self, count: usize) -> Vec<f64> {
         let skipped = self.samples.len().saturating_sub(count);
         self.samples.iter().skip(skipped).filter_map(|sample| sample.total_ms).collect()

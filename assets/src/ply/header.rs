@@ -165,7 +165,7 @@ pub(crate) struct Header {
     pub bytes: usize,
     /// Number of lines before the first row.
     pub lines: u32,
-    /// Tags of the comments.
+    /// Drawing rules, read from the tags in the header's `comment` lines.
     pub notes: FileNotes,
 }
 

@@ -38,7 +38,7 @@ pub struct DeviceInfo {
     pub driver: String,
     /// The facts that graphs can use; all 0 if the device's API version is too low.
     pub facts: DeviceFacts,
-    /// What out-of-range shader accesses can do, unless the device is opened without checks.
+    /// What out-of-range shader accesses can do; [`Bounds::None`] on a device opened without checks.
     pub robustness: Robustness,
     /// The largest memory heap of the device.
     pub heap: Heap,

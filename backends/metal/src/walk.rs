@@ -80,7 +80,7 @@ pub enum Move {
     Barrier(MemoryBarrier),
 }
 
-/// The walk over the encoders of one frame.
+/// Tracks the open encoder while a frame's passes are encoded, and lists the moves before each pass.
 #[derive(Clone, Debug, Default)]
 pub struct Walk {
     division: Option<Division>,

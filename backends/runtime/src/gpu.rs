@@ -494,7 +494,7 @@ pub enum Draw<'a, G: Gpu> {
 /// guarantees what the plan's checks establish: ranges lie within their buffers, objects allow their uses, and images
 /// are in the layout of their use.
 pub trait Encoder<G: Gpu>: Send {
-    /// Begins recording and discards earlier commands. The last submission has completed.
+    /// Begins recording and discards earlier commands. The last submission must have completed.
     fn begin(&mut self) -> Result<(), BackendError>;
 
     /// Ends recording.
@@ -575,6 +575,6 @@ pub trait Encoder<G: Gpu>: Send {
     /// Resets the first `count` timestamps.
     fn reset_timestamps(&mut self, timestamps: &G::Timestamps, count: u32);
 
-    /// Writes a timestamp once all earlier commands have completed.
+    /// Writes a timestamp once all earlier commands have completed, where the API can.
     fn timestamp(&mut self, timestamps: &G::Timestamps, index: u32);
 }

@@ -127,7 +127,10 @@ impl<G: Gpu> Swapchain<G> {
         self.surface_lost = true;
     }
 
-    /// Acquires an image, and replaces a stale swapchain first; `None` if the window shows nothing now.
+    /// Replaces a stale swapchain, then acquires an image.
+    ///
+    /// `None` if no image can be acquired now: the window has no pixels, the device is busy, no image is ready, or two
+    /// attempts failed.
     fn acquire(&mut self, slot: usize) -> Result<Option<u32>, BackendError> {
         // A submission failed after its image was acquired: only a new swapchain gets the image back.
         self.stale |= self.acquired;

@@ -32,7 +32,7 @@ pub struct VulkanGpu {
     pub(crate) budget: bool,
     /// Pipeline cache, kept across loads, so that a rebuilt plan reuses pipelines that did not change.
     pub(crate) pipeline_cache: vk::PipelineCache,
-    /// The memory allocator. It is `None` only while the device is being destroyed.
+    /// The memory allocator; `None` only while the device is being created or destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
     /// Fences that nobody waits for any more but that a submission may still signal. They are destroyed with the
     /// device.

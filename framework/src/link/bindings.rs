@@ -72,7 +72,7 @@ impl Linker<'_> {
         bindings
     }
 
-    /// Reports a block that the shader uses and the graph does not bind.
+    /// Reports a block or an image that the shader uses and the graph does not bind.
     fn unbound(
         &mut self,
         pass: &LoweredPass,

@@ -129,7 +129,7 @@ impl<'a> Choices<'a> {
 struct Needs {
     unmet: Vec<Unmet>,
     errors: Vec<Diagnostic>,
-    /// True if all of them are preferences of a choice.
+    /// True if all unmet requirements come from a choice: the graph could run, but another is preferred.
     preference: bool,
 }
 

@@ -37,7 +37,9 @@ pub fn folded(text: &str) -> String {
     text.lines().map(str::trim).collect::<Vec<_>>().join(" ")
 }
 
-/// A reference to a resource: a name, a half, the previous contents, or an expression that chooses one of these.
+/// A reference to a resource, or an expression that chooses one.
+///
+/// A reference is a name, `front` or `back` of a ping-pong resource, or `last` (the previous frame's contents).
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(from = "String")]
 pub struct Reference {

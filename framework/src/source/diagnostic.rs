@@ -1,4 +1,4 @@
-//! Defines errors with places and suggestions.
+//! Diagnostics: errors and warnings with source spans and suggestions.
 
 use std::fmt;
 

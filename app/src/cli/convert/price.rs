@@ -17,7 +17,7 @@ pub struct PriceArgs {
     /// pictures
     #[arg(long, conflicts_with_all = ["output", "format", "spz_version"])]
     price: bool,
-    /// Cameras of the pictures [default: the first beside the scene]
+    /// Cameras of the pictures [default: the first camera beside the scene, or one that frames the scene]
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON", requires = "price")]
     cameras: Option<String>,
     /// Size of the pictures [default: the cameras']

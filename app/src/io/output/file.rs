@@ -460,7 +460,7 @@ pub(crate) mod faults {
         result
     }
 
-    /// Runs `body` as if the disk were full from step `steps` on.
+    /// Runs `body` on a disk that is full after `steps` successful steps.
     pub fn full_after<T>(steps: u32, body: impl FnOnce() -> T) -> T {
         LEFT.set(Some(steps));
         let result = body();

@@ -307,7 +307,7 @@ fn energies(page: &mut Page, found: &Sh) {
     ));
 }
 
-/// Draws a border around the part, two pixels wide.
+/// Draws a red border just inside the part's edges, two pixels wide.
 fn framed(image: &Image, part: &Part) -> Image {
     let distance = |at: usize, axis: usize| {
         let (first, last) = (part.corner[axis] as i64, (part.corner[axis] + part.size[axis]) as i64 - 1);

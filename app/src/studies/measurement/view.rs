@@ -53,7 +53,9 @@ pub struct Measured {
     pub error: Error,
     /// Number of pairs of visible splats that are drawn out of depth order; `None` if the graph has no order.
     pub inversions: Option<u64>,
-    /// True if the picture is drawn from the previous frame's contents. A still view then does not show the error.
+    /// True if the plan reads the history of the previous frame.
+    ///
+    /// The error of a still view then excludes the lag behind a moving camera.
     pub of_last_frame: bool,
     /// Bytes of memory on the device.
     pub gpu_bytes: u64,

@@ -126,7 +126,7 @@ pub struct Renderer<D: Device> {
     scene: Option<u64>,
     pending_swap: Option<PendingSwap>,
     in_flight: VecDeque<FrameInFlight>,
-    /// The pass that the device was running when a frame was not done within the patience.
+    /// The pass that was running when the last wait for a frame timed out, or the frame if the pass is unknown.
     stalled: Option<Running>,
     /// True if a frame ended without results.
     forgot: bool,
@@ -192,7 +192,9 @@ impl<D: Device> Renderer<D> {
         })
     }
 
-    /// Returns the pass that the device was running at the last poll, if a frame was late.
+    /// Returns the pass that was running when the last wait for a frame timed out, or the frame if the pass is unknown.
+    ///
+    /// `None` if no wait timed out since the last completed one.
     pub fn stalled(&self) -> Option<&Running> {
         self.stalled.as_ref()
     }

@@ -160,7 +160,9 @@ impl BuildState {
         }
     }
 
-    /// Ends the running build; returns its attempt. Changes since its start are built next.
+    /// Ends the running build and returns its attempt; `None` if no build is running.
+    ///
+    /// Changes since its start are built next.
     pub fn end(&mut self) -> Option<Attempt> {
         match std::mem::take(self) {
             BuildState::Running(attempt, next) => {

@@ -502,7 +502,9 @@ impl<D: Device> Viewer<D> {
         self.a.renderer.is_idle() && self.b.as_ref().is_none_or(|b| b.renderer.is_idle())
     }
 
-    /// Returns the pass that the device was running at the last poll, if a frame was late.
+    /// Returns the pass that was running when the last wait for a frame timed out, or the frame if the pass is unknown.
+    ///
+    /// `None` if no wait timed out since the last completed one.
     pub fn stalled(&self) -> Option<&Running> {
         self.a.renderer.stalled().or_else(|| self.b.as_ref()?.renderer.stalled())
     }

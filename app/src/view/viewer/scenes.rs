@@ -18,7 +18,7 @@ impl<D: Device> Viewer<D> {
         self.other.as_ref().filter(|_| id == RendererId::B).unwrap_or(&self.subject)
     }
 
-    /// Returns A's scene.
+    /// Returns the scene of viewport A.
     pub fn scene(&self) -> &Scene {
         &self.subject.scene
     }
@@ -28,7 +28,7 @@ impl<D: Device> Viewer<D> {
         &self.subject_of(id).scene
     }
 
-    /// Returns the file of A's scene.
+    /// Returns the file of viewport A's scene.
     pub fn scene_path(&self) -> &Path {
         &self.subject.path
     }
@@ -38,7 +38,7 @@ impl<D: Device> Viewer<D> {
         &self.subject_of(id).path
     }
 
-    /// Returns true if B has its own scene.
+    /// Returns true if viewport B has its own scene.
     pub fn has_two_scenes(&self) -> bool {
         self.other.is_some()
     }

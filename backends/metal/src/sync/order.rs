@@ -1,11 +1,11 @@
 //! Lowers dependencies to fences between encoders and barriers within them.
 //!
 //! The walk covers the prologue and two frames. The second frame follows a frame like itself, as every later frame
-//! does, so its waits and barriers are valid for every frame.
+//! does, so its waits and barriers are sufficient in every frame.
 //!
 //! **Barriers.** A dependency within an encoder needs a barrier between its passes. Barriers are placed as late as
 //! possible, before the first pass that needs one; no other placement has fewer. If an existing barrier lacks only a
-//! does, so its waits and barriers are sufficient in every frame.
+//! part of the scope, the last such barrier is extended.
 //!
 //! **Fences.** An encoder waits for the encoders that it depends on, unless another wait implies it: the waits are the
 //! transitive reduction, which is unique. Draws begin and end twice, for vertices and for fragments. Fragments wait for

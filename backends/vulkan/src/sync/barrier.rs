@@ -74,8 +74,7 @@ pub struct Barrier {
     /// Stages to wait for, writes to make available, stages that wait, and accesses that the writes become visible to.
     pub masks: Masks,
     /// The conflicts that the barrier resolves, one entry per resource, each with the masks that it alone requires.
-    /// Never empty in
-    /// the result of [`barriers`](super::barriers).
+    /// Never empty in the result of [`barriers`](super::barriers).
     pub causes: Vec<(Cause, Masks)>,
 }
 

@@ -159,7 +159,7 @@ pub(crate) fn accesses(accesses: Accesses) -> vk::AccessFlags2 {
         .fold(vk::AccessFlags2::NONE, |all, (_, flag)| all | *flag)
 }
 
-/// Lowers a layout.
+/// Lowers an image layout to Vulkan's.
 pub(crate) fn layout(layout: Layout) -> vk::ImageLayout {
     match layout {
         Layout::Undefined => vk::ImageLayout::UNDEFINED,

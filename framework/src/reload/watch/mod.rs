@@ -353,7 +353,9 @@ impl<Wake: Fn()> LookOut<Wake> {
         matters
     }
 
-    /// Checks the contents of all files.
+    /// Updates the watched folders, and rereads the files whose metadata changed.
+    ///
+    /// `noticed` is the time of the event that caused the look.
     fn look(&mut self, noticed: Instant) {
         self.watch_folders();
         let now = Instant::now();

@@ -16,7 +16,8 @@ use std::ops::Range;
 use super::generate::{INCLUDE_BYTES, MOST_DEPTH, MOST_INCLUDED_BYTES};
 use super::scan::{Token, TokenKind, lex};
 
-/// Maximum number of words in an expanded condition; longer ones are not evaluated.
+/// Maximum number of words visited while expanding a condition, macro names included; beyond it, the condition is
+/// not evaluated.
 const MOST_WORDS: usize = 10_000;
 /// Maximum nesting of parentheses and signs; deeper ones are not evaluated.
 const MOST_NESTED: usize = 100;
@@ -58,7 +59,7 @@ pub(super) fn reached<'t>(texts: &'t [Text<'t>], defines: &'t [(String, String)]
     Some(Reached { names: walk.names.into_iter().map(str::to_owned).collect(), undefined: walk.undefined })
 }
 
-/// The certainty that lines are compiled, or that a condition holds.
+/// Three-valued truth: whether lines are compiled, or whether a condition holds.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Truth {
     No,
@@ -220,7 +221,7 @@ impl<'t> Walk<'t> {
         }
     }
 
-    /// Evaluates a condition; `now` is the certainty that the compiler evaluates it.
+    /// Evaluates a condition; `now` tells whether the compiler evaluates it.
     fn condition(&mut self, directive: &str, words: &[Word<'t>], now: Truth) -> Truth {
         match (directive, words) {
             ("if", words) => {

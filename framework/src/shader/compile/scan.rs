@@ -137,7 +137,7 @@ fn end_of_line(bytes: &[u8], mut at: usize) -> usize {
     at
 }
 
-/// The result of scanning one text.
+/// Identifiers, includes, macros and block names found in one text of a shader, some with their places.
 #[derive(Debug, PartialEq)]
 pub(super) struct Scan<'t> {
     pub identifiers: HashSet<&'t str>,

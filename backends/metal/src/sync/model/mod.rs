@@ -120,7 +120,7 @@ struct Pair<'a> {
     parts: [Part; 2],
     /// Scope that a barrier between the two needs, if they are in one encoder of dispatches.
     scope: MemoryBarrier,
-    /// True if both access a target of draws: within one encoder, draws do so in order.
+    /// True if both access an attachment, not through an alias: draws of one encoder blend in order.
     blend: bool,
 }
 

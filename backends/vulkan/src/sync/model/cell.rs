@@ -2,7 +2,8 @@
 //!
 //! A [`Cell`] is a range of bytes that are always accessed together. It records the accesses that a later one can still
 //! conflict with: the writes of the last pass that wrote, and the reads since then. Each record has the stages that are
-//! access must be in them.
+//! ordered after it; a write also has the stages to which its data is visible. A barrier adds stages to these sets. A
+//! later access conflicts with a record unless its stage is in them.
 //!
 //! Records that the remaining ones imply are dropped. A write that is properly ordered after an older access replaces
 //! that access, because a chain that starts at the write extends one that starts at the access. In the same way, a read
@@ -153,7 +154,7 @@ impl Write {
     }
 }
 
-/// What a cell's bytes contain.
+/// The state of a cell's bytes, and the access that caused it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contents {
     pub state: State,

@@ -168,7 +168,9 @@ impl Violation {
             && (self.kind, self.resource) == (other.kind, other.resource)
     }
 
-    /// Formats a sentence with both passes, the resource, the bytes and what is missing. `plan` is the replayed plan.
+    /// Formats a sentence with the accesses, the resource, its byte range and what is missing.
+    ///
+    /// `plan` is the replayed plan.
     pub fn describe(&self, plan: &Plan) -> String {
         let second = self.second.describe(plan);
         let Range { start, end } = self.range;
