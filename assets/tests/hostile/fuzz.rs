@@ -465,6 +465,13 @@ fn damaged_sog_files_are_read_or_refused() {
     }
 }
 
+/// Writes a file that seems old: readers wait until the clock has moved on from a new file's time.
+fn write_old(path: &Path, bytes: &[u8]) {
+    let mut file = std::fs::File::create(path).unwrap();
+    file.write_all(bytes).unwrap();
+    file.set_modified(std::time::SystemTime::UNIX_EPOCH).unwrap();
+}
+
 /// Checks a scene that is read from a folder.
 fn load(folder: &Path) -> Result<(), String> {
     match Scene::load(folder, splatgraph_assets::QUIET) {
@@ -488,7 +495,7 @@ fn damaged_folders_of_sog_are_read_or_refused() {
         }
         let (_, meta) = parts.last().expect("there are several");
         run(&format!("meta.json of version {version}"), &[(meta.clone(), meta.len())], SOG_MEMORY, |bytes| {
-            std::fs::write(folder.path().join("meta.json"), bytes).unwrap();
+            write_old(&folder.path().join("meta.json"), bytes);
             load(folder.path())
         });
     }
@@ -512,7 +519,7 @@ fn damaged_streamed_sog_is_read_or_refused() {
     });
     let text = document.to_string().into_bytes();
     run("lod-meta.json", &[(text.clone(), text.len())], SOG_MEMORY, |bytes| {
-        std::fs::write(folder.path().join("lod-meta.json"), bytes).unwrap();
+        write_old(&folder.path().join("lod-meta.json"), bytes);
         load(folder.path())
     });
 }
