@@ -241,7 +241,7 @@ fn blocks_resources_names_and_formats_are_offered_where_each_can_stand() {
     for name in ["width", "words", "scene.count", "viewport.width", "device.subgroup_size"] {
         assert!(names.iter().any(|other| other == name), "{name} is not in {names:?}");
     }
-    assert_eq!(editor.offered(&replaced("rgba8", "|"))[0], "r32f");
+    assert_eq!(editor.offered(&replaced("rgba8", "|"))[..2], ["depth32f", "r32f"]);
     let shaders = editor.offered(&replaced("show.comp", "|"));
     assert!(shaders.iter().any(|s| s == "show.comp") && shaders.iter().any(|s| s == "sort/scatter.comp"));
     editor.end();
