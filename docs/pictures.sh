@@ -13,11 +13,11 @@ program=${SPLATGRAPH:-target/release/splatgraph}
 shoot() { # name, width x height, options
   local name=$1 size=$2
   shift 2
-  xvfb-run -a -s "-screen 0 2560x1440x24" "$program" view "$scene" --cameras "$cameras" --pipeline splat --frames 30 \
+  xvfb-run -a -s "-screen 0 2560x1440x24" "$program" view "$scene" --cameras "$cameras" --pipeline "${pipeline:-splat}" --frames 30 \
     --size "$size" --screenshot "docs/images/$name.png" "$@"
 }
 
-shoot view 1600x900 --show parameters,times,timeline,hud
+pipeline=auto shoot view 1600x900 --show parameters,times,timeline,hud
 shoot view-light 1280x800 --theme light --show parameters,times,timeline,hud
 shoot view-split 1280x800 --compare unsorted --measure --show parameters,hud
 # The same scene, sorted by digits of 4 and of 11 bits: the timeline counts the passes.
