@@ -270,7 +270,7 @@ const NOT_SHOWN: &[&str] = &[
 /// Collects the messages in a file's string literals: those with a space, outside of attributes, assertions and tests.
 fn sentences(tokens: TokenStream, found: &mut Vec<String>) {
     let mut tokens = tokens.into_iter().peekable();
-    // Whether the next group in parentheses is an assertion's or holds what an impossible `None` is unwrapped with.
+    // Whether the next group in parentheses is an assertion's or a span's, or says why a `None` is impossible.
     let mut silent = false;
     while let Some(token) = tokens.next() {
         match token {
@@ -287,7 +287,9 @@ fn sentences(tokens: TokenStream, found: &mut Vec<String>) {
             }
             TokenTree::Punct(_) => {}
             TokenTree::Ident(name) => {
-                silent = ["expect", "panic", "unreachable", "assert", "assert_eq"].iter().any(|n| name == n);
+                silent = ["expect", "panic", "unreachable", "assert", "assert_eq", "info_span"]
+                    .iter()
+                    .any(|n| name == n);
             }
             TokenTree::Group(group) => {
                 if !std::mem::take(&mut silent) {
