@@ -113,9 +113,7 @@ impl Choice {
             (None, None) => unreachable!("the graph's own storage is always tried"),
         }
     }
-}
 
-impl Choice {
     /// Returns the memory and the tried settings with their resident bytes as JSON. The chosen setting is last.
     pub fn json(&self) -> Json {
         let row = |(setting, needed): &(String, u64)| json!({ "setting": setting, "bytes": needed });

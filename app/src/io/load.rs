@@ -32,8 +32,7 @@ pub fn header(path: &Path) -> Result<SceneHeader, LoadError> {
 /// # Errors
 /// See [`Scene::load_level`].
 pub fn scene(path: &Path, progress: Progress) -> Result<Scene, LoadError> {
-    let scene = Scene::load_level(path, LEVEL.get().copied(), progress)?;
-    Ok(if IGNORES_TAGS.load(Ordering::Relaxed) { scene.without_tags() } else { scene })
+    Ok(tagged(Scene::load_level(path, LEVEL.get().copied(), progress)?))
 }
 
 /// Loads a scene, or a mesh that is drawn together with one.
@@ -42,9 +41,12 @@ pub fn scene(path: &Path, progress: Progress) -> Result<Scene, LoadError> {
 /// See [`Scene::load_any`].
 pub fn any(path: &Path, progress: Progress) -> Result<Content, LoadError> {
     Ok(match Scene::load_any(path, LEVEL.get().copied(), progress)? {
-        Content::Splats(scene) if IGNORES_TAGS.load(Ordering::Relaxed) => {
-            Content::Splats(scene.without_tags().into())
-        }
-        other => other,
+        Content::Splats(scene) => Content::Splats(tagged(*scene).into()),
+        mesh => mesh,
     })
+}
+
+/// Removes the tags of a loaded scene if they are to be ignored.
+fn tagged(scene: Scene) -> Scene {
+    if IGNORES_TAGS.load(Ordering::Relaxed) { scene.without_tags() } else { scene }
 }

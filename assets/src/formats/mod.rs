@@ -183,7 +183,7 @@ pub fn names_scenes(path: &Path) -> bool {
 
 impl Scene {
     /// Loads a scene file of any [`SceneFormat`], recognised by its bytes, a folder of SOG, or a `.ron` composition of several.
-    /// Of a streamed SOG, it loads the finest level.
+    /// A streamed SOG is loaded at its finest level.
     ///
     /// # Errors
     /// The file cannot be read, is not a scene, is damaged, does not fit in memory, or was modified during the read.
@@ -202,12 +202,10 @@ impl Scene {
         progress: Progress,
     ) -> Result<Self, LoadError> {
         let path = path.as_ref();
-        let parts = match Self::load_one(path, level, progress)? {
-            Found::One(scene) => return Ok(scene),
-            Found::Mesh(_) => return Err(alone(path)),
-            Found::Several(parts) => parts,
-        };
-        Self::load_placed(&parts, level, progress).map_err(|error| within(path, error))
+        match Self::load_any(path, level, progress)? {
+            Content::Splats(scene) => Ok(*scene),
+            Content::Mesh(_) => Err(alone(path)),
+        }
     }
 
     /// Loads what [`Scene::load_level`] loads, or a mesh (glTF).

@@ -159,3 +159,15 @@ pub fn chain() -> Sketch {
     s.export(image, None);
     s
 }
+
+/// Returns a plan whose last dispatch, `end`, needs the first one and the draw between them. The export and the next `first` need `end`,
+/// and not each other.
+pub fn fork() -> Sketch {
+    let mut s = Sketch::new();
+    let (x, y, image, last) = (s.buffer("x"), s.buffer("y"), s.image("image"), s.image("last"));
+    s.dispatch("first", &[writes(x), writes(y)]);
+    s.draw("draw", image, CLEAR, &[vertices_read(x)]);
+    s.dispatch("end", &[reads(y), reads(image), writes(last)]);
+    s.export(last, None);
+    s
+}

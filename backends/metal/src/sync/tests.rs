@@ -165,12 +165,7 @@ fn a_wait_of_fragments_says_nothing_of_what_follows_the_vertices() {
 
 #[test]
 fn an_encoder_waits_for_the_last_of_those_that_wait_for_one_another() {
-    let mut s = Sketch::new();
-    let (x, y, image, last) = (s.buffer("x"), s.buffer("y"), s.image("image"), s.image("last"));
-    s.dispatch("first", &[writes(x), writes(y)]);
-    s.draw("draw", image, CLEAR, &[vertices_read(x)]);
-    s.dispatch("end", &[reads(y), reads(image), writes(last)]);
-    s.export(last, None);
+    let s = fork();
     // `end` needs `first`, and waits for the draw; the next `first` needs `end`, and not the export. It may update its fence while the
     // export waits, so the export waits for another.
     expect(

@@ -130,12 +130,7 @@ fn a_fence_that_is_updated_before_it_is_waited_for_is_refused() {
 
 #[test]
 fn a_fence_that_is_updated_while_an_earlier_encoder_may_wait_for_it_is_refused() {
-    let mut s = Sketch::new();
-    let (x, y, image, last) = (s.buffer("x"), s.buffer("y"), s.image("image"), s.image("last"));
-    s.dispatch("first", &[writes(x), writes(y)]);
-    s.draw("draw", image, CLEAR, &[vertices_read(x)]);
-    s.dispatch("end", &[reads(y), reads(image), writes(last)]);
-    s.export(last, None);
+    let s = fork();
     // The export and the next `first` wait for one update of `end`. `first` then updates the fence, and need not wait for the export.
     let found = told(&s, |encoders| {
         encoders.frame[2].updates.truncate(1);
