@@ -80,7 +80,7 @@ pub struct Args {
     device: BackendArgs,
 }
 
-/// What to measure: whole frames, or the sort alone.
+/// Measurements of `bench`: whole frames, or the sort alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 enum Suite {
     #[default]

@@ -114,7 +114,7 @@ pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
 
 /// Parses facts as `splatgraph devices --json` writes them: a list of devices, one device, or its facts alone.
 ///
-/// Of a list, the first device is taken.
+/// A list gives its first device.
 fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
     let value: Value = serde_json::from_str(text)?;
     let device = match &value {

@@ -111,7 +111,7 @@ pub fn resident_bytes(plan: &Plan) -> u64 {
 
 /// Returns true if a scene of `count` splats may exceed the device's memory or its maximum buffer size.
 ///
-/// If false, the scene certainly fits, and no plan has to be built to find out.
+/// If false, every buffer fits, and no plan has to be built to find out. All buffers together can still exceed the memory.
 pub fn may_exceed(count: u64, device: &DeviceInfo) -> bool {
     let least = available(&device.heap).unwrap_or(u64::MAX).min(device.facts.max_storage_bytes);
     count.saturating_mul(USUAL) > least

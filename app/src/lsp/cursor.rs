@@ -4,7 +4,7 @@
 
 use std::ops::Range;
 
-/// What a string at a position in a graph file refers to.
+/// Meaning of a string at a position in a graph file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Meaning {
     /// A block or an image variable of the pass's shaders, as a key of `bind`.

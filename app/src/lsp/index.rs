@@ -26,7 +26,7 @@ pub struct Place {
     pub end: usize,
 }
 
-/// How an occurrence spells a name.
+/// Spelling of a name at an occurrence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// As in the declaration.

@@ -23,7 +23,7 @@ pub enum Kind {
     Variable,
 }
 
-/// What a name declares or refers to.
+/// Role of a name: a declaration or a reference.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Role {
     /// The declaration of a name.
@@ -55,7 +55,7 @@ pub struct Mention {
     pub range: Range<usize>,
     /// The name as written.
     pub name: String,
-    /// What the name declares or refers to.
+    /// Declaration or reference that the name is.
     pub role: Role,
     /// Index in [`Scan::groups`] of the bracket that contains the name.
     pub group: usize,

@@ -38,7 +38,7 @@ pub struct DeviceInfo {
     pub driver: String,
     /// The facts that graphs can use; all 0 if the device's API version is too low.
     pub facts: DeviceFacts,
-    /// What out-of-range shader accesses can do; [`Bounds::None`] on a device opened without checks.
+    /// Effects of out-of-range shader accesses; [`Bounds::None`] on a device opened without checks.
     pub robustness: Robustness,
     /// The largest memory heap of the device.
     pub heap: Heap,
@@ -46,7 +46,7 @@ pub struct DeviceInfo {
     pub unfit: Option<String>,
 }
 
-/// What out-of-range shader accesses to buffers and images can do.
+/// Effects of out-of-range shader accesses to buffers and images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Robustness {
     /// For storage and uniform buffers.

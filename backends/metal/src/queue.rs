@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 /// Interval between checks for failed submissions during a wait for the whole queue.
 const SLICE: Duration = Duration::from_millis(50);
 
-/// What a submission's commands wait for before they start.
+/// Events that a submission's commands wait for before they start.
 pub(crate) struct After<'a> {
     /// Event that the commands wait for, and the value it must reach.
     pub event: (&'a SharedEventRef, u64),

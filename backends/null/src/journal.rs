@@ -184,7 +184,7 @@ struct InFlight {
     hung: bool,
 }
 
-/// How a submission is affected when the device hangs.
+/// Effect of a device hang on a submission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Hung {
     /// The device hangs in this submission.

@@ -16,7 +16,7 @@ const ROWS: usize = 8;
 /// Minimum roughness. Highlights of smoother surfaces would be smaller than a pixel.
 const LEAST_ROUGHNESS: f64 = 0.045;
 
-/// What a pixel shows of the mesh.
+/// Point of the mesh that a pixel shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Surface {
     /// View depth, or the distance from the camera if splats are sorted by it.

@@ -28,7 +28,7 @@ pub struct Rules {
     pub color_floor: Option<f64>,
     /// Maximum of each channel of a splat's colour; `None` for no maximum.
     pub color_ceiling: Option<f64>,
-    /// What splats are sorted by: view depth or distance.
+    /// Sort key of the splats: view depth or distance.
     pub key_of: KeyOf,
     /// The precision of the depth for culling and sorting.
     pub depth: Depth,
@@ -199,7 +199,7 @@ pub enum ShDirection {
     ToCamera,
 }
 
-/// What splats are sorted by, and what the depth outputs contain.
+/// Sort key of the splats, which the depth outputs contain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum KeyOf {
     /// The view depth.

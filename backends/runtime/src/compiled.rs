@@ -41,7 +41,7 @@ pub(crate) struct CompiledPlan<G: Gpu> {
     pub layouts: Vec<Layout>,
     /// Resources that continue a previous plan's history, until the first frame is submitted.
     pub carried: Vec<ResourceId>,
-    /// What the prologue's reusable results depend on.
+    /// Inputs of the prologue's reusable results.
     recipes: Recipes,
     /// Prologue passes that do not run because their results were reused from another plan.
     skipped: Vec<PassId>,

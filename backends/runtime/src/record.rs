@@ -11,7 +11,7 @@ use crate::timing::queries;
 use splatgraph_api::{BackendError, FrameId, FrameInputs, Inspect};
 use splatgraph_framework::ir::*;
 
-/// What a recorded frame does, to be applied once it is submitted.
+/// Effects of a recorded frame, to be applied once it is submitted.
 pub(crate) struct Recorded {
     /// The passes that the frame runs, in order.
     pub passes: Vec<PassId>,

@@ -31,14 +31,14 @@ struct State<G: Gpu> {
     next: u64,
     /// Submissions by number, which is the queue order.
     submitted: BTreeMap<u64, Submission<G>>,
-    /// Where the device was at the last look, and when a look first found it there.
+    /// Point that the device had reached at the last look, and the time of the first look that found it there.
     reached: Option<(Point, Instant)>,
 }
 
 /// A submission's number, and how many of its passes are complete.
 type Point = (u64, usize);
 
-/// What the watch knows of a submission.
+/// Submission, as the watch knows it.
 pub(crate) struct Submission<G: Gpu> {
     /// The frame's passes; `None` for an upload.
     pub frame: Option<Frame<G>>,

@@ -178,7 +178,7 @@ pub struct Target<R = ResourceId> {
 pub struct DepthTarget<R = ResourceId> {
     /// The image, of the format [`Format::Depth32Float`](super::Format::Depth32Float).
     pub image: R,
-    /// What the draw does with the image: test and write, or only test.
+    /// Use of the image by the draw: test and write, or only test.
     pub access: DepthAccess,
 }
 

@@ -42,7 +42,7 @@ pub fn inspect_request(text: &str) -> Result<InspectRequest, String> {
     Ok(InspectRequest { resource, pass, file })
 }
 
-/// What to draw for each camera, and what to read back.
+/// Frames to draw for each camera, and results to read back.
 pub struct Wanted<'a> {
     /// Number of frames that count towards the times.
     pub repeat: u32,

@@ -5,7 +5,7 @@ use crate::io::output::{is_standard_output, note, say};
 use anyhow::Result;
 use std::path::Path;
 
-/// What standard output contains.
+/// Contents of standard output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stdout {
     /// A file and nothing else; lines go to standard error.

@@ -110,7 +110,7 @@ struct Flight {
 /// Maximum number of frames whose inputs are kept. A device keeps the results of as many.
 const MOST_FLYING: usize = 64;
 
-/// What a frame draws, reads back and measures.
+/// Options of a frame: background, results to read back, and timestamps.
 #[derive(Clone, Debug, Default)]
 pub struct FrameOptions {
     /// Background colour, display-encoded.

@@ -16,7 +16,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Report, Scene};
 use splatgraph_framework::lower::Control;
 
-/// What the renderer needs to know about a scene.
+/// Properties of a scene that settings depend on.
 #[derive(Debug, Serialize)]
 pub struct Description {
     /// Dropped splats and unusual values of the scene's file.

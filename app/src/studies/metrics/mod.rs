@@ -168,7 +168,7 @@ fn worst_pixel<C: Channel>(a: &Image<C>, b: &Image<C>) -> WorstPixel {
 /// Similarity", IEEE TIP 13(4), 2004, with its constants: a Gaussian window of 11 x 11 with standard deviation 1.5 and
 /// sum 1, K1 = 0.01, K2 = 0.03, and a dynamic range of 1. Values are clamped to 0..1 first.
 ///
-/// Where the paper leaves a choice: the map covers only pixels whose window is inside the picture (no padding), variances
+/// The paper leaves three choices: the map covers only pixels whose window is inside the picture (no padding), variances
 /// are weighted by the window (not scaled to n - 1), and a colour picture's value is the mean over its channels.
 /// scikit-image computes the same as `structural_similarity(a, b, gaussian_weights=True, sigma=1.5,
 /// use_sample_covariance=False, data_range=1, channel_axis=2)`.

@@ -83,7 +83,7 @@ struct Order<'a> {
 impl Order<'_> {
     /// Lists the spans of all waits, sorted by their updates.
     ///
-    /// Of equal updates, the longest span comes first, because it fits the fewest fences.
+    /// The longest span of equal updates comes first, because it fits the fewest fences.
     fn spans(&self) -> Vec<Span> {
         let mut spans = Vec::new();
         for (encoder, waits) in self.waits.iter().enumerate() {

@@ -459,7 +459,7 @@ impl<Wake: Fn()> LookOut<Wake> {
     }
 }
 
-/// Whether to watch all folders along a path up to the root, or only the last ones and those with links.
+/// True if all folders along a path are watched up to the root, false if only the last ones and those with links.
 ///
 /// On macOS a watched folder sends the events of everything below it: for the root, those of the whole machine. There,
 /// changes further up wait for the next regular look.
