@@ -1,6 +1,8 @@
 //! Checks values, transforms, and the refusal of what is not drawn.
 
-use super::container::MAGIC;
+#[path = "../../../tests/glb_file.rs"]
+mod glb_file;
+
 use crate::scene::{Scene, SortKey};
 use crate::testing::splat;
 use crate::{QUIET, SceneFormat};
@@ -19,28 +21,10 @@ fn parts(glb: &[u8]) -> (Value, Vec<u8>) {
     (serde_json::from_slice(&glb[20..20 + length]).unwrap(), glb[28 + length..].to_vec())
 }
 
-fn joined(document: &Value, binary: &[u8]) -> Vec<u8> {
-    let text = document.to_string();
-    let length = |bytes: usize| (bytes as u32).to_le_bytes();
-    let total = 28 + text.len() + binary.len();
-    [
-        MAGIC,
-        &2u32.to_le_bytes()[..],
-        &length(total),
-        &length(text.len()),
-        b"JSON",
-        text.as_bytes(),
-        &length(binary.len()),
-        b"BIN\0",
-        binary,
-    ]
-    .concat()
-}
-
 fn changed(change: impl FnOnce(&mut Value)) -> Result<Scene, String> {
     let (mut document, binary) = parts(&bytes(&Scene::generate(5, 3, splat)));
     change(&mut document);
-    Scene::parse(&joined(&document, &binary), QUIET).map_err(|error| error.to_string())
+    Scene::parse(&glb_file::joined(&document, &binary), QUIET).map_err(|error| error.to_string())
 }
 
 #[test]
@@ -109,7 +93,7 @@ fn integers_are_numbers_or_shares_and_negative_scales_are_logarithms() {
     for (value, scale) in binary[start..start + 60].chunks_exact_mut(4).zip(scene.scales().as_flattened()) {
         value.copy_from_slice(&scale.ln().min(-0.1).to_le_bytes());
     }
-    let found = Scene::parse(&joined(&document, &binary), QUIET).unwrap();
+    let found = Scene::parse(&glb_file::joined(&document, &binary), QUIET).unwrap();
     let expected = scene.scales()[0][0].min((-0.1f32).exp());
     assert!((found.scales()[0][0] - expected).abs() < 1e-6);
 }
@@ -119,15 +103,7 @@ fn spz_inside_gives_the_splats_of_the_file() {
     let scene = Scene::generate(50, 2, splat);
     let mut spz = Vec::new();
     scene.write_spz(crate::SpzVersion::V3, &mut spz).unwrap();
-    let document = json!({
-        "asset": { "version": "2.0" },
-        "nodes": [{ "mesh": 0 }],
-        "meshes": [{ "primitives": [{ "attributes": {}, "mode": 0, "extensions": { "KHR_gaussian_splatting": {
-            "extensions": { "KHR_gaussian_splatting_compression_spz_2": { "bufferView": 0 } } } } }] }],
-        "bufferViews": [{ "buffer": 0, "byteLength": spz.len() }],
-        "buffers": [{ "byteLength": spz.len() }],
-    });
-    let found = Scene::parse(&joined(&document, &spz), QUIET).unwrap();
+    let found = Scene::parse(&glb_file::around_spz(&spz), QUIET).unwrap();
     let alone = Scene::parse(&spz, QUIET).unwrap();
     assert_eq!(found.identity(), alone.identity());
 }

@@ -3,6 +3,7 @@
 //! Readers return within bounded time and memory, whatever a file contains.
 
 use crate::allocation::{alone, counted};
+use crate::glb_file;
 use crate::long;
 use crate::numbers::Random;
 use flate2::{Compression, read::GzDecoder, write::GzEncoder};
@@ -284,20 +285,9 @@ fn damaged_scenes_of_every_format_are_read_or_refused() {
 #[test]
 fn damaged_spz_inside_gltf_is_read_or_refused() {
     let seeds = spz3_scenes().map(|spz| {
-        let document = json!({
-            "asset": { "version": "2.0" },
-            "nodes": [{ "mesh": 0 }],
-            "meshes": [{ "primitives": [{ "attributes": {}, "mode": 0, "extensions": { "KHR_gaussian_splatting": {
-                "extensions": { "KHR_gaussian_splatting_compression_spz_2": { "bufferView": 0 } } } } }] }],
-            "bufferViews": [{ "buffer": 0, "byteLength": spz.len() }],
-            "buffers": [{ "byteLength": spz.len() }],
-        });
-        let text = document.to_string().into_bytes();
-        let word = |value: usize| (value as u32).to_le_bytes();
-        let total = word(28 + text.len() + spz.len());
-        let head = [&b"glTF"[..], &word(2), &total, &word(text.len()), b"JSON"].concat();
-        let binary = [&word(spz.len()), b"BIN\0", &spz[..]].concat();
-        ([&head, &text, &binary[..]].concat(), 20 + text.len())
+        let bytes = glb_file::around_spz(&spz);
+        let head = bytes.len() - spz.len() - 8;
+        (bytes, head)
     });
     run("SPZ inside glTF", &seeds, 4 << 20, parse);
 }

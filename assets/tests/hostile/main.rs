@@ -3,6 +3,8 @@
 mod allocation;
 mod changing;
 mod fuzz;
+#[path = "../../../tests/glb_file.rs"]
+mod glb_file;
 #[path = "../../../tests/numbers.rs"]
 mod numbers;
 
