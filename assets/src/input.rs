@@ -16,7 +16,7 @@ use crate::size_breakdown::SizeBreakdown;
 use std::fs::File;
 use std::io::{self, ErrorKind};
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
@@ -219,6 +219,16 @@ impl Source<'_> {
         self.read(0, &mut head)?;
         Ok(head)
     }
+}
+
+/// Finds a file that a document names: only files in the document's `folder` are read.
+pub(crate) fn beside(folder: Option<&Path>, name: &str) -> Result<PathBuf, SceneError> {
+    let inside = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+    let folder = folder.filter(|_| inside && !name.is_empty());
+    folder.map(|folder| folder.join(name)).ok_or_else(|| {
+        let message = "expected a file in the folder of the JSON, found another place".into();
+        SceneError::Part { part: name.chars().take(60).collect(), message }
+    })
 }
 
 /// A sequential reader of a source, up to its end.

@@ -37,6 +37,7 @@ mod ksplat;
 pub mod memory;
 mod mesh;
 mod ply;
+mod rad;
 mod recognise;
 mod report;
 mod scene;

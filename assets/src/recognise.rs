@@ -4,7 +4,7 @@
 //! a gzip file" helps more than "bad magic".
 
 use crate::error::SceneError;
-use crate::{gltf, ksplat, sog, splat, spz};
+use crate::{gltf, ksplat, rad, sog, splat, spz};
 use std::path::Path;
 
 /// First bytes of well-known files, with descriptions.
@@ -46,6 +46,8 @@ pub enum SceneFormat {
     Sog,
     /// Mark Kellogg's `.ksplat`; read, not written.
     Ksplat,
+    /// Spark's `.rad` and `.radc`; read, not written.
+    Rad,
     /// Khronos's glTF with `KHR_gaussian_splatting`: `.glb` and `.gltf` are read, `.glb` is written.
     Gltf,
 }
@@ -56,8 +58,16 @@ impl SceneFormat {
         [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Sog, Self::Gltf];
 
     /// All formats.
-    pub const ALL: [Self; 7] =
-        [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Sog, Self::Ksplat, Self::Gltf];
+    pub const ALL: [Self; 8] = [
+        Self::Ply,
+        Self::CompressedPly,
+        Self::Spz,
+        Self::Splat,
+        Self::Sog,
+        Self::Ksplat,
+        Self::Rad,
+        Self::Gltf,
+    ];
 
     /// Returns the file extension, without the first dot.
     pub fn extension(self) -> &'static str {
@@ -68,6 +78,7 @@ impl SceneFormat {
             Self::Splat => "splat",
             Self::Sog => "sog",
             Self::Ksplat => "ksplat",
+            Self::Rad => "rad",
             Self::Gltf => "glb",
         }
     }
@@ -83,6 +94,7 @@ impl SceneFormat {
                 "PlayCanvas's SOG, version 2: 20 bytes per splat before packing, and a palette of harmonics"
             }
             Self::Ksplat => "Mark Kellogg's .ksplat, is read alone",
+            Self::Rad => "Spark's .rad, is read alone",
             Self::Gltf => "glTF with KHR_gaussian_splatting, exact, sorted by distance",
         }
     }
@@ -92,7 +104,8 @@ impl SceneFormat {
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let ends = |format: &Self| name.ends_with(&format!(".{}", format.extension()));
         let found = Self::ALL.into_iter().filter(ends).max_by_key(|format| format.extension().len());
-        found.or_else(|| name.ends_with(".gltf").then_some(Self::Gltf))
+        let others = [(".gltf", Self::Gltf), (".radc", Self::Rad)];
+        found.or_else(|| others.iter().find(|(end, _)| name.ends_with(end)).map(|(_, format)| *format))
     }
 
     /// Returns true if the format stores a tag, given by its name in [`FileNotes::tags`](crate::FileNotes::tags).
@@ -101,14 +114,14 @@ impl SceneFormat {
             Self::Ply | Self::CompressedPly => matches!(tag, "low_pass" | "up"),
             Self::Spz | Self::Sog => tag == "low_pass",
             Self::Gltf => tag == "key_of",
-            Self::Splat | Self::Ksplat => false,
+            Self::Splat | Self::Ksplat | Self::Rad => false,
         }
     }
 
     /// Describes the losses of a scene with harmonics of `degree` in this format, one phrase per kind of value.
     pub fn losses(self, degree: u32) -> Vec<&'static str> {
         let mut losses = match self {
-            Self::Ply | Self::Ksplat | Self::Gltf => vec![],
+            Self::Ply | Self::Ksplat | Self::Rad | Self::Gltf => vec![],
             Self::Sog => vec![
                 "positions: 16 bits per axis, of the range of sign(v) ln(1 + |v|)",
                 "rotations: 8 bits per component",
@@ -159,6 +172,9 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
         .unwrap_or_default();
     if head.starts_with(spz::MAGIC) || spz::begins_as_spz(head) {
         return Ok(SceneFormat::Spz);
+    }
+    if head.starts_with(rad::MAGIC) || head.starts_with(rad::CHUNK_MAGIC) {
+        return Ok(SceneFormat::Rad);
     }
     // Its reader decides whether it is a scene. Its JSON has keys of glTF, too, so it comes first.
     if head.starts_with(sog::MAGIC) || sog::begins_as_json(head) {

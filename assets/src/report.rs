@@ -222,6 +222,9 @@ impl fmt::Display for Report {
         let cut = self.file.cut_degree.map(|degree| format!("degree {degree} in the file, cut to 3; "));
         let cut = cut.unwrap_or_default();
         line(f, "harmonics", format!("{cut}degree {stored} stored, {shown} in use{above}"))?;
+        for text in self.file.left_out() {
+            line(f, "left out", text)?;
+        }
         for (name, value) in self.file.tags() {
             line(f, "tag", format!("{name} {value}"))?;
         }

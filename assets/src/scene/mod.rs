@@ -224,7 +224,7 @@ impl Scene {
 
     /// Removes the tags that change how a scene is drawn, so that it is drawn by the published rules.
     pub fn without_tags(self) -> Self {
-        let notes = FileNotes { cut_degree: self.notes.cut_degree, ..FileNotes::default() };
+        let notes = self.notes.without_tags();
         self.with_notes(notes)
     }
 

@@ -1,5 +1,6 @@
 //! Defines the tags of scene files: the rules by which the splats were trained.
 
+use crate::size_breakdown::grouped;
 use serde::{Serialize, Serializer};
 
 /// The low-pass filter that splats were trained with.
@@ -73,6 +74,16 @@ pub struct FileNotes {
     pub up: Option<[f64; 3]>,
     /// Degree of the file's spherical harmonics, if it is above 3: the bands above 3 were cut off.
     pub cut_degree: Option<u32>,
+    /// Nodes of a tree of levels of detail that were not read: all above the leaves.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub lod_nodes: u64,
+    /// Opacities above 1 in the file, which were read as 1.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub clamped_opacities: u64,
+}
+
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 impl FileNotes {
@@ -82,6 +93,21 @@ impl FileNotes {
     /// Returns true if the splats were trained with an anti-aliasing filter.
     pub fn is_antialiased(&self) -> bool {
         self.low_pass != Filter::Dilated
+    }
+
+    /// Lists what the file has and the scene lacks, one phrase per kind of value.
+    pub fn left_out(&self) -> Vec<String> {
+        let counted = [
+            (self.lod_nodes, "nodes of a tree of levels of detail above its leaves"),
+            (self.clamped_opacities, "opacities above 1, read as 1"),
+        ];
+        let counted = counted.into_iter().filter(|(count, _)| *count > 0);
+        counted.map(|(count, text)| format!("{} {text}", grouped(count))).collect()
+    }
+
+    /// Removes the tags, which change how a scene is drawn.
+    pub(crate) fn without_tags(self) -> Self {
+        Self { low_pass: Filter::default(), key_of: SortKey::default(), up: None, ..self }
     }
 
     /// Lists the file's tags, each with the name and the value of the parameter that it sets.
@@ -109,6 +135,8 @@ impl FileNotes {
             key_of: both(self.key_of, other.key_of),
             up: both(self.up, other.up),
             cut_degree: self.cut_degree.max(other.cut_degree),
+            lod_nodes: self.lod_nodes + other.lod_nodes,
+            clamped_opacities: self.clamped_opacities + other.clamped_opacities,
         }
     }
 }

@@ -2,10 +2,10 @@
 
 use super::meta::wrong;
 use crate::error::SceneError;
-use crate::input::{OpenFile, Source, SourceReader};
+use crate::input::{OpenFile, Source, SourceReader, beside};
 use image_webp::WebPDecoder;
 use std::io::{BufReader, Cursor, Read};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use zip::ZipArchive;
 use zip::result::ZipError;
 
@@ -42,16 +42,6 @@ pub(super) struct Texture {
 
 pub(super) fn damaged(name: &str, message: String) -> SceneError {
     SceneError::Part { part: name.into(), message }
-}
-
-/// Finds a file that a JSON document names: only files in the document's folder are read.
-pub(super) fn beside(folder: Option<&Path>, name: &str) -> Result<PathBuf, SceneError> {
-    let inside = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
-    let folder = folder.filter(|_| inside && !name.is_empty());
-    folder.map(|folder| folder.join(name)).ok_or_else(|| {
-        let shown: String = name.chars().take(60).collect();
-        damaged(&shown, "expected a file in the folder of the JSON, found another place".into())
-    })
 }
 
 impl<'a> Container<'a> {

@@ -2,11 +2,11 @@
 //! splats in one of the folders. Level 0 is the finest. The splats of `environment` belong to every level. Format:
 //! <https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/streamed-sog/>.
 
-use super::container::{beside, damaged};
+use super::container::damaged;
 use super::meta::malformed;
 use super::read;
 use crate::error::SceneError;
-use crate::input::{Input, OpenFile, SceneHeader, Source};
+use crate::input::{Input, OpenFile, SceneHeader, Source, beside};
 use crate::memory::SceneMemoryError;
 use crate::scene::{Dropped, Scene};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};

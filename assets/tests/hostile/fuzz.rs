@@ -6,6 +6,7 @@ use crate::allocation::{alone, counted};
 use crate::glb_file;
 use crate::long;
 use crate::numbers::Random;
+use crate::rad_file::{self, array};
 use flate2::{Compression, read::GzDecoder, write::GzEncoder};
 use image_webp::{ColorType, WebPEncoder};
 use serde_json::json;
@@ -444,6 +445,55 @@ fn damaged_ksplat_files_are_read_or_refused() {
     // Two in five cases hit the file's header, most others the section's.
     let seeds = [0, 1, 2].map(|level| (ksplat(level), 48));
     run("ksplat", &seeds, 4 << 20, parse);
+}
+
+/// Builds `.rad` files in all encodings: splats, a palette of harmonics and a tree of two chunks, compressed or not. Returns
+/// them with the lengths of their texts.
+fn rad(compressed: bool) -> [(Vec<u8>, usize); 3] {
+    let values = |count: usize| (0..count).map(|index| (index as f32 * 0.37).sin()).collect::<Vec<f32>>();
+    let positive = |count: usize| values(count).iter().map(|value| 0.6 + 0.3 * value).collect::<Vec<f32>>();
+    let of = |count: usize, [center, alpha, rgb, scales, turn]: [&'static str; 5]| {
+        vec![
+            array("center", (center, -1.0, 1.0), 3, &values(3 * count)),
+            array("alpha", (alpha, 0.0, 1.0), 1, &positive(count)),
+            array("rgb", (rgb, 0.0, 1.0), 3, &positive(3 * count)),
+            array("scales", (scales, -12.0, 9.0), 3, &positive(3 * count)),
+            array("orientation", (turn, 0.0, 0.0), 3, &positive(3 * count)),
+        ]
+    };
+    let number = |name, encoding, values: &[f32]| array(name, (encoding, -1.0, 1.0), 1, values);
+    let mut plain = of(20, ["f32_lebytes", "r8", "r8_delta", "ln_0r8", "oct88r8"]);
+    for (name, encoding, width) in [("sh1", "s8", 9), ("sh2", "s8_delta", 15), ("sh3", "r8", 21)] {
+        plain.push(array(name, (encoding, -1.0, 1.0), width, &values(width * 20)));
+    }
+    let mut first = of(3, ["f16_lebytes", "f16", "f16", "ln_f16", "f16"]);
+    first.push(array("sh1_code", ("f16", 0.0, 0.0), 9, &values(18)));
+    let mut second = of(2, ["f16", "f32", "r8", "f32", "f32"]);
+    let trees = [(&mut first, [1.0, 0.0, 1.0], 3), (&mut second, [0.0; 3], 2)];
+    for (arrays, labels, count) in trees {
+        arrays.push(number("sh_label", "u16", &labels[..count]));
+        arrays.push(number("child_count", "u16", &[2.0, 0.0, 2.0][3 - count..]));
+        arrays.push(number("child_start", "u32", &[1.0, 0.0, 3.0][..count]));
+    }
+    let chunks = [
+        rad_file::chunk(0, 20, &plain, compressed),
+        rad_file::chunk(0, 3, &first, compressed),
+        rad_file::chunk(3, 2, &second, compressed),
+    ];
+    let files = [
+        rad_file::file(20, &chunks[..1], &[], None),
+        rad_file::file(5, &chunks[1..], &[], Some(2)),
+        chunks[0].clone(),
+    ];
+    files.map(|bytes| (bytes, 1600))
+}
+
+#[test]
+fn damaged_rad_files_are_read_or_refused() {
+    for compressed in [false, true] {
+        let name = if compressed { "RAD" } else { "RAD, not compressed" };
+        run(name, &rad(compressed), 4 << 20, parse);
+    }
 }
 
 #[test]

@@ -7,6 +7,8 @@ mod fuzz;
 mod glb_file;
 #[path = "../../../tests/numbers.rs"]
 mod numbers;
+#[path = "../../../tests/rad_file.rs"]
+mod rad_file;
 
 /// Returns true for the long forms of tests (`./x test --long`).
 fn long() -> bool {

@@ -145,6 +145,7 @@ fn losses(loaded: &Before, written: &Scene, format: SceneFormat) -> Vec<String> 
     if let Some(degree) = loaded.notes.cut_degree {
         losses.push(format!("harmonics: cut from degree {degree} to 3, the most that is read"));
     }
+    losses.extend(loaded.notes.left_out());
     let (from, to) = (loaded.degree, written.stored_degree());
     if to < from {
         losses.push(format!("harmonics: cut from degree {from} to {to}"));

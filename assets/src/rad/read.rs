@@ -1,0 +1,122 @@
+//! Reads the splats of a file: unpacks the arrays of all chunks, then converts the rows of the leaves in parallel.
+
+use super::chunk::{Arrays, Chunks};
+use super::column::Column;
+use super::document::Name;
+use crate::activation::{self, SH_C0};
+use crate::error::SceneError;
+use crate::input::{self, Done, Input, SceneHeader, Source};
+use crate::memory::SceneMemoryError;
+use crate::scene::{FileNotes, Scene, Splat};
+use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
+use rayon::prelude::*;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Progress of a converted splat, in bytes.
+const CONVERTED: u64 = 64;
+
+/// Reads the number of splats, nodes of a tree included, and the degree of their harmonics.
+pub(crate) fn header(source: &Source, path: Option<&Path>) -> Result<SceneHeader, SceneError> {
+    let chunks = Chunks::read(source, path.and_then(Path::parent))?;
+    Ok(SceneHeader { count: chunks.count, stored_degree: chunks.degree })
+}
+
+/// Parses the splats of a `.rad` or `.radc` file. `path` locates the chunks beside it.
+pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneError> {
+    let folder = path.and_then(Path::parent);
+    let all = Chunks::read(input.source, folder)?;
+    let unpacked = all.chunks.iter().fold(0u64, |sum, chunk| sum.saturating_add(chunk.unpacked_bytes));
+    // An index per leaf.
+    let beside = unpacked.saturating_add(4 * all.count);
+    let needed = Scene::host_bytes(all.count, all.degree).saturating_add(beside);
+    SceneMemoryError::check_against(all.count, all.degree, needed, input.memory)?;
+    let done = Done::new(unpacked + all.count * CONVERTED, input.progress)?;
+    let arrays: Vec<Result<Arrays, SceneError>> =
+        all.chunks.par_iter().map(|chunk| chunk.unpack(input.source, folder, &done)).collect();
+    let arrays: Vec<Arrays> = arrays.into_iter().collect::<Result<_, _>>()?;
+
+    let mut ends = Vec::with_capacity(arrays.len());
+    let mut count = 0;
+    for chunk in &arrays {
+        count += chunk.kept();
+        ends.push(count);
+    }
+    let lod_nodes = all.count - count as u64;
+    done.add(lod_nodes * CONVERTED)?;
+    if count == 0 {
+        let reasons = format!("{lod_nodes} nodes above the leaves of a tree");
+        return Err(SceneError::AllDropped { count: all.count, reasons });
+    }
+    let mut columns = input.allocate(count as u64, all.degree, false, (0, beside))?;
+    let clamped = AtomicU64::new(0);
+    let palette = &arrays[0].palette;
+    let gathered = columns.fill(|out| {
+        let mut above = 0;
+        for index in out.first()..out.first() + out.len() {
+            let at = ends.partition_point(|end| *end <= index);
+            let chunk = &arrays[at];
+            let row = chunk.row(index - if at > 0 { ends[at - 1] } else { 0 });
+            let (splat, norm) = splat(chunk, palette, row);
+            above += u64::from(splat.opacity > 1.0);
+            out.push(&Splat { opacity: splat.opacity.min(1.0), ..splat }, norm);
+        }
+        clamped.fetch_add(above, Ordering::Relaxed);
+        done.add(out.len() as u64 * CONVERTED)
+    })?;
+    let notes = FileNotes { lod_nodes, clamped_opacities: clamped.into_inner(), ..FileNotes::default() };
+    input::finish((columns, gathered), count as u64, breakdown(&all, count as u64), notes)
+}
+
+/// Converts a row; also returns the length of its quaternion. A label beyond the palette gives NaN.
+fn splat(chunk: &Arrays, palette: &[Option<Column>; 3], row: usize) -> (Splat, f64) {
+    let (rotation, norm) = activation::unit(chunk.orientation.quaternion(row));
+    let vector = |column: &Column| [0, 1, 2].map(|component| column.value(row, component));
+    let mut splat = Splat {
+        position: vector(&chunk.center),
+        scale: vector(&chunk.scales),
+        rotation,
+        opacity: chunk.alpha.value(row, 0),
+        sh: [0.0; 48],
+    };
+    for (value, color) in splat.sh.iter_mut().zip(vector(&chunk.rgb)) {
+        *value = ((f64::from(color) - 0.5) / SH_C0) as f32;
+    }
+    for (band, first) in [3, 12, 27].into_iter().enumerate() {
+        let (column, row) = match (&chunk.harmonics[band], &palette[band], &chunk.label) {
+            (Some(column), ..) => (column, row),
+            (None, Some(palette), Some(label)) => (palette, label.index(row)),
+            _ => continue,
+        };
+        for (component, value) in splat.sh[first..].iter_mut().take(6 * band + 9).enumerate() {
+            *value = if row < column.rows { column.value(row, component) } else { f32::NAN };
+        }
+    }
+    (splat, norm)
+}
+
+fn breakdown(all: &Chunks, leaves: u64) -> SizeBreakdown {
+    let sizes = all.sizes();
+    let bytes = sizes.values().sum();
+    let kind = if leaves < all.count { ", leaves of a tree" } else { "" };
+    let field = |(name, bytes): (Name, u64)| FieldSize {
+        name: name.text().into(),
+        kind: "array".into(),
+        bytes_per_row: None,
+        bytes,
+        used: name != Name::ChildStart,
+    };
+    SizeBreakdown {
+        format: format!("rad, {} chunks{kind}", all.chunks.len()),
+        file_bytes: all.file_bytes,
+        header_bytes: all.file_bytes - bytes - all.trailing_bytes,
+        elements: vec![ElementSize {
+            name: "splats".into(),
+            rows: all.count,
+            bytes,
+            fields: sizes.into_iter().map(field).collect(),
+            separator_bytes: 0,
+        }],
+        trailing_bytes: all.trailing_bytes,
+    }
+}
