@@ -1,29 +1,24 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Generates pairs of a random key and its index, and writes their number.
+// Generates pairs of a random key and its index, writes their number, and clears the count of wrong pairs.
 
 #include "../args.glsl"
 #include "../fold_groups.glsl"
 #include "../groups.glsl"
+#include "pairs_key.glsl"
 
 layout(local_size_x = 256) in;
 
 layout(set = 0, binding = 0, std430) writeonly buffer Keys { uint keys[]; };
 layout(set = 0, binding = 1, std430) writeonly buffer Values { uint values[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer Args { uint args[]; };
-
-// A bijection on words with random-looking results ("lowbias32" by C. Wellons).
-uint mixed(uint x) {
-    x = (x ^ (x >> 16)) * 0x7feb352du;
-    x = (x ^ (x >> 15)) * 0x846ca68bu;
-    return x ^ (x >> 16);
-}
+layout(set = 0, binding = 3, std430) writeonly buffer Wrong { uint wrong; };
 
 void main() {
     uint i = group_index() * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
     if (i < uint(PAIRS)) {
-        keys[i] = mixed(i) >> (32 - KEY_BITS);
+        keys[i] = key_of(i);
         values[i] = i;
     }
     if (i == 0u) {
@@ -33,5 +28,6 @@ void main() {
         args[ARGS_SORT_GROUPS + 1u] = folded.y;
         args[ARGS_SORT_GROUPS + 2u] = folded.z;
         args[ARGS_VISIBLE] = uint(PAIRS);
+        wrong = 0u;
     }
 }

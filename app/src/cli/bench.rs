@@ -50,7 +50,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t)]
     suite: Suite,
     /// Numbers of pairs of `--suite sort` [default: 64 Ki to 64 Mi in powers of 4]
-    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=134_217_728))]
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=268_435_456))]
     pairs: Vec<u32>,
     /// The graphs to compare: names of built-in ones, or paths
     #[arg(short, long, visible_alias = "pipeline", value_name = "NAME,...", default_value = DEFAULT_PIPELINE, value_delimiter = ',')]

@@ -1,4 +1,4 @@
-//! Measures the sort alone, for several numbers of pairs and key widths.
+//! Measures the sort alone, for several numbers of pairs and key widths, and checks every sorted pair.
 
 use super::limit::no_scene;
 use super::measure::{Bench, Found, Part};
@@ -16,6 +16,8 @@ use splatgraph_assets::grouped;
 pub const GRAPH: &str = "bench/pairs";
 /// Phase of [`GRAPH`] that is measured.
 const PHASE: &str = "sort";
+/// Statistic of [`GRAPH`] that counts the pairs which a stable sort would have placed elsewhere.
+const WRONG: &str = "wrong";
 
 /// Key widths that are measured, in bits.
 pub const KEY_BITS: [u32; 3] = [16, 24, 32];
@@ -47,12 +49,20 @@ pub struct Sorted {
 }
 
 impl Sorted {
-    /// Extracts the measurements of the sort; `None` if the graph has no such phase.
-    fn new(pairs: u32, found: Found) -> Option<Sorted> {
+    /// Extracts the measurements of the sort, or says why they are worth nothing.
+    fn new(pairs: u32, found: Found) -> Result<Sorted, String> {
+        let wrong: u32 = found.views.iter().filter_map(|view| view.counts.get(WRONG)).sum();
+        if wrong > 0 {
+            return Err(format!(
+                "expected the order of a stable sort, found {} wrong pairs",
+                grouped(wrong.into())
+            ));
+        }
         let mean = found.mean;
-        let phase = mean.phases.into_iter().find(|phase| phase.name == PHASE)?;
+        let phase = mean.phases.into_iter().find(|phase| phase.name == PHASE);
+        let phase = phase.ok_or(format!("it has no phase `{PHASE}`"))?;
         let ms = phase.gpu_ms.map(|ms| ms.median);
-        Some(Sorted {
+        Ok(Sorted {
             at_most_ms: ms.zip(mean.between_ms).map(|(ms, between)| ms + between.median),
             wall_ms: mean.wall_ms,
             gkeys_per_s: ms.filter(|ms| *ms > 0.0).map(|ms| f64::from(pairs) / ms * 1e-6),
@@ -111,8 +121,7 @@ pub fn measure<D: Device>(
         rows.extend(KEY_BITS.into_iter().zip(outcomes).map(|(key_bits, found)| Row {
             pairs,
             key_bits,
-            found:
-                found.and_then(|found| Sorted::new(pairs, found).ok_or(format!("it has no phase `{PHASE}`"))),
+            found: found.and_then(|found| Sorted::new(pairs, found)),
         }));
     }
     Ok(Report { origin, rows })
@@ -195,5 +204,24 @@ impl Report {
             y: Axis { label: "10^9 pairs per second".into(), logarithmic: false },
             series,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::measure::testing;
+    use super::*;
+
+    #[test]
+    fn a_sort_with_wrong_pairs_has_no_times() {
+        let with = |wrong: u32| {
+            let mut found = testing::found(Some(1.0));
+            found.mean.phases[0].name = PHASE.into();
+            found.views[1].counts.insert(WRONG.into(), wrong);
+            Sorted::new(1000, found)
+        };
+        assert_eq!(with(0).map(|sorted| sorted.gkeys_per_s), Ok(Some(1e-3)));
+        let error = with(1234).expect_err("refused");
+        assert_eq!(error, "expected the order of a stable sort, found 1,234 wrong pairs");
     }
 }
