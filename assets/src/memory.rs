@@ -144,10 +144,33 @@ pub(crate) fn zeroed<T: bytemuck::Zeroable>(count: usize) -> Option<Vec<T>> {
     if pointer.is_null() {
         return None;
     }
+    use_large_pages(pointer.cast(), layout.size());
     // SAFETY: the global allocator returned the memory for an array of `count` elements; all its bytes are zero, and
     // zero is a valid value of the type.
     Some(unsafe { Vec::from_raw_parts(pointer, count, count) })
 }
+
+/// Smallest allocation for which large pages are requested, in bytes.
+#[cfg(target_os = "linux")]
+const LARGE: usize = 8 << 20;
+
+/// Asks the system to back fresh memory with large pages, which are touched and freed in less time.
+#[cfg(target_os = "linux")]
+fn use_large_pages(start: *mut u8, bytes: usize) {
+    const PAGE: usize = 2 << 20;
+    let skipped = start.align_offset(PAGE);
+    if bytes >= LARGE && skipped < bytes {
+        // SAFETY: the range lies within an allocation, and the advice changes no contents. A system without large pages
+        // refuses it, to no harm.
+        unsafe {
+            libc::madvise(start.add(skipped).cast(), (bytes - skipped) / PAGE * PAGE, libc::MADV_HUGEPAGE)
+        };
+    }
+}
+
+/// Does nothing: other systems choose the size of their pages.
+#[cfg(not(target_os = "linux"))]
+fn use_large_pages(_: *mut u8, _: usize) {}
 
 #[cfg(test)]
 mod tests {

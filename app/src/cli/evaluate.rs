@@ -174,13 +174,21 @@ enum Drawer {
 }
 
 impl Drawer {
-    /// Opens the device, then loads the scene unless it is given.
+    /// Opens the device, and meanwhile loads the scene unless it is given.
     fn open(args: &Args, scene: Option<Arc<Scene>>) -> Result<Drawer> {
-        let load = || scene.map_or_else(|| options::load_scene(&args.scene).map(Arc::new), Ok);
-        let Renderer::Device(api) = args.backend else { return Ok(Drawer::Reference(load()?)) };
-        let device = Backend::open(api, &args.device.options())?;
-        fit::check_header(&args.scene, device.info(), &args.pipeline, &args.set)?;
-        Ok(Drawer::Device(Box::new(Session::new(device, load()?, &args.pipeline, &args.set))))
+        let load = |cancel: &_| {
+            scene.map_or_else(|| options::load_scene_unless(cancel, &args.scene).map(Arc::new), Ok)
+        };
+        let Renderer::Device(api) = args.backend else {
+            return Ok(Drawer::Reference(load(&options::NEVER)?));
+        };
+        let open = || {
+            let device = Backend::open(api, &args.device.options())?;
+            fit::check_header(&args.scene, device.info(), &args.pipeline, &args.set)?;
+            Ok(device)
+        };
+        let (device, scene) = options::open_and_load(open, load)?;
+        Ok(Drawer::Device(Box::new(Session::new(device, scene, &args.pipeline, &args.set))))
     }
 
     /// Draws a view; its camera is in world coordinates.

@@ -19,8 +19,11 @@ use splatgraph_framework::ir::{Catalog, DeviceFacts};
 use std::collections::HashMap;
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 use tracing::info_span;
 
 pub use crate::draw::builtin::DEFAULT_PIPELINE;
@@ -63,16 +66,45 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
+/// A cancellation of loads that nobody requests.
+pub static NEVER: AtomicBool = AtomicBool::new(false);
+
+/// Opens a device on another thread while `load` loads its scene. Returns both.
+///
+/// `open` may also check the scene's header. If it fails, the load is cancelled, and its own error is not reported.
+///
+/// # Errors
+/// Those of `open`, then those of `load`.
+pub fn open_and_load<D: Send, L>(
+    open: impl FnOnce() -> Result<D> + Send,
+    load: impl FnOnce(&AtomicBool) -> Result<L>,
+) -> Result<(D, L)> {
+    let cancel = AtomicBool::new(false);
+    thread::scope(|scope| {
+        let opening = scope.spawn(|| open().inspect_err(|_| cancel.store(true, Ordering::Relaxed)));
+        let loaded = load(&cancel);
+        let opened = info_span!("wait for the device").in_scope(|| opening.join());
+        let device = opened.unwrap_or_else(|panic| resume_unwind(panic))?;
+        Ok((device, loaded?))
+    })
+}
+
 /// Loads a scene, and shows the progress.
 pub fn load_scene(path: &Path) -> Result<Scene> {
-    match load_any(path)? {
+    load_scene_unless(&NEVER, path)
+}
+
+/// Loads a scene, and shows the progress. Fails soon after `cancel` becomes true.
+pub fn load_scene_unless(cancel: &AtomicBool, path: &Path) -> Result<Scene> {
+    match load_any_unless(cancel, path)? {
         Content::Splats(scene) => Ok(*scene),
         Content::Mesh(_) => bail!(LoadError { path: path.to_owned(), problem: SceneError::MeshAlone }),
     }
 }
 
-/// Loads a scene, or a mesh that is drawn together with one, and shows the progress.
-pub fn load_any(path: &Path) -> Result<Content> {
+/// Loads a scene, or a mesh that is drawn together with one, and shows the progress. Fails soon after `cancel`
+/// becomes true.
+pub fn load_any_unless(cancel: &AtomicBool, path: &Path) -> Result<Content> {
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
     let _span = info_span!("load the scene", path = %path.display()).entered();
     let content = load::any(path, &|done, of| {
@@ -80,7 +112,7 @@ pub fn load_any(path: &Path) -> Result<Content> {
         if let Ok(mut progress) = progress.try_lock() {
             progress.set(done, of, "");
         }
-        ControlFlow::Continue(())
+        if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })?;
     if let Content::Splats(scene) = &content
         && scene.dropped().total() > 0
@@ -91,7 +123,9 @@ pub fn load_any(path: &Path) -> Result<Content> {
 }
 
 /// Loads the scene at `path`, or the demo scene with its camera. Also returns the scene's path.
-pub fn scene_or_demo(path: Option<&Path>) -> Result<(Scene, PathBuf, Option<Camera>)> {
+///
+/// The load of a scene, not of the demo scene, fails soon after `cancel` becomes true.
+pub fn scene_or_demo(cancel: &AtomicBool, path: Option<&Path>) -> Result<(Scene, PathBuf, Option<Camera>)> {
     let Some(path) = path else {
         let path = demo::path().context(
             "the demo scene has no folder: set XDG_CACHE_HOME or HOME to an absolute path, or name a scene",
@@ -102,7 +136,7 @@ pub fn scene_or_demo(path: Option<&Path>) -> Result<(Scene, PathBuf, Option<Came
         }
         return Ok((load_scene(&path)?, path, demo::camera()));
     };
-    Ok((load_scene(path)?, path.to_owned(), None))
+    Ok((load_scene_unless(cancel, path)?, path.to_owned(), None))
 }
 
 /// Parses `RESOURCE@PASS` into the two names.
@@ -154,7 +188,7 @@ pub fn scene_and_cameras(
     stems: &[String],
     size: Option<(u32, u32)>,
 ) -> Result<(Scene, Vec<Camera>)> {
-    let (scene, _, own) = scene_or_demo(path)?;
+    let (scene, _, own) = scene_or_demo(&NEVER, path)?;
     let cameras = cameras_of(&scene, given.or(own.map(|own| vec![own])), stems, size);
     Ok((scene, cameras))
 }

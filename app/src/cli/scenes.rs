@@ -9,6 +9,7 @@ use anyhow::Result;
 use splatgraph_api::DeviceInfo;
 use splatgraph_assets::{Camera, Content, Scene, Similarity};
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 
 /// Arguments that name scenes.
 #[derive(Debug, clap::Args)]
@@ -48,9 +49,9 @@ impl ScenesArgs {
     /// drawn.
     ///
     /// # Errors
-    /// A scene cannot be loaded, or all of them together do not fit in memory.
-    pub fn load(&self) -> Result<(Scene, Option<Camera>)> {
-        let (first, _, camera) = options::scene_or_demo(self.scene.as_deref())?;
+    /// A scene cannot be loaded, all of them together do not fit in memory, or `cancel` became true.
+    pub fn load(&self, cancel: &AtomicBool) -> Result<(Scene, Option<Camera>)> {
+        let (first, _, camera) = options::scene_or_demo(cancel, self.scene.as_deref())?;
         if self.more.is_empty() {
             return Ok((first, camera));
         }
@@ -58,7 +59,7 @@ impl ScenesArgs {
         for (index, path) in self.more.iter().enumerate() {
             let at = self.at.get(index).map(|at| (*at).into());
             let by = at.map(|translation| Similarity { translation, ..Similarity::IDENTITY });
-            match (options::load_any(path)?, by) {
+            match (options::load_any_unless(cancel, path)?, by) {
                 (Content::Splats(scene), Some(by)) => all.push(scene.transformed(&by)?),
                 (Content::Splats(scene), None) => all.push(*scene),
                 (Content::Mesh(mesh), by) => meshes.push((mesh, by.unwrap_or(Similarity::IDENTITY))),

@@ -293,7 +293,7 @@ fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
 
 /// Loads the scene and its cameras. Also returns the scene's path.
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {
-    let (scene, path, own) = options::scene_or_demo(args.scene.as_deref())?;
+    let (scene, path, own) = options::scene_or_demo(&options::NEVER, args.scene.as_deref())?;
     let cameras = match (given, own, camera::beside(&path)) {
         (Some(cameras), ..) => options::in_scene(&cameras, &scene),
         (None, Some(own), _) => vec![own],

@@ -54,7 +54,7 @@ impl Memory {
                 })
             }
             // The host writes it sequentially, and never reads it.
-            Location::Upload => {
+            Location::Upload | Location::Staging => {
                 let options = shared | MTLResourceOptions::CPUCacheModeWriteCombined;
                 objc::new_buffer(&gpu.device, bytes, options).map(Backing::Buffer)
             }

@@ -303,6 +303,8 @@ pub enum Location {
     Device,
     /// Mapped memory that the host writes and the device reads.
     Upload,
+    /// Mapped host memory that the host writes and a copy reads.
+    Staging,
     /// Host memory that only the device accesses, used if device memory has no room.
     Host,
     /// Mapped memory that the device writes and the host reads.

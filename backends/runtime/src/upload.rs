@@ -62,7 +62,7 @@ impl<'a, G: Gpu> Uploader<'a, G> {
         let desc = BufferDesc { name: "staging", bytes: total.min(longest), usage: Usage::COPY_SOURCE };
         let half = || -> Result<Half<G>, BackendError> {
             Ok(Half {
-                staging: Buffer::new(gpu, &desc, Location::Upload)?,
+                staging: Buffer::new(gpu, &desc, Location::Staging)?,
                 encoder: gpu.create_encoder("upload")?,
                 busy: None,
             })

@@ -50,7 +50,8 @@ impl Memory {
             location: match location {
                 Location::Device => MemoryLocation::GpuOnly,
                 Location::Upload => MemoryLocation::CpuToGpu,
-                Location::Readback | Location::Host => MemoryLocation::GpuToCpu,
+                // Not `CpuToGpu`: the host would write into device memory, across the bus and slower than a copy reads.
+                Location::Staging | Location::Readback | Location::Host => MemoryLocation::GpuToCpu,
             },
             linear: matches!(
                 requirements.kind,

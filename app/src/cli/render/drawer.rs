@@ -20,6 +20,8 @@ use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::Rules;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::thread;
 use tracing::info_span;
 
 /// A loaded scene, and its cameras in the scene's coordinates.
@@ -33,8 +35,8 @@ pub struct Loaded {
 
 impl Loaded {
     /// Loads the scenes and their cameras, at the requested size.
-    fn load(args: &Args, work: &Work) -> Result<Loaded> {
-        let (scene, own) = args.scenes.load()?;
+    fn load(args: &Args, work: &Work, cancel: &AtomicBool) -> Result<Loaded> {
+        let (scene, own) = args.scenes.load(cancel)?;
         let given = work.given.clone().or(own.map(|own| vec![own]));
         let cameras = options::cameras_of(&scene, given, &work.stems, args.drawing.size);
         let looking = args.look.cameras(&scene, args.drawing.size)?;
@@ -56,32 +58,36 @@ enum With {
 }
 
 impl Drawer {
-    /// Opens the device, then loads the scene unless it is given.
+    /// Opens the device, and meanwhile loads the scene unless it is given.
     ///
     /// # Errors
     /// There is no suitable device, or the scene cannot be loaded.
     pub fn open(args: &Args, work: &Work, loaded: Option<Loaded>) -> Result<Drawer> {
-        let load = || loaded.map_or_else(|| Loaded::load(args, work), Ok);
+        let load = |cancel: &_| loaded.map_or_else(|| Loaded::load(args, work, cancel), Ok);
         let stems = work.stems.clone();
         let Renderer::Device(api) = args.backend else {
             let changed = |rules| truth::rules(rules, &args.rule).map_err(|error| Usage(error.to_string()));
             // Mistakes are reported before a large scene is loaded.
             changed(Rules::PUBLISHED)?;
-            let loaded = load()?;
+            let loaded = load(&options::NEVER)?;
             let rules = changed(Rules::of(&loaded.scene))?;
             return Ok(Drawer { loaded, stems, with: With::Exact { rules, done: Vec::new() } });
         };
-        let device = info_span!("open the device").in_scope(|| Backend::open(api, &args.device.options()))?;
         let (pipeline, set) = (&args.drawing.pipeline, &args.drawing.set);
-        info_span!("check the scene's header").in_scope(|| {
+        let open = || {
+            let device =
+                info_span!("open the device").in_scope(|| Backend::open(api, &args.device.options()))?;
             let checked = |set: &[_]| args.scenes.check_header(device.info(), pipeline, set);
             // A scene that is too large may fit once it is packed. Its error is of the storage that the user knows.
-            checked(set).or_else(|error| match Choice::smallest(set) {
-                Some(smallest) => checked(&[set.as_slice(), &[smallest]].concat()).map_err(|_| error),
-                None => Err(error),
-            })
-        })?;
-        let loaded = load()?;
+            info_span!("check the scene's header").in_scope(|| {
+                checked(set).or_else(|error| match Choice::smallest(set) {
+                    Some(smallest) => checked(&[set.as_slice(), &[smallest]].concat()).map_err(|_| error),
+                    None => Err(error),
+                })
+            })?;
+            Ok(device)
+        };
+        let (device, loaded) = options::open_and_load(open, load)?;
         let mut session = Session::new(device, loaded.scene.clone(), pipeline, set);
         if !args.inspect.is_empty() {
             session.keep_contents();
@@ -162,13 +168,16 @@ impl Drawer {
         })
     }
 
-    /// Closes the device, and returns its validation messages.
+    /// Closes the device, meanwhile frees the scene, and returns the device's validation messages.
     pub fn close(self) -> Vec<String> {
-        let _span = info_span!("close the device").entered();
-        match self.with {
-            With::Device { session, .. } => session.into_device().close(),
-            With::Exact { .. } => Vec::new(),
-        }
+        let Drawer { loaded, with, .. } = self;
+        let With::Device { session, .. } = with else { return Vec::new() };
+        // The device's session holds the scene, too.
+        let device = session.into_device();
+        thread::scope(|scope| {
+            scope.spawn(|| info_span!("free the scene").in_scope(|| drop(loaded)));
+            info_span!("close the device").in_scope(|| device.close())
+        })
     }
 }
 

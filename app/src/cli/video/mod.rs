@@ -214,9 +214,12 @@ fn motion(args: &Args, keys: Option<&[Camera]>, scene: &Scene, own: Option<Camer
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let Work { keys, frames, destination, mut guard } = prepare(args)?;
-    let device = args.device.open()?;
-    args.scenes.check_header(device.info(), &args.drawing.pipeline, &args.drawing.set)?;
-    let (scene, own) = args.scenes.load()?;
+    let open = || {
+        let device = args.device.open()?;
+        args.scenes.check_header(device.info(), &args.drawing.pipeline, &args.drawing.set)?;
+        Ok(device)
+    };
+    let (device, (scene, own)) = options::open_and_load(open, |cancel| args.scenes.load(cancel))?;
     let motion = motion(args, keys.as_deref(), &scene, own)?;
     let film = Film { motion, frames, samples: args.samples, shutter: args.shutter.unwrap_or(SHUTTER) };
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
