@@ -302,7 +302,7 @@ fn what_is_drawn_in_place_of_a_graph_and_what_facts_chose_is_said_with_the_reaso
     let text = place.done("dump either.ron");
     assert!(text.contains("\n`splat` stands in for `odd`, which needs"), "{text}");
     let text = place.done("check odd.ron");
-    assert!(text.starts_with("odd.ron: not for the smallest supported device\n"), "{text}");
+    assert!(text.starts_with("odd.ron: not for the least capable supported device\n"), "{text}");
 
     let (errors, stats) = draw("auto");
     assert!(!errors.contains("stands in"), "{errors}");

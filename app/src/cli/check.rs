@@ -29,7 +29,7 @@ pub const EXAMPLES: &str = "Examples:
 
 /// Check graphs and their shaders, without a GPU
 ///
-/// Builds every graph with its shaders for a nominal scene and the smallest supported device, with subgroups of 4 to 64 lanes.
+/// Builds every graph with its shaders for a nominal scene and the least capable supported device, with subgroups of 4 to 64 lanes.
 /// Errors are shown at their line and column. A graph's requirement that this device does not meet is reported, but is not an
 /// error. An oracle then replays the barriers of each plan, and reports missing barriers and needless bits. A parameter of --set
 /// without an effect gives a warning. With --device, graphs are built for that device instead, and unmet requirements are errors.
@@ -118,7 +118,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// A device for which graphs are checked.
 struct On {
-    /// Name of the device. The smallest supported device is named by the number of lanes in its subgroups.
+    /// Name of the device. The least capable supported device is named by the number of lanes in its subgroups.
     name: String,
     facts: DeviceFacts,
     storage_buffers: Option<usize>,
@@ -309,7 +309,7 @@ fn check(
     for (text, lanes) in idle {
         say(format!("warning: {graph}, {}{text}", lanes_of(&lanes)));
     }
-    let verdict = if found.is_empty() { "not for the smallest supported device" } else { "OK" };
+    let verdict = if found.is_empty() { "not for the least capable supported device" } else { "OK" };
     let found = found.into_iter().map(|verified| (verified.lanes, verified.line));
     let line = |(lanes, line): (Vec<String>, String)| format!("\n  {}{line}", lanes_of(&lanes));
     Ok(Verdict::Right(verdict.to_owned() + &found.chain(unsuited).map(line).collect::<String>()))
@@ -496,7 +496,7 @@ mod tests {
         let checked = |graph: &str| right(checked(&mut Planner::default(), graph, 1000));
         assert_eq!(
             checked(&written("wide.ron", wide)),
-            "not for the smallest supported device\n  4, 8, 16, 32, 64 lanes: the graph needs workgroups of 1024 \
+            "not for the least capable supported device\n  4, 8, 16, 32, 64 lanes: the graph needs workgroups of 1024 \
              invocations (device.max_invocations = 256), and there is no fallback"
         );
         let narrow = r#"require: [("device.subgroup_size <= 32", "narrow subgroups")]"#;

@@ -128,7 +128,7 @@ fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
     Ok(KnownDevice { name, facts: read(facts)?, storage_buffers: None, source: "a file" })
 }
 
-/// Converts facts, by their names in graphs. Missing facts are those of the smallest supported device.
+/// Converts facts, by their names in graphs. Missing facts are those of the least capable supported device.
 fn read(named: &Map<String, Value>) -> Result<DeviceFacts> {
     let mut facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
     for (name, value) in named {

@@ -81,7 +81,10 @@ pub fn open_and_load<D: Send, L>(
 ) -> Result<(D, L)> {
     let cancel = AtomicBool::new(false);
     thread::scope(|scope| {
-        let opening = scope.spawn(|| open().inspect_err(|_| cancel.store(true, Ordering::Relaxed)));
+        let opening = thread::Builder::new()
+            .name("device".into())
+            .spawn_scoped(scope, || open().inspect_err(|_| cancel.store(true, Ordering::Relaxed)))
+            .context("no thread can be started to open the device")?;
         let loaded = load(&cancel);
         let opened = info_span!("wait for the device").in_scope(|| opening.join());
         let device = opened.unwrap_or_else(|panic| resume_unwind(panic))?;

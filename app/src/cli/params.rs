@@ -80,7 +80,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Returns the name and the facts of the `wanted` or the default device.
 ///
-/// Without a default device, the facts are those of the smallest supported device.
+/// Without a default device, the facts are those of the least capable supported device.
 fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
     match options::target(wanted) {
         Ok(target) => Ok((target.name, target.facts)),
@@ -88,7 +88,7 @@ fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
         Err(_) => {
             say("no device was found: the defaults are those of the smallest supported one");
             let facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
-            Ok(("the smallest supported device".to_owned(), facts))
+            Ok(("the least capable supported device".to_owned(), facts))
         }
     }
 }

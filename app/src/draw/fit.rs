@@ -45,10 +45,10 @@ pub struct Target {
 }
 
 impl Target {
-    /// Returns the smallest supported device, with unknown memory.
+    /// Returns the least capable supported device, with unknown memory.
     pub fn nominal() -> Target {
         let facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
-        Target { name: "the smallest supported device".to_owned(), facts, heap: Heap::default() }
+        Target { name: "the least capable supported device".to_owned(), facts, heap: Heap::default() }
     }
 }
 
@@ -117,7 +117,7 @@ pub fn may_exceed(count: u64, device: &DeviceInfo) -> bool {
     count.saturating_mul(USUAL) > least
 }
 
-/// Returns true if a scene of `count` splats [may exceed](may_exceed) the buffers of the smallest supported device.
+/// Returns true if a scene of `count` splats [may exceed](may_exceed) the buffers of the least capable supported device.
 pub fn may_exceed_any(count: u64) -> bool {
     count.saturating_mul(USUAL) > Target::nominal().facts.max_storage_bytes
 }

@@ -16,7 +16,7 @@ use splatgraph_reference::{Fragment, Projected, Rules, Splats, fragments, projec
 
 /// The ellipse on which a splat's alpha falls to the alpha floor, 1/255. The splat has fragments only inside it.
 ///
-/// Its half axes are `sqrt(2 ln(255 opacity))` standard deviations long, 3.3 for an opaque splat. The rasteriser
+/// Its semi-axes are `sqrt(2 ln(255 opacity))` standard deviations long, 3.3 for an opaque splat. The rasteriser
 /// evaluates a splat only in the tiles within 3 deviations, so the last 0.3 may be cut off at the border of a tile. (An
 /// ellipse of 3 deviations would be too large for a splat with an opacity below 0.35, and contain pixels without a
 /// fragment of it.)

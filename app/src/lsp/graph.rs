@@ -221,7 +221,7 @@ impl Workspace {
             return None;
         }
         let splats = grouped(SceneFacts::NOMINAL.count);
-        lines.push(format!("*for {splats} splats, on the smallest supported device*"));
+        lines.push(format!("*for {splats} splats, on the least capable supported device*"));
         let value = lines.join("\n\n");
         let contents = HoverContents::Markup(MarkupContent { kind: MarkupKind::Markdown, value });
         let range = Range {

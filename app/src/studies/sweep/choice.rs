@@ -86,7 +86,7 @@ pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32
     Some(all.into_iter().map(|(_, index)| index).collect())
 }
 
-/// Computes the product of a splat's two longest half axes: its largest projected area, in square world units over pi.
+/// Computes the product of a splat's two longest semi-axes: its largest projected area, in square world units over pi.
 pub fn world_area(scene: &Scene, index: usize) -> f64 {
     let [a, b, c] = scene.scales()[index].map(f64::from);
     (a * b).max(b * c).max(a * c)

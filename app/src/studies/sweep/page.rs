@@ -281,7 +281,7 @@ impl Swept {
         page.text(
             "`file order` keeps the first splats of the file, which says nothing about their worth. `opacity x world size` and \
              `opacity x screen size` are the usual heuristics for levels of detail: the product of opacity and of the two longest \
-             half axes, in the world or on the screen of each view; both are applied before keys are made. `nearest, after \
+             semi-axes, in the world or on the screen of each view; both are applied before keys are made. `nearest, after \
              the sort` draws the nearest visible splats and so saves no work before the sort, which is one of splats and not of their pairs with \
              bins there.",
         );

@@ -112,7 +112,7 @@ fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls)
             if hint(ui.add_enabled(index + 1 < count, Button::new("↓")), "Later").clicked() {
                 act = Some((index, Act::Down));
             }
-            if hint(ui.small_button("✗"), "Remove this key").clicked() {
+            if hint(ui.small_button("✗"), "Remove this keyframe").clicked() {
                 act = Some((index, Act::Remove));
             }
         });
