@@ -1,0 +1,261 @@
+//! Compares decoded values with those of other programs: PlayCanvas's `splat-transform` (npm) and the package `spz` (PyPI).
+//!
+//! `SPLAT_TRANSFORM` is the command that runs splat-transform, by default `splat-transform`; it needs Node 22. `SPZ_PYTHON` is a
+//! Python that has the packages `spz` and `numpy`, by default `python3`. `SPLATGRAPH_DATA` is the folder of captured scenes.
+
+use splatgraph_assets::{QUIET, Scene, SceneFormat, Splat, SpzVersion, harmonics};
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Tells that a test is not run. Not by `println!`, whose output is hidden in tests that pass.
+fn not_run(test: &str, needs: &str) {
+    let _ = writeln!(std::io::stderr(), "NOT RUN: {test} needs {needs}");
+}
+
+/// Returns the folder of captured scenes.
+fn captures(test: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("SPLATGRAPH_DATA").map(|folder| PathBuf::from(folder).join("scenes"));
+    if folder.is_none() {
+        not_run(test, "captured scenes; set SPLATGRAPH_DATA");
+    }
+    folder
+}
+
+/// Returns the words of a command in the environment, or a program's name.
+fn command(variable: &str, program: &str) -> Command {
+    let line = std::env::var(variable).unwrap_or_else(|_| program.to_owned());
+    let mut words = line.split_ascii_whitespace();
+    let mut command = Command::new(words.next().unwrap_or(program));
+    command.args(words);
+    command
+}
+
+/// Runs a command; returns its output, or the reason why there is none.
+fn output(mut command: Command) -> Result<String, String> {
+    let done = command.output().map_err(|error| error.to_string())?;
+    let text = String::from_utf8_lossy(&done.stdout).into_owned();
+    let error = String::from_utf8_lossy(&done.stderr);
+    // splat-transform prints its version there.
+    let text = if text.is_empty() { error.clone().into_owned() } else { text };
+    if done.status.success() { Ok(text) } else { Err(format!("{}: {error}", done.status)) }
+}
+
+/// The largest differences of two scenes, in the order of [`Differences::NAMES`].
+#[derive(Debug, Default)]
+struct Differences([f64; 6]);
+
+impl Differences {
+    const NAMES: [&str; 6] =
+        ["positions", "scales, relative", "rotations", "opacities", "band 0", "other bands"];
+
+    /// Compares splat by splat; `turned` are axes half a turn about x from a scene's.
+    fn of(ours: &Scene, theirs: &Scene, turned: bool) -> Self {
+        let mut most = Self::default();
+        // The logits of 0 and 1 are infinite in a PLY, and such splats are dropped.
+        let finite = |index: &usize| {
+            ours.count() == theirs.count() || ours.opacities()[*index] > 0.0 && ours.opacities()[*index] < 1.0
+        };
+        let kept: Vec<usize> = (0..ours.count() as usize).filter(finite).collect();
+        assert_eq!(kept.len(), theirs.count() as usize);
+        for (other, index) in kept.into_iter().enumerate() {
+            let (a, mut b) = (ours.splat(index), theirs.splat(other));
+            if turned {
+                turn(&mut b);
+            }
+            // A quaternion and its negative are one rotation.
+            let dot: f32 = a.rotation.iter().zip(b.rotation).map(|(a, b)| a * b).sum();
+            let relative = [0, 1, 2].map(|axis| a.scale[axis] / b.scale[axis]);
+            most.add(0, &a.position, &b.position);
+            most.add(1, &relative, &[1.0; 3]);
+            let same = most.0[2];
+            most.add(2, &a.rotation.map(|value| value * dot.signum()), &b.rotation);
+            // Axes can change places: then the ellipsoids are compared.
+            if most.0[2] > ANOTHER {
+                most.0[2] = same;
+                most.add(2, &covariance(&a), &covariance(&b));
+            }
+            most.add(3, &[a.opacity], &[b.opacity]);
+            most.add(4, &a.sh[..3], &b.sh[..3]);
+            most.add(5, &a.sh[3..], &b.sh[3..]);
+        }
+        most
+    }
+
+    fn add(&mut self, kind: usize, ours: &[f32], theirs: &[f32]) {
+        for (a, b) in ours.iter().zip(theirs) {
+            self.0[kind] = self.0[kind].max((f64::from(*a) - f64::from(*b)).abs());
+        }
+    }
+
+    /// Prints the differences, and checks them against the largest that rounding explains.
+    fn check(&self, what: &str, limits: [f64; 6]) {
+        let found: Vec<String> =
+            Self::NAMES.iter().zip(self.0).map(|(name, value)| format!("{name} {value:.1e}")).collect();
+        let _ = writeln!(std::io::stderr(), "{what}: {}", found.join(", "));
+        for ((name, found), limit) in Self::NAMES.iter().zip(self.0).zip(limits) {
+            assert!(found <= limit, "{what}, {name}: expected at most {limit:e}, found {found:e}");
+        }
+    }
+}
+
+/// Difference of quaternions above which they may describe one ellipsoid with other axes.
+const ANOTHER: f64 = 0.1;
+
+/// Computes the covariance, relative to the largest variance.
+fn covariance(splat: &Splat) -> [f32; 9] {
+    let [w, x, y, z] = splat.rotation.map(f64::from);
+    let axes = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ];
+    let variances = splat.scale.map(|scale| f64::from(scale).powi(2));
+    let largest = variances.into_iter().fold(f64::MIN_POSITIVE, f64::max);
+    std::array::from_fn(|at| {
+        let sum: f64 = (0..3).map(|k| axes[at / 3][k] * variances[k] * axes[at % 3][k]).sum();
+        (sum / largest) as f32
+    })
+}
+
+/// Turns a splat half a turn about x, which changes only signs.
+fn turn(splat: &mut Splat) {
+    let direction = [0.48, 0.6, 0.64];
+    let [here, there] = [direction, [direction[0], -direction[1], -direction[2]]].map(harmonics::basis);
+    for (k, coefficients) in splat.sh.chunks_exact_mut(3).enumerate() {
+        let sign = (here[k] / there[k]).round() as f32;
+        coefficients.iter_mut().for_each(|value| *value *= sign);
+    }
+    for axis in [1, 2] {
+        splat.position[axis] = -splat.position[axis];
+        splat.rotation[axis + 1] = -splat.rotation[axis + 1];
+    }
+}
+
+/// Limits for values that both programs decode from the same bytes: positions and harmonics above band 0 to the bit. The
+/// others pass through a logarithm, a logit, a normalisation or a colour of the PLY. Before the logit, other programs move the
+/// opacities 0 and 1 by 1e-6.
+const EQUAL: [f64; 6] = [0.0, 1e-6, 1e-6, 1.1e-6, 1e-6, 0.0];
+
+fn load(path: &Path) -> Scene {
+    Scene::load(path, QUIET).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn write(scene: &Scene, format: SceneFormat, path: &Path) {
+    scene.write(format, QUIET, &mut File::create(path).unwrap()).unwrap();
+}
+
+#[test]
+fn splat_transform_decodes_the_values_that_are_read() {
+    let test = "splat_transform_decodes_the_values_that_are_read";
+    let Some(captures) = captures(test) else { return };
+    let mut asked = command("SPLAT_TRANSFORM", "splat-transform");
+    asked.arg("--version");
+    let Ok(version) = output(asked) else {
+        return not_run(test, "splat-transform; set SPLAT_TRANSFORM to the command that runs it");
+    };
+    let version = version.trim().trim_start_matches("splat-transform ");
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let convert = |from: &Path, to: &Path| {
+        let mut command = command("SPLAT_TRANSFORM", "splat-transform");
+        command.args(["-q", "-w", "-g", "cpu"]).args([from, to]);
+        output(command).unwrap_or_else(|error| panic!("{} to {}: {error}", from.display(), to.display()));
+    };
+    let compare = |path: &Path, limits: [f64; 6], what: &str| {
+        let theirs = at("theirs.ply");
+        convert(path, &theirs);
+        let what = format!("{what}, decoded by splat-transform {version}");
+        // It takes the axes of SPZ, which point right, up and back, for those of PLY.
+        let turned = path.extension().is_some_and(|end| end == "spz");
+        Differences::of(&load(path), &load(&theirs), turned).check(&what, limits);
+    };
+    for scene in ["biker", "playbot-31k"] {
+        let original = captures.join(scene).with_extension("ply");
+        let ours = load(&original);
+        for (format, limits) in [
+            (SceneFormat::Ply, EQUAL),
+            (SceneFormat::CompressedPly, EQUAL),
+            (SceneFormat::Spz, EQUAL),
+            (SceneFormat::Sog, EQUAL),
+            // The bytes of quaternions are `(u - 128) / 128` here, and `u / 127.5 - 1` there.
+            (SceneFormat::Splat, [EQUAL[0], EQUAL[1], 0.01, EQUAL[3], EQUAL[4], EQUAL[5]]),
+        ] {
+            let path = at(&format!("ours.{}", format.extension()));
+            write(&ours, format, &path);
+            compare(&path, limits, &format!("{scene} as .{}", format.extension()));
+        }
+        let path = at("ours3.spz");
+        ours.write_spz(SpzVersion::V3, &mut File::create(&path).unwrap()).unwrap();
+        compare(&path, EQUAL, &format!("{scene} as .spz, version 3"));
+        // The palette of a scene with harmonics takes minutes there.
+        let ends = ["compressed.ply", "spz", "sog"];
+        for end in &ends[..if ours.stored_degree() > 0 { 2 } else { 3 }] {
+            let path = at(&format!("written.{end}"));
+            convert(&original, &path);
+            compare(&path, EQUAL, &format!("{scene} as .{end}, written by splat-transform"));
+        }
+        // It writes glTF without reading it, so the splats are compared with those of the PLY.
+        let path = at("written.glb");
+        convert(&original, &path);
+        let what = format!("{scene} as .glb, written by splat-transform {version}");
+        Differences::of(&load(&path), &ours, false).check(&what, EQUAL);
+    }
+}
+
+/// Decodes an SPZ file to rows of floats: position, scale (a logarithm), rotation x, y, z, w, opacity (a logit), band 0, and the
+/// other bands with the channels of each coefficient together. The package cannot be imported by its name in version 0.0.1, so
+/// its library is loaded.
+const DECODE: &str = r#"
+import glob, importlib.util, os, sys
+import numpy as np
+folder = importlib.util.find_spec("spz").submodule_search_locations[0]
+library = [path for path in glob.glob(os.path.join(folder, "spz.*")) if path.endswith((".so", ".pyd"))][0]
+spec = importlib.util.spec_from_file_location("spz", library)
+spz = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(spz)
+if len(sys.argv) > 1:
+    cloud = spz.load(sys.argv[1], spz.CoordinateSystem.RDF)
+    n = cloud.num_points
+    parts = [cloud.positions, cloud.scales, cloud.rotations, cloud.alphas, cloud.colors, cloud.spherical_harmonics]
+    np.concatenate([part.reshape(n, -1) for part in parts], 1).astype("<f4").tofile(sys.argv[2])
+"#;
+
+#[test]
+fn the_package_spz_decodes_the_values_that_are_read() {
+    let test = "the_package_spz_decodes_the_values_that_are_read";
+    let Some(captures) = captures(test) else { return };
+    let python = |args: &[&Path]| {
+        let mut command = command("SPZ_PYTHON", "python3");
+        command.args(["-c", DECODE]).args(args);
+        output(command)
+    };
+    if python(&[]).is_err() {
+        return not_run(test, "the packages spz and numpy; set SPZ_PYTHON to a Python that has them");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let [path, rows] = ["scene.spz", "rows"].map(|name| folder.path().join(name));
+    for scene in ["biker", "playbot-31k"] {
+        let original = load(&captures.join(scene).with_extension("ply"));
+        original.write_spz(SpzVersion::V3, &mut File::create(&path).unwrap()).unwrap();
+        python(&[&path, &rows]).unwrap();
+        let ours = load(&path);
+        let bytes = std::fs::read(&rows).unwrap();
+        let floats: Vec<f32> =
+            bytes.chunks_exact(4).map(|word| f32::from_le_bytes(word.try_into().unwrap())).collect();
+        let width = floats.len() / ours.count() as usize;
+        let theirs = Scene::generate(ours.count(), ours.stored_degree(), |index| {
+            let row = &floats[index * width..][..width];
+            let mut splat = ours.splat(index);
+            splat.position.copy_from_slice(&row[..3]);
+            splat.scale = [3, 4, 5].map(|at| f64::from(row[at]).exp() as f32);
+            splat.rotation = [9, 6, 7, 8].map(|at| row[at]);
+            splat.opacity = (1.0 / (1.0 + (-f64::from(row[10])).exp())) as f32;
+            splat.sh[..width - 11].copy_from_slice(&row[11..]);
+            splat
+        });
+        let what = format!("{scene} as .spz, version 3, decoded by the package spz");
+        Differences::of(&ours, &theirs, false).check(&what, EQUAL);
+    }
+}
