@@ -43,7 +43,7 @@ fn a_conversion_says_what_is_lost_and_what_cannot_be_written() {
     let text = place.done("convert scene.ply clipped.spz");
     assert!(text.contains(" coefficients beyond 1 are clipped"), "{text}");
     assert_eq!(place.told("info cut.ply --json")["report"]["stored_sh_degree"], 0);
-    let no_scene = "expected a scene (.ply, .spz, .splat, .ksplat, .sog, .rad, .glb), found JSON text";
+    let no_scene = "expected a scene (.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb), found JSON text";
     place.refuses(
         "convert",
         &[

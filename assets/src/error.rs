@@ -29,7 +29,7 @@ pub enum SceneError {
     Empty,
 
     /// The bytes belong to no scene format.
-    #[error("expected a scene (.ply, .spz, .splat, .ksplat, .sog, .rad, .glb), found {found}")]
+    #[error("expected a scene (.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb), found {found}")]
     NotScene {
         /// The likely kind of the file.
         found: String,

@@ -36,6 +36,7 @@ mod input;
 mod ksplat;
 pub mod memory;
 mod mesh;
+mod node_transform;
 mod ply;
 mod rad;
 mod recognise;
@@ -49,6 +50,7 @@ mod spz;
 pub mod synth;
 #[cfg(test)]
 mod testing;
+mod usd;
 mod words;
 
 pub use attributes::ATTRIBUTES;

@@ -4,7 +4,7 @@
 //! a gzip file" helps more than "bad magic".
 
 use crate::error::SceneError;
-use crate::{gltf, ksplat, rad, sog, splat, spz};
+use crate::{gltf, ksplat, rad, sog, splat, spz, usd};
 use std::path::Path;
 
 /// First bytes of well-known files, with descriptions.
@@ -48,6 +48,8 @@ pub enum SceneFormat {
     Ksplat,
     /// Spark's `.rad` and `.radc`; read, not written.
     Rad,
+    /// OpenUSD's `ParticleField3DGaussianSplat`: `.usda`, `.usdc` and `.usdz`; read, not written.
+    Usd,
     /// Khronos's glTF with `KHR_gaussian_splatting`: `.glb` and `.gltf` are read, `.glb` is written.
     Gltf,
 }
@@ -58,7 +60,7 @@ impl SceneFormat {
         [Self::Ply, Self::CompressedPly, Self::Spz, Self::Splat, Self::Sog, Self::Gltf];
 
     /// All formats.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Ply,
         Self::CompressedPly,
         Self::Spz,
@@ -66,6 +68,7 @@ impl SceneFormat {
         Self::Sog,
         Self::Ksplat,
         Self::Rad,
+        Self::Usd,
         Self::Gltf,
     ];
 
@@ -79,6 +82,7 @@ impl SceneFormat {
             Self::Sog => "sog",
             Self::Ksplat => "ksplat",
             Self::Rad => "rad",
+            Self::Usd => "usd",
             Self::Gltf => "glb",
         }
     }
@@ -95,6 +99,7 @@ impl SceneFormat {
             }
             Self::Ksplat => "Mark Kellogg's .ksplat, is read alone",
             Self::Rad => "Spark's .rad, is read alone",
+            Self::Usd => "OpenUSD's ParticleField3DGaussianSplat, is read alone",
             Self::Gltf => "glTF with KHR_gaussian_splatting, exact, sorted by distance",
         }
     }
@@ -104,7 +109,13 @@ impl SceneFormat {
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let ends = |format: &Self| name.ends_with(&format!(".{}", format.extension()));
         let found = Self::ALL.into_iter().filter(ends).max_by_key(|format| format.extension().len());
-        let others = [(".gltf", Self::Gltf), (".radc", Self::Rad)];
+        let others = [
+            (".gltf", Self::Gltf),
+            (".radc", Self::Rad),
+            (".usda", Self::Usd),
+            (".usdc", Self::Usd),
+            (".usdz", Self::Usd),
+        ];
         found.or_else(|| others.iter().find(|(end, _)| name.ends_with(end)).map(|(_, format)| *format))
     }
 
@@ -114,14 +125,14 @@ impl SceneFormat {
             Self::Ply | Self::CompressedPly => matches!(tag, "low_pass" | "up"),
             Self::Spz | Self::Sog => tag == "low_pass",
             Self::Gltf => tag == "key_of",
-            Self::Splat | Self::Ksplat | Self::Rad => false,
+            Self::Splat | Self::Ksplat | Self::Rad | Self::Usd => false,
         }
     }
 
     /// Describes the losses of a scene with harmonics of `degree` in this format, one phrase per kind of value.
     pub fn losses(self, degree: u32) -> Vec<&'static str> {
         let mut losses = match self {
-            Self::Ply | Self::Ksplat | Self::Rad | Self::Gltf => vec![],
+            Self::Ply | Self::Ksplat | Self::Rad | Self::Usd | Self::Gltf => vec![],
             Self::Sog => vec![
                 "positions: 16 bits per axis, of the range of sign(v) ln(1 + |v|)",
                 "rotations: 8 bits per component",
@@ -175,6 +186,10 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     }
     if head.starts_with(rad::MAGIC) || head.starts_with(rad::CHUNK_MAGIC) {
         return Ok(SceneFormat::Rad);
+    }
+    let is_layer = head.starts_with(usd::BINARY_MAGIC) || head.starts_with(usd::TEXT_MAGIC);
+    if is_layer || usd::begins_as_package(head) {
+        return Ok(SceneFormat::Usd);
     }
     // Its reader decides whether it is a scene. Its JSON has keys of glTF, too, so it comes first.
     if head.starts_with(sog::MAGIC) || sog::begins_as_json(head) {

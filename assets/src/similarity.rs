@@ -1,6 +1,12 @@
 //! Defines similarity transforms of the world: a rotation, a uniform scale and a translation.
 
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DMat4, DQuat, DVec3, DVec4};
+
+/// Maximum difference of a matrix from a rotation with a uniform scale, relative to the scale.
+const TOLERANCE: f64 = 1e-4;
+
+/// Maximum coordinate of a translation in a file, in world units.
+const FARTHEST: f64 = 1e18;
 
 /// A rotation, a uniform scale and a translation of the world: maps `p` to `scale * rotation * p + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,6 +22,23 @@ pub struct Similarity {
 impl Similarity {
     /// The similarity that changes nothing.
     pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
+
+    /// Decomposes a matrix; `None` if it is not a rotation with a uniform scale.
+    pub(crate) fn of_matrix(matrix: DMat4) -> Option<Self> {
+        if matrix == DMat4::IDENTITY {
+            return Some(Self::IDENTITY);
+        }
+        let linear = DMat3::from_mat4(matrix);
+        let (scale, translation) = (linear.determinant().cbrt(), matrix.w_axis.truncate());
+        if !(1e-9..=1e9).contains(&scale) || !translation.to_array().iter().all(|v| v.abs() <= FARTHEST) {
+            return None;
+        }
+        let turn = linear * (1.0 / scale);
+        let is_rotation = (turn * turn.transpose()).abs_diff_eq(DMat3::IDENTITY, TOLERANCE);
+        let affine = matrix.row(3).abs_diff_eq(DVec4::W, 1e-12);
+        let rotation = DQuat::from_mat3(&turn).normalize();
+        (is_rotation && affine).then_some(Self { rotation, scale, translation })
+    }
 
     /// Composes two similarities: this one first, then `next`.
     pub fn then(self, next: Self) -> Self {

@@ -18,7 +18,7 @@ pub struct Scene(pub Arc<assets::Scene>);
 #[pymethods]
 impl Scene {
     /// Loads a scene file, in a format recognised by its bytes: .ply, .compressed.ply, .spz, .splat, .sog, .ksplat,
-    /// .rad, .glb or .gltf.
+    /// .rad, .usd, .glb or .gltf.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
         let loaded = wait::run(py, move || assets::Scene::load(path, &|_, _| ControlFlow::Continue(())))?;

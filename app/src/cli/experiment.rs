@@ -49,7 +49,7 @@ enum Kind {
 /// The options of every experiment.
 #[derive(Debug, clap::Args)]
 struct Common {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .glb or .gltf [default: the demo scene, which the first use generates]
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb or .gltf [default: the demo scene, which the first use generates]
     scene: Option<PathBuf>,
     /// Cameras: a COLMAP folder, a transforms.json or a cameras.json; `#2` or `#NAME` selects one [default: the first camera beside the scene, or one that frames the scene]
     #[arg(short, long, value_name = "PATH[#INDEX]|JSON")]

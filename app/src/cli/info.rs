@@ -30,7 +30,7 @@ pub const EXAMPLES: &str = "Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .glb or .gltf
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb or .gltf
     scene: PathBuf,
     #[command(flatten)]
     drawing: Drawing,

@@ -14,7 +14,7 @@ use std::sync::atomic::AtomicBool;
 /// Arguments that name scenes.
 #[derive(Debug, clap::Args)]
 pub struct ScenesArgs {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .glb, .gltf, or .ron, a list of scenes
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb, .gltf, or .ron, a list of scenes
     #[arg(value_name = "SCENE")]
     pub scene: Option<PathBuf>,
     /// Further scenes in the same picture, sorted together, and meshes (.glb, .gltf). To rotate or scale them, write a scene file (.ron)

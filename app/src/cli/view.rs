@@ -43,7 +43,7 @@ Mouse: drag orbits, Shift + drag pans, the wheel zooms; the right button and W A
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .glb, .gltf, or .ron, a list of scenes
+    /// A scene file: .ply, .compressed.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb, .gltf, or .ron, a list of scenes
     ///
     /// The default is the demo scene, which the first use generates. Without --cameras, cameras are loaded from the file beside
     /// the scene.

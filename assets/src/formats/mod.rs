@@ -9,7 +9,7 @@ use crate::recognise::{self, SceneFormat};
 use crate::scene::Scene;
 use crate::similarity::Similarity;
 use crate::spz::SpzVersion;
-use crate::{gltf, ksplat, ply, rad, sog, splat, spz};
+use crate::{gltf, ksplat, ply, rad, sog, splat, spz, usd};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -30,6 +30,7 @@ fn parse(input: &Input, path: Option<&Path>, level: Option<u32>) -> Result<Scene
         SceneFormat::Splat => splat::parse(input),
         SceneFormat::Ksplat => ksplat::parse(input),
         SceneFormat::Rad => rad::parse(input, path),
+        SceneFormat::Usd => usd::parse(input),
         SceneFormat::Gltf => gltf::parse(input, path),
     }
 }
@@ -167,6 +168,7 @@ impl SceneHeader {
             SceneFormat::Splat => splat::header(source),
             SceneFormat::Ksplat => ksplat::header(source),
             SceneFormat::Rad => rad::header(source, Some(path)),
+            SceneFormat::Usd => usd::header(source),
             SceneFormat::Gltf => gltf::header(source),
         }
     }
@@ -311,7 +313,7 @@ impl Scene {
             SceneFormat::Splat => splat::write(self, out),
             SceneFormat::Gltf => gltf::write(self, out),
             SceneFormat::Sog => sog::write(self, progress, out),
-            SceneFormat::Ksplat | SceneFormat::Rad => {
+            SceneFormat::Ksplat | SceneFormat::Rad | SceneFormat::Usd => {
                 let found = format.extension();
                 let text =
                     format!("expected a format that can be written, found {found}, which is read alone");

@@ -1,7 +1,8 @@
 //! Parses the parts of glTF's JSON that splats need, and finds the primitives of splats with their transforms.
 
 use crate::error::SceneError;
-use glam::{DMat3, DMat4, DQuat, DVec3};
+use crate::similarity::Similarity;
+use glam::{DMat4, DQuat};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -118,27 +119,8 @@ pub(super) struct Splats<'a> {
     /// Index of the buffer view with an SPZ file, which replaces the attributes' values.
     pub spz: Option<usize>,
     /// Transform from the primitive to the document's world.
-    pub place: Place,
+    pub place: Similarity,
 }
-
-/// The transform of a node: a rotation, a uniform scale and a translation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Place {
-    pub rotation: DQuat,
-    pub scale: f64,
-    pub translation: DVec3,
-}
-
-impl Place {
-    pub(super) const IDENTITY: Self =
-        Self { rotation: DQuat::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
-}
-
-/// Maximum difference of a matrix from a rotation with a uniform scale, relative to the scale.
-const TOLERANCE: f64 = 1e-4;
-
-/// Maximum coordinate of a node, in world units.
-const FARTHEST: f64 = 1e18;
 
 impl Document {
     /// Parses the JSON. Fails if it requires extensions that this reader does not know.
@@ -186,7 +168,7 @@ impl Document {
             for primitive in &item(&self.meshes, mesh, "nodes.mesh")?.primitives {
                 if let Some(splatting) = &primitive.extensions.splatting {
                     let spz = splatting.check(primitive)?;
-                    let place = similarity(place).ok_or_else(|| {
+                    let place = Similarity::of_matrix(place).ok_or_else(|| {
                         let text = "expected a rotation, a uniform scale and a translation, found a matrix that skews or mirrors";
                         wrong(format!("nodes[{index}]"), text)
                     })?;
@@ -215,26 +197,6 @@ impl Node {
             |matrix| DMat4::from_cols_array(&matrix),
         )
     }
-}
-
-/// Decomposes a matrix; `None` if it is not a rotation with a uniform scale.
-fn similarity(matrix: DMat4) -> Option<Place> {
-    if matrix == DMat4::IDENTITY {
-        return Some(Place::IDENTITY);
-    }
-    let linear = DMat3::from_mat4(matrix);
-    let (scale, translation) = (linear.determinant().cbrt(), matrix.w_axis.truncate());
-    if !(1e-9..=1e9).contains(&scale) || !translation.to_array().iter().all(|v| v.abs() <= FARTHEST) {
-        return None;
-    }
-    let turn = linear * (1.0 / scale);
-    let is_rotation = (turn * turn.transpose()).abs_diff_eq(DMat3::IDENTITY, TOLERANCE);
-    let affine = matrix.row(3).abs_diff_eq(glam::DVec4::W, 1e-12);
-    (is_rotation && affine).then(|| Place {
-        rotation: DQuat::from_mat3(&turn).normalize(),
-        scale,
-        translation,
-    })
 }
 
 impl Splatting {

@@ -2,25 +2,22 @@
 
 use super::columns::Column;
 use super::container::{self, Container};
-use super::document::{Place, Primitive, SPLATTING, Splats, wrong};
+use super::document::{Primitive, SPLATTING, Splats, wrong};
 use crate::activation;
 use crate::error::SceneError;
-use crate::harmonics::Turn;
 use crate::input::{self, Buffers, Done, Input, SceneHeader, Source};
 use crate::memory::SceneMemoryError;
+use crate::node_transform::NodeTransform;
 use crate::scene::{Dropped, FileNotes, Scene, SortKey, Splat, sh_floats};
 use crate::similarity::Similarity;
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
 use crate::spz;
-use glam::{DQuat, DVec3};
+use glam::DQuat;
 use std::f64::consts::PI;
 use std::path::Path;
 
 /// Number of rows that a thread reads at a time.
 const ROWS: usize = 4096;
-
-/// Largest coordinate of a node's origin, in world units. Beyond it, positions are stored relative to the origin.
-const FAR: f64 = 4096.0;
 
 /// Returns the name of a coefficient's attribute.
 pub(super) fn coefficient(band: u32, index: u32) -> String {
@@ -56,48 +53,6 @@ pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
     Ok(found)
 }
 
-/// A transform from the space of a primitive to a scene's.
-struct Change {
-    place: Place,
-    turn: Option<Turn>,
-    /// Origin that positions are relative to, in the document's world.
-    origin: DVec3,
-    degree: u32,
-}
-
-impl Change {
-    fn new(place: Place, degree: u32) -> Self {
-        let far = place.translation.abs().max_element() > FAR;
-        let origin = if far { place.translation } else { DVec3::ZERO };
-        let turn = (place.rotation != DQuat::IDENTITY).then(|| Turn::new(place.rotation));
-        Self { place, turn, origin, degree }
-    }
-
-    /// Returns the origin, converted to the axes of scenes.
-    fn offset(&self) -> [f64; 3] {
-        let [x, y, z] = self.origin.to_array();
-        // Without the sign of a zero.
-        [0.0 - x, 0.0 - y, z]
-    }
-
-    fn apply(&self, splat: &mut Splat) {
-        let Place { rotation, scale, translation } = self.place;
-        if self.place != Place::IDENTITY {
-            let position =
-                rotation * DVec3::from(splat.position.map(f64::from)) * scale + (translation - self.origin);
-            splat.position = position.to_array().map(|value| value as f32);
-            splat.scale = splat.scale.map(|value| (f64::from(value) * scale) as f32);
-            let [w, x, y, z] = splat.rotation.map(f64::from);
-            let turned = rotation * DQuat::from_xyzw(x, y, z, w);
-            splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|value| value as f32);
-            if let Some(turn) = &self.turn {
-                turn.apply(&mut splat.sh, self.degree);
-            }
-        }
-        spz::flip(splat, self.degree);
-    }
-}
-
 /// Reads a primitive; also returns the bytes of each kind of value.
 fn primitive(
     input: &Input,
@@ -125,7 +80,7 @@ fn primitive(
     let row: usize = columns.iter().map(|(column, _)| column.width).sum();
     let stride = columns.iter().map(|(column, _)| column.stride()).max().unwrap_or(0);
     let logarithmic = is_logarithmic(&columns[2].0)?;
-    let change = Change::new(splats.place, degree);
+    let transform = NodeTransform::new(splats.place, degree);
     let bytes: u64 = columns.iter().map(|(column, _)| column.bytes()).sum();
     let done = Done::new(bytes, input.progress)?;
     let mut arrays =
@@ -148,7 +103,7 @@ fn primitive(
                 }
                 for at in 0..rows {
                     let (mut splat, norm) = splat(&pieces, at, logarithmic);
-                    change.apply(&mut splat);
+                    transform.apply(&mut splat);
                     out.push(&splat, norm);
                 }
                 done.add(bytes / count * rows as u64)?;
@@ -171,7 +126,7 @@ fn primitive(
         trailing_bytes: 0,
     };
     let scene = input::finish((arrays, gathered), count, breakdown, FileNotes::default())?;
-    Ok((scene.with_offset(change.offset()), fields.collect()))
+    Ok((scene.with_offset(transform.offset()), fields.collect()))
 }
 
 /// Converts row `at` of the attributes; also returns the length of its quaternion.
@@ -217,7 +172,7 @@ fn packed(
     input: &Input,
     container: &Container,
     view: usize,
-    place: Place,
+    place: Similarity,
 ) -> Result<(Scene, Vec<FieldSize>), SceneError> {
     let (source, start, view) = container.view(view)?;
     let mut bytes = Vec::new();
@@ -232,13 +187,12 @@ fn packed(
         bytes: view.byte_length,
         used: true,
     }];
-    if place == Place::IDENTITY {
+    if place == Similarity::IDENTITY {
         return Ok((scene, fields));
     }
     // SPZ unpacks to the axes of glTF, half a turn about z from those of a scene.
     let half = Similarity { rotation: DQuat::from_rotation_z(PI), ..Similarity::IDENTITY };
-    let Place { rotation, scale, translation } = place;
-    let by = half.then(Similarity { rotation, scale, translation }).then(half);
+    let by = half.then(place).then(half);
     let dropped = *scene.dropped();
     let moved = scene.transformed(&by)?.with_dropped(dropped);
     Ok((moved, fields))

@@ -1,7 +1,7 @@
 //! Finds the chunks of a file, and unpacks their arrays.
 
 use super::column::{Column, MOST_PER_BYTE};
-use super::document::{ChunkDocument, Document, Name, Place, Property, field};
+use super::document::{CHUNK_MAGIC, ChunkDocument, Document, Name, Place, Property, field};
 use crate::error::SceneError;
 use crate::input::{Done, OpenFile, Source, beside, grow};
 use std::collections::BTreeMap;
@@ -92,7 +92,7 @@ impl Chunks {
             return Err(field(8, "count", "expected at least one splat, found none"));
         }
         let (mut first, mut degree, mut chunks) = (0, 0, Vec::new());
-        let alone = source.head(4)? == super::CHUNK_MAGIC;
+        let alone = source.head(4)? == CHUNK_MAGIC;
         // Ends of the chunks so far, and lengths, by file.
         let mut ends = BTreeMap::from([(None, (chunks_start, source.length()))]);
         for (index, mut place) in document.chunks.into_iter().enumerate() {

@@ -497,6 +497,25 @@ fn damaged_rad_files_are_read_or_refused() {
 }
 
 #[test]
+fn damaged_usd_files_are_read_or_refused() {
+    let file = |end: &str| {
+        let name = format!("{}/tests/usd/splats.{end}", env!("CARGO_MANIFEST_DIR"));
+        std::fs::read(name).expect("it is in the repository")
+    };
+    // The text's first prim; the binary file's tokens, fields and paths, which come after the values; an archive's header.
+    let [text, binary, package] = ["usda", "usdc", "usdz"].map(file);
+    run("USD, text", &[(text.clone(), 700)], 4 << 20, parse);
+    run("USD, binary", &[(binary.clone(), 88)], 4 << 20, parse);
+    run("USD, binary, sections", &[(reversed(&binary), 1500)], 4 << 20, |bytes| parse(&reversed(bytes)));
+    run("USD, archive", &[(package, 128)], 4 << 20, parse);
+}
+
+/// Reverses the bytes: damage at the head of the result hits the end of the file.
+fn reversed(bytes: &[u8]) -> Vec<u8> {
+    bytes.iter().rev().copied().collect()
+}
+
+#[test]
 fn damaged_sog_files_are_read_or_refused() {
     for version in [1, 2] {
         let methods = [CompressionMethod::Stored, CompressionMethod::Deflated];

@@ -48,7 +48,7 @@ const KEYS: [(&str, &[(&str, &str)]); 4] = [
             ("Ctrl + O", "open a scene, a graph or cameras"),
             (
                 "drop a file",
-                "open a scene (.ply, .spz, .splat, .ksplat, .sog, .rad, .glb), a graph (.ron), cameras (.json)",
+                "open a scene (.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb), a graph (.ron), cameras (.json)",
             ),
         ],
     ),

@@ -284,7 +284,7 @@ impl<D: Device> Viewer<D> {
             _ => self.events.push(Event::FileFailed {
                 path: path.to_owned(),
                 error:
-                    "expected a scene (.ply, .spz, .splat, .ksplat, .sog, .rad, .glb), a graph (.ron) or cameras (.json)"
+                    "expected a scene (.ply, .spz, .splat, .ksplat, .sog, .rad, .usd, .glb), a graph (.ron) or cameras (.json)"
                         .into(),
             }),
         }

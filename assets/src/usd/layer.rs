@@ -1,0 +1,251 @@
+//! Stores what a reader of splats needs of a layer: prims with some of their attributes.
+
+use crate::error::SceneError;
+use crate::input::{Source, grow};
+use half::f16;
+use std::collections::BTreeMap;
+
+/// Type of the prims that have splats.
+pub(super) const SPLATS: &str = "ParticleField3DGaussianSplat";
+
+/// Fields of prims and layers that refer to other prims or layers.
+pub(super) const ARCS: [&str; 8] = [
+    "references",
+    "payload",
+    "inherits",
+    "inheritPaths",
+    "specializes",
+    "variantSets",
+    "variantSetNames",
+    "subLayers",
+];
+
+/// The bytes of a layer: a file, or a part of an archive. Offsets count from the layer's first byte.
+#[derive(Clone, Copy)]
+pub(super) struct Bytes<'a> {
+    source: &'a Source<'a>,
+    start: u64,
+    pub length: u64,
+}
+
+impl<'a> Bytes<'a> {
+    pub(super) fn new(source: &'a Source<'a>, start: u64, length: u64) -> Self {
+        Self { source, start, length }
+    }
+
+    /// Fails if the layer ends before `count` bytes from offset `at` on.
+    fn check(&self, at: u64, count: u64) -> Result<(), SceneError> {
+        if at.checked_add(count).is_some_and(|end| end <= self.length) {
+            return Ok(());
+        }
+        let message = format!("expected {count} bytes, found the end of the layer at {}", self.length);
+        Err(SceneError::Field { at, field: "data".into(), message })
+    }
+
+    /// Fills `buffer` with the bytes from offset `at` on.
+    pub(super) fn read(&self, at: u64, buffer: &mut [u8]) -> Result<(), SceneError> {
+        self.check(at, buffer.len() as u64)?;
+        Ok(self.source.read(self.start + at, buffer)?)
+    }
+
+    /// Reads `count` bytes from offset `at` on.
+    pub(super) fn vec(&self, at: u64, count: u64) -> Result<Vec<u8>, SceneError> {
+        self.check(at, count)?;
+        let mut bytes = Vec::new();
+        grow(&mut bytes, count as usize)?;
+        self.read(at, &mut bytes)?;
+        Ok(bytes)
+    }
+}
+
+/// A parsed layer.
+#[derive(Default)]
+pub(super) struct Layer {
+    /// Kind of the layer's file.
+    pub kind: &'static str,
+    pub up_axis: Option<String>,
+    /// Parents come before their children.
+    pub prims: Vec<Prim>,
+    /// A field that refers to other layers or prims.
+    pub arc: Option<String>,
+}
+
+#[derive(Default)]
+pub(super) struct Prim {
+    pub name: String,
+    pub parent: Option<usize>,
+    /// False for `over` and `class`, which define nothing to draw.
+    pub defined: bool,
+    /// True if the prim is switched off.
+    pub inactive: bool,
+    pub kind: String,
+    pub attributes: BTreeMap<String, Attribute>,
+}
+
+#[derive(Default)]
+pub(super) struct Attribute {
+    pub value: Option<Value>,
+    /// True if the value changes in time.
+    pub animated: bool,
+}
+
+pub(super) enum Value {
+    Numbers(Vec<f64>),
+    Words(Vec<String>),
+    Array(Array),
+}
+
+/// The kind of value that an attribute has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Kind {
+    /// Numbers of a scalar, a vector, a quaternion or a matrix.
+    Numbers,
+    /// One or more tokens.
+    Words,
+    /// An array of elements with so many components.
+    Array(usize),
+}
+
+/// Returns the kind of an attribute's value; `None` for an attribute that is not read.
+pub(super) fn kind_of(attribute: &str) -> Option<Kind> {
+    Some(match attribute {
+        "positions" | "positionsh" | "scales" | "scalesh" => Kind::Array(3),
+        "radiance:sphericalHarmonicsCoefficients" | "radiance:sphericalHarmonicsCoefficientsh" => {
+            Kind::Array(3)
+        }
+        "orientations" | "orientationsh" => Kind::Array(4),
+        "opacities" | "opacitiesh" => Kind::Array(1),
+        "radiance:sphericalHarmonicsDegree" => Kind::Numbers,
+        "xformOpOrder" | "visibility" | "purpose" | "projectionModeHint" | "sortingModeHint" => Kind::Words,
+        other if other.starts_with("xformOp:") => Kind::Numbers,
+        _ => return None,
+    })
+}
+
+/// The type of a number in a binary layer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Component {
+    F16,
+    F32,
+    F64,
+}
+
+impl Component {
+    pub(super) fn bytes(self) -> usize {
+        match self {
+            Self::F16 => 2,
+            Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::F16 => "half",
+            Self::F32 => "float",
+            Self::F64 => "double",
+        }
+    }
+
+    /// Converts the little-endian bytes of a number.
+    pub(super) fn number(self, bytes: &[u8]) -> f64 {
+        let word = bytes.iter().rev().fold(0u64, |word, byte| word << 8 | u64::from(*byte));
+        match self {
+            Self::F16 => f16::from_bits(word as u16).to_f64(),
+            Self::F32 => f32::from_bits(word as u32).into(),
+            Self::F64 => f64::from_bits(word),
+        }
+    }
+}
+
+/// Numbers of an array, in the file or in memory.
+pub(super) enum Numbers {
+    /// Offset in the layer.
+    File(u64),
+    Memory(Vec<f32>),
+}
+
+/// An array of elements with `width` components.
+pub(super) struct Array {
+    pub width: usize,
+    pub count: u64,
+    pub component: Component,
+    pub numbers: Numbers,
+    /// True if the real part of a quaternion comes last.
+    pub real_last: bool,
+    /// Offset in the layer.
+    pub at: u64,
+    /// Bytes in the file.
+    pub bytes: u64,
+}
+
+impl Array {
+    /// Returns the bytes that are read per element.
+    pub(super) fn stride(&self) -> usize {
+        self.width * self.component.bytes()
+    }
+
+    /// Reads numbers from component `first` on, as many as fill `out`. `buffer` is scratch memory for their bytes.
+    pub(super) fn read(
+        &self,
+        layer: &Bytes,
+        first: usize,
+        buffer: &mut [u8],
+        out: &mut [f32],
+    ) -> Result<(), SceneError> {
+        match &self.numbers {
+            Numbers::Memory(values) => out.copy_from_slice(&values[first..first + out.len()]),
+            Numbers::File(start) => {
+                let size = self.component.bytes();
+                let bytes = &mut buffer[..out.len() * size];
+                layer.read(start + (first * size) as u64, bytes)?;
+                for (value, bytes) in out.iter_mut().zip(bytes.chunks_exact(size)) {
+                    *value = self.component.number(bytes) as f32;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Layer {
+    /// Returns the path of a prim, shortened to its last names.
+    pub(super) fn path(&self, prim: usize) -> String {
+        let mut names = Vec::new();
+        let mut next = Some(prim);
+        while let Some(at) = next.filter(|_| names.len() < 8) {
+            names.push(self.prims[at].name.chars().take(40).collect::<String>());
+            next = self.prims[at].parent;
+        }
+        names.reverse();
+        format!("{}/{}", if next.is_some() { "..." } else { "" }, names.join("/"))
+    }
+
+    /// Makes the error for a prim, or for one of its attributes.
+    pub(super) fn wrong(&self, prim: usize, attribute: &str, message: String) -> SceneError {
+        let dot = if attribute.is_empty() { "" } else { "." };
+        SceneError::Part { part: format!("{}{dot}{attribute}", self.path(prim)), message }
+    }
+
+    /// Returns the value of an attribute.
+    ///
+    /// # Errors
+    /// The attribute has a value for each time, and none for all.
+    pub(super) fn value(&self, prim: usize, name: &str) -> Result<Option<&Value>, SceneError> {
+        match self.prims[prim].attributes.get(name) {
+            Some(Attribute { value: None, animated: true }) => {
+                let text = "expected a default value, found values that change in time: one moment is drawn";
+                Err(self.wrong(prim, name, text.into()))
+            }
+            found => Ok(found.and_then(|attribute| attribute.value.as_ref())),
+        }
+    }
+
+    /// Returns the first word of an attribute.
+    pub(super) fn word(&self, prim: usize, name: &str) -> Result<Option<&str>, SceneError> {
+        match self.value(prim, name)? {
+            Some(Value::Words(words)) => Ok(words.first().map(String::as_str)),
+            _ => Ok(None),
+        }
+    }
+}

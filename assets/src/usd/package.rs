@@ -1,0 +1,48 @@
+//! Finds the layer of an archive: the first file of a ZIP archive without compression.
+
+use super::layer::Bytes;
+use crate::error::SceneError;
+use crate::input::{Source, SourceReader};
+use std::io::BufReader;
+use zip::{CompressionMethod, ZipArchive};
+
+/// First bytes of a ZIP archive.
+const MAGIC: &[u8; 4] = b"PK\x03\x04";
+
+/// Returns true if the bytes begin a ZIP archive whose first file is a layer.
+pub(crate) fn begins_as_package(head: &[u8]) -> bool {
+    let length = head.get(26..28).map_or(0, |bytes| usize::from(u16::from_le_bytes([bytes[0], bytes[1]])));
+    let name = head.get(30..30 + length).unwrap_or_default().to_ascii_lowercase();
+    let is_layer = [&b".usd"[..], b".usda", b".usdc"].iter().any(|end| name.ends_with(end));
+    head.starts_with(MAGIC) && is_layer
+}
+
+/// Finds the bytes of the layer in a file; returns the name of an archive's.
+pub(super) fn layer<'a>(source: &'a Source<'a>) -> Result<(Bytes<'a>, Option<String>), SceneError> {
+    if source.head(MAGIC.len())? != MAGIC {
+        return Ok((Bytes::new(source, 0, source.length()), None));
+    }
+    let damaged = |message: String| SceneError::Part { part: "zip".into(), message };
+    let reader = BufReader::new(SourceReader::new(source, 0));
+    let mut zip = ZipArchive::new(reader)
+        .map_err(|error| damaged(format!("expected a whole archive, found damage: {error}")))?;
+    let file = zip
+        .by_index_raw(0)
+        .map_err(|error| damaged(format!("expected a readable file of the archive, found: {error}")))?;
+    let name: String = String::from_utf8_lossy(file.name_raw()).chars().take(60).collect();
+    if file.compression() != CompressionMethod::Stored || file.encrypted() {
+        let message = "expected a file without compression, which the format demands, found another".into();
+        return Err(SceneError::Part { part: name, message });
+    }
+    let (start, length) = (file.data_start(), file.size());
+    let end = start.and_then(|start| start.checked_add(length));
+    match (start, end) {
+        (Some(start), Some(end)) if end <= source.length() => {
+            Ok((Bytes::new(source, start, length), Some(name)))
+        }
+        _ => Err(SceneError::Part {
+            part: name,
+            message: "expected a file in the archive, found its end".into(),
+        }),
+    }
+}

@@ -1,0 +1,347 @@
+//! Reads the splats of a layer, prim by prim.
+
+use super::layer::{Array, Bytes, Layer, SPLATS, Value};
+use super::{binary, package, text, xform};
+use crate::activation;
+use crate::error::SceneError;
+use crate::input::{self, Buffers, Done, Input, SceneHeader, Source};
+use crate::memory::{self, SceneMemoryError};
+use crate::node_transform::NodeTransform;
+use crate::scene::{Dropped, FileNotes, Scene, SortKey, Splat, sh_floats};
+use crate::similarity::Similarity;
+use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
+use glam::{DMat4, DQuat};
+use std::collections::BTreeSet;
+use std::f64::consts::FRAC_PI_2;
+
+/// Number of splats that a thread reads at a time.
+const ROWS: usize = 4096;
+
+/// Degree of the harmonics without the attribute.
+const DEFAULT_DEGREE: f64 = 3.0;
+
+/// Highest degree of a file; the bands above 3 are cut off.
+const MOST_DEGREE: f64 = 8.0;
+
+/// The splats of a prim.
+struct Splats<'a> {
+    place: Similarity,
+    /// Positions, orientations, scales, opacities and harmonics, with their names.
+    arrays: [(&'a Array, String); 5],
+    count: u64,
+    /// Degree of the harmonics in the file.
+    degree: u32,
+    key_of: SortKey,
+}
+
+impl Splats<'_> {
+    /// Returns the degree of the harmonics that are read.
+    fn stored_degree(&self) -> u32 {
+        self.degree.min(3)
+    }
+}
+
+/// Reads a text and parses it. The text and its numbers need three times its length, of `memory` bytes that are available.
+fn parse_text(bytes: &Bytes, memory: Option<u64>) -> Result<Layer, SceneError> {
+    let needed = bytes.length.saturating_mul(3);
+    if let Some(memory) = memory.filter(|memory| needed > *memory) {
+        let [needed, memory] = [needed, memory].map(memory::display);
+        let message = format!(
+            "expected a text that fits in memory, found one that needs {needed}, of {memory} available"
+        );
+        return Err(SceneError::Part { part: "USD".into(), message });
+    }
+    text::parse(&bytes.vec(0, bytes.length)?)
+}
+
+/// Finds the layer of a file and parses it. Errors name an archive's file.
+fn open<'a>(source: &'a Source<'a>, memory: Option<u64>) -> Result<(Bytes<'a>, Layer), SceneError> {
+    let (bytes, name) = package::layer(source)?;
+    let parse = || {
+        let mut head = [0; binary::MAGIC.len()];
+        let is_binary = bytes.read(0, &mut head).is_ok() && head == *binary::MAGIC;
+        let layer = if is_binary { binary::parse(&bytes)? } else { parse_text(&bytes, memory)? };
+        if let Some(arc) = &layer.arc {
+            let message = format!(
+                "expected one layer without references to others, found {arc} (join them first, e.g. by `usdcat --flatten`)"
+            );
+            return Err(SceneError::Part { part: "USD".into(), message });
+        }
+        Ok(layer)
+    };
+    let layer = parse().map_err(|error| match (&name, error) {
+        (Some(name), SceneError::Field { at, field, message }) => {
+            SceneError::Part { part: name.clone(), message: format!("byte {at}, `{field}`: {message}") }
+        }
+        (Some(name), SceneError::Row { line, message }) => {
+            SceneError::Part { part: name.clone(), message: format!("line {line}: {message}") }
+        }
+        (_, error) => error,
+    })?;
+    Ok((bytes, layer))
+}
+
+/// Finds the rotation from the file's world to one whose axes point left, up and to the front.
+fn upright(layer: &Layer) -> Result<Similarity, SceneError> {
+    match layer.up_axis.as_deref() {
+        None | Some("Y") => Ok(Similarity::IDENTITY),
+        Some("Z") => Ok(Similarity { rotation: DQuat::from_rotation_x(-FRAC_PI_2), ..Similarity::IDENTITY }),
+        Some(other) => {
+            let found: String = other.chars().take(20).collect();
+            let message = format!("expected Y or Z, found {found}");
+            Err(SceneError::Part { part: "upAxis".into(), message })
+        }
+    }
+}
+
+/// Lists the prims with splats that can be seen.
+fn splats(layer: &Layer) -> Result<Vec<Splats<'_>>, SceneError> {
+    let upright = upright(layer)?;
+    let mut worlds: Option<Vec<DMat4>> = None;
+    let mut visible = Vec::with_capacity(layer.prims.len());
+    let (mut found, mut hidden) = (Vec::new(), 0);
+    for (index, prim) in layer.prims.iter().enumerate() {
+        let shown = prim.parent.is_none_or(|parent| visible[parent])
+            && prim.defined
+            && !prim.inactive
+            && layer.word(index, "visibility")? != Some("invisible")
+            && !matches!(layer.word(index, "purpose")?, Some("guide" | "proxy"));
+        visible.push(shown);
+        if prim.kind != SPLATS {
+            continue;
+        }
+        if !shown {
+            hidden += 1;
+            continue;
+        }
+        if worlds.is_none() {
+            worlds = Some(xform::world(layer)?);
+        }
+        let world = worlds.as_ref().map_or(DMat4::IDENTITY, |worlds| worlds[index]);
+        let place = Similarity::of_matrix(world).ok_or_else(|| {
+            let text = "expected a rotation, a uniform scale and a translation, found a matrix that skews or mirrors";
+            layer.wrong(index, "", text.into())
+        })?;
+        let place = if upright == Similarity::IDENTITY { place } else { place.then(upright) };
+        found.push(prim_splats(layer, index, place)?);
+    }
+    match (found.is_empty(), hidden) {
+        (false, _) => Ok(found),
+        (true, 0) => Err(SceneError::NotScene { found: "a USD scene without Gaussian splats".into() }),
+        (true, _) => {
+            let found = format!("a USD scene that hides its Gaussian splats ({hidden} prims)");
+            Err(SceneError::NotScene { found })
+        }
+    }
+}
+
+/// Checks the attributes of a prim.
+fn prim_splats(layer: &Layer, prim: usize, place: Similarity) -> Result<Splats<'_>, SceneError> {
+    let names =
+        ["positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients"];
+    let array = |name: &str| {
+        let half = format!("{name}h");
+        for name in [name, &half] {
+            if let Some(Value::Array(array)) = layer.value(prim, name)? {
+                return Ok((array, name.to_owned()));
+            }
+        }
+        Err(layer.wrong(prim, name, format!("expected the attribute {name} or {half}, found none")))
+    };
+    let [positions, orientations, scales, opacities, harmonics] = names.map(array);
+    let arrays = [positions?, orientations?, scales?, opacities?, harmonics?];
+    let count = arrays[0].0.count;
+    if count == 0 || u32::try_from(count).is_err() {
+        let text = format!("expected 1 to 4,294,967,295 splats, found {count}");
+        return Err(layer.wrong(prim, &arrays[0].1, text));
+    }
+    let degree_name = "radiance:sphericalHarmonicsDegree";
+    let degree = match layer.value(prim, degree_name)? {
+        Some(Value::Numbers(numbers)) => numbers.first().copied().unwrap_or(DEFAULT_DEGREE),
+        _ => DEFAULT_DEGREE,
+    };
+    if !(0.0..=MOST_DEGREE).contains(&degree) || degree.fract() != 0.0 {
+        return Err(layer.wrong(prim, degree_name, format!("expected 0 to {MOST_DEGREE}, found {degree}")));
+    }
+    let degree = degree as u32;
+    for (at, (array, name)) in arrays.iter().enumerate() {
+        let expected = if at == 4 { count * u64::from((degree + 1) * (degree + 1)) } else { count };
+        if array.count != expected {
+            let of = if at == 4 { format!(" for {count} splats of degree {degree}") } else { String::new() };
+            let text = format!("expected {expected} elements{of}, found {}", array.count);
+            return Err(layer.wrong(prim, name, text));
+        }
+    }
+    let hint = |name: &str, expected: &[&str], fallback: &'static str| {
+        let found = layer.word(prim, name)?.unwrap_or(fallback);
+        match expected.iter().position(|value| *value == found) {
+            Some(at) => Ok(at),
+            None => {
+                let found: String = found.chars().take(40).collect();
+                let text = format!("expected {}, found {found}", expected.join(" or "));
+                Err(layer.wrong(prim, name, text))
+            }
+        }
+    };
+    hint("projectionModeHint", &["perspective"], "perspective")?;
+    let order = hint("sortingModeHint", &["zDepth", "cameraDistance"], "zDepth")?;
+    let key_of = if order == 1 { SortKey::Distance } else { SortKey::Depth };
+    Ok(Splats { place, arrays, count, degree, key_of })
+}
+
+/// Reads the number of splats, and the degree of their harmonics.
+pub(crate) fn header(source: &Source) -> Result<SceneHeader, SceneError> {
+    let (_, layer) = open(source, memory::available())?;
+    let all = splats(&layer)?;
+    let stored_degree = all.iter().map(Splats::stored_degree).max().unwrap_or(0);
+    Ok(SceneHeader { count: all.iter().map(|splats| splats.count).sum(), stored_degree })
+}
+
+/// Parses the splats of a layer, in a file or in an archive.
+pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
+    let (bytes, layer) = open(input.source, input.memory)?;
+    let all = splats(&layer)?;
+    let total = all.iter().fold(0u64, |sum, splats| sum.saturating_add(splats.count));
+    if u32::try_from(total).is_err() {
+        return Err(SceneError::TooMany { count: total });
+    }
+    if all.len() > 1 {
+        // Each prim is in memory twice while they are joined.
+        let needed = Scene::host_bytes(total, 3).saturating_mul(2);
+        SceneMemoryError::check_against(total, 3, needed, input.memory)?;
+    }
+    let stride = |splats: &Splats| -> u64 {
+        splats.arrays.iter().map(|(array, _)| array.stride() as u64 * array.count).sum()
+    };
+    let done = Done::new(all.iter().map(stride).sum(), input.progress)?;
+    let (mut scenes, mut dropped) = (Vec::new(), Dropped::default());
+    for splats in &all {
+        let scene = prim_scene(input, &bytes, splats, &done)?;
+        dropped.join(scene.dropped());
+        scenes.push(scene);
+    }
+    let scene = match scenes.len() {
+        1 => scenes.swap_remove(0),
+        _ => Scene::joined(&scenes)?.with_dropped(dropped),
+    };
+    Ok(scene.with_breakdown(breakdown(input.source.length(), &layer, &all)))
+}
+
+fn prim_scene(input: &Input, bytes: &Bytes, splats: &Splats, done: &Done) -> Result<Scene, SceneError> {
+    let Splats { place, arrays, count, degree: file_degree, key_of } = splats;
+    let degree = splats.stored_degree();
+    let transform = NodeTransform::new(*place, degree);
+    // Components of a splat in each array.
+    let coefficients = ((file_degree + 1) * (file_degree + 1)) as usize;
+    let widths = [3, 4, 3, 1, 3 * coefficients];
+    let row: usize = widths.iter().sum();
+    let most = ROWS.min(*count as usize);
+    let scratch = widths.iter().zip(arrays).map(|(width, (array, _))| width * array.component.bytes()).max();
+    let scratch = most * scratch.unwrap_or(0);
+    let unpacked = arrays.iter().map(|(array, _)| 4 * array.width as u64 * array.count).sum();
+    let mut columns = input.allocate(*count, degree, false, (scratch + 4 * most * row, unpacked))?;
+    let buffers = Buffers::default();
+    let gathered = columns.fill(|out| {
+        buffers.with(scratch, |buffer| {
+            let mut values = vec![0f32; most.min(out.len()) * row];
+            for first in (0..out.len()).step_by(most) {
+                done.check()?;
+                let rows = most.min(out.len() - first);
+                let start = out.first() + first;
+                let (mut left, mut read) = (&mut values[..rows * row], 0);
+                let mut pieces: [&[f32]; 5] = [&[]; 5];
+                for (((array, _), width), piece) in arrays.iter().zip(widths).zip(&mut pieces) {
+                    let (values, others) = left.split_at_mut(rows * width);
+                    array.read(bytes, start * width, buffer, values)?;
+                    read += values.len() * array.component.bytes();
+                    (*piece, left) = (values, others);
+                }
+                for at in 0..rows {
+                    let rows =
+                        std::array::from_fn(|piece| &pieces[piece][at * widths[piece]..][..widths[piece]]);
+                    let (mut splat, norm) = splat(rows, arrays[1].0.real_last, degree);
+                    transform.apply(&mut splat);
+                    out.push(&splat, norm);
+                }
+                done.add(read as u64)?;
+            }
+            Ok(())
+        })
+    })?;
+    let cut_degree = (*file_degree > 3).then_some(*file_degree);
+    let notes = FileNotes { key_of: *key_of, cut_degree, ..FileNotes::default() };
+    let size_breakdown = SizeBreakdown {
+        format: "usd".into(),
+        file_bytes: 0,
+        header_bytes: 0,
+        elements: vec![],
+        trailing_bytes: 0,
+    };
+    Ok(input::finish((columns, gathered), *count, size_breakdown, notes)?.with_offset(transform.offset()))
+}
+
+/// Converts the rows of a splat; also returns the length of its quaternion.
+fn splat(
+    [position, quaternion, scale, opacity, sh]: [&[f32]; 5],
+    real_last: bool,
+    degree: u32,
+) -> (Splat, f64) {
+    let mut quaternion: [f64; 4] = std::array::from_fn(|at| quaternion[at].into());
+    if real_last {
+        quaternion.rotate_right(1);
+    }
+    let (rotation, norm) = activation::unit(quaternion);
+    let mut splat = Splat {
+        position: std::array::from_fn(|axis| position[axis]),
+        scale: std::array::from_fn(|axis| scale[axis]),
+        rotation,
+        opacity: opacity[0].clamp(0.0, 1.0),
+        sh: [0.0; 48],
+    };
+    let floats = sh_floats(degree);
+    splat.sh[..floats].copy_from_slice(&sh[..floats]);
+    (splat, norm)
+}
+
+fn breakdown(file_bytes: u64, layer: &Layer, all: &[Splats]) -> SizeBreakdown {
+    let mut fields: Vec<FieldSize> = Vec::new();
+    // Prims can share an array.
+    let mut seen = BTreeSet::new();
+    for (array, name) in all.iter().flat_map(|splats| &splats.arrays) {
+        if !seen.insert(array.at) {
+            continue;
+        }
+        // The table of sizes has room for a word.
+        let name = name.trim_start_matches("radiance:").replace("Coefficients", "");
+        match fields.iter_mut().find(|field| field.name == name) {
+            Some(field) => field.bytes += array.bytes,
+            None => fields.push(FieldSize {
+                name,
+                kind: array.component.name().into(),
+                bytes_per_row: None,
+                bytes: array.bytes,
+                used: true,
+            }),
+        }
+    }
+    let mut bytes = fields.iter().map(|field| field.bytes).sum();
+    // In a damaged file, arrays can overlap.
+    if bytes > file_bytes {
+        bytes = file_bytes;
+        let (name, kind) = ("values".into(), "array".into());
+        fields = vec![FieldSize { name, kind, bytes_per_row: None, bytes, used: true }];
+    }
+    SizeBreakdown {
+        format: format!("{}, {SPLATS}", layer.kind),
+        file_bytes,
+        header_bytes: file_bytes - bytes,
+        elements: vec![ElementSize {
+            name: "splats".into(),
+            rows: all.iter().map(|splats| splats.count).sum(),
+            bytes,
+            fields,
+            separator_bytes: 0,
+        }],
+        trailing_bytes: 0,
+    }
+}
