@@ -47,8 +47,8 @@ fn write_text(out: &mut String, dump: &Dump) -> fmt::Result {
     let totals = &dump.totals;
     writeln!(
         out,
-        "{} passes once, {} every frame; {}",
-        totals.prologue_passes,
+        "{} once, {} every frame; {}",
+        counted(totals.prologue_passes, "pass", "passes"),
         totals.frame_passes,
         barrier_counts(&totals.frame)
     )?;
@@ -241,9 +241,18 @@ pub fn left_out_counts(dump: &Dump) -> String {
 /// Formats the counts: `14 barriers (12 on all memory, 2 on images) in 12 calls, for 20 dependencies`.
 pub(super) fn barrier_counts(t: &BarrierTotals) -> String {
     format!(
-        "{} barriers ({} on all memory, {} on images) in {} calls, for {} dependencies",
-        t.barriers, t.memory_barriers, t.image_barriers, t.calls, t.dependencies
+        "{} ({} on all memory, {} on images) in {}, for {}",
+        counted(t.barriers, "barrier", "barriers"),
+        t.memory_barriers,
+        t.image_barriers,
+        counted(t.calls, "call", "calls"),
+        counted(t.dependencies, "dependency", "dependencies"),
     )
+}
+
+/// Formats a count with its noun: `1 pass`, `3 passes`.
+fn counted(count: usize, one: &str, several: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { several })
 }
 
 /// Formats a barrier: `barrier 3 on all memory: COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ`, or `barrier 9 on image
