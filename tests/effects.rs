@@ -213,6 +213,28 @@ fn tiles_on_a_gpu_name_the_parameters_that_the_sort_of_splats_alone_has() {
     assert_eq!(said("auto", 8), [""; 0]);
 }
 
+#[test]
+fn the_switch_of_the_mesh_has_no_effect_for_a_loaded_scene_without_one() {
+    let mut builds = Builds::new();
+    for (graph, lanes) in [("splat", 32), ("tiled", 32), ("tiled_cpu", 8), ("auto", 8)] {
+        let scene = SceneFacts { mesh_possible: false, ..SceneFacts::NOMINAL };
+        let facts = facts::facts(&scene, &facts::portable_device(lanes), facts::DEFAULT_SIZE);
+        for set in [&[][..], &[("mesh".to_owned(), "true".to_owned())]] {
+            assert!(check(&mut builds, graph, set, &facts).contains(&"mesh".to_owned()), "{graph}, {set:?}");
+        }
+        let plan = builds.plan(graph, &[], &facts).expect("a plan");
+        let text = plan.effect_text("mesh").expect("it is a parameter");
+        assert!(
+            text.contains("; `with_mesh` (pipelines/")
+                && text.ends_with(") leaves it out, as mesh.possible = false"),
+            "{text}"
+        );
+        // A scene that is not loaded may have a mesh.
+        let plan = builds.plan(graph, &[], &facts_of(lanes, 1_000_000)).expect("a plan");
+        assert_eq!(plan.no_effect("mesh"), None);
+    }
+}
+
 /// The lines of standard error that name a parameter without an effect, of a command that succeeds.
 #[cfg(target_os = "linux")]
 fn told(place: &Place, line: &str) -> Vec<String> {
@@ -273,10 +295,10 @@ fn trade_does_not_measure_a_parameter_without_an_effect_and_says_so() {
         "trade scene.ply -c cameras.json --rounds 1 --frames 1 --pipeline idle.ron --only idle --only low_pass",
     );
     let told: Vec<&str> = errors.lines().filter(|line| line.contains("has no effect")).collect();
-    let [line] = &told[..] else { panic!("{errors}") };
-    assert!(
-        line.starts_with("not measured: `idle` has no effect: nothing in this plan depends on it"),
-        "{line}"
-    );
+    // The scene has no mesh.
+    let [mesh, idle] = ["mesh", "idle"]
+        .map(|name| format!("not measured: `{name}` has no effect: nothing in this plan depends on it"));
+    let is_told = |begin: &String| told.iter().any(|line| line.starts_with(begin));
+    assert!(told.len() == 2 && is_told(&mesh) && is_told(&idle), "{errors}");
     assert!(table.contains("low_pass = none") && !table.contains("idle = "), "{table}");
 }

@@ -35,6 +35,8 @@ pub struct SceneFacts {
     pub brightest: u64,
     /// Number of triangles of the scene's mesh.
     pub triangles: u64,
+    /// False for a loaded scene without a mesh. A scene that is not loaded may have one.
+    pub mesh_possible: bool,
 }
 
 impl SceneFacts {
@@ -50,6 +52,7 @@ impl SceneFacts {
         largest_sh: 4,
         brightest: 8,
         triangles: 0,
+        mesh_possible: true,
     };
 
     /// Collects the facts of a loaded scene.
@@ -65,6 +68,7 @@ impl SceneFacts {
             largest_sh: scene.color_range().largest_sh.ceil() as u64,
             brightest: scene.color_range().brightest.ceil() as u64,
             triangles: scene.mesh().map_or(0, |mesh| mesh.triangles.len() as u64),
+            mesh_possible: scene.mesh().is_some(),
         }
     }
 }
@@ -82,7 +86,8 @@ pub fn facts(scene: &SceneFacts, device: &DeviceFacts, size: (u32, u32)) -> Fact
         ("mesh.triangles", scene.triangles as i64),
     ];
     facts.host.extend(scene_facts.map(|(name, value)| (name.to_owned(), Value::Int(value))));
-    facts.host.insert("scene.wide".to_owned(), Value::Bool(scene.wide));
+    let bools = [("scene.wide", scene.wide), ("mesh.possible", scene.mesh_possible)];
+    facts.host.extend(bools.map(|(name, value)| (name.to_owned(), Value::Bool(value))));
     let texts = [("scene.low_pass", scene.low_pass.name()), ("scene.key_of", scene.key_of.name())];
     facts.host.extend(texts.map(|(name, text)| (name.to_owned(), Value::Text(text.to_owned()))));
     facts

@@ -48,6 +48,8 @@ pub struct SkippedUse {
     pub span: Span,
     /// The parameters that were read.
     pub decided: ParamSet,
+    /// The reason for the value; `None` if it uses no names.
+    pub reason: Option<Reason>,
 }
 
 impl Lowered {

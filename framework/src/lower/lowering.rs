@@ -12,7 +12,7 @@ use super::require::Choices;
 use super::scope::Names;
 use crate::ir::{EXPORT, FileId, HOST, Param, ParamSet, Request, ResourceId, Span, Stat};
 use crate::plan::Plan;
-use crate::schema::Graph;
+use crate::schema::{Graph, Number};
 use crate::source::{Diagnostic, Place, SourceMap};
 
 /// Maximum number of passes after repeats: far beyond any real graph, but few enough that a typing error cannot exhaust
@@ -171,8 +171,12 @@ impl<'a> Lowering<'a> {
                 Ok(value) => {
                     let params: ParamSet = names.named_by(number).difference(&read).copied().collect();
                     if !params.is_empty() {
+                        let reason = match number {
+                            Number::Expression(expression) => names.traced(|| names.reason(expression)).0,
+                            Number::Literal(_) => None,
+                        };
                         let (name, span, decided) = (name.clone(), place.key(), read.clone());
-                        self.skipped.push(SkippedUse { params, name, span, decided });
+                        self.skipped.push(SkippedUse { params, name, span, decided, reason });
                     }
                     names.define(name, value, read);
                 }

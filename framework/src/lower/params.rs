@@ -80,13 +80,14 @@ pub(super) fn resolve(
                     // It is limited by the range's end.
                     behind.extend(&range);
                 }
+                if !others.is_empty() {
+                    let (name, span, decided) = (name.clone(), declared.place.key(), behind.clone());
+                    let reason = param.reason.clone();
+                    skipped.push(SkippedUse { params: others, name, span, decided, reason });
+                }
                 // The file gives no reason for growth.
                 param.reason.take_if(|_| value != param.value);
                 param.value = value;
-                if !others.is_empty() {
-                    let (name, span, decided) = (name.clone(), declared.place.key(), behind.clone());
-                    skipped.push(SkippedUse { params: others, name, span, decided });
-                }
                 behind.insert(index);
                 match param.binding {
                     ParamBinding::Const => names.define(name, param.value.clone(), behind),

@@ -119,9 +119,10 @@ fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> S
 fn unreached_hint(found: &SkippedUse, params: &[Param], files: &SourceMap) -> String {
     let origin = files.origin(found.span);
     let text = format!("`{}` ({}:{}) leaves it out", found.name, origin.file, origin.line);
-    match values(&found.decided, params).as_str() {
-        "" => text,
-        values => format!("{text}, as {values}"),
+    match (values(&found.decided, params).as_str(), &found.reason) {
+        ("", None) => text,
+        ("", Some(reason)) => format!("{text}, as {reason}"),
+        (values, _) => format!("{text}, as {values}"),
     }
 }
 

@@ -34,8 +34,9 @@ pub fn facts(count: u32, (width, height): (u32, u32)) -> Facts {
     let ints = ints.map(|(name, value)| (name.to_string(), Value::Int(value.into())));
     let texts = [("scene.low_pass", "dilated"), ("scene.key_of", "depth")];
     let texts = texts.map(|(name, text)| (name.to_string(), Value::Text(text.to_string())));
-    let wide = ("scene.wide".to_string(), Value::Bool(false));
-    let host = ints.into_iter().chain(texts).chain([wide]).collect();
+    let bools = [("scene.wide", false), ("mesh.possible", true)];
+    let bools = bools.map(|(name, value)| (name.to_string(), Value::Bool(value)));
+    let host = ints.into_iter().chain(texts).chain(bools).collect();
     Facts { device, host }
 }
 
