@@ -267,14 +267,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// Chooses the storage of the splats that fits `--memory` and the device; `None` for the graph's own storage.
 fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
     let limit = args.memory.memory;
-    if limit.is_none() && !fit::may_exceed_any(scene.count().into()) {
+    let scaled = |side: u32| ((side as f32 * args.scale) as u32).max(1);
+    let size = (scaled(args.size().0), scaled(args.size().1));
+    if limit.is_none() && !fit::may_exceed_any(scene.count().into(), size) {
         return Ok(None);
     }
     let device = args.device.open()?;
     let free = fit::available(&device.heap());
     let Some(memory) = limit.into_iter().chain(free).min() else { return Ok(None) };
-    let scaled = |side: u32| ((side as f32 * args.scale) as u32).max(1);
-    let size = (scaled(args.size().0), scaled(args.size().1));
     let facts = facts::facts(&SceneFacts::of(scene), &device.info().facts, size);
     let (mut planner, catalog) = (Planner::default(), facts::catalog(scene));
     let plan = |set: &[_]| planner.plan(&args.drawing.pipeline, set, &facts, &catalog);

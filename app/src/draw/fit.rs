@@ -109,21 +109,34 @@ pub fn resident_bytes(plan: &Plan) -> u64 {
     Needs::of(plan).total
 }
 
-/// Returns true if a scene of `count` splats may exceed the device's memory or its maximum buffer size.
+/// Returns true if a scene of `count` splats, drawn at `size`, may exceed the device's free memory or its maximum
+/// buffer size.
 ///
-/// If false, every buffer fits, and no plan has to be built to find out. All buffers together can still exceed the memory.
-pub fn may_exceed(count: u64, device: &DeviceInfo) -> bool {
-    let least = available(&device.heap).unwrap_or(u64::MAX).min(device.facts.max_storage_bytes);
-    count.saturating_mul(USUAL) > least
+/// If false, the built-in graphs fit with their default parameters, and no plan has to be built to find out.
+pub fn may_exceed(count: u64, size: (u32, u32), device: &DeviceFacts, heap: &Heap) -> bool {
+    let free = available(heap).unwrap_or(u64::MAX);
+    count.saturating_mul(LARGEST) > device.max_storage_bytes || usual_bytes(count, size) > free
 }
 
-/// Returns true if a scene of `count` splats [may exceed](may_exceed) the buffers of the least capable supported device.
-pub fn may_exceed_any(count: u64) -> bool {
-    count.saturating_mul(USUAL) > Target::nominal().facts.max_storage_bytes
+/// Returns true if a scene of `count` splats, drawn at `size`, [may exceed](may_exceed) the least capable
+/// supported device.
+pub fn may_exceed_any(count: u64, size: (u32, u32)) -> bool {
+    let heap = Heap { bytes: SMALLEST_MEMORY, available: None };
+    may_exceed(count, size, &Target::nominal().facts, &heap)
 }
 
-/// Generous estimate of the bytes per splat: twice the largest buffer of the built-in graphs.
-const USUAL: u64 = 96;
+/// Generous estimate of the bytes per splat of a single buffer: twice the largest buffer of the built-in graphs.
+const LARGEST: u64 = 96;
+
+/// Free memory of the least capable device, in bytes.
+const SMALLEST_MEMORY: u64 = 512 << 20;
+
+/// Estimates the bytes that stay on the device, generously: at least those of every built-in graph.
+fn usual_bytes(count: u64, (width, height): (u32, u32)) -> u64 {
+    let splats = count.saturating_mul(640);
+    let pixels = u64::from(width) * u64::from(height) * 64;
+    splats.saturating_add(pixels).saturating_add(48 << 20)
+}
 
 /// Returns the available bytes of the device's memory, or all bytes if that is unknown; `None` if both are unknown.
 pub fn available(heap: &Heap) -> Option<u64> {
@@ -246,7 +259,7 @@ pub fn check_header(
     set: &[(String, String)],
 ) -> anyhow::Result<()> {
     let SceneHeader { count, stored_degree } = load::header(path)?;
-    if !may_exceed(count, device) {
+    if !may_exceed(count, facts::DEFAULT_SIZE, &device.facts, &device.heap) {
         return Ok(());
     }
     let target = Target { name: device.name.clone(), facts: device.facts, heap: device.heap };
@@ -321,6 +334,7 @@ impl fmt::Display for Fit {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::builtin;
     use crate::draw::facts::SceneFacts;
 
     fn fit_of(graph: &str, count: u64, device: &Target) -> (Plan, Fit) {
@@ -364,6 +378,29 @@ mod tests {
         assert!(fit.most_splats.is_some_and(|most| (100_000..1_000_000).contains(&most)), "{text}");
         device.heap.available = Some(4 << 30);
         assert!(fit_of("unsorted", 1_000_000, &device).1.fits);
+    }
+
+    #[test]
+    fn no_built_in_graph_needs_more_than_the_estimate() {
+        let catalog = facts::nominal_catalog();
+        let mut planner = Planner::default();
+        let mut largest: f64 = 0.0;
+        for graph in builtin::names() {
+            for (count, size) in [(1000, (3840, 2160)), (1_000_000, (1920, 1080)), (6_000_000, (64, 64))] {
+                let scene = SceneFacts { count, ..SceneFacts::NOMINAL };
+                let wanted = Wanted { graph, set: &[], scene, catalog: &catalog, size };
+                let device = boundless(&Target::nominal().facts);
+                let plan =
+                    build(&mut planner, &wanted, &device, count).unwrap_or_else(|e| panic!("{graph}: {e}"));
+                let (needs, estimate) = (Needs::of(&plan), usual_bytes(count, size));
+                assert!(needs.total <= estimate, "{graph}, {count} splats: {} of {estimate}", needs.total);
+                let buffer = needs.storage.values().max().copied().unwrap_or(0);
+                // Lists of bins and pairs have a size of their own.
+                assert!(buffer <= (LARGEST * count).max(100 << 20), "{graph}, {count} splats: {buffer}");
+                largest = largest.max(needs.total as f64 / estimate as f64);
+            }
+        }
+        assert!(largest > 0.3, "the estimate says something: at most {largest} of it are needed");
     }
 
     #[test]

@@ -296,10 +296,11 @@ impl<D: Device> Session<D> {
         limit: Option<u64>,
         size: (u32, u32),
     ) -> Result<Option<Choice>, StorageError<SessionError>> {
-        if limit.is_none() && !fit::may_exceed(self.scene.count().into(), self.device.info()) {
+        let (count, heap) = (self.scene.count().into(), self.device.heap());
+        if limit.is_none() && !fit::may_exceed(count, size, &self.device.info().facts, &heap) {
             return Ok(None);
         }
-        let free = fit::available(&self.device.heap());
+        let free = fit::available(&heap);
         let Some(memory) = limit.into_iter().chain(free).min() else { return Ok(None) };
         let (pipeline, mut set) = (self.pipeline.clone(), self.set.clone());
         let choice = Choice::of(&set, memory, |set| self.plan_of(&pipeline, set, size))?;

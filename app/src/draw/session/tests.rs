@@ -98,6 +98,34 @@ fn a_device_without_room_is_an_error_that_says_why() {
 }
 
 #[test]
+fn a_scene_whose_buffers_fit_and_whose_plan_does_not_is_packed() {
+    const COUNT: u32 = 20_000;
+    let opened = |budget: Option<u64>| {
+        let null = open(&Config { budget, ..Config::default() }).0.expect("it opens");
+        let scene = Scene::generate(COUNT, 3, |at| {
+            let mut splat = synth::generate("uniform", 1, at as u64).expect("a splat").splat(0);
+            splat.sh[47] = 0.5;
+            splat
+        });
+        Session::new(null, scene, "tiled_cpu", &[])
+    };
+    let chosen = |budget| {
+        let mut session = opened(Some(budget));
+        let choice = session.choose_storage(None, SIZE).unwrap_or_else(|error| panic!("{error}"));
+        (choice.and_then(|choice| choice.set), session)
+    };
+    let plan = opened(None).plan_of("tiled_cpu", &[], SIZE).unwrap_or_else(|error| panic!("{error}"));
+    let needed = fit::resident_bytes(&plan);
+    // Much more than the largest buffer, which was once all that counted.
+    assert!(needed > 96 * u64::from(COUNT), "{needed}");
+    let (own, _) = chosen(needed);
+    assert_eq!(own, None);
+    let (packed, mut session) = chosen(needed - 1);
+    assert_eq!(packed, Some(("sh_storage".to_owned(), "q8".to_owned())));
+    session.prepare(SIZE, &mut |_| {}).unwrap_or_else(|error| panic!("{error}"));
+}
+
+#[test]
 fn pictures_of_every_colour_format_are_read() {
     let image = |format, bytes: &[u8]| {
         image_of(&Pixels { format, width: 1, height: 1, bytes: PixelBytes::new(bytes.to_vec()) })
