@@ -358,7 +358,7 @@ fn too_large(
 ) -> Option<Fit> {
     let (catalog, scene) = nominal(splats);
     let wanted = Wanted { graph, set, scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
-    let (_, fit) = fit::fit(planner, &wanted, device).ok()?;
+    let (_, fit) = fit::fit(planner, &wanted, device, None).ok()?;
     (!fit.fits).then_some(fit)
 }
 

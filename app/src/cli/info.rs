@@ -88,11 +88,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let facts = facts::facts(&scene_facts, &device.facts, size);
         Choice::of(&set, memory, |set| planner.plan(&args.drawing.pipeline, set, &facts, &catalog))
     });
-    let chosen = match chosen {
-        Some(Ok(choice)) => Some(choice).filter(|choice| limit.is_some() || choice.set.is_some()),
+    let (chosen, built) = match chosen {
+        Some(Ok((choice, plan))) => {
+            (Some(choice).filter(|choice| limit.is_some() || choice.set.is_some()), Some(plan))
+        }
         Some(Err(error)) if limit.is_some() => return Err(error.into_error()),
         // Without a limit, the report says what does not fit.
-        _ => None,
+        _ => (None, None),
     };
     set.extend(chosen.iter().filter_map(|choice| choice.set.clone()));
     if let Some(limit) = limit {
@@ -100,13 +102,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let wanted =
         Wanted { graph: &args.drawing.pipeline, set: &set, scene: scene_facts, catalog: &catalog, size };
-    let (plan, fit) = fit::fit(&mut planner, &wanted, &device)?;
+    let (plan, fit) = fit::fit(&mut planner, &wanted, &device, built)?;
     let mut fits = vec![fit];
     // Other machines may have smaller devices.
     if args.device.is_none()
         && limit.is_none()
         && device != Target::nominal()
-        && let Ok((_, fit)) = fit::fit(&mut planner, &wanted, &Target::nominal())
+        && let Ok((_, fit)) = fit::fit(&mut planner, &wanted, &Target::nominal(), None)
         && !fit.fits
     {
         fits.push(fit);

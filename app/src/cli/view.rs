@@ -279,7 +279,7 @@ fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
     let (mut planner, catalog) = (Planner::default(), facts::catalog(scene));
     let plan = |set: &[_]| planner.plan(&args.drawing.pipeline, set, &facts, &catalog);
     match Choice::of(&args.drawing.set, memory, plan) {
-        Ok(choice) => {
+        Ok((choice, _)) => {
             if limit.is_some() || choice.set.is_some() {
                 say(choice.to_string());
             }

@@ -144,12 +144,19 @@ pub fn available(heap: &Heap) -> Option<u64> {
 }
 
 /// Builds a plan, and compares its needs with the device's limits. The plan is returned even if it exceeds them.
+/// `built` is the plan if it was built for the device before.
 ///
 /// # Errors
 /// The graph or its shaders have errors that do not depend on the scene's size.
-pub fn fit(planner: &mut Planner, wanted: &Wanted, device: &Target) -> Result<(Plan, Fit), GraphErrors> {
+pub fn fit(
+    planner: &mut Planner,
+    wanted: &Wanted,
+    device: &Target,
+    built: Option<Plan>,
+) -> Result<(Plan, Fit), GraphErrors> {
     let count = wanted.scene.count;
-    let (plan, built) = match build(planner, wanted, &device.facts, count) {
+    let plan = built.map_or_else(|| build(planner, wanted, &device.facts, count), Ok);
+    let (plan, built) = match plan {
         Ok(plan) => (plan, true),
         // The first error is the one to report, unless larger buffers are all that is missing.
         Err(errors) => match build(planner, wanted, &boundless(&device.facts), count) {
@@ -272,7 +279,7 @@ pub fn check_header(
     };
     let wanted = Wanted { graph, set, scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
     // Errors of the graph are reported when it is built for the loaded scene.
-    match fit(&mut Planner::default(), &wanted, &target) {
+    match fit(&mut Planner::default(), &wanted, &target, None) {
         Ok((_, fit)) if !fit.fits => anyhow::bail!("{}: {}", path.display(), fit.to_string().trim_end()),
         _ => Ok(()),
     }
@@ -341,7 +348,7 @@ mod tests {
         let catalog = facts::nominal_catalog();
         let scene = SceneFacts { count, ..SceneFacts::NOMINAL };
         let wanted = Wanted { graph, set: &[], scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
-        fit(&mut Planner::default(), &wanted, device).unwrap_or_else(|errors| panic!("{errors}"))
+        fit(&mut Planner::default(), &wanted, device, None).unwrap_or_else(|errors| panic!("{errors}"))
     }
 
     #[test]
@@ -414,6 +421,6 @@ mod tests {
             catalog: &catalog,
             size: facts::DEFAULT_SIZE,
         };
-        assert!(fit(&mut Planner::default(), &wanted, &Target::nominal()).is_err());
+        assert!(fit(&mut Planner::default(), &wanted, &Target::nominal(), None).is_err());
     }
 }

@@ -82,7 +82,7 @@ impl Choice {
     /// Chooses the most accurate storage with which a plan keeps at most `memory` bytes on the device.
     ///
     /// Bytes that are freed after the first frame do not count. `set` has the user's parameters. `plan` builds the plan
-    /// with the parameters that it is given.
+    /// with the parameters that it is given. Also returns the plan of the choice.
     ///
     /// # Errors
     /// No plan can be built, or all plans need too much memory.
@@ -90,7 +90,7 @@ impl Choice {
         set: &[(String, String)],
         memory: u64,
         mut plan: impl FnMut(&[(String, String)]) -> Result<Plan, E>,
-    ) -> Result<Choice, StorageError<E>> {
+    ) -> Result<(Choice, Plan), StorageError<E>> {
         let ladder = if decided(set) { &[][..] } else { &LADDER[..] };
         let (mut tried, mut error) = (Vec::new(), None);
         for rung in [None].into_iter().chain(ladder.iter().map(Some)) {
@@ -101,7 +101,8 @@ impl Choice {
                     let needed = fit::resident_bytes(&plan);
                     tried.push((name(own.as_ref()), needed));
                     if needed <= memory {
-                        return Ok(Choice { set: own, tried, psnr: rung.map(|rung| rung.psnr), memory });
+                        let choice = Choice { set: own, tried, psnr: rung.map(|rung| rung.psnr), memory };
+                        return Ok((choice, plan));
                     }
                 }
                 Err(found) => _ = error.get_or_insert(found),
@@ -185,7 +186,8 @@ mod tests {
         let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
         let set: Vec<_> = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
         let (mut planner, catalog) = (Planner::default(), facts::nominal_catalog());
-        Choice::of(&set, memory, |set| planner.plan(graph, set, &facts, &catalog))
+        let choice = Choice::of(&set, memory, |set| planner.plan(graph, set, &facts, &catalog));
+        choice.map(|(choice, _)| choice)
     }
 
     #[test]

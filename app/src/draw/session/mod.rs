@@ -303,7 +303,7 @@ impl<D: Device> Session<D> {
         let free = fit::available(&heap);
         let Some(memory) = limit.into_iter().chain(free).min() else { return Ok(None) };
         let (pipeline, mut set) = (self.pipeline.clone(), self.set.clone());
-        let choice = Choice::of(&set, memory, |set| self.plan_of(&pipeline, set, size))?;
+        let (choice, _) = Choice::of(&set, memory, |set| self.plan_of(&pipeline, set, size))?;
         if let Some(chosen) = &choice.set {
             set.push(chosen.clone());
             self.set_graph(&pipeline, &set);
