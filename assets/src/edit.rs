@@ -4,7 +4,7 @@ use crate::activation::quantised;
 use crate::harmonics::Turn;
 use crate::memory::SceneMemoryError;
 use crate::mesh::Mesh;
-use crate::scene::{FileNotes, Scene};
+use crate::scene::{FileNotes, Scene, Splat};
 use crate::similarity::Similarity;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -23,13 +23,29 @@ impl Scene {
     /// # Panics
     /// Panics if an index is not below [`Scene::count`].
     pub fn picked(&self, indices: &[u32]) -> Result<Self, SceneMemoryError> {
+        self.picked_as(indices, |_, splat| splat)
+    }
+
+    /// Copies splats like [`Scene::picked`], changed by `change`, which gets each index with its splat. Positions are
+    /// kept.
+    ///
+    /// # Errors
+    /// The copy does not fit in memory.
+    ///
+    /// # Panics
+    /// Panics if an index is not below [`Scene::count`].
+    pub fn picked_as(
+        &self,
+        indices: &[u32],
+        change: impl Fn(u32, Splat) -> Splat + Sync,
+    ) -> Result<Self, SceneMemoryError> {
         let (count, degree) = (indices.len() as u32, self.stored_degree());
+        let splat = |at: usize| change(indices[at], self.splat(indices[at] as usize));
         let copy = match self.is_wide() {
-            true => Self::try_generate_wide(count, degree, |at| {
-                let index = indices[at] as usize;
-                (self.splat(index), self.position(index))
-            }),
-            false => Self::try_generate(count, degree, |at| self.splat(indices[at] as usize)),
+            true => {
+                Self::try_generate_wide(count, degree, |at| (splat(at), self.position(indices[at] as usize)))
+            }
+            false => Self::try_generate(count, degree, splat),
         };
         Ok(copy?.with_offset(self.offset()).with_notes(self.notes()).with_mesh(self.shared_mesh()))
     }

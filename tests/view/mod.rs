@@ -17,6 +17,7 @@ mod recovery;
 mod screen;
 #[cfg(target_os = "linux")]
 mod soak;
+mod splats;
 mod tools;
 mod twin;
 mod whole;

@@ -20,6 +20,7 @@ use splatgraph::draw::builtin;
 use splatgraph::view::events::{Event, RendererId};
 use splatgraph::view::panels::Tool;
 use splatgraph::view::undo::Settings;
+use splatgraph::view::viewer::Marks;
 use splatgraph_api::Device;
 use splatgraph_assets::Scene;
 use splatgraph_framework::ir::{Domain, Value};
@@ -87,6 +88,8 @@ impl<D: Device> Monkey<D> {
         // A number that is being typed becomes a change where the next click takes its focus.
         let shell = &self.viewer.shell;
         let checked = looks && !shell.viewer.busy() && !shell.context().egui_wants_keyboard_input();
+        // While splats are selected, Esc and a click with the brush change the selection. Its card may be hidden.
+        let checked = checked && !shell.panels.hidden && shell.panels.controls.find("splats").is_none();
         if looks {
             // A list over the tools would take the click.
             Popup::close_all(shell.context());
@@ -335,6 +338,8 @@ fn after_five_hundred_random_actions_the_picture_is_the_one_that_render_draws() 
     while monkey.viewer.shell.viewer.a.renderer.failure().is_some() && begun.elapsed() < PATIENCE {
         monkey.viewer.settle();
     }
+    monkey.viewer.shell.viewer.set_marks(RendererId::A, Marks::default());
+    monkey.viewer.settle();
     // A single picture has no previous frame with an order to use.
     let renderer = &mut monkey.viewer.shell.viewer.a.renderer;
     if renderer.set().contains_key("order_of") {

@@ -91,6 +91,9 @@ pub struct Args {
     /// Pick the splat at a position in the first picture, given as shares of its width and height
     #[arg(long, value_name = "X,Y", value_parser = place, conflicts_with = "select")]
     pick: Option<[f32; 2]>,
+    /// Select the splats in a box of the first picture, given as shares of its width and height
+    #[arg(long, value_name = "LEFT,TOP,RIGHT,BOTTOM", value_parser = area)]
+    select_box: Option<[f32; 4]>,
     /// Theme of the window [default: as in the last window, or dark]
     #[arg(long, value_enum)]
     theme: Option<Theme>,
@@ -173,10 +176,18 @@ enum Theme {
 
 /// Parses a position in the picture, given as shares of its width and height.
 fn place(text: &str) -> Result<[f32; 2], String> {
+    shares(text).ok_or_else(|| format!("expected two numbers from 0 to 1, found `{text}`"))
+}
+
+/// Parses a box in the picture, given as shares of its width and height.
+fn area(text: &str) -> Result<[f32; 4], String> {
+    shares(text).ok_or_else(|| format!("expected four numbers from 0 to 1, found `{text}`"))
+}
+
+fn shares<const N: usize>(text: &str) -> Option<[f32; N]> {
     let share = |text: &str| text.trim().parse::<f32>().ok().filter(|v| (0.0..=1.0).contains(v));
-    text.split_once(',')
-        .and_then(|(x, y)| Some([share(x)?, share(y)?]))
-        .ok_or_else(|| format!("expected two numbers from 0 to 1, found `{text}`"))
+    let all: Option<Vec<f32>> = text.split(',').map(share).collect();
+    all?.try_into().ok()
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -315,6 +326,7 @@ struct InitialState {
     inspect: Option<(String, String)>,
     select: Option<Selection>,
     pick: Option<[f32; 2]>,
+    select_box: Option<[f32; 4]>,
     measure: bool,
     theme: Option<Theme>,
 }
@@ -343,6 +355,7 @@ impl InitialState {
             inspect: args.inspect.clone(),
             select: args.select.clone(),
             pick: args.pick,
+            select_box: args.select_box,
             measure: args.measure,
             theme: args.theme,
         }
@@ -378,6 +391,9 @@ impl InitialState {
         }
         if let Some(place) = self.pick {
             shell.panels.pick_first(place);
+        }
+        if let Some(corners) = self.select_box {
+            shell.panels.select_first(corners);
         }
         if let Some(theme) = self.theme {
             shell.context().set_theme(match theme {

@@ -11,6 +11,7 @@
 //! A position on the picture is in pixels from its top left corner, right and down: the middle of the first pixel is
 //! (0.5, 0.5).
 
+use super::splat_set::Masked;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Fragment, Projected, Rules, Splats, fragments, project};
 
@@ -117,18 +118,19 @@ impl Picked {
     }
 }
 
-/// Lists the splats that are blended at a pixel, and selects the one with the largest share.
+/// Lists the splats that are blended at a pixel, without hidden ones, and selects the one with the largest share.
 ///
 /// `camera` is in the scene's coordinates, with the size of the picture. Returns `None` for a pixel outside of the
 /// picture, and once `cancelled`, which several threads call, returns true. A million splats take 0.1 s on two cores.
 pub fn pick(
-    scene: &Scene,
+    masked: &Masked,
     camera: &Camera,
     pixel: [u32; 2],
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Option<Picked> {
+    let scene = masked.scene;
     let rules = &Rules::of(scene);
-    let found = fragments(scene, camera, pixel, rules, cancelled)?;
+    let found = fragments(masked, camera, pixel, rules, cancelled)?;
     let of = |fragment: &Fragment| {
         let splat = scene.get(fragment.index as usize);
         let projected = project(&splat, camera, rules)?;
@@ -170,11 +172,12 @@ pub fn outline(scene: &Scene, camera: &Camera, index: u32) -> Option<Outline> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw::splat_set::SplatSet;
     use splatgraph_assets::{Splat, synth};
     use splatgraph_reference::render;
 
     fn picked(scene: &Scene, camera: &Camera, pixel: [u32; 2]) -> Option<Picked> {
-        pick(scene, camera, pixel, &|| false)
+        pick(&Masked::whole(scene), camera, pixel, &|| false)
     }
 
     /// Makes a scene of one splat ahead of [`ahead`], long, oblique, and faint enough for its tiles to hold its outline.
@@ -236,6 +239,20 @@ mod tests {
     }
 
     #[test]
+    fn a_hidden_splat_is_not_picked_and_the_others_keep_their_indices() {
+        let scene = synth::generate("uniform", 300, 0).unwrap();
+        let camera = Camera::framing(&scene, 64, 48);
+        let all = picked(&scene, &camera, [32, 24]).unwrap();
+        let hidden: SplatSet = [all.splat().unwrap().index].into_iter().collect();
+        let masked = Masked { scene: &scene, hidden: &hidden };
+        let rest = pick(&masked, &camera, [32, 24], &|| false).unwrap();
+        let indices = |picked: &Picked| picked.splats.iter().map(|splat| splat.index).collect::<Vec<_>>();
+        let expected: Vec<u32> = indices(&all).into_iter().filter(|index| !hidden.contains(*index)).collect();
+        // What was behind the hidden splat may reach the pixel now.
+        assert!(indices(&rest).starts_with(&expected) && !expected.is_empty());
+    }
+
+    #[test]
     fn steps_go_round_the_list_in_the_order_of_depth() {
         let scene = synth::generate("uniform", 300, 0).unwrap();
         let mut found = picked(&scene, &Camera::framing(&scene, 64, 48), [32, 24]).unwrap();
@@ -265,7 +282,7 @@ mod tests {
         }
         assert_eq!(picked(&scene, &camera, [201, 0]), None);
         assert_eq!(picked(&scene, &camera, [0, 151]), None);
-        assert_eq!(pick(&scene, &camera, [100, 75], &|| true), None);
+        assert_eq!(pick(&Masked::whole(&scene), &camera, [100, 75], &|| true), None);
         assert_eq!((outline(&scene, &camera, 1), outline(&nothing, &camera, 0)), (None, None));
     }
 

@@ -7,6 +7,7 @@
 //! - [`program`]: hash of the program's build;
 //! - [`progress`]: progress on standard error;
 //! - [`load`]: scene files;
+//! - [`scene_file`]: scene files to write, and their losses;
 //! - [`demo`]: the demo scene;
 //! - [`timeline`]: the time that each step of a command takes.
 
@@ -19,4 +20,5 @@ pub mod output;
 pub mod program;
 pub mod progress;
 pub mod report;
+pub mod scene_file;
 pub mod timeline;

@@ -98,6 +98,22 @@ pub enum Event {
         /// Path of the written file.
         path: PathBuf,
     },
+    /// Splats were selected or hidden.
+    Marked {
+        /// Number of selected splats.
+        selected: u32,
+        /// Number of hidden splats.
+        hidden: u32,
+    },
+    /// Splats were written to a file.
+    Exported {
+        /// Path of the written file.
+        path: PathBuf,
+        /// Number of splats.
+        splats: u32,
+        /// Size of the file, in bytes.
+        bytes: u64,
+    },
     /// The device, or its window, was lost. Everything on it is gone; the scene stays in host memory.
     DeviceLost {
         /// Error of the device.
@@ -219,6 +235,14 @@ impl fmt::Display for Event {
                 write!(f, "{name} was opened again at attempt {attempts}")
             }
             Event::Screenshot { path } | Event::Saved { path } => write!(f, "{} written", path.display()),
+            Event::Marked { selected, hidden } => {
+                let count = |count: u32| splatgraph_assets::grouped(count.into());
+                write!(f, "{} splats selected, {} hidden", count(*selected), count(*hidden))
+            }
+            Event::Exported { path, splats, bytes } => {
+                let count = splatgraph_assets::grouped;
+                write!(f, "{}: {} splats, {} bytes", path.display(), count((*splats).into()), count(*bytes))
+            }
             Event::Compared { psnr, ssim, worst } => {
                 write!(f, "A against B: {psnr:.2} dB PSNR, worst pixel {worst:.4}")?;
                 ssim.map_or(Ok(()), |ssim| write!(f, ", SSIM {ssim:.4}"))

@@ -6,7 +6,8 @@
 //!   change;
 //! - [`opening`]: reading of scenes and cameras on other threads;
 //! - [`animation`]: plans that are drawn even if no input changes;
-//! - [`picking`]: the splats of a pixel, found on another thread;
+//! - [`latest`]: work on another thread, of which the newest request wins;
+//! - [`export`]: scenes that are written on another thread;
 //! - [`cameras`]: saved views, and files of cameras;
 //! - [`viewport`]: a renderer of the scene with its frame times ([`history`]) and its inspection;
 //! - [`viewer`]: the scene, the camera ([`navigation`]), and one or two viewports;
@@ -23,13 +24,14 @@
 pub mod animation;
 pub mod cameras;
 pub mod events;
+pub mod export;
 pub mod history;
 pub mod kept;
+pub mod latest;
 pub mod navigation;
 pub mod opening;
 pub mod paint;
 pub mod panels;
-pub mod picking;
 pub mod profile;
 pub mod recovery;
 pub mod renderer;

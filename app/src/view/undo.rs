@@ -1,4 +1,5 @@
-//! Undoes and redoes the user's changes: scene, graphs, parameters, comparison, background, resolution.
+//! Undoes and redoes the user's changes: scene, selected and hidden splats, graphs, parameters, comparison, background,
+//! resolution.
 //!
 //! After each frame, the viewer's [`Settings`] are compared with the previous frame's. A change becomes a step once no
 //! button is held. Changes that the program makes by itself, such as dropping a parameter that a new graph lacks,
@@ -7,7 +8,8 @@
 use super::events::RendererId;
 use super::paint::Mode;
 use super::renderer::Renderer;
-use super::viewer::Viewer;
+use super::viewer::{Marks, Viewer};
+use crate::draw::splat_set::SplatSet;
 use indexmap::IndexMap;
 use splatgraph_api::Device;
 use std::path::{Path, PathBuf};
@@ -28,6 +30,8 @@ pub struct Settings {
     scene: PathBuf,
     /// File of B's scene, if B has its own.
     other: Option<PathBuf>,
+    /// Selected and hidden splats of A's and of B's scene.
+    marks: [Marks; 2],
     a: Side,
     b: Option<Side>,
     compare: Mode,
@@ -42,7 +46,15 @@ impl Settings {
             |renderer: &Renderer<D>| Side { graph: renderer.graph().to_owned(), set: renderer.set().clone() };
         let own = viewer.has_two_scenes().then(|| viewer.scene_path_of(RendererId::B));
         let other = viewer.loading(RendererId::B).or(own);
+        let marks = |id| match viewer.loading(id) {
+            Some(_) => viewer.restored(id),
+            None => viewer.marks(id).clone(),
+        };
         Settings {
+            marks: [
+                marks(RendererId::A),
+                if other.is_some() { marks(RendererId::B) } else { Marks::default() },
+            ],
             scene: viewer.loading(RendererId::A).unwrap_or(viewer.scene_path()).to_owned(),
             other: other.map(Path::to_owned),
             a: side(&viewer.a.renderer),
@@ -69,6 +81,14 @@ impl Settings {
             Some(path) => viewer.open_scene_in(RendererId::B, path),
             None => viewer.share_scene(),
         }
+        for (id, marks) in [RendererId::A, RendererId::B].into_iter().zip(&self.marks) {
+            let own = id == RendererId::A || self.other.is_some();
+            match viewer.loading(id) {
+                Some(_) => viewer.restore_marks(id, marks.clone()),
+                None if own => viewer.set_marks(id, marks.clone()),
+                None => {}
+            }
+        }
         if now.compare != self.compare {
             viewer.choose_compare(self.compare);
         }
@@ -90,6 +110,13 @@ impl Settings {
         let mut parts: Vec<String> = Vec::new();
         if self.scene != other.scene || self.other != other.other {
             parts.push("scene".to_owned());
+        }
+        let differs =
+            |of: fn(&Marks) -> &SplatSet| (0..2).any(|id| of(&self.marks[id]) != of(&other.marks[id]));
+        if differs(|marks| &marks.hidden) {
+            parts.push("hidden splats".to_owned());
+        } else if differs(|marks| &marks.selected) {
+            parts.push("selected splats".to_owned());
         }
         for (a, b) in [(Some(&self.a), Some(&other.a)), (self.b.as_ref(), other.b.as_ref())] {
             let (Some(a), Some(b)) = (a, b) else { continue };
@@ -186,6 +213,7 @@ mod tests {
         let set = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
         Settings {
             other: None,
+            marks: [Marks::default(), Marks::default()],
             scene: "scene.ply".into(),
             a: Side { graph: graph.to_owned(), set },
             b: None,

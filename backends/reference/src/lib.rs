@@ -36,5 +36,5 @@ mod rules;
 pub use gaussian::{Gaussian, Splats};
 pub use order::{depth_order, inversions};
 pub use pixel::{Fragment, Fragments, Projected, fragments, project};
-pub use raster::{Picture, Progress, Visible, render, visible};
+pub use raster::{Picture, Progress, Visible, largest, render, visible};
 pub use rules::{Depth, Extent, KeyOf, LowPass, RULES, RuleError, RuleInfo, Rules, ShDirection, Ties};

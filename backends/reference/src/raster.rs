@@ -7,6 +7,7 @@ use crate::project::{Ellipse, Footprint, Projector, TILE};
 use crate::rules::Rules;
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Progress callback, called from any thread with the number of finished rows of tiles and their total.
@@ -134,7 +135,7 @@ pub fn render(
     let rows = projector.grid[1] as usize;
     pixels.par_chunks_mut((width * TILE as usize).max(1)).enumerate().for_each(|(row, pixels)| {
         let limit = |at: usize| surface(row * TILE as usize * width + at).map_or(f64::INFINITY, |s| s.depth);
-        tile_row(&ellipses, &projector, row as u32, pixels, rules, limit);
+        tile_row(&ellipses, &projector, row as u32, 0..projector.grid[0], pixels, rules, limit);
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, rows);
     });
     Picture {
@@ -157,28 +158,73 @@ pub fn render(
     }
 }
 
-/// Blends one row of tiles. `pixels` are the image's pixels in this row; splats behind `limit`, a depth for each pixel,
-/// are hidden.
+/// Finds the splat with the largest weight at each pixel of a rectangle, as [`Picture::index`] does for the image.
+///
+/// `area` is left, top, right and bottom, in pixels inside the image, right and bottom exclusive. Rows of the result are
+/// as wide as the rectangle. `None` once `cancelled`, which several threads call, returns true.
+pub fn largest(
+    splats: &(impl Splats + ?Sized),
+    camera: &Camera,
+    area: [u32; 4],
+    rules: &Rules,
+    cancelled: &(dyn Fn() -> bool + Sync),
+) -> Option<Vec<u32>> {
+    let [left, top, right, bottom] = area;
+    if left >= right || top >= bottom {
+        return Some(Vec::new());
+    }
+    let projector = Projector::new(camera, rules, splats.is_wide());
+    let (columns, rows) = (left / TILE..right.div_ceil(TILE), top / TILE..bottom.div_ceil(TILE));
+    let touches = |[x0, y0, x1, y1]: [u32; 4]| {
+        x0 < columns.end && columns.start < x1 && y0 < rows.end && rows.start < y1
+    };
+    let project = |index: usize| projector.project_onto(index as u32, &splats.get(index), touches);
+    let mut ellipses: Vec<Ellipse> = (0..splats.count()).into_par_iter().filter_map(project).collect();
+    if cancelled() {
+        return None;
+    }
+    order::sort(&mut ellipses, rules, |ellipse| (ellipse.depth, ellipse.index));
+    let surfaces = splats.mesh().map(|mesh| Caster::new(mesh, camera, rules).surfaces());
+    let width = projector.width();
+    let row = |row: u32| -> Option<Vec<u32>> {
+        if cancelled() {
+            return None;
+        }
+        let height = TILE.min(camera.height - row * TILE);
+        let mut pixels = vec![Pixel::EMPTY; width * height as usize];
+        let surface = |at: usize| surfaces.as_ref().and_then(|all| all[(row * TILE) as usize * width + at]);
+        let limit = |at: usize| surface(at).map_or(f64::INFINITY, |surface| surface.depth);
+        tile_row(&ellipses, &projector, row, columns.clone(), &mut pixels, rules, limit);
+        let lines = pixels.chunks(width).zip(row * TILE..).filter(|(_, y)| (top..bottom).contains(y));
+        Some(lines.flat_map(|(line, _)| &line[left as usize..right as usize]).map(|p| p.most.1).collect())
+    };
+    let found: Option<Vec<Vec<u32>>> = rows.clone().into_par_iter().map(row).collect();
+    Some(found?.concat())
+}
+
+/// Blends the tiles of a row in these columns. `pixels` are the image's pixels in this row; splats behind `limit`, a
+/// depth for each pixel, are hidden.
 fn tile_row(
     ellipses: &[Ellipse],
     projector: &Projector,
     row: u32,
+    columns: Range<u32>,
     pixels: &mut [Pixel],
     rules: &Rules,
     limit: impl Fn(usize) -> f64,
 ) {
-    let columns = projector.grid[0];
-    let mut lists: Vec<Vec<u32>> = vec![Vec::new(); columns as usize];
+    let mut lists: Vec<Vec<u32>> = vec![Vec::new(); columns.len()];
     for (at, ellipse) in ellipses.iter().enumerate() {
         let [x0, y0, x1, y1] = ellipse.tiles;
         if (y0..y1).contains(&row) {
-            lists[x0 as usize..x1 as usize].iter_mut().for_each(|list| list.push(at as u32));
+            let touched = x0.max(columns.start)..x1.min(columns.end);
+            touched.for_each(|column| lists[(column - columns.start) as usize].push(at as u32));
         }
     }
     let width = projector.width();
-    for (column, list) in lists.iter().enumerate() {
+    for (column, list) in columns.zip(&lists) {
         let splats: Vec<&Ellipse> = list.iter().map(|at| &ellipses[*at as usize]).collect();
-        let first = column * TILE as usize;
+        let first = (column * TILE) as usize;
         for (line_number, line) in pixels.chunks_mut(width).enumerate() {
             let y = f64::from(row * TILE) + line_number as f64;
             let end = width.min(first + TILE as usize);
@@ -325,6 +371,34 @@ mod tests {
         let expected = 0.9 * (-0.5 * 0.5 / 0.3001f64).exp();
         let found = at(&picture, 33, 24);
         assert!((found - expected).abs() < 1e-3, "beside the needle: {found}, expected {expected}");
+    }
+
+    #[test]
+    fn the_largest_weights_of_a_rectangle_are_the_picture_s() {
+        let camera = camera();
+        let splats: Vec<Gaussian> = (0..40)
+            .map(|i| {
+                let [x, y, z] =
+                    [f64::from(i * 7 % 13) - 6.0, f64::from(i * 5 % 11) - 5.0, f64::from(6 + i % 9)];
+                Gaussian { position: [0.6 * x, 0.5 * y, z], ..ball(z, 0.2 + 0.02 * f64::from(i), 0.7) }
+            })
+            .collect();
+        let picture = draw(&splats, &Rules::PUBLISHED);
+        let goes_on = &|| false;
+        for [left, top, right, bottom] in
+            [[0, 0, 65, 49], [17, 3, 40, 33], [15, 15, 16, 17], [64, 48, 65, 49]]
+        {
+            let area = [left, top, right, bottom];
+            let found = largest(splats.as_slice(), &camera, area, &Rules::PUBLISHED, goes_on);
+            let expected = (top..bottom).flat_map(|y| (left..right).map(move |x| y * 65 + x));
+            let expected: Vec<u32> = expected.map(|at| picture.index[at as usize]).collect();
+            assert_eq!(found, Some(expected), "{area:?}");
+        }
+        assert!(picture.index.iter().filter(|index| **index != u32::MAX).count() > 1000);
+        let none = largest(splats.as_slice(), &camera, [5, 5, 5, 9], &Rules::PUBLISHED, goes_on);
+        assert_eq!(none, Some(Vec::new()));
+        let cancelled = largest(splats.as_slice(), &camera, [0, 0, 65, 49], &Rules::PUBLISHED, &|| true);
+        assert_eq!(cancelled, None);
     }
 
     #[test]

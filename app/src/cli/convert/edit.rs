@@ -2,6 +2,7 @@
 
 use crate::cli::options;
 use crate::cli::outcome::Usage;
+use crate::draw::splat_set::SplatSet;
 use anyhow::Result;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -20,6 +21,12 @@ pub struct EditArgs {
     /// Append the splats of another scene; may be repeated
     #[arg(long, value_name = "SCENE")]
     pub merge: Vec<PathBuf>,
+    /// Keep the splats of a selection that the viewer wrote (.json), by their indices in IN and the scenes of --merge
+    #[arg(long, value_name = "FILE.json")]
+    keep: Option<PathBuf>,
+    /// Remove the splats of a selection that the viewer wrote (.json)
+    #[arg(long, value_name = "FILE.json")]
+    remove: Option<PathBuf>,
     /// Transform the scene: `scale:S`, `rotate:X,Y,Z,DEGREES` (about an axis through the origin) or `move:X,Y,Z`; may be repeated
     #[arg(long, value_name = "KIND:NUMBERS", value_parser = transform)]
     transform: Vec<Similarity>,
@@ -166,10 +173,16 @@ impl Condition {
 }
 
 impl EditArgs {
+    /// Iterates over the files of selections.
+    pub fn lists(&self) -> impl Iterator<Item = &PathBuf> {
+        self.keep.iter().chain(&self.remove)
+    }
+
     /// Applies the changes. Without any, returns the scene unchanged.
     ///
     /// # Errors
-    /// A scene cannot be loaded or does not fit in memory, the condition cannot be evaluated, or no splat is left.
+    /// A scene or a selection cannot be loaded, a scene does not fit in memory, the condition cannot be evaluated, or no
+    /// splat is left.
     pub fn apply(&self, mut scene: Scene) -> Result<Scene> {
         if !self.merge.is_empty() {
             let mut all = vec![scene];
@@ -177,6 +190,20 @@ impl EditArgs {
                 all.push(options::load_scene(path)?);
             }
             scene = Scene::joined(&all)?;
+        }
+        if self.lists().next().is_some() {
+            let count = scene.count();
+            let read = |path: &PathBuf| SplatSet::read(path, count).map_err(Usage);
+            let kept = self.keep.as_ref().map_or_else(|| Ok(SplatSet::first(count)), read)?;
+            let removed = self.remove.as_ref().map_or_else(|| Ok(SplatSet::default()), read)?;
+            let left = kept.without(&removed);
+            if left.is_empty() {
+                return Err(Usage(format!(
+                    "expected a splat that --keep and --remove leave, found none of {count}"
+                ))
+                .into());
+            }
+            scene = scene.picked(&left.indices())?;
         }
         if !self.transform.is_empty() {
             let by = self.transform.iter().fold(Similarity::IDENTITY, |all, next| all.then(*next));
@@ -245,6 +272,31 @@ mod tests {
         let half = edit(&["--crop", "box:100,-100,100,-100,100,0"]).unwrap();
         assert_eq!(half.count(), expected(&|i| whole.positions()[i][2] >= 0.0));
         assert_eq!(edit(&["--where", "index % 2 == 0", "--order", "morton"]).unwrap().count(), 200);
+    }
+
+    #[test]
+    fn splats_are_kept_and_removed_by_lists() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let write = |name: &str, indices: &[u32]| {
+            let set: SplatSet = indices.iter().copied().collect();
+            std::fs::write(at(name), set.to_json(400).unwrap()).unwrap();
+            at(name).to_string_lossy().into_owned()
+        };
+        let whole = edit(&[]).unwrap();
+        let (some, one) = (write("some.json", &[7, 3, 390]), write("one.json", &[3]));
+        let kept = edit(&["--keep", &some]).unwrap();
+        assert_eq!(kept.positions(), [3, 7, 390].map(|index| whole.positions()[index]));
+        assert_eq!(edit(&["--remove", &some]).unwrap().count(), 397);
+        assert_eq!(edit(&["--keep", &some, "--remove", &one]).unwrap().count(), 2);
+        let none = edit(&["--keep", &one, "--remove", &some]).unwrap_err();
+        assert!(
+            none.contains("expected a splat that --keep and --remove leave, found none of 400"),
+            "{none}"
+        );
+        std::fs::write(at("some.json"), "{\"splats\":3,\"indices\":[]}").unwrap();
+        let other = edit(&["--keep", &some]).unwrap_err();
+        assert!(other.contains("some.json: expected a selection of 400 splats, found one of 3"), "{other}");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::theme;
 use egui::{Align2, Context, RichText};
 
 /// Inputs and their effects, by subject.
-const KEYS: [(&str, &[(&str, &str)]); 4] = [
+const KEYS: [(&str, &[(&str, &str)]); 5] = [
     (
         "Camera",
         &[
@@ -20,12 +20,15 @@ const KEYS: [(&str, &[(&str, &str)]); 4] = [
             ("P", "play the path"),
         ],
     ),
+    ("Picture", &[("click", "pick the splat under the pointer"), ("drag the line", "move the split")]),
     (
-        "Picture",
+        "Splats",
         &[
-            ("click", "pick the splat under the pointer"),
-            ("drag the line", "move the split"),
-            ("Esc", "clear the selection"),
+            ("R, B", "select by a box, by a brush; again to stop"),
+            ("drag, Shift + drag, Ctrl + drag", "replace the selection, add to it, remove from it"),
+            ("− +", "radius of the brush"),
+            ("Ctrl + A, I, Esc", "select all, invert, clear"),
+            ("X or Delete, U", "hide the selected splats, show all"),
         ],
     ),
     (

@@ -23,6 +23,7 @@ impl Panels {
                 (Key::Z, true) => self.undo_now = true,
                 (Key::Y, true) => self.redo_now = true,
                 (Key::O, true) => self.controls.commands.push(Command::Open),
+                (key, command) if self.select.key(key, command, viewer, self.selected) => {}
                 (_, true) => {}
                 // (Tab and Shift + Tab go from control to control.)
                 (Key::H, _) => self.hidden = !self.hidden,
@@ -41,9 +42,11 @@ impl Panels {
                 }),
                 (Key::K, _) => cameras::record(viewer),
                 (Key::P, _) => cameras::toggle(viewer),
+                (Key::Escape, _) if self.select.is_active() => self.select.leave(),
                 (Key::Escape, _) => {
                     self.selection = None;
                     viewer.forget_picked();
+                    viewer.clear_selection(self.selected);
                 }
                 (Key::Num1, _) => self.toggle(Tool::Parameters),
                 (Key::Num2, _) => self.toggle(Tool::Times),

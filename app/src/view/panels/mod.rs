@@ -17,6 +17,7 @@ mod layout;
 mod params;
 mod pointer;
 mod presets;
+mod select;
 pub mod selection;
 mod splat;
 mod status;
@@ -94,6 +95,7 @@ pub struct Panels {
     pub help: bool,
     layout: Layout,
     selection: Option<Selection>,
+    select: select::State,
     /// Position in the first picture to pick, as shares of its width and height.
     pick_first: Option<[f32; 2]>,
     dumped: Dumped,
@@ -147,6 +149,7 @@ impl Default for Panels {
             help: false,
             layout: Layout::default(),
             selection: None,
+            select: select::State::default(),
             pick_first: None,
             dumped: Dumped::default(),
             timeline: timeline::State::default(),
@@ -256,6 +259,12 @@ impl Panels {
         self.select(Selection::Splat);
     }
 
+    /// Selects the splats in a box of the first picture, given as shares of its width and height: left, top, right,
+    /// bottom.
+    pub fn select_first(&mut self, corners: [f32; 4]) {
+        self.select.select_first(corners);
+    }
+
     /// Returns the selected item.
     pub fn selection(&self) -> Option<&Selection> {
         self.selection.as_ref()
@@ -305,6 +314,9 @@ impl Panels {
     ) {
         if viewer.compare != Mode::A && !self.hidden && view.width() >= 200.0 && view.height() >= 140.0 {
             hud::comparison(ctx, viewer, view, &mut self.marked, &mut self.controls);
+        }
+        if !self.hidden {
+            self.select.card(ctx, viewer, self.selected, view, &mut self.controls);
         }
         self.errors.show(ctx, viewer, window_failure, view, &mut self.controls);
         self.show_notice_card(ctx, view);
@@ -377,7 +389,7 @@ impl Panels {
     fn view<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) -> Rect {
         let rect = ui.max_rect();
         self.controls.see("view", rect);
-        if let Some((id, at)) = self.drag.act(ui, rect, viewer, &mut self.wheel) {
+        if let Some((id, at)) = self.drag.act(ui, rect, viewer, &mut self.wheel, &mut self.select) {
             viewer.pick(id, at);
             self.selection = Some(Selection::Splat);
         }
@@ -387,6 +399,8 @@ impl Panels {
             let camera = viewer.picture_camera();
             viewer.pick(RendererId::A, [x * camera.width as f32, y * camera.height as f32]);
         }
+        self.select.start(viewer);
+        self.select.draw(ui, rect);
         if self.selection == Some(Selection::Splat) {
             splat::draw_outline(ui, viewer, rect);
         }

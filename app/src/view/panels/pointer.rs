@@ -1,12 +1,12 @@
-//! Converts pointer and keys over the picture to input for the camera and the split line.
+//! Converts pointer and keys over the picture to input for the camera, the split line and the selection of splats.
 
-use super::hud;
+use super::{hud, select};
 use crate::view::events::RendererId;
 use crate::view::navigation::{Buttons, Input, Keys, Modifiers};
 use crate::view::paint::Mode;
 use crate::view::viewer::Viewer;
 use crate::view::wheel::Wheel;
-use egui::{CursorIcon, Key, PointerButton, Rect, Sense, Ui};
+use egui::{CursorIcon, Key, PointerButton, Pos2, Rect, Sense, Ui};
 use splatgraph_api::Device;
 
 /// Maximum distance to the split line at which a drag moves it, in points.
@@ -20,6 +20,8 @@ pub enum Drag {
     Camera,
     /// The drag moves the line between A and B.
     Split,
+    /// The drag selects splats.
+    Select,
 }
 
 impl Drag {
@@ -31,6 +33,7 @@ impl Drag {
         view: Rect,
         viewer: &mut Viewer<D>,
         wheel: &mut Wheel,
+        select: &mut select::State,
     ) -> Option<(RendererId, [f32; 2])> {
         // The keyboard is the camera's wherever no control has it: the view takes no focus of its own.
         let response = ui.interact(view, ui.scope_id().with("view"), Sense::CLICK | Sense::DRAG);
@@ -41,7 +44,16 @@ impl Drag {
         if response.drag_started() {
             let origin = ui.input(|input| input.pointer.press_origin());
             let on_line = splits && origin.is_some_and(|p| (p.x - line).abs() <= GRIP);
-            *self = if on_line { Drag::Split } else { Drag::Camera };
+            let selects = select.is_active() && response.drag_started_by(PointerButton::Primary);
+            *self = match origin {
+                _ if on_line => Drag::Split,
+                Some(at) if selects => {
+                    let id = viewport_at(viewer, view, at);
+                    select.begin(id, at, ui.input(|input| input.modifiers));
+                    Drag::Select
+                }
+                _ => Drag::Camera,
+            };
         }
         // A drag that begins here is no click, which would close menus by itself.
         if response.is_pointer_button_down_on() {
@@ -51,6 +63,21 @@ impl Drag {
         let moves_line = *self == Drag::Split && splits && dragged(PointerButton::Primary);
         if moves_line && let Some(p) = pointer {
             viewer.split = ((p.x - view.left()) / view.width().max(1.0)).clamp(0.0, 1.0);
+        }
+        let selects = *self == Drag::Select;
+        if selects {
+            let moved = |event: &egui::Event| match event {
+                egui::Event::PointerMoved(at) => Some(*at),
+                _ => None,
+            };
+            select.extend(ui.input(|input| input.events.iter().filter_map(moved).collect::<Vec<_>>()));
+            if response.drag_stopped() {
+                select.end(view, viewer);
+                *self = Drag::Camera;
+            }
+        }
+        if select.is_active() && response.hovered() {
+            ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
         }
         if splits {
             let line = view.left() + viewer.split * view.width();
@@ -83,7 +110,7 @@ impl Drag {
             size: [view.width().into(), view.height().into()],
             moved: if any || swipes { moved } else { [0.0; 2] },
             buttons: Buttons {
-                left: dragged(PointerButton::Primary) || swipes,
+                left: dragged(PointerButton::Primary) && !selects || swipes,
                 middle: dragged(PointerButton::Middle),
                 right: flies,
             },
@@ -101,15 +128,26 @@ impl Drag {
                 orbit_up: held(Key::ArrowUp),
                 orbit_down: held(Key::ArrowDown),
             },
-            frame: pressed(Key::F) || response.double_clicked(),
+            frame: pressed(Key::F) || response.double_clicked() && !select.is_brush(),
             home: pressed(Key::Home),
             seconds: seconds.into(),
         });
-        let at =
-            response.interact_pointer_pos().filter(|_| response.clicked() && !response.double_clicked())?;
+        let clicked = response.clicked() && (select.is_brush() || !response.double_clicked());
+        let at = response.interact_pointer_pos().filter(|_| clicked)?;
+        let id = viewport_at(viewer, view, at);
+        if select.is_brush() {
+            select.begin(id, at, modifiers);
+            select.end(view, viewer);
+            return None;
+        }
         let camera = viewer.picture_camera();
         let share = (at - view.min) / view.size();
-        let id = if splits && share.x > viewer.split { RendererId::B } else { RendererId::A };
         Some((id, [share.x * camera.width as f32, share.y * camera.height as f32]))
     }
+}
+
+/// Returns the viewport whose picture is at a point of the view.
+fn viewport_at<D: Device>(viewer: &Viewer<D>, view: Rect, at: Pos2) -> RendererId {
+    let share = (at.x - view.left()) / view.width().max(1.0);
+    if viewer.compare == Mode::Split && share > viewer.split { RendererId::B } else { RendererId::A }
 }

@@ -83,7 +83,7 @@ pub fn draw_outline<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
     let Some(splat) = viewer.picked.as_ref().and_then(|picked| picked.splat()) else { return };
     let id = viewer.picked_in();
     let camera = viewer.picture_camera_of(id);
-    let Some(outline) = pick::outline(viewer.scene_of(id), &camera, splat.index) else { return };
+    let Some(outline) = pick::outline(viewer.loaded(id), &camera, splat.index) else { return };
     let scale = vec2(view.width() / camera.width.max(1) as f32, view.height() / camera.height.max(1) as f32);
     let point = |index: usize| {
         let [x, y] = outline.point(index as f64 * std::f64::consts::TAU / POINTS as f64);

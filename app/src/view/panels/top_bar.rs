@@ -2,6 +2,7 @@
 
 use super::hud;
 use super::layout::Tool;
+use super::select::SelectTool;
 use super::theme::{self, GRID, Palette};
 use super::widgets::{self, hint};
 use super::{Command, Panels, presets::file_name};
@@ -227,6 +228,10 @@ impl Panels {
                     self.controls.seen("redo", ui.add_enabled(self.undo.can_redo(), Button::new("Redo")));
                 self.redo_now |= redo.clicked();
             });
+            if self.controls.seen("select", ui.button("Select splats (R, B)")).clicked() {
+                self.select.toggle(SelectTool::Box);
+                ui.close();
+            }
             ui.checkbox(&mut self.hud, "Times and messages on the picture");
             let continuous = self
                 .controls

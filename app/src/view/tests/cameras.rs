@@ -2,6 +2,7 @@
 
 use super::script::{Script, arrange};
 use crate::draw::pick;
+use crate::draw::splat_set::Masked;
 use crate::view::events::Event;
 use crate::view::events::RendererId;
 use crate::view::navigation::{Buttons, Input};
@@ -54,7 +55,7 @@ fn splats_are_picked_in_the_last_picture_until_another_scene_is_shown() {
             let viewer = script.viewer();
             let camera = viewer.picture_camera();
             assert_eq!((camera.width, camera.height), (320, 180));
-            let expected = pick::pick(viewer.scene(), &camera, [160, 90], &|| false);
+            let expected = pick::pick(&Masked::whole(viewer.scene()), &camera, [160, 90], &|| false);
             assert_eq!(viewer.picked, expected);
             assert!(viewer.picked.as_ref().is_some_and(|picked| picked.splats.len() > 1));
             for outside in [[320.0, 0.0], [0.0, 180.0], [-0.1, 5.0], [f32::NAN, 5.0]] {

@@ -6,15 +6,17 @@
 
 use super::cameras::{CameraFiles, Views};
 use super::events::{Event, RendererId};
+use super::export::Exporter;
+use super::latest::Latest;
 use super::navigation::{self, Navigation};
 use super::opening::{CameraRole, Opening};
 use super::paint::{Mode, Shown};
-use super::picking::Picker;
 use super::profile::zone;
 use super::renderer::{self, PlanInputs, Renderer, Wake};
 use super::viewport::{View, Viewport};
 use crate::draw::camera_path::{self, CameraPath, Playback};
-use crate::draw::pick::Picked;
+use crate::draw::pick::{Picked, pick};
+use crate::draw::splat_set::Masked;
 use indexmap::IndexMap;
 use splatgraph_api::{BackendError, Device, Running};
 use splatgraph_assets::{Camera, Scene, SceneFormat, names_scenes};
@@ -28,10 +30,15 @@ mod copy;
 mod parts;
 mod placed;
 mod scenes;
+mod splats;
+mod subject;
 
 pub use parts::Comparison;
-use parts::{Comparing, CopyLimit, Subject, at_start};
+use parts::{Comparing, CopyLimit, at_start};
 use placed::PlacedFiles;
+pub use splats::Part;
+use subject::Subject;
+pub use subject::{Combine, Marks};
 
 /// An error while opening the viewer.
 #[derive(Debug, thiserror::Error)]
@@ -90,7 +97,10 @@ pub struct Viewer<D: Device> {
     pub picked: Option<Picked>,
     /// The viewport of the last picked splats.
     picked_in: RendererId,
-    picker: Picker,
+    picker: Latest<Picked>,
+    /// Marks of the scenes that are being loaded for A and B.
+    restored: [Option<Marks>; 2],
+    exporter: Exporter,
     /// True if the window uses another device, so that pictures reach it through host memory.
     pub(super) to_host: bool,
     /// True while drawing is paused.
@@ -122,7 +132,7 @@ impl<D: Device> Viewer<D> {
         let mut placed = PlacedFiles::default();
         placed.follow(RendererId::A, &path, &wake)?;
         Ok(Viewer {
-            subject: Subject::new(scene, path),
+            subject: Subject::new(scene, path, wake.clone()),
             other: None,
             cameras: Vec::new(),
             camera: None,
@@ -143,7 +153,9 @@ impl<D: Device> Viewer<D> {
             folder: PathBuf::new(),
             picked: None,
             picked_in: RendererId::A,
-            picker: Picker::new(wake.clone()),
+            picker: Latest::new("pick", wake.clone()),
+            restored: [const { None }; 2],
+            exporter: Exporter::new(wake.clone()),
             to_host: false,
             rests: false,
             asked: (0, 0),
@@ -166,10 +178,10 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Returns true while anything is being built, loaded, compared or picked, may need more capacity, or is not shown
-    /// yet.
+    /// Returns true while anything is being built, loaded, compared, picked, selected or written, may need more
+    /// capacity, or is not shown yet.
     pub fn busy(&self) -> bool {
-        self.changes_soon() || self.is_comparing() || self.picker.busy()
+        self.changes_soon() || self.is_comparing() || self.picker.busy() || self.exporter.busy()
     }
 
     /// Returns true while the pictures do not show the requested state.
@@ -177,7 +189,8 @@ impl<D: Device> Viewer<D> {
         let busy = |viewport: &Viewport<D>| {
             viewport.renderer.busy() || viewport.renderer.may_grow() || viewport.is_coming()
         };
-        self.shown().any(busy) || self.opening.busy()
+        let scenes = [Some(&self.subject), self.other.as_ref()];
+        self.shown().any(busy) || self.opening.busy() || scenes.into_iter().flatten().any(Subject::busy)
     }
 
     /// Iterates over A, B, and the viewport of the copy measurement while it runs.
@@ -334,9 +347,13 @@ impl<D: Device> Viewer<D> {
             return self.forget_picked();
         }
         let pixel = at.map(|v| v as u32);
-        let (scene, camera) = (self.subject_of(id).scene.clone(), self.picture_camera_of(id));
+        let (subject, camera) = (self.subject_of(id), self.picture_camera_of(id));
+        let (scene, hidden) = (subject.whole.clone(), subject.marks().hidden.clone());
         self.picked_in = id;
-        if let Err(error) = self.picker.start(scene, camera, pixel) {
+        let work = move |cancelled: &(dyn Fn() -> bool + Sync)| {
+            pick(&Masked { scene: &scene, hidden: &hidden }, &camera, pixel, cancelled)
+        };
+        if let Err(error) = self.picker.start(work) {
             self.events.push(Event::Problem { text: error });
         }
     }
@@ -370,6 +387,7 @@ impl<D: Device> Viewer<D> {
         if let Some(picked) = self.picker.take() {
             self.picked = Some(picked);
         }
+        self.take_splats();
         let now = Instant::now();
         let scaled = |length: u32| match length {
             0 => 0,

@@ -1,4 +1,4 @@
-//! Defines the parts of a viewer besides its viewports: scenes with their files, the comparison, and the copy limit.
+//! Defines the parts of a viewer besides its scenes and viewports: the comparison, and the copy limit.
 
 use crate::draw::facts;
 use crate::view::navigation::Navigation;
@@ -6,24 +6,7 @@ use crate::view::viewport::Viewport;
 use indexmap::IndexMap;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
-use splatgraph_framework::ir::Catalog;
-use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
-
-/// A scene, its file, and the imports that graphs take from it.
-pub(super) struct Subject {
-    pub scene: Arc<Scene>,
-    pub path: PathBuf,
-    pub catalog: Arc<Catalog>,
-}
-
-impl Subject {
-    pub fn new(scene: Scene, path: PathBuf) -> Subject {
-        let catalog = Arc::new(facts::catalog(&scene));
-        Subject { scene: Arc::new(scene), path, catalog }
-    }
-}
 
 /// Creates the navigation for a scene without cameras: it frames the scene.
 pub(super) fn at_start(scene: &Scene) -> Navigation {

@@ -3,7 +3,8 @@
 //! The camera is in the coordinates of A's scene. B looks from the same place in the world.
 
 use super::Viewer;
-use super::parts::{Subject, at_start};
+use super::parts::at_start;
+use super::subject::Subject;
 use crate::draw::camera_path;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Navigation;
@@ -18,12 +19,16 @@ impl<D: Device> Viewer<D> {
         self.other.as_ref().filter(|_| id == RendererId::B).unwrap_or(&self.subject)
     }
 
-    /// Returns the scene of viewport A.
+    pub(super) fn subject_mut(&mut self, id: RendererId) -> &mut Subject {
+        self.other.as_mut().filter(|_| id == RendererId::B).unwrap_or(&mut self.subject)
+    }
+
+    /// Returns the scene of viewport A as drawn: see [`Viewer::marks`].
     pub fn scene(&self) -> &Scene {
         &self.subject.scene
     }
 
-    /// Returns the scene of a viewport.
+    /// Returns the scene of a viewport as drawn: see [`Viewer::marks`].
     pub fn scene_of(&self, id: RendererId) -> &Scene {
         &self.subject_of(id).scene
     }
@@ -59,6 +64,7 @@ impl<D: Device> Viewer<D> {
         if id == RendererId::B && path == self.scene_path() {
             return self.share_scene();
         }
+        self.restored[usize::from(id == RendererId::B)] = None;
         self.follow_scenes(id, path);
         if let Err(error) = self.opening.open_scene(id, path) {
             self.events.push(Event::SceneFailed { path: path.to_owned(), error });
@@ -100,6 +106,7 @@ impl<D: Device> Viewer<D> {
             let former = self.replace_subject(other);
             self.other = Some(former);
             self.placed.exchange();
+            self.restored.swap(0, 1);
             if let Err(error) = self.opening.exchange_scenes() {
                 self.events.push(Event::Problem { text: error });
             }
@@ -135,7 +142,12 @@ impl<D: Device> Viewer<D> {
             Content::Scene(id, Ok(scene), cameras) => {
                 let splats = scene.count();
                 self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
-                let subject = Subject::new(*scene, path);
+                let mut subject = Subject::new(*scene, path, self.wake.clone());
+                if let Some(marks) = self.restored[usize::from(id == RendererId::B)].take()
+                    && let Err(text) = subject.set_marks(marks)
+                {
+                    self.events.push(Event::Problem { text });
+                }
                 if self.picked_in == id || !self.has_two_scenes() {
                     self.forget_picked();
                 }

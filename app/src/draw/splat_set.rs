@@ -1,0 +1,207 @@
+//! Implements sets of a scene's splats, and their files.
+//!
+//! The viewer selects and hides splats in sets. A file of a set is JSON: the number of the scene's splats, which tells
+//! whether the file belongs to a scene, and the indices. `convert --keep` and `--remove` read it.
+
+use serde::{Deserialize, Serialize};
+use splatgraph_assets::{Mesh, Scene};
+use splatgraph_reference::{Gaussian, Splats};
+use std::fs;
+use std::path::Path;
+
+/// A set of splats, by their indices in the scene.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SplatSet {
+    /// A bit for each splat. The last word is not zero, so that equal sets have equal words.
+    words: Vec<u64>,
+}
+
+/// The contents of a file of a set.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    /// Number of the scene's splats.
+    splats: u32,
+    /// Indices of the set's splats.
+    indices: Vec<u32>,
+}
+
+impl SplatSet {
+    /// Creates the set of the first `count` splats.
+    pub fn first(count: u32) -> SplatSet {
+        let mut words = vec![u64::MAX; count as usize / 64];
+        if !count.is_multiple_of(64) {
+            words.push((1 << (count % 64)) - 1);
+        }
+        SplatSet { words }
+    }
+
+    /// Returns true if the set has the splat.
+    pub fn contains(&self, index: u32) -> bool {
+        self.words.get(index as usize / 64).is_some_and(|word| word >> (index % 64) & 1 == 1)
+    }
+
+    /// Returns the number of splats in the set.
+    pub fn len(&self) -> u32 {
+        self.words.iter().map(|word| word.count_ones()).sum()
+    }
+
+    /// Returns true if the set has no splat.
+    pub fn is_empty(&self) -> bool {
+        self.words.is_empty()
+    }
+
+    /// Returns the number of splats that a scene needs to have all splats of the set: the largest index plus 1.
+    pub fn end(&self) -> u32 {
+        let last = self.words.last().map_or(0, |word| 64 - word.leading_zeros());
+        self.words.len().saturating_sub(1) as u32 * 64 + last
+    }
+
+    /// Returns the indices, ascending.
+    pub fn indices(&self) -> Vec<u32> {
+        (0..self.end()).filter(|index| self.contains(*index)).collect()
+    }
+
+    /// Returns the splats that are in this set or the other.
+    pub fn with(&self, other: &SplatSet) -> SplatSet {
+        let word = |set: &SplatSet, at: usize| set.words.get(at).copied().unwrap_or(0);
+        let count = self.words.len().max(other.words.len());
+        SplatSet { words: (0..count).map(|at| word(self, at) | word(other, at)).collect() }
+    }
+
+    /// Returns the splats that are in this set and not in the other.
+    pub fn without(&self, other: &SplatSet) -> SplatSet {
+        let others = other.words.iter().copied().chain(std::iter::repeat(0));
+        let mut words: Vec<u64> = self.words.iter().zip(others).map(|(own, other)| own & !other).collect();
+        while words.last() == Some(&0) {
+            words.pop();
+        }
+        SplatSet { words }
+    }
+
+    /// Formats the set as the text of a file, for a scene of `count` splats.
+    ///
+    /// # Errors
+    /// The text does not fit in memory.
+    pub fn to_json(&self, count: u32) -> serde_json::Result<String> {
+        serde_json::to_string(&File { splats: count, indices: self.indices() })
+    }
+
+    /// Reads the file of a set for a scene of `count` splats.
+    ///
+    /// # Errors
+    /// The file cannot be read, is of another scene, or lists a splat that the scene lacks.
+    pub fn read(path: &Path, count: u32) -> Result<SplatSet, String> {
+        let of_file = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
+        let text = fs::read_to_string(path).map_err(|error| of_file(&error))?;
+        let File { splats, indices } = serde_json::from_str(&text).map_err(|error| of_file(&error))?;
+        if splats != count {
+            return Err(of_file(&format!("expected a selection of {count} splats, found one of {splats}")));
+        }
+        match indices.iter().find(|index| **index >= count) {
+            Some(index) => Err(of_file(&format!("indices: expected numbers below {count}, found {index}"))),
+            None => Ok(indices.into_iter().collect()),
+        }
+    }
+}
+
+impl FromIterator<u32> for SplatSet {
+    fn from_iter<I: IntoIterator<Item = u32>>(indices: I) -> SplatSet {
+        let mut words = Vec::new();
+        for index in indices {
+            let at = index as usize / 64;
+            if words.len() <= at {
+                words.resize(at + 1, 0);
+            }
+            words[at] |= 1 << (index % 64);
+        }
+        SplatSet { words }
+    }
+}
+
+/// The set without splats.
+static NONE: SplatSet = SplatSet { words: Vec::new() };
+
+/// A scene without its hidden splats. Indices are the scene's: hidden splats are there, with an opacity of 0.
+pub struct Masked<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// The hidden splats.
+    pub hidden: &'a SplatSet,
+}
+
+impl<'a> Masked<'a> {
+    /// Returns the scene with all its splats.
+    pub fn whole(scene: &'a Scene) -> Masked<'a> {
+        Masked { scene, hidden: &NONE }
+    }
+}
+
+impl Splats for Masked<'_> {
+    fn count(&self) -> usize {
+        Splats::count(self.scene)
+    }
+
+    fn get(&self, index: usize) -> Gaussian {
+        let splat = self.scene.get(index);
+        if self.hidden.contains(index as u32) { Gaussian { opacity: 0.0, ..splat } } else { splat }
+    }
+
+    fn is_wide(&self) -> bool {
+        self.scene.is_wide()
+    }
+
+    fn mesh(&self) -> Option<&Mesh> {
+        self.scene.mesh()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn set(indices: &[u32]) -> SplatSet {
+        indices.iter().copied().collect()
+    }
+
+    #[test]
+    fn sets_are_joined_and_subtracted() {
+        let (a, b) = (set(&[1, 63, 64, 200]), set(&[64, 2, 200]));
+        assert_eq!(a.indices(), [1, 63, 64, 200]);
+        assert_eq!((a.len(), a.end(), a.contains(63), a.contains(65)), (4, 201, true, false));
+        assert_eq!(a.with(&b), set(&[1, 2, 63, 64, 200]));
+        assert_eq!(b.with(&a), a.with(&b));
+        assert_eq!(a.without(&b), set(&[63, 1]));
+        assert_eq!(a.without(&a), SplatSet::default());
+        assert_eq!((SplatSet::default().len(), SplatSet::default().end()), (0, 0));
+        for count in [0, 1, 63, 64, 65, 130] {
+            let all = SplatSet::first(count);
+            assert_eq!((all.len(), all.end(), all.contains(count)), (count, count, false));
+            assert_eq!(all, (0..count).collect());
+        }
+    }
+
+    #[test]
+    fn a_file_of_a_set_belongs_to_scenes_with_as_many_splats() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("selection.json");
+        let read = |text: &str| {
+            fs::write(&path, text).unwrap();
+            SplatSet::read(&path, 100)
+        };
+        let some = set(&[99, 0, 7]);
+        assert_eq!(read(&some.to_json(100).unwrap()), Ok(some));
+        for (text, expected) in [
+            ("{\"splats\":101,\"indices\":[]}", "expected a selection of 100 splats, found one of 101"),
+            ("{\"splats\":100,\"indices\":[3,100]}", "indices: expected numbers below 100, found 100"),
+            ("{\"splats\":100,\"indices\":[-1]}", "line 1 column "),
+            ("{\"splats\":100}", "missing field `indices`"),
+            ("[]", "line 1 column "),
+        ] {
+            let error = read(text).unwrap_err();
+            assert!(error.contains(expected) && error.contains("selection.json: "), "{error}");
+        }
+        fs::remove_file(&path).unwrap();
+        assert!(SplatSet::read(&path, 100).unwrap_err().contains("selection.json: "));
+    }
+}

@@ -1,0 +1,133 @@
+//! Writes scene files: the format follows from the file's extension, bytes are counted, and losses are listed.
+
+use super::output::{self, OutputError};
+use splatgraph_assets::{
+    Dropped, FileNotes, Progress, Scene, SceneFormat, SortKey, SpzVersion, grouped, sh_floats,
+};
+use std::io::{self, Write};
+use std::path::Path;
+
+/// Returns the format of a file to write, by its extension.
+///
+/// # Errors
+/// The extension is not that of a format that can be written.
+pub fn format_of(path: &Path) -> Result<SceneFormat, String> {
+    let named = SceneFormat::of_name(path).filter(|format| SceneFormat::WRITTEN.contains(format));
+    named.ok_or_else(|| {
+        let endings = SceneFormat::WRITTEN.map(|format| format!(".{}", format.extension())).join(", ");
+        format!("expected a file name that ends in {endings}, found {}", path.display())
+    })
+}
+
+/// Writes a scene in a format, and returns the number of bytes; `-` is standard output.
+///
+/// `version` is for [`SceneFormat::Spz`] alone. `progress` is called as by [`Scene::write`].
+///
+/// # Errors
+/// The file cannot be written. An existing file is then kept.
+pub fn write(
+    scene: &Scene,
+    format: SceneFormat,
+    version: Option<SpzVersion>,
+    progress: Progress,
+    path: &Path,
+) -> Result<u64, OutputError> {
+    let mut bytes = 0;
+    output::write(path, |out| {
+        let mut counted = Counted { out, bytes: 0 };
+        match version {
+            Some(version) if format == SceneFormat::Spz => scene.write_spz(version, &mut counted)?,
+            _ => scene.write(format, progress, &mut counted)?,
+        }
+        bytes = counted.bytes;
+        Ok(())
+    })?;
+    Ok(bytes)
+}
+
+/// A writer that counts its bytes.
+struct Counted<'a> {
+    out: &'a mut dyn Write,
+    bytes: u64,
+}
+
+impl Write for Counted<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.out.write(bytes)?;
+        self.bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+}
+
+/// Properties of a loaded scene that are compared with the written file.
+pub struct Original {
+    /// Format of the file.
+    pub format: String,
+    /// Size of the file, in bytes.
+    pub file_bytes: u64,
+    /// Number of splats.
+    pub count: u64,
+    /// Degree of the stored harmonics.
+    pub degree: u32,
+    dropped: Dropped,
+    notes: FileNotes,
+}
+
+impl Original {
+    /// Collects the properties of a scene.
+    pub fn of(scene: &Scene) -> Original {
+        let breakdown = scene.size_breakdown();
+        Original {
+            format: breakdown.format.clone(),
+            file_bytes: breakdown.file_bytes,
+            count: scene.count().into(),
+            degree: scene.stored_degree(),
+            dropped: *scene.dropped(),
+            notes: scene.notes(),
+        }
+    }
+
+    /// Lists what a file of `written` lacks compared with the original, one phrase per line.
+    pub fn losses(&self, written: &Scene, format: SceneFormat) -> Vec<String> {
+        let mut losses = Vec::new();
+        let dropped = &self.dropped;
+        if dropped.total() > 0 {
+            losses.push(format!("{} splats that cannot be drawn: {dropped}", grouped(dropped.total())));
+        }
+        if let Some(degree) = self.notes.cut_degree {
+            losses.push(format!("harmonics: cut from degree {degree} to 3, the most that is read"));
+        }
+        losses.extend(self.notes.left_out());
+        let (from, to) = (self.degree, written.stored_degree());
+        if to < from {
+            losses.push(format!("harmonics: cut from degree {from} to {to}"));
+        }
+        for (tag, value) in written.notes().tags() {
+            if !format.keeps_tag(tag) {
+                losses.push(format!("the tag {tag} {value}"));
+            }
+        }
+        if format == SceneFormat::Gltf && written.notes().key_of == SortKey::Depth {
+            losses.push("the order by depth: the format has the distance from the camera alone".into());
+        }
+        let largest = match format {
+            SceneFormat::Spz => 1.0,
+            SceneFormat::CompressedPly => 4.0,
+            _ => f32::INFINITY,
+        };
+        let above = written.sh().chunks_exact(sh_floats(to)).flat_map(|sh| &sh[3..]);
+        let clipped = above.filter(|value| value.abs() > largest).count() as u64;
+        if clipped > 0 {
+            losses.push(format!("harmonics: {} coefficients beyond {largest} are clipped", grouped(clipped)));
+        }
+        if let Some(mesh) = written.mesh() {
+            losses.push(format!("the mesh: {} triangles", grouped(mesh.triangles.len() as u64)));
+        }
+        losses.extend(format.losses(to).into_iter().map(str::to_owned));
+        losses
+    }
+}

@@ -1,0 +1,197 @@
+//! Writes splats to a new file on another thread: as a scene, in the format of the file's extension, or as a list of
+//! their indices.
+//!
+//! One file is written at a time. An existing file is never replaced. Dropping the exporter waits for the file.
+
+use super::latest::Latest;
+use super::renderer::Wake;
+use crate::draw::splat_set::SplatSet;
+use crate::io::output::{self, OutputGuard};
+use crate::io::scene_file;
+use splatgraph_assets::Scene;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+/// Interval at which a dropped exporter looks for the end of its file.
+const WAIT: Duration = Duration::from_millis(5);
+
+/// A file that was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// Number of splats.
+    pub splats: u32,
+    /// Size of the file, in bytes.
+    pub bytes: u64,
+}
+
+/// Writer of files on another thread.
+pub struct Exporter {
+    work: Latest<Result<Written, String>>,
+    path: PathBuf,
+    /// Progress of the file, in percent; 0 if unknown.
+    percent: Arc<AtomicU64>,
+}
+
+impl Exporter {
+    /// Creates an idle exporter. `wake` is called when a file is written.
+    pub fn new(wake: Wake) -> Exporter {
+        Exporter { work: Latest::new("write", wake), path: PathBuf::new(), percent: Arc::default() }
+    }
+
+    /// Starts to write the splats of a scene to a new file.
+    ///
+    /// # Errors
+    /// Another file is being written, there is no splat, the file exists or cannot be created, its extension is
+    /// unknown, or the system cannot start a thread.
+    pub fn start(&mut self, scene: Arc<Scene>, splats: Arc<SplatSet>, path: &Path) -> Result<(), String> {
+        if self.busy() {
+            return Err(format!("expected the end of {}, which is still being written", self.path.display()));
+        }
+        if splats.is_empty() {
+            return Err("expected at least one splat to write, found none".to_owned());
+        }
+        let format = if is_list(path) { None } else { Some(scene_file::format_of(path)?) };
+        OutputGuard::default().output("the file", path).map_err(|error| error.to_string())?;
+        if std::fs::symlink_metadata(path).is_ok() {
+            return Err("expected a new file, found one that exists".to_owned());
+        }
+        let percent = Arc::new(AtomicU64::new(0));
+        (self.path, self.percent) = (path.to_owned(), percent.clone());
+        let path = path.to_owned();
+        self.work.start(move |_| {
+            let written = || -> Result<u64, String> {
+                let Some(format) = format else {
+                    let text = splats.to_json(scene.count()).map_err(|error| error.to_string())? + "\n";
+                    output::write_bytes(&path, text.as_bytes()).map_err(|error| error.to_string())?;
+                    return Ok(text.len() as u64);
+                };
+                let part = scene.picked(&splats.indices()).map_err(|error| error.to_string())?;
+                let progress = |done: u64, of: u64| {
+                    percent.store(100 * done / of.max(1), Ordering::Relaxed);
+                    ControlFlow::Continue(())
+                };
+                scene_file::write(&part, format, None, &progress, &path).map_err(|error| error.to_string())
+            };
+            Some(written().map(|bytes| Written { splats: splats.len(), bytes }))
+        })
+    }
+
+    /// Returns true while a file is being written.
+    pub fn busy(&self) -> bool {
+        self.work.busy()
+    }
+
+    /// Describes the file that is being written; `None` without one.
+    pub fn progress(&self) -> Option<String> {
+        let percent = match self.percent.load(Ordering::Relaxed) {
+            0 => String::new(),
+            percent => format!(", {percent} %"),
+        };
+        self.busy().then(|| format!("writing {}{percent}", self.path.display()))
+    }
+
+    /// Takes the result of a file.
+    pub fn take(&mut self) -> Option<(PathBuf, Result<Written, String>)> {
+        if !self.busy() {
+            return None;
+        }
+        let result = self.work.take();
+        // A thread that panicked leaves no result.
+        let result = match result {
+            None if self.busy() => return None,
+            None => Err("internal error: the file was not written".to_owned()),
+            Some(result) => result,
+        };
+        Some((self.path.clone(), result))
+    }
+}
+
+impl Drop for Exporter {
+    fn drop(&mut self) {
+        while self.busy() {
+            self.work.take();
+            std::thread::sleep(WAIT);
+        }
+    }
+}
+
+/// Returns true if a file of this name lists indices.
+fn is_list(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::{QUIET, synth};
+
+    fn exporter() -> Exporter {
+        Exporter::new(Arc::new(|| {}))
+    }
+
+    fn written(exporter: &mut Exporter) -> Result<Written, String> {
+        loop {
+            if let Some((_, result)) = exporter.take() {
+                return result;
+            }
+            std::thread::sleep(WAIT);
+        }
+    }
+
+    #[test]
+    fn splats_are_written_as_a_scene_or_as_a_list() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = Arc::new(synth::generate("uniform", 200, 1).unwrap());
+        let splats: Arc<SplatSet> = Arc::new([3, 50, 199].into_iter().collect());
+        let mut exporter = exporter();
+        let path = folder.path().join("new/part.ply");
+        exporter.start(scene.clone(), splats.clone(), &path).unwrap();
+        let bytes = |path: &Path| std::fs::metadata(path).unwrap().len();
+        let found = written(&mut exporter).unwrap();
+        assert_eq!(found, Written { splats: 3, bytes: bytes(&path) });
+        let part = Scene::load(&path, QUIET).unwrap();
+        assert_eq!(part.positions(), [3, 50, 199].map(|index| scene.positions()[index]));
+        let list = folder.path().join("part.json");
+        exporter.start(scene.clone(), splats.clone(), &list).unwrap();
+        assert_eq!(written(&mut exporter).unwrap().bytes, bytes(&list));
+        assert_eq!(SplatSet::read(&list, 200), Ok((*splats).clone()));
+    }
+
+    #[test]
+    fn existing_files_unknown_formats_and_nothing_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let scene = Arc::new(synth::generate("uniform", 20, 0).unwrap());
+        let some: Arc<SplatSet> = Arc::new([1].into_iter().collect());
+        std::fs::write(at("scene.ply"), "mine").unwrap();
+        let mut exporter = exporter();
+        let said = |exporter: &mut Exporter, splats: &Arc<SplatSet>, path: PathBuf| {
+            exporter.start(scene.clone(), splats.clone(), &path).unwrap_err()
+        };
+        assert!(said(&mut exporter, &some, at("scene.ply")).contains("expected a new file"));
+        assert!(
+            said(&mut exporter, &some, at("part.png")).contains("expected a file name that ends in .ply")
+        );
+        assert!(said(&mut exporter, &some, at("scene.ply/part.ply")).contains("scene.ply"));
+        assert!(said(&mut exporter, &Arc::default(), at("a.ply")).contains("expected at least one splat"));
+        assert_eq!(std::fs::read_to_string(at("scene.ply")).unwrap(), "mine");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_dropped_exporter_finishes_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("part.spz");
+        let scene = Arc::new(synth::generate("demo", 20_000, 3).unwrap());
+        let all = Arc::new(SplatSet::first(20_000));
+        let mut exporter = exporter();
+        exporter.start(scene.clone(), all.clone(), &path).unwrap();
+        let second = exporter.start(scene, all, &folder.path().join("second.spz")).unwrap_err();
+        assert!(second.contains("still being written"), "{second}");
+        drop(exporter);
+        assert_eq!(Scene::load(&path, QUIET).unwrap().count(), 20_000);
+    }
+}

@@ -1,0 +1,142 @@
+//! Runs work on another thread. The newest request wins.
+//!
+//! A request cancels the previous one, so that a search can follow the pointer, and a scene the user's selection.
+
+use super::renderer::Wake;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+
+/// A request in progress. Dropping it cancels the work.
+struct Request<T> {
+    result: Receiver<T>,
+    cancelled: Arc<AtomicBool>,
+}
+
+impl<T> Drop for Request<T> {
+    fn drop(&mut self) {
+        self.cancelled.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Work on another thread: the current request, until its result is taken.
+pub struct Latest<T> {
+    /// Name of the thread.
+    name: &'static str,
+    request: Option<Request<T>>,
+    wake: Wake,
+}
+
+impl<T: Send + 'static> Latest<T> {
+    /// Creates an idle worker. `wake` is called when a result is there; `name` is the thread's.
+    pub fn new(name: &'static str, wake: Wake) -> Latest<T> {
+        Latest { name, request: None, wake }
+    }
+
+    /// Starts `work`, and cancels the previous request. The work gets a function that returns true once it is
+    /// cancelled; it returns `None` if it has no result.
+    ///
+    /// # Errors
+    /// The system cannot start a thread.
+    pub fn start(
+        &mut self,
+        work: impl FnOnce(&(dyn Fn() -> bool + Sync)) -> Option<T> + Send + 'static,
+    ) -> Result<(), String> {
+        self.cancel();
+        let (done, result) = channel();
+        let request = Request { result, cancelled: Arc::default() };
+        let (cancelled, wake) = (request.cancelled.clone(), self.wake.clone());
+        let work = move || {
+            let result = work(&|| cancelled.load(Ordering::Relaxed));
+            // Nobody receives the result of work that was cancelled at the last moment.
+            if result.is_some_and(|result| done.send(result).is_ok()) {
+                wake();
+            }
+        };
+        let thread = std::thread::Builder::new().name(self.name.to_owned()).spawn(work);
+        thread.map_err(|error| format!("no thread can be started to {}: {error}", self.name))?;
+        self.request = Some(request);
+        Ok(())
+    }
+
+    /// Cancels the request.
+    pub fn cancel(&mut self) {
+        self.request = None;
+    }
+
+    /// Returns true while a request is in progress or its result is not taken.
+    pub fn busy(&self) -> bool {
+        self.request.is_some()
+    }
+
+    /// Takes the result of the newest request, once it is there.
+    pub fn take(&mut self) -> Option<T> {
+        let result = self.request.as_ref()?.result.try_recv();
+        if !matches!(result, Err(TryRecvError::Empty)) {
+            self.request = None;
+        }
+        result.ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc::Sender;
+    use std::time::Duration;
+
+    fn worker() -> (Latest<u32>, Receiver<()>) {
+        let (woken, wakes): (Sender<()>, _) = channel();
+        (Latest::new("count", Arc::new(move || woken.send(()).unwrap_or(()))), wakes)
+    }
+
+    #[test]
+    fn a_result_wakes_the_window_and_is_taken_once() {
+        let (mut worker, wakes) = worker();
+        assert_eq!((worker.busy(), worker.take()), (false, None));
+        worker.start(|_| Some(7)).unwrap();
+        assert!(worker.busy());
+        wakes.recv_timeout(Duration::from_secs(60)).expect("a call of wake");
+        assert_eq!(worker.take(), Some(7));
+        assert_eq!((worker.busy(), worker.take()), (false, None));
+    }
+
+    #[test]
+    fn of_many_requests_only_the_newest_is_answered() {
+        let (mut worker, wakes) = worker();
+        let (ends, end) = channel();
+        for number in 0..30 {
+            let ends = ends.clone();
+            let work = move |cancelled: &(dyn Fn() -> bool + Sync)| {
+                // All but the last go on until the next request cancels them.
+                while number < 29 && !cancelled() {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                ends.send(()).unwrap();
+                Some(number)
+            };
+            worker.start(work).unwrap();
+        }
+        (0..30).for_each(|_| end.recv_timeout(Duration::from_secs(60)).expect("every thread ends"));
+        let result = loop {
+            wakes.recv_timeout(Duration::from_secs(60)).expect("a call of wake");
+            if let Some(result) = worker.take() {
+                break result;
+            }
+        };
+        assert_eq!(result, 29);
+        worker.start(|_| Some(1)).unwrap();
+        worker.cancel();
+        assert_eq!((worker.busy(), worker.take()), (false, None));
+    }
+
+    #[test]
+    fn work_without_a_result_ends_the_request() {
+        let (mut worker, _wakes) = worker();
+        worker.start(|_| None).unwrap();
+        while worker.busy() {
+            assert_eq!(worker.take(), None);
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}

@@ -1,0 +1,362 @@
+//! Selects splats on the picture with a box or a brush, and draws the card of the selection.
+//!
+//! While a tool is chosen, the left button selects instead of moving the camera. The card is shown while a tool is
+//! chosen, and while splats are selected or hidden.
+
+use super::controls::Controls;
+use super::hud;
+use super::theme::{self, GRID, Palette};
+use super::widgets::hint;
+use crate::draw::select::{Reach, Region};
+use crate::view::events::RendererId;
+use crate::view::viewer::{Combine, Marks, Part, Viewer};
+use egui::{
+    Align2, Area, Button, Color32, Context, CornerRadius, DragValue, Id, Key, Modifiers, Order, Pos2, Rect,
+    RichText, Shape, Stroke, StrokeKind, TextEdit, Ui, Vec2,
+};
+use splatgraph_api::Device;
+use splatgraph_assets::grouped;
+use std::path::{Path, PathBuf};
+
+/// Radii of the brush, in points.
+const RADII: std::ops::RangeInclusive<f32> = 2.0..=400.0;
+
+/// Factor between two radii of the keys.
+const STEP: f32 = 1.25;
+
+/// A tool that selects splats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SelectTool {
+    /// Selects in a rectangle.
+    Box,
+    /// Selects along the pointer's path.
+    Brush,
+}
+
+/// The drag of a tool.
+struct Drag {
+    viewport: RendererId,
+    combine: Combine,
+    /// Positions of the pointer, in points of the window.
+    points: Vec<Pos2>,
+}
+
+/// The tools' state.
+pub struct State {
+    /// The chosen tool; `None` while the left button moves the camera.
+    tool: Option<SelectTool>,
+    reach: Reach,
+    /// Radius of the brush, in points.
+    radius: f32,
+    drag: Option<Drag>,
+    /// Name of the file to write.
+    path: String,
+    /// Corners of a box in the first picture, as shares of its width and height.
+    first: Option<[f32; 4]>,
+}
+
+impl Default for State {
+    fn default() -> State {
+        State {
+            tool: None,
+            reach: Reach::default(),
+            radius: 24.0,
+            drag: None,
+            path: String::new(),
+            first: None,
+        }
+    }
+}
+
+impl State {
+    /// Selects the splats in a box of the first picture, given as shares of its width and height.
+    pub fn select_first(&mut self, corners: [f32; 4]) {
+        self.first = Some(corners);
+    }
+
+    /// Returns true if the left button paints with the brush, so that a click is no pick.
+    pub fn is_brush(&self) -> bool {
+        self.tool == Some(SelectTool::Brush)
+    }
+
+    /// Returns true while a tool is chosen.
+    pub fn is_active(&self) -> bool {
+        self.tool.is_some()
+    }
+
+    /// Chooses a tool, or none if it is chosen already.
+    pub fn toggle(&mut self, tool: SelectTool) {
+        self.tool = if self.tool == Some(tool) { None } else { Some(tool) };
+        self.drag = None;
+    }
+
+    /// Stops selecting: the left button moves the camera again.
+    pub fn leave(&mut self) {
+        (self.tool, self.drag) = (None, None);
+    }
+
+    /// Makes the brush larger by `steps`, or smaller if they are negative.
+    fn resize(&mut self, steps: i32) {
+        self.radius = (self.radius * STEP.powi(steps)).clamp(*RADII.start(), *RADII.end());
+    }
+
+    /// Begins a drag at a point, in a viewport's picture.
+    pub fn begin(&mut self, viewport: RendererId, at: Pos2, modifiers: Modifiers) {
+        let combine = match modifiers {
+            Modifiers { shift: true, .. } => Combine::Add,
+            Modifiers { ctrl: true, .. } | Modifiers { command: true, .. } => Combine::Remove,
+            _ => Combine::Replace,
+        };
+        self.drag = Some(Drag { viewport, combine, points: vec![at] });
+    }
+
+    /// Continues the drag through these points.
+    pub fn extend(&mut self, points: impl IntoIterator<Item = Pos2>) {
+        let Some(drag) = &mut self.drag else { return };
+        drag.points.extend(points);
+        if self.tool == Some(SelectTool::Box) {
+            // Its first and its last point are the corners.
+            drag.points.drain(1..drag.points.len().saturating_sub(1).max(1));
+        }
+    }
+
+    /// Ends the drag, and selects the splats in its region. `view` is the rectangle of the picture.
+    pub fn end<D: Device>(&mut self, view: Rect, viewer: &mut Viewer<D>) {
+        let (Some(tool), Some(drag)) = (self.tool, self.drag.take()) else { return };
+        let camera = viewer.picture_camera_of(drag.viewport);
+        let scale = Vec2::new(camera.width as f32, camera.height as f32) / view.size().max(Vec2::splat(1.0));
+        let pixel = |at: &Pos2| {
+            let at = (*at - view.min) * scale;
+            [at.x, at.y].map(f64::from)
+        };
+        let line: Vec<[f64; 2]> = drag.points.iter().map(pixel).collect();
+        let region = match (tool, line.as_slice()) {
+            (SelectTool::Box, [first, .., last]) => Region::Box([*first, *last]),
+            (SelectTool::Box, _) => return,
+            (SelectTool::Brush, _) => Region::Brush { line, radius: f64::from(self.radius * scale.x) },
+        };
+        viewer.select(drag.viewport, region, self.reach, drag.combine);
+    }
+
+    /// Selects the box of [`State::select_first`], once there is a picture.
+    pub fn start<D: Device>(&mut self, viewer: &mut Viewer<D>) {
+        if viewer.pictures()[0].is_none() {
+            return;
+        }
+        let Some([left, top, right, bottom]) = self.first.take() else { return };
+        let camera = viewer.picture_camera();
+        let at = |x: f32, y: f32| [x * camera.width as f32, y * camera.height as f32].map(f64::from);
+        let region = Region::Box([at(left, top), at(right, bottom)]);
+        viewer.select(RendererId::A, region, self.reach, Combine::Replace);
+    }
+
+    /// Applies a key; returns false for a key of others. `id` is the viewport whose scene is marked.
+    pub fn key<D: Device>(
+        &mut self,
+        key: Key,
+        command: bool,
+        viewer: &mut Viewer<D>,
+        id: RendererId,
+    ) -> bool {
+        match (key, command) {
+            (Key::A, true) => viewer.select_all(id),
+            (_, true) => return false,
+            (Key::R, _) => self.toggle(SelectTool::Box),
+            (Key::B, _) => self.toggle(SelectTool::Brush),
+            (Key::Minus, _) => self.resize(-1),
+            (Key::Equals | Key::Plus, _) => self.resize(1),
+            (Key::I, _) => viewer.invert_selection(id),
+            (Key::X | Key::Delete, _) => viewer.hide_selected(id),
+            (Key::U, _) => viewer.show_all(id),
+            _ => return false,
+        }
+        true
+    }
+
+    /// Draws the box or the brush over the picture.
+    pub fn draw(&self, ui: &Ui, view: Rect) {
+        let painter = ui.painter().with_clip_rect(view);
+        let (dark, light) = (Color32::from_black_alpha(200), theme::DARK.caution);
+        let pointer = ui.input(|input| input.pointer.latest_pos()).filter(|at| view.contains(*at));
+        match (self.tool, &self.drag) {
+            (Some(SelectTool::Box), Some(Drag { points, .. })) => {
+                let rect = Rect::from_two_pos(points[0], points[points.len() - 1]);
+                for stroke in [Stroke::new(3.0, dark), Stroke::new(1.5, light)] {
+                    painter.rect_stroke(rect, CornerRadius::ZERO, stroke, StrokeKind::Middle);
+                }
+            }
+            (Some(SelectTool::Brush), drag) => {
+                if let Some(Drag { points, .. }) = drag {
+                    let fill = light.gamma_multiply(0.25);
+                    painter.add(Shape::line(points.clone(), Stroke::new(2.0 * self.radius, fill)));
+                }
+                if let Some(at) = pointer {
+                    painter.circle_stroke(at, self.radius, Stroke::new(3.0, dark));
+                    painter.circle_stroke(at, self.radius, Stroke::new(1.5, light));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Draws the card at the bottom of the picture. `id` is the viewport whose scene is marked.
+    pub fn card<D: Device>(
+        &mut self,
+        ctx: &Context,
+        viewer: &mut Viewer<D>,
+        id: RendererId,
+        view: Rect,
+        controls: &mut Controls,
+    ) {
+        if !self.is_active() && viewer.marks(id).is_empty() {
+            return;
+        }
+        let palette = Palette::in_mode(ctx.theme() == egui::Theme::Dark);
+        let shown = Area::new(Id::unique("splats"))
+            .fixed_pos(view.center_bottom() - Vec2::new(0.0, 4.0 * GRID))
+            .pivot(Align2::CENTER_BOTTOM)
+            .constrain_to(view)
+            .order(Order::Middle)
+            .show(ctx, |ui| {
+                hud::card(ui, palette.line).show(ui, |ui| {
+                    ui.set_max_width((view.width() - 8.0 * GRID).clamp(40.0, 640.0));
+                    self.tools(ui, controls);
+                    marks(ui, viewer, id, controls);
+                    self.files(ui, viewer, id, controls);
+                });
+            });
+        controls.see("splats", shown.response.rect);
+    }
+
+    /// Draws the choice of the tool, its radius and its reach.
+    fn tools(&mut self, ui: &mut Ui, controls: &mut Controls) {
+        ui.horizontal_wrapped(|ui| {
+            for (tool, name, text, about) in [
+                (SelectTool::Box, "splats:box", "Box (R)", "Drag a box over the picture"),
+                (
+                    SelectTool::Brush,
+                    "splats:brush",
+                    "Brush (B)",
+                    "Paint over the picture; − and + change the radius",
+                ),
+            ] {
+                let button = controls.seen(name, ui.selectable_label(self.tool == Some(tool), text));
+                let about = format!("{about}. Shift adds to the selection, Ctrl removes from it");
+                if hint(button, about).clicked() {
+                    self.toggle(tool);
+                }
+            }
+            let radius =
+                DragValue::new(&mut self.radius).range(RADII).speed(0.5).max_decimals(0).suffix(" points");
+            hint(controls.seen("splats:radius", ui.add(radius)), "Radius of the brush");
+            for (reach, name, text, about) in [
+                (
+                    Reach::Through,
+                    "splats:through",
+                    "through",
+                    "All visible splats with their centres inside, at any depth",
+                ),
+                (Reach::Front, "splats:front", "front", "Only splats that contribute most to a pixel inside"),
+            ] {
+                hint(controls.seen(name, ui.selectable_value(&mut self.reach, reach, text)), about);
+            }
+        });
+    }
+
+    /// Draws the name of the file and the buttons that write it.
+    fn files<D: Device>(
+        &mut self,
+        ui: &mut Ui,
+        viewer: &mut Viewer<D>,
+        id: RendererId,
+        controls: &mut Controls,
+    ) {
+        if let Some(text) = viewer.exporting() {
+            ui.horizontal(|ui| {
+                ui.spinner();
+                ui.add(egui::Label::new(text).truncate());
+            });
+            return;
+        }
+        if self.path.is_empty() {
+            self.path = fresh(&viewer.folder, viewer.scene_path_of(id)).display().to_string();
+        }
+        ui.horizontal_wrapped(|ui| {
+            let field = TextEdit::singleline(&mut self.path).desired_width(240.0);
+            hint(
+                controls.seen("splats:path", ui.add(field)),
+                "A new file; its extension is that of a scene format, or .json for a list of indices",
+            );
+            let any = !viewer.marks(id).selected.is_empty();
+            for (part, name, text, about, enabled) in [
+                (Part::Selected, "splats:save", "Save the selection", "Write the selected splats", any),
+                (
+                    Part::Rest,
+                    "splats:save_rest",
+                    "Save the rest",
+                    "Write the splats that are neither selected nor hidden",
+                    true,
+                ),
+            ] {
+                let button = controls.seen(name, ui.add_enabled(enabled, Button::new(text)));
+                if hint(button, about).clicked() {
+                    viewer.export(id, part, Path::new(self.path.trim()));
+                    // The next file gets a name of its own.
+                    self.path.clear();
+                }
+            }
+        });
+    }
+}
+
+/// Draws the numbers of selected and hidden splats, and the buttons that change them.
+fn marks<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, id: RendererId, controls: &mut Controls) {
+    let Marks { selected, hidden } = viewer.marks(id).clone();
+    let count = |count: u32| grouped(count.into());
+    ui.horizontal_wrapped(|ui| {
+        let text =
+            format!("{} of {} splats selected", count(selected.len()), count(viewer.loaded(id).count()));
+        ui.label(RichText::new(text).family(theme::strong()));
+        if !hidden.is_empty() {
+            ui.label(format!("{} hidden", count(hidden.len())));
+        }
+        if viewer.is_selecting(id) {
+            ui.spinner();
+        }
+    });
+    type Act<D> = fn(&mut Viewer<D>, RendererId);
+    let rows: [(&str, &str, bool, &str, Act<D>); 4] = [
+        (
+            "splats:invert",
+            "Invert (I)",
+            true,
+            "Select the visible splats that are not selected",
+            Viewer::invert_selection,
+        ),
+        (
+            "splats:clear",
+            "Clear (Esc)",
+            !selected.is_empty() || viewer.is_selecting(id),
+            "Select nothing",
+            Viewer::clear_selection,
+        ),
+        ("splats:hide", "Hide (X)", !selected.is_empty(), "Hide the selected splats", Viewer::hide_selected),
+        ("splats:show", "Show all (U)", !hidden.is_empty(), "Show the hidden splats", Viewer::show_all),
+    ];
+    ui.horizontal_wrapped(|ui| {
+        for (name, text, enabled, about, act) in rows {
+            let button = controls.seen(name, ui.add_enabled(enabled, Button::new(text)));
+            if hint(button, about).clicked() {
+                act(viewer, id);
+            }
+        }
+    });
+}
+
+/// Returns the first name of `SCENE-part-1.ply`, `SCENE-part-2.ply`, ... in a folder that does not exist yet.
+fn fresh(folder: &Path, scene: &Path) -> PathBuf {
+    let name = scene.file_name().unwrap_or_default().to_string_lossy();
+    let stem = name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("scene");
+    let path = |number: u32| folder.join(format!("{stem}-part-{number}.ply"));
+    (1..).map(path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
+}

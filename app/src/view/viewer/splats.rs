@@ -1,0 +1,168 @@
+//! Selects, hides and writes splats of the viewer's scenes.
+
+use super::Viewer;
+use super::subject::{Combine, Marks};
+use crate::draw::select::{Reach, Region, select};
+use crate::draw::splat_set::{Masked, SplatSet};
+use crate::view::events::{Event, RendererId};
+use crate::view::export::Written;
+use splatgraph_api::Device;
+use splatgraph_assets::Scene;
+use std::path::Path;
+use std::sync::Arc;
+
+/// The splats that are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The selected splats.
+    Selected,
+    /// The splats that are neither selected nor hidden.
+    Rest,
+}
+
+impl<D: Device> Viewer<D> {
+    /// Returns the selected and hidden splats of a viewport's scene. Indices are those of the scene as loaded.
+    pub fn marks(&self, id: RendererId) -> &Marks {
+        self.subject_of(id).marks()
+    }
+
+    /// Returns a viewport's scene as loaded, which marks do not change.
+    pub fn loaded(&self, id: RendererId) -> &Scene {
+        &self.subject_of(id).whole
+    }
+
+    /// Selects and hides splats. The picture follows once the scene that shows them is made, on another thread.
+    ///
+    /// Marks that do not fit the scene, or that hide all splats, change nothing and are reported.
+    pub fn set_marks(&mut self, id: RendererId, marks: Marks) {
+        if *self.marks(id) == marks {
+            return;
+        }
+        let hides = self.marks(id).hidden != marks.hidden;
+        if let Err(text) = self.subject_mut(id).set_marks(marks) {
+            return self.events.push(Event::Problem { text });
+        }
+        if hides {
+            self.forget_picked();
+        }
+        self.tell_marks(id);
+    }
+
+    /// Reports the marks of a viewport's scene.
+    fn tell_marks(&mut self, id: RendererId) {
+        let marks = self.marks(id);
+        let (selected, hidden) = (marks.selected.len(), marks.hidden.len());
+        self.events.push(Event::Marked { selected, hidden });
+    }
+
+    /// Searches on another thread for the splats in a region of a viewport's picture, and changes the selection.
+    ///
+    /// The newest search cancels all earlier ones. [`crate::draw::select`] defines which splats are in a region.
+    pub fn select(&mut self, id: RendererId, region: Region, reach: Reach, combine: Combine) {
+        let (subject, camera) = (self.subject_of(id), self.picture_camera_of(id));
+        let (scene, hidden) = (subject.whole.clone(), subject.marks().hidden.clone());
+        let work = move |cancelled: &(dyn Fn() -> bool + Sync)| {
+            let masked = Masked { scene: &scene, hidden: &hidden };
+            Some((combine, select(&masked, &camera, &region, reach, cancelled)?))
+        };
+        if let Err(text) = self.subject_mut(id).finder.start(work) {
+            self.events.push(Event::Problem { text });
+        }
+    }
+
+    /// Returns true during a search for splats in a region of a viewport's picture.
+    pub fn is_selecting(&self, id: RendererId) -> bool {
+        self.subject_of(id).finder.busy()
+    }
+
+    /// Selects the visible splats that are not selected, instead of the selected ones.
+    pub fn invert_selection(&mut self, id: RendererId) {
+        let Marks { selected, hidden } = self.marks(id).clone();
+        let others = SplatSet::first(self.loaded(id).count()).without(&hidden).without(&selected);
+        self.set_marks(id, Marks { selected: Arc::new(others), hidden });
+    }
+
+    /// Selects all visible splats.
+    pub fn select_all(&mut self, id: RendererId) {
+        let hidden = self.marks(id).hidden.clone();
+        let all = SplatSet::first(self.loaded(id).count()).without(&hidden);
+        self.set_marks(id, Marks { selected: Arc::new(all), hidden });
+    }
+
+    /// Selects nothing, and cancels the search.
+    pub fn clear_selection(&mut self, id: RendererId) {
+        self.subject_mut(id).finder.cancel();
+        let hidden = self.marks(id).hidden.clone();
+        self.set_marks(id, Marks { hidden, ..Marks::default() });
+    }
+
+    /// Hides the selected splats.
+    pub fn hide_selected(&mut self, id: RendererId) {
+        let Marks { selected, hidden } = self.marks(id);
+        let hidden = Arc::new(hidden.with(selected));
+        self.set_marks(id, Marks { hidden, ..Marks::default() });
+    }
+
+    /// Shows all splats.
+    pub fn show_all(&mut self, id: RendererId) {
+        let selected = self.marks(id).selected.clone();
+        self.set_marks(id, Marks { selected, ..Marks::default() });
+    }
+
+    /// Writes splats of a viewport's scene to a new file, on another thread: a scene in the format of the file's
+    /// extension, or their indices to a `.json` file. The result is reported as an event.
+    pub fn export(&mut self, id: RendererId, part: Part, path: &Path) {
+        let subject = self.subject_of(id);
+        let Marks { selected, hidden } = subject.marks();
+        let splats = match part {
+            Part::Selected => selected.clone(),
+            Part::Rest => Arc::new(SplatSet::first(subject.whole.count()).without(selected).without(hidden)),
+        };
+        let scene = subject.whole.clone();
+        if let Err(error) = self.exporter.start(scene, splats, path) {
+            self.events.push(Event::FileFailed { path: path.to_owned(), error });
+        }
+    }
+
+    /// Describes the file that is being written; `None` without one.
+    pub fn exporting(&self) -> Option<String> {
+        self.exporter.progress()
+    }
+
+    /// Restores the marks of a scene that is being loaded for a viewport.
+    pub(in crate::view) fn restore_marks(&mut self, id: RendererId, marks: Marks) {
+        self.restored[usize::from(id == RendererId::B)] = Some(marks);
+    }
+
+    /// Returns the marks that a scene will have once it is loaded for a viewport.
+    pub(in crate::view) fn restored(&self, id: RendererId) -> Marks {
+        self.restored[usize::from(id == RendererId::B)].clone().unwrap_or_default()
+    }
+
+    /// Takes the results of searches, the scenes that show marks, and written files.
+    pub(super) fn take_splats(&mut self) {
+        for id in [RendererId::A, RendererId::B] {
+            let subject = self.subject_mut(id);
+            if let Some((combine, found)) = subject.finder.take() {
+                let Marks { selected, hidden } = subject.marks().clone();
+                let found = found.without(&hidden);
+                let selected = match combine {
+                    Combine::Replace => found,
+                    Combine::Add => selected.with(&found),
+                    Combine::Remove => selected.without(&found),
+                };
+                self.set_marks(id, Marks { selected: Arc::new(selected), hidden });
+            }
+            if let Err(error) = self.subject_mut(id).take_drawn() {
+                self.events.push(Event::Problem { text: error.to_string() });
+                self.tell_marks(id);
+            }
+        }
+        if let Some((path, result)) = self.exporter.take() {
+            self.events.push(match result {
+                Ok(Written { splats, bytes }) => Event::Exported { path, splats, bytes },
+                Err(error) => Event::FileFailed { path, error },
+            });
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! Holds a viewport's scene: as loaded, and as drawn with its selected and hidden splats.
+//!
+//! The scene as drawn lacks the hidden splats, and its selected splats are tinted. It is a scene of its own, made on
+//! another thread, so that every graph draws it. Without hidden and selected splats, it is the loaded scene itself.
+
+use crate::draw::facts;
+use crate::draw::splat_set::SplatSet;
+use crate::view::latest::Latest;
+use crate::view::renderer::Wake;
+use splatgraph_assets::{Scene, SceneMemoryError, Splat};
+use splatgraph_framework::ir::Catalog;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Display-encoded colour of selected splats.
+const TINT: [f32; 3] = [1.0, 0.62, 0.0];
+
+/// Share of the tint in a selected splat's colour.
+const SHARE: f32 = 0.75;
+
+/// Band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
+const SH_C0: f32 = 0.282_094_8;
+
+/// The selected and the hidden splats of a scene. No splat is both.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Marks {
+    /// The selected splats.
+    pub selected: Arc<SplatSet>,
+    /// The hidden splats.
+    pub hidden: Arc<SplatSet>,
+}
+
+impl Marks {
+    /// Returns true if no splat is selected or hidden.
+    pub fn is_empty(&self) -> bool {
+        self.selected.is_empty() && self.hidden.is_empty()
+    }
+}
+
+/// How newly found splats change the selection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Combine {
+    /// They become the selection.
+    Replace,
+    /// They are added to it.
+    Add,
+    /// They are removed from it.
+    Remove,
+}
+
+/// A scene that was made from marks, with its imports.
+struct Drawn {
+    scene: Arc<Scene>,
+    catalog: Arc<Catalog>,
+}
+
+impl Drawn {
+    fn of(scene: Arc<Scene>) -> Drawn {
+        let catalog = Arc::new(facts::catalog(&scene));
+        Drawn { scene, catalog }
+    }
+}
+
+/// A scene, its file, and the imports that graphs take from it.
+pub(super) struct Subject {
+    /// The scene as drawn.
+    pub scene: Arc<Scene>,
+    /// Imports of the scene as drawn.
+    pub catalog: Arc<Catalog>,
+    /// The scene as loaded.
+    pub whole: Arc<Scene>,
+    pub path: PathBuf,
+    /// The requested marks; the scene as drawn follows.
+    marks: Marks,
+    maker: Latest<(Marks, Result<Drawn, SceneMemoryError>)>,
+    /// The search for splats in a region.
+    pub finder: Latest<(Combine, SplatSet)>,
+}
+
+impl Subject {
+    pub fn new(scene: Scene, path: PathBuf, wake: Wake) -> Subject {
+        let Drawn { scene, catalog } = Drawn::of(Arc::new(scene));
+        Subject {
+            whole: scene.clone(),
+            scene,
+            catalog,
+            path,
+            marks: Marks::default(),
+            maker: Latest::new("show", wake.clone()),
+            finder: Latest::new("select", wake),
+        }
+    }
+
+    /// Returns the requested marks.
+    pub fn marks(&self) -> &Marks {
+        &self.marks
+    }
+
+    /// Returns true while the scene as drawn does not show the marks, or splats are searched for.
+    pub fn busy(&self) -> bool {
+        self.maker.busy() || self.finder.busy()
+    }
+
+    /// Selects and hides splats, and makes the scene that shows them on another thread.
+    ///
+    /// # Errors
+    /// All splats would be hidden, the marks are of a larger scene, or the system cannot start a thread. Nothing
+    /// changes.
+    pub fn set_marks(&mut self, marks: Marks) -> Result<(), String> {
+        let count = self.whole.count();
+        let end = marks.selected.end().max(marks.hidden.end());
+        if end > count {
+            return Err(format!("expected a selection of {count} splats, found one of {end} or more"));
+        }
+        if count > 0 && marks.hidden.len() == count {
+            return Err("expected a splat that stays visible, found all of them hidden".to_owned());
+        }
+        if marks == self.marks {
+            return Ok(());
+        }
+        if marks.is_empty() {
+            self.maker.cancel();
+            self.show(Drawn::of(self.whole.clone()));
+        } else {
+            let (whole, of) = (self.whole.clone(), marks.clone());
+            self.maker.start(move |cancelled| {
+                let drawn = marked(&whole, &of).map(|scene| {
+                    // Computed here, off the frame's thread, and cached.
+                    scene.identity();
+                    Drawn::of(Arc::new(scene))
+                });
+                (!cancelled()).then_some((of, drawn))
+            })?;
+        }
+        self.marks = marks;
+        Ok(())
+    }
+
+    /// Takes the scene for the newest marks, once it is made.
+    ///
+    /// # Errors
+    /// It does not fit in memory. All splats are then shown, and none is selected.
+    pub fn take_drawn(&mut self) -> Result<bool, SceneMemoryError> {
+        let Some((marks, drawn)) = self.maker.take() else { return Ok(false) };
+        match drawn {
+            Ok(drawn) if marks == self.marks => {
+                self.show(drawn);
+                Ok(true)
+            }
+            Ok(_) => Ok(false),
+            Err(error) => {
+                self.marks = Marks::default();
+                self.show(Drawn::of(self.whole.clone()));
+                Err(error)
+            }
+        }
+    }
+
+    fn show(&mut self, Drawn { scene, catalog }: Drawn) {
+        (self.scene, self.catalog) = (scene, catalog);
+    }
+}
+
+/// Copies a scene without its hidden splats, and with its selected ones tinted.
+fn marked(whole: &Scene, marks: &Marks) -> Result<Scene, SceneMemoryError> {
+    let shown = SplatSet::first(whole.count()).without(&marks.hidden).indices();
+    whole.picked_as(&shown, |index, splat| if marks.selected.contains(index) { tinted(splat) } else { splat })
+}
+
+/// Mixes the tint into a splat's colour; the opacity stays.
+fn tinted(mut splat: Splat) -> Splat {
+    for (at, value) in splat.sh.iter_mut().enumerate() {
+        let tint = if at < 3 { (TINT[at] - 0.5) / SH_C0 } else { 0.0 };
+        *value += SHARE * (tint - *value);
+    }
+    splat
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+
+    fn set(indices: &[u32]) -> Arc<SplatSet> {
+        Arc::new(indices.iter().copied().collect())
+    }
+
+    #[test]
+    fn the_scene_as_drawn_lacks_hidden_splats_and_tints_selected_ones() {
+        let whole = synth::generate("uniform", 100, 2).unwrap();
+        let marks = Marks { selected: set(&[5]), hidden: set(&[0, 3, 99]) };
+        let drawn = marked(&whole, &marks).unwrap();
+        assert_eq!(drawn.count(), 97);
+        for (at, index) in (0..100).filter(|index| ![0, 3, 99].contains(index)).enumerate() {
+            let (expected, found) = (whole.splat(index), drawn.splat(at));
+            if index == 5 {
+                assert_eq!(found, tinted(expected));
+                assert_eq!((found.position, found.opacity), (expected.position, expected.opacity));
+                assert!(found.sh != expected.sh);
+            } else {
+                assert_eq!(found.sh, expected.sh);
+            }
+        }
+    }
+
+    #[test]
+    fn marks_of_another_scene_and_those_that_hide_everything_are_refused() {
+        let mut subject =
+            Subject::new(synth::generate("uniform", 10, 0).unwrap(), "a.ply".into(), Arc::new(|| {}));
+        let loaded = subject.scene.clone();
+        let marks = |selected: &[u32], hidden: &[u32]| Marks { selected: set(selected), hidden: set(hidden) };
+        let all: Vec<u32> = (0..10).collect();
+        for (wrong, expected) in [
+            (marks(&[10], &[]), "expected a selection of 10 splats"),
+            (marks(&[], &[64]), "found one of 65 or more"),
+            (marks(&[], &all), "expected a splat that stays visible"),
+        ] {
+            let error = subject.set_marks(wrong).unwrap_err();
+            assert!(error.contains(expected), "{error}");
+        }
+        assert!(subject.marks().is_empty() && !subject.busy());
+        subject.set_marks(marks(&[1], &[2])).unwrap();
+        while subject.busy() {
+            subject.take_drawn().unwrap();
+        }
+        assert_eq!(subject.scene.count(), 9);
+        subject.set_marks(Marks::default()).unwrap();
+        assert!(Arc::ptr_eq(&subject.scene, &loaded), "without marks, the loaded scene is drawn");
+    }
+}
