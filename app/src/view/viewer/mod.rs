@@ -36,9 +36,8 @@ mod subject;
 pub use parts::Comparison;
 use parts::{Comparing, CopyLimit, at_start};
 use placed::PlacedFiles;
-pub use splats::Part;
 use subject::Subject;
-pub use subject::{Combine, Marks};
+pub use subject::{Combine, Marks, Part};
 
 /// An error while opening the viewer.
 #[derive(Debug, thiserror::Error)]

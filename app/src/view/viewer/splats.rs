@@ -1,7 +1,7 @@
 //! Selects, hides and writes splats of the viewer's scenes.
 
 use super::Viewer;
-use super::subject::{Combine, Marks};
+use super::subject::{Combine, Marks, Part};
 use crate::draw::select::{Reach, Region, select};
 use crate::draw::splat_set::{Masked, SplatSet};
 use crate::view::events::{Event, RendererId};
@@ -10,15 +10,6 @@ use splatgraph_api::Device;
 use splatgraph_assets::Scene;
 use std::path::Path;
 use std::sync::Arc;
-
-/// The splats that are written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// The selected splats.
-    Selected,
-    /// The splats that are neither selected nor hidden.
-    Rest,
-}
 
 impl<D: Device> Viewer<D> {
     /// Returns the selected and hidden splats of a viewport's scene. Indices are those of the scene as loaded.

@@ -48,6 +48,15 @@ pub enum Combine {
     Remove,
 }
 
+/// The splats that are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The selected splats.
+    Selected,
+    /// The splats that are neither selected nor hidden.
+    Rest,
+}
+
 /// A scene that was made from marks, with its imports.
 struct Drawn {
     scene: Arc<Scene>,
