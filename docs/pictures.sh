@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes the pictures of the window in docs/images/ from a scene and its cameras. Needs Xvfb and
+# Makes the pictures of the window and of projections in docs/images/ from a scene and its cameras. Needs Xvfb and
 # ImageMagick (packages xvfb and imagemagick), and a release build.
 # Usage: docs/pictures.sh SCENE.ply CAMERAS.json
 set -euo pipefail
@@ -9,6 +9,11 @@ program=${SPLATGRAPH:-target/release/splatgraph}
 
 # The film of the README: the demo scene, which needs no display.
 "$program" video --eye 1.6,-1.3,-5.6 --target 0.14,-0.715,-0.477 --fov 57 --orbit 28 --size 200x112 --fps 8 -o docs/images/film.gif
+
+# The pictures of docs/projections.md.
+"$program" render -p orthographic --eye 1.6,-1.3,-5.6 --target 0.14,-0.715,-0.477 --ortho-height 3.6 --size 480x270 -o docs/images/orthographic.png
+"$program" render -p fisheye --eye 0.3,-1.6,-2.2 --target 0.14,-0.6,0 --fov 200 --size 480x480 -o docs/images/fisheye.png
+"$program" render -p equirectangular --eye 0.3,-0.9,-1.6 --target 0.14,-0.8,0 --size 640x320 -o docs/images/equirectangular.png
 
 shoot() { # name, width x height, options
   local name=$1 size=$2

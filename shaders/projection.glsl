@@ -6,6 +6,16 @@
 
 #include "stored_splat.glsl"
 
+// A graph without the parameter draws pinhole views.
+#if defined(PROJECTION) && PROJECTION != PROJECTION_PINHOLE
+#define HAS_LENS
+#endif
+
+// Views that show splats behind the camera cull by the distance, if it is the sort key.
+#if defined(HAS_LENS) && PROJECTION != PROJECTION_ORTHOGRAPHIC && defined(KEY_OF) && KEY_OF == KEY_OF_DISTANCE
+#define NEAR_BY_DISTANCE
+#endif
+
 const float NEAR_PLANE = 0.2;
 // Added to both variances on the screen, in square pixels: no splat is narrower than about a pixel.
 #if LOW_PASS == LOW_PASS_MIP
@@ -99,6 +109,10 @@ Ellipse project_covariance(uint i, vec3 t0, vec3 t1) {
     return e;
 }
 
+#ifdef HAS_LENS
+#include "lens.glsl"
+#endif
+
 // Returns true if a pixel centre of 0 .. size - 1 is within `reach` of `centre`.
 bool covers_a_pixel(float centre, float reach, float size) {
     return max(ceil(centre - reach), 0.0) <= min(floor(centre + reach), size - 1.0);
@@ -134,9 +148,11 @@ bool project_splat(uint i, out Projection splat) {
     // splats.
     precise float depth = exact_fma(view[2][2], p.z, exact_fma(view[1][2], p.y, view[0][2] * p.x)) + view[3][2];
     splat.depth = depth;
+#ifndef NEAR_BY_DISTANCE
     if (!(depth > NEAR_PLANE)) {
         return false;
     }
+#endif
 #endif
     // At the floor itself, only a pixel exactly at the centre would reach it.
     float alpha = opacity_of(i);
@@ -158,11 +174,23 @@ bool project_splat(uint i, out Projection splat) {
 #ifdef HAS_LOW
     // In floats, the published expression has no correct digits for such a position.
     splat.depth = z;
+#ifndef NEAR_BY_DISTANCE
     if (!(z > NEAR_PLANE)) {
         return false;
     }
 #endif
+#endif
 
+#ifdef HAS_LENS
+    ImagePoint point = project_point(vec3(x, y, z));
+    if (CULL_MARGIN < 1.0 && any(greaterThan(abs(point.from_middle), (0.5 + CULL_MARGIN) * camera.viewport.xy))) {
+        return false;
+    }
+    // Rows of J W.
+    mat3 rotation = mat3(view);
+    vec3 t0 = point.j0 * rotation;
+    vec3 t1 = point.j1 * rotation;
+#else
     // Rows of J W. J is the derivative of (fx x / z, fy y / z), with x / z and y / z clamped near the view.
     vec2 slope = vec2(x, y) / z;
     // As others do, whatever the splat's size.
@@ -176,6 +204,7 @@ bool project_splat(uint i, out Projection splat) {
     vec3 w2 = vec3(view[0][2], view[1][2], view[2][2]);
     vec3 t0 = (camera.focal.x / z) * (w0 - held.x * w2);
     vec3 t1 = (camera.focal.y / z) * (w1 - held.y * w2);
+#endif
     Ellipse e = project_covariance(i, t0, t1);
 
     // Eigenvalues: the larger as a sum of positive terms, the smaller as determinant / larger. The low pass adds a constant
@@ -213,7 +242,11 @@ bool project_splat(uint i, out Projection splat) {
     }
 #endif
 
+#ifdef HAS_LENS
+    splat.centre = point.from_middle + 0.5 * (camera.viewport.xy - 1.0);
+#else
     splat.centre = camera.focal.xy * slope + 0.5 * (camera.viewport.xy - 1.0);
+#endif
     splat.alpha = alpha;
     splat.reach = sqrt(2.0 * max(log(alpha / alpha_floor), LEAST_LOG));
     splat.unit = unit;
@@ -231,6 +264,11 @@ bool project_splat(uint i, out Projection splat) {
     // By powers of two, so that squares are floats.
     int size = clamp(exponent_of(largest(from_camera)), -120, 120);
     splat.depth = length(from_camera * power_of_two(-size)) * power_of_two(size);
+#ifdef NEAR_BY_DISTANCE
+    if (!(splat.depth > NEAR_PLANE)) {
+        return false;
+    }
+#endif
 #endif
 #endif
     return largest(vec3(splat.centre, 0.0)) <= FARTHEST;

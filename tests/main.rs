@@ -48,6 +48,7 @@ mod place;
 mod plans;
 #[cfg(target_os = "linux")]
 mod popping;
+mod projections;
 mod random;
 mod reference;
 mod results;

@@ -1,14 +1,16 @@
-//! Defines a pinhole camera, as in the `cameras.json` of the 3DGS reference implementation.
+//! Defines a camera, as in the `cameras.json` of the 3DGS reference implementation.
 //!
 //! A camera is a position, a rotation, a focal length and an image size; its principal point is the image's centre.
 //! Position and rotation are camera-to-world, and the columns of the rotation are the camera's axes in the world: x
-//! right, y down, z forward. [`Dataset`](crate::Dataset) reads camera files.
+//! right, y down, z forward. Most cameras are pinholes; [`Projection`] lists the others.
+//! [`Dataset`](crate::Dataset) reads camera files.
 
 use crate::bounds::Bounds;
+use crate::projection::Projection;
 use crate::scene::{FileNotes, Scene};
 use serde::{Deserialize, Serialize};
 
-/// A pinhole camera. Unknown fields of the file are ignored.
+/// A camera. Unknown fields of the file are ignored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
     /// The trainer's number of the camera.
@@ -25,10 +27,13 @@ pub struct Camera {
     pub position: [f64; 3],
     /// Camera-to-world rotation, row by row; the columns are right, down and forward.
     pub rotation: [[f64; 3]; 3],
-    /// Horizontal focal length, in pixels.
+    /// Horizontal focal length, in pixels; see [`Projection`] for its meaning.
     pub fx: f64,
     /// Vertical focal length, in pixels.
     pub fy: f64,
+    /// Mapping from view space to the picture; pinhole if the file does not name it.
+    #[serde(default, skip_serializing_if = "Projection::is_pinhole")]
+    pub projection: Projection,
 }
 
 impl Camera {
@@ -65,6 +70,7 @@ impl Camera {
             rotation: glam::DMat3::from_cols(right, down, forward).transpose().to_cols_array_2d(),
             fx: focal,
             fy: focal,
+            projection: Projection::Pinhole,
         }
     }
 
@@ -136,6 +142,36 @@ impl Camera {
         Self { width, height, fx: self.fx * x, fy: self.fy * y, ..self.clone() }
     }
 
+    /// Returns a pinhole camera with another projection, the same position and about the same view.
+    ///
+    /// A fisheye view keeps its scale at the picture's centre. An orthographic one keeps it at the distance of the scene's
+    /// [`robust_bounds`](Scene::robust_bounds). Cameras with a projection other than pinhole are returned unchanged.
+    pub fn projected(&self, projection: Projection, scene: &Scene) -> Camera {
+        if !self.projection.is_pinhole() || projection.is_pinhole() {
+            return self.clone();
+        }
+        /// The smallest distance that scales an orthographic view, for a camera in the middle of the scene.
+        const LEAST: f64 = 0.2;
+        let scale = match projection {
+            Projection::Orthographic => {
+                let center = glam::DVec3::from(scene.robust_bounds().center());
+                1.0 / center.distance(self.position.into()).max(LEAST)
+            }
+            _ => 1.0,
+        };
+        Camera { projection, fx: self.fx * scale, fy: self.fy * scale, ..self.clone() }
+    }
+
+    /// Returns the focal lengths in pixels; for an equirectangular camera, the picture's pixels per radian.
+    pub fn focal(&self) -> [f64; 2] {
+        match self.projection {
+            Projection::Equirectangular => {
+                [f64::from(self.width) / std::f64::consts::TAU, f64::from(self.height) / std::f64::consts::PI]
+            }
+            _ => [self.fx, self.fy],
+        }
+    }
+
     /// Describes the first reason that the camera is unusable: its numbers are inconsistent, or exceed f32, the
     /// renderers' precision.
     pub fn fault(&self) -> Option<String> {
@@ -202,6 +238,26 @@ mod tests {
         assert!(v[0].abs() < 1e-12 && v[1].abs() < 1e-12 && (v[2] - 43f64.sqrt()).abs() < 1e-12);
         assert!(camera.axes()[1][1] > 0.0, "down in the image is down in the world");
         assert!((camera.fx - 100.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn another_projection_keeps_the_size_of_the_scene_and_is_named_in_files() {
+        let scene = Scene::generate(500, 0, splat);
+        let camera = Camera::framing(&scene, 400, 300);
+        assert!(
+            !serde_json::to_string(&camera).unwrap().contains("projection"),
+            "pinhole cameras have no field"
+        );
+        let distance = camera.to_view(scene.robust_bounds().center())[2];
+        let parallel = camera.projected(Projection::Orthographic, &scene);
+        assert!((parallel.fx * distance / camera.fx - 1.0).abs() < 1e-9, "pixels of a unit at the centre");
+        assert_eq!(parallel.projected(Projection::Fisheye, &scene), parallel, "it is converted once");
+        let fisheye = camera.projected(Projection::Fisheye, &scene);
+        assert_eq!((fisheye.fx, fisheye.focal()), (camera.fx, [camera.fx, camera.fy]));
+        let text = serde_json::to_string(&fisheye).unwrap();
+        assert!(text.ends_with("\"projection\":\"fisheye\"}"), "{text}");
+        assert_eq!(serde_json::from_str::<Camera>(&text).unwrap(), fisheye);
+        assert_eq!(camera.projected(Projection::Pinhole, &scene), camera);
     }
 
     #[test]

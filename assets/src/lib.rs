@@ -38,6 +38,7 @@ pub mod memory;
 mod mesh;
 mod node_transform;
 mod ply;
+mod projection;
 mod rad;
 mod recognise;
 mod report;
@@ -62,6 +63,7 @@ pub use formats::{Content, names_scenes};
 pub use input::{Progress, QUIET, SceneHeader};
 pub use memory::SceneMemoryError;
 pub use mesh::{Light, MESH_ATTRIBUTES, Mesh, MeshMaterial, Texture};
+pub use projection::Projection;
 pub use recognise::SceneFormat;
 pub use report::{DepthRange, DepthReport, NEAR, OpacityReport, PlaceReport, Report, SizeReport};
 pub use scene::{

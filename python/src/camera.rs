@@ -45,6 +45,7 @@ impl Camera {
             rotation: std::array::from_fn(|row| std::array::from_fn(|axis| axes[axis][row])),
             fx: k[0][0],
             fy: k[1][1],
+            projection: assets::Projection::Pinhole,
         };
         if view[3] != [0.0, 0.0, 0.0, 1.0] {
             return Err(PyValueError::new_err(format!(

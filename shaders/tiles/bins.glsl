@@ -10,12 +10,40 @@ uint pack_bins(BinRect r) {
     return r.first.x | (r.first.y << 8) | (r.last.x << 16) | (r.last.y << 24);
 }
 
+// A graph without the constant draws no panorama.
+#ifndef WRAPS
+#define WRAPS 0
+#endif
+
+#if WRAPS
+// In a panorama, a rectangle may go over the right edge and on from the left one. Its last column is then less than its first where it
+// is packed, and beyond the picture where it is unpacked.
+const uint ROW_BINS = (uint(VIEWPORT_WIDTH) + BIN - 1u) / BIN;
+
+BinRect unpack_bins(uint packed) {
+    BinRect r = BinRect(uvec2(packed, packed >> 8) & 255u, uvec2(packed >> 16, packed >> 24) & 255u);
+    r.last.x += r.last.x < r.first.x ? ROW_BINS : 0u;
+    return r;
+}
+
+// Returns the column in the picture of a rectangle's column.
+uint bin_column(uint column) {
+    return column < ROW_BINS ? column : column - ROW_BINS;
+}
+#define BIN_COLUMN(column) bin_column(column)
+
+// The empty rectangle: no rows.
+const uint NO_BINS = 1u << 8;
+#else
 BinRect unpack_bins(uint packed) {
     return BinRect(uvec2(packed, packed >> 8) & 255u, uvec2(packed >> 16, packed >> 24) & 255u);
 }
 
+#define BIN_COLUMN(column) column
+
 // The empty rectangle.
 const uint NO_BINS = 1u;
+#endif
 
 // Returns the number of bins in a rectangle.
 uint bins_in(BinRect r) {

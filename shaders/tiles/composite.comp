@@ -33,6 +33,9 @@ float median_within(uint bin, uint segment, vec2 pixel, float light) {
     uint begin = ranges[bin].x + segment * uint(SEGMENT_ENTRIES);
     uint end = min(begin + uint(SEGMENT_ENTRIES), ranges[bin].y);
     float median = 0.0;
+#if WRAPS
+    float middle = (float(bin % uint(BINS_X)) + 0.5) * float(BIN);
+#endif
     for (uint entry = begin; entry < end && light > 0.5; entry++) {
         uint index = lists[entry];
 #if WITH_MESH
@@ -40,7 +43,7 @@ float median_within(uint bin, uint segment, vec2 pixel, float light) {
             break;
         }
 #endif
-        Record r = unpack_record(records[index]);
+        Record r = COPY_NEAR(unpack_record(records[index]), middle);
         vec2 d = pixel - r.centre;
         float u = r.root.x * d.x + r.root.y * d.y;
         float v = r.root.z * d.y;

@@ -77,7 +77,7 @@ void main() {
         BinRect r = unpack_bins(bins_of[splat]);
         uint width = r.last.x - r.first.x + 1u;
         uint row = within / width;
-        uint bin = (r.first.y + row) * uint(BINS_X) + r.first.x + within - row * width;
+        uint bin = (r.first.y + row) * uint(BINS_X) + BIN_COLUMN(r.first.x + within - row * width);
         if (start + pair < uint(ENTRIES)) {
 #if SORTED == SORTED_SPLATS
             pair_keys[start + pair] = bin;

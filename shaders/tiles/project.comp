@@ -43,6 +43,28 @@ float log_of_alpha(float alpha) {
     return exp2(log_alpha) < alpha_floor ? log_alpha + 1e-6 : log_alpha;
 }
 
+#if WRAPS
+// Finds the bins between two corners in a panorama; returns false if there is none, above or below the picture.
+bool bins_around(vec2 low, vec2 high, out BinRect rect) {
+    float width = camera.viewport.x;
+    vec2 rows = vec2(max(ceil(low.y), 0.0), min(floor(high.y), camera.viewport.y - 1.0));
+    if (!(rows.x <= rows.y)) {
+        return false;
+    }
+    vec2 columns = vec2(0.0, width - 1.0);
+    if (high.x - low.x < width) {
+        vec2 ends = vec2(floor(low.x), ceil(high.x));
+        ends -= width * floor(ends / width);
+        ends = min(ends, width - 1.0);
+        // Both ends in one bin, the first after the last, is the whole round.
+        bool is_round = ends.x > ends.y && uint(ends.x) / BIN == uint(ends.y) / BIN;
+        columns = is_round ? columns : ends;
+    }
+    rect = BinRect(uvec2(columns.x, rows.x) / BIN, uvec2(columns.y, rows.y) / BIN);
+    return true;
+}
+#endif
+
 #if SORTED == SORTED_PAIRS
 uint splat_pairs = 0u;
 #endif
@@ -62,13 +84,25 @@ float project(uint i) {
     vec2 rows = tile_range(p.centre.y, radius);
     low = max(low, vec2(columns.x, rows.x));
     high = min(high, vec2(columns.y, rows.y));
+#if WRAPS
+    // The tiles of a copy of the splat are elsewhere in it, unless the picture is whole tiles wide.
+    low.x -= PUBLISHED_TILE;
+    high.x += PUBLISHED_TILE;
 #endif
+#endif
+#if WRAPS
+    BinRect rect;
+    if (!bins_around(low, high, rect)) {
+        return -1.0;
+    }
+#else
     vec2 first = max(ceil(low), vec2(0.0));
     vec2 last = min(floor(high), camera.viewport.xy - 1.0);
     if (!(first.x <= last.x && first.y <= last.y)) {
         return -1.0;
     }
     BinRect rect = BinRect(uvec2(first) / BIN, uvec2(last) / BIN);
+#endif
     bins_of[i] = pack_bins(rect);
 #if SORTED == SORTED_PAIRS
     splat_pairs = bins_in(rect);

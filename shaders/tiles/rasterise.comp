@@ -215,7 +215,7 @@ void main() {
         if (thread == 0u) {
             is_open[(round + 1u) & 1u] = 0u;
         }
-        Record r = unpack_record(stored);
+        Record r = COPY_NEAR(unpack_record(stored), corner.x + 0.5 * float(BIN));
         if (!is_entry) {
             r.root = vec3(0.0);
             r.log_alpha = -1e30;

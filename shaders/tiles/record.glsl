@@ -40,6 +40,18 @@ Record unpack_record(StoredRecord s) {
 }
 #endif
 
+#if WRAPS
+// Moves a splat of a panorama by a picture's width, to its copy nearest to column `x`.
+Record copy_near(Record r, float x) {
+    const float ROUND = float(VIEWPORT_WIDTH);
+    r.centre.x += ROUND * floor((x - r.centre.x) / ROUND + 0.5);
+    return r;
+}
+#define COPY_NEAR(r, x) copy_near(r, x)
+#else
+#define COPY_NEAR(r, x) (r)
+#endif
+
 // The light of a segment at a pixel: the colour that it adds, and its transmittance.
 #if RECORD == RECORD_F32
 #define StoredSum vec4

@@ -64,7 +64,7 @@ void main() {
     for (uint first = begin; first < end && open; first += uint(LOADERS)) {
         uint at = min(first + lane, end - 1u);
         uint index = lists[at];
-        Record r = unpack_record(records[index]);
+        Record r = COPY_NEAR(unpack_record(records[index]), corner.x + 0.5 * float(TILE));
         bool touches = first + lane < end && ((blocks_of(r, corner, alpha_floor) >> block) & 1u) != 0u;
         Splat own = seen_from(corner, r, limits AND(index));
         own.log_alpha = touches ? own.log_alpha : -1e6;

@@ -120,7 +120,7 @@ void main() {
         [[unroll]] for (uint o = 0u; o < OWN; o++) {
             uint at = first + o * uint(LOADERS) + lane;
             uint index = lists[min(at, end - 1u)];
-            Record r = unpack_record(records[index]);
+            Record r = COPY_NEAR(unpack_record(records[index]), corner.x + 0.5 * float(TILE));
             own[o] = seen_from(corner, r, limits AND(index));
             uint touched = lane < uint(LOADERS) && at < end ? blocks_of(r, corner, alpha_floor) & open : 0u;
             [[unroll]] for (uint b = 0u; b < BLOCKS; b++) {

@@ -49,5 +49,5 @@ void walk_on(inout Walk w, uint count) {
 }
 
 uint bin_index(uvec2 bin) {
-    return min(bin.y * uint(BINS_X) + bin.x, uint(BIN_COUNT) - 1u);
+    return min(bin.y * uint(BINS_X) + BIN_COLUMN(bin.x), uint(BIN_COUNT) - 1u);
 }

@@ -165,6 +165,7 @@ mod tests {
                 rotation: rotation.to_cols_array_2d(),
                 fx: focal[0],
                 fy: focal[1],
+                projection: Default::default(),
             };
             let line = RenderCommand {
                 scene: Path::new("scene.ply"),

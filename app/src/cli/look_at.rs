@@ -4,7 +4,7 @@ use super::outcome::Usage;
 use crate::draw::facts;
 use crate::draw::orbit::Orbit;
 use glam::DVec3;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Projection, Scene};
 
 /// Options of cameras without a file.
 #[derive(Debug, clap::Args)]
@@ -18,9 +18,12 @@ pub struct LookAtArgs {
     /// World direction that points up in the picture [default: the scene's, or 0,-1,0]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, conflicts_with = "cameras")]
     up: Option<[f64; 3]>,
-    /// Horizontal field of view, in degrees [default: 60]
+    /// Horizontal field of view, in degrees: up to 179, or 360 for a fisheye [default: 60]
     #[arg(long, value_name = "DEGREES", value_parser = angle, conflicts_with = "cameras")]
     fov: Option<f64>,
+    /// Height of an orthographic view, in world units [default: that of the perspective view, at the middle of the scene]
+    #[arg(long, value_name = "UNITS", value_parser = height)]
+    ortho_height: Option<f64>,
     /// Draw N pictures along a circle through --eye with the axis --up, starting at --eye
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000), conflicts_with = "cameras")]
     orbit: Option<u32>,
@@ -34,10 +37,16 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
     values.ok_or_else(|| "expected three numbers, for instance 1,-0.5,2".into())
 }
 
-/// Parses a field of view, in degrees.
+/// Parses a field of view, in degrees. A fisheye's may be as large as the circle; [`LookAtArgs::circle`] checks the others.
 fn angle(text: &str) -> Result<f64, String> {
-    let angle = text.parse().ok().filter(|angle: &f64| (0.1..=179.0).contains(angle));
-    angle.ok_or_else(|| "expected 0.1 to 179 degrees".into())
+    let angle = text.parse().ok().filter(|angle: &f64| (0.1..=360.0).contains(angle));
+    angle.ok_or_else(|| "expected 0.1 to 179 degrees, or to 360 for a fisheye".into())
+}
+
+/// Parses the height of an orthographic view, in world units.
+fn height(text: &str) -> Result<f64, String> {
+    let height = text.parse().ok().filter(|height: &f64| *height > 0.0 && height.is_finite());
+    height.ok_or_else(|| "expected a positive number of world units, for instance 2.5".into())
 }
 
 impl LookAtArgs {
@@ -63,10 +72,43 @@ impl LookAtArgs {
     ///
     /// # Errors
     /// See [`LookAtArgs::circle`].
-    pub fn cameras(&self, scene: &Scene, size: Option<(u32, u32)>) -> Result<Option<Vec<Camera>>, Usage> {
+    pub fn cameras(
+        &self,
+        scene: &Scene,
+        size: Option<(u32, u32)>,
+        projection: Projection,
+    ) -> Result<Option<Vec<Camera>>, Usage> {
         let Some(names) = self.names() else { return Ok(None) };
-        let cameras = on_circle(&self.circle(scene, size)?, names.len()).into_iter().zip(names);
+        let cameras = on_circle(&self.circle(scene, size, projection)?, names.len()).into_iter().zip(names);
         Ok(Some(cameras.map(|(camera, img_name)| Camera { img_name, ..camera }).collect()))
+    }
+
+    /// Sets the scale of an orthographic camera to `--ortho-height`, if given.
+    ///
+    /// # Errors
+    /// The option is given for another projection.
+    pub fn scaled(&self, camera: Camera) -> Result<Camera, Usage> {
+        let Some(height) = self.ortho_height else { return Ok(camera) };
+        if camera.projection != Projection::Orthographic {
+            let found = camera.projection;
+            return Err(Usage(format!(
+                "expected --ortho-height for an orthographic camera, found a {found} one: add --pipeline orthographic"
+            )));
+        }
+        let factor = f64::from(camera.height) / height / camera.fy;
+        let scaled = Camera { fx: camera.fx * factor, fy: camera.fy * factor, ..camera };
+        match scaled.fault() {
+            Some(fault) => Err(Usage(format!("--ortho-height makes no camera: {fault}"))),
+            None => Ok(scaled),
+        }
+    }
+
+    /// Refuses `--ortho-height`, for the given reason.
+    pub fn refuse_height(&self, reason: &str) -> Result<(), Usage> {
+        match self.ortho_height {
+            Some(_) => Err(Usage(format!("expected no --ortho-height, found one: {reason}"))),
+            None => Ok(()),
+        }
     }
 
     /// Makes the circle through the eye around the axis `--up`, in the scene's coordinates.
@@ -75,7 +117,12 @@ impl LookAtArgs {
     ///
     /// # Errors
     /// The eye and the target coincide, or are too far away to draw.
-    pub fn circle(&self, scene: &Scene, size: Option<(u32, u32)>) -> Result<Orbit, Usage> {
+    pub fn circle(
+        &self,
+        scene: &Scene,
+        size: Option<(u32, u32)>,
+        projection: Projection,
+    ) -> Result<Orbit, Usage> {
         let size = size.unwrap_or(facts::DEFAULT_SIZE);
         let local = |place: [f64; 3]| DVec3::from(place) - DVec3::from(scene.offset());
         let target = self.target.map_or_else(|| DVec3::from(scene.robust_bounds().center()), local);
@@ -88,12 +135,36 @@ impl LookAtArgs {
         if up.try_normalize().is_none() {
             return Err(Usage("expected a direction for --up, found 0,0,0".into()));
         }
-        let fov = self.fov.unwrap_or(60.0);
-        let start = Camera::looking_at_upright(eye.into(), target.into(), up.into(), fov, size);
+        let start = self.start([eye, target, up], size, scene, projection)?;
         if let Some(fault) = start.fault() {
             return Err(Usage(format!("--eye, --target and --fov make no camera: {fault}")));
         }
         Ok(Orbit { start, around: target.into(), axis: up.into() })
+    }
+
+    /// Makes the first camera. The points are the eye, the target, and the direction up.
+    fn start(
+        &self,
+        [eye, target, up]: [DVec3; 3],
+        size: (u32, u32),
+        scene: &Scene,
+        projection: Projection,
+    ) -> Result<Camera, Usage> {
+        let at = |fov| Camera::looking_at_upright(eye.into(), target.into(), up.into(), fov, size);
+        match (projection, self.fov) {
+            (Projection::Fisheye, Some(fov)) => {
+                let focal = f64::from(size.0) / fov.to_radians();
+                Ok(Camera { projection, fx: focal, fy: focal, ..at(60.0) })
+            }
+            (Projection::Equirectangular, Some(fov)) => Err(Usage(format!(
+                "expected no --fov for an equirectangular view, which has 360 degrees, found {fov}"
+            ))),
+            (_, Some(fov)) if fov > 179.0 => {
+                let text = format!("--fov: expected 0.1 to 179 degrees for a {projection} view, found {fov}");
+                Err(Usage(format!("{text}; --pipeline fisheye has up to 360")))
+            }
+            (_, fov) => Ok(at(fov.unwrap_or(60.0)).projected(projection, scene)),
+        }
     }
 }
 
@@ -125,7 +196,7 @@ mod tests {
     fn an_orbit_keeps_the_target_in_the_middle_and_its_height_and_distance() {
         let scene = synth::generate("uniform", 50, 0).unwrap();
         let look = parse("--eye 3,-1,0 --target 0,1,0 --orbit 4 --fov 90").unwrap();
-        let cameras = look.cameras(&scene, Some((200, 100))).unwrap().unwrap();
+        let cameras = look.cameras(&scene, Some((200, 100)), Projection::Pinhole).unwrap().unwrap();
         let places: Vec<[i64; 3]> =
             cameras.iter().map(|c| c.position.map(|v| (v * 1e6).round() as i64)).collect();
         assert_eq!(places[0], [3_000_000, -1_000_000, 0]);
@@ -143,14 +214,37 @@ mod tests {
     fn a_scene_far_from_the_origin_is_looked_at_in_the_worlds_coordinates() {
         let scene = synth::generate("uniform", 50, 0).unwrap().with_offset([1e6, 0.0, 0.0]);
         let look = parse("--eye 1000000,0,-5 --target 1000000,0,0").unwrap();
-        let cameras = look.cameras(&scene, None).unwrap().unwrap();
+        let cameras = look.cameras(&scene, None, Projection::Pinhole).unwrap().unwrap();
         assert_eq!((cameras[0].position, cameras[0].axes()[2]), ([0.0, 0.0, -5.0], [0.0, 0.0, 1.0]));
+    }
+
+    #[test]
+    fn the_options_of_each_projection_are_checked_against_it() {
+        let scene = synth::generate("uniform", 50, 0).unwrap();
+        let made = |words: &str, projection| {
+            let look = parse(words).unwrap();
+            let camera = look.cameras(&scene, Some((300, 150)), projection).map(|all| all.unwrap().remove(0));
+            camera.and_then(|camera| look.scaled(camera)).map_err(|error| error.to_string())
+        };
+        let fisheye = made("--eye 0,0,-4 --fov 200", Projection::Fisheye).unwrap();
+        assert!((fisheye.fx * 200f64.to_radians() - 300.0).abs() < 1e-9 && fisheye.fx == fisheye.fy);
+        let parallel = made("--eye 0,0,-4 --ortho-height 3", Projection::Orthographic).unwrap();
+        assert!((parallel.fx - 50.0).abs() < 1e-9 && (parallel.fy - 50.0).abs() < 1e-9, "pixels per unit");
+        let said = made("--eye 0,0,-4 --ortho-height 3", Projection::Pinhole).unwrap_err();
+        assert!(
+            said.contains("expected --ortho-height for an orthographic camera, found a pinhole one"),
+            "{said}"
+        );
+        let said = made("--eye 0,0,-4 --fov 90", Projection::Equirectangular).unwrap_err();
+        assert!(said.contains("expected no --fov for an equirectangular view"), "{said}");
     }
 
     #[test]
     fn mistakes_are_told() {
         let scene = synth::generate("uniform", 50, 0).unwrap();
-        let said = |words: &str| parse(words).unwrap().cameras(&scene, None).unwrap_err().to_string();
+        let said = |words: &str| {
+            parse(words).unwrap().cameras(&scene, None, Projection::Pinhole).unwrap_err().to_string()
+        };
         assert!(
             said("--eye 1,2,3 --target 1,2,3")
                 .contains("expected two places for --eye and --target, found one")
@@ -159,7 +253,11 @@ mod tests {
         assert!(said("--eye 1e30,0,0").contains("expected a position within 1e18"));
         assert!(parse("--eye 1,2").unwrap_err().contains("expected three numbers"));
         assert!(parse("--eye 1,2,nan").unwrap_err().contains("expected three numbers"));
-        assert!(parse("--fov 180").unwrap_err().contains("expected 0.1 to 179 degrees"));
+        assert!(said("--fov 180").contains("expected 0.1 to 179 degrees for a pinhole view, found 180"));
+        assert!(
+            parse("--fov 361").unwrap_err().contains("expected 0.1 to 179 degrees, or to 360 for a fisheye")
+        );
+        assert!(parse("--ortho-height 0").unwrap_err().contains("expected a positive number of world units"));
         assert!(parse("--cameras a.json --eye 1,2,3").unwrap_err().contains("cannot be used with"));
         assert!(parse("").unwrap().names().is_none());
     }

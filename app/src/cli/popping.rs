@@ -14,7 +14,7 @@ use crate::studies::study::{Setting, Subject};
 use anyhow::{Context, Result};
 use serde_json::json;
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Projection, Scene};
 use std::path::{Path, PathBuf};
 
 /// Measure popping along a path of cameras: how the error changes from frame to frame
@@ -145,7 +145,7 @@ fn variants(args: &Args) -> Vec<Setting> {
     let graph = |name: &str| Setting::of_graph(name, &[]);
     let mut all: Vec<Setting> = args.pipeline.iter().map(|name| graph(name)).collect();
     if all.is_empty() && args.with.is_empty() {
-        all = settings::measured_names().into_iter().map(graph).collect();
+        all = settings::measured_names(Projection::Pinhole).into_iter().map(graph).collect();
     } else if all.is_empty() {
         all.push(graph(DEFAULT_PIPELINE));
     }

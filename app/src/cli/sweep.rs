@@ -6,6 +6,7 @@ use super::options::{self, Drawing, DrawingBackendArgs, EffortArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::backend::Backend;
 use crate::draw::fit;
+use crate::draw::projection;
 use crate::io::image::Image;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, say};
@@ -80,6 +81,7 @@ impl Request {
         }
         let (scene, cameras) =
             options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
+        let cameras = projection::convert_all(cameras, &args.drawing.pipeline, &args.drawing.set, &scene)?;
         let file = args.scene.as_deref().and_then(Path::file_stem);
         let name = file.map_or("demo".into(), |stem| stem.to_string_lossy()).into_owned();
         let wanted = Wanted {

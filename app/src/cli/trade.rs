@@ -7,6 +7,7 @@ use super::options::{self, DEFAULT_PIPELINE, DeviceArgs, DrawingBackendArgs, Eff
 use super::outcome::{Outcome, Usage};
 use crate::draw::backend::Backend;
 use crate::draw::fit;
+use crate::draw::projection;
 use crate::io::image::{Format, Image};
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, say, shell_word};
@@ -107,6 +108,7 @@ impl Request {
             fit::check_header(path, device.info(), &args.pipeline, &args.set)?;
         }
         let (scene, cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
+        let cameras = projection::convert_all(cameras, &args.pipeline, &args.set, &scene)?;
         let truths = |folder: &PathBuf| -> Result<_> {
             Ok((folder.display().to_string(), true_pictures(folder, &cameras, &stems)?))
         };

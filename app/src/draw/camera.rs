@@ -195,6 +195,7 @@ mod tests {
             rotation: [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]],
             fx: 50.0,
             fy: 40.0,
+            projection: Default::default(),
         }
     }
 

@@ -197,8 +197,8 @@ pub struct Seen<'a> {
 impl Seen<'_> {
     /// Projects the scene into every view, by the scene's own rules.
     pub fn new<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
-        let rules = Rules::of(scene);
-        let visible = cameras.iter().map(|camera| visible(scene, camera, &rules)).collect();
+        let visible =
+            cameras.iter().map(|camera| visible(scene, camera, &Rules::of_view(scene, camera))).collect();
         Seen { scene, cameras, visible }
     }
 

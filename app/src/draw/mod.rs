@@ -13,6 +13,7 @@
 //! - [`facts`]: facts and imports of graphs;
 //! - [`capacity`]: detection of incomplete frames, and the capacity that they need;
 //! - [`planner`]: builds of plans from graphs;
+//! - [`projection`]: projection of a graph, and cameras for it;
 //! - [`fit`]: check whether a scene fits a device;
 //! - [`storage`]: choice of the most accurate storage that fits a given memory;
 //! - [`render_command`]: command that draws a picture again;
@@ -43,6 +44,7 @@ pub mod outputs;
 pub mod pick;
 pub mod pictures;
 pub mod planner;
+pub mod projection;
 pub mod render_command;
 pub mod select;
 pub mod session;

@@ -129,7 +129,7 @@ pub fn pick(
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Option<Picked> {
     let scene = masked.scene;
-    let rules = &Rules::of(scene);
+    let rules = &Rules::of_view(scene, camera);
     let found = fragments(masked, camera, pixel, rules, cancelled)?;
     let of = |fragment: &Fragment| {
         let splat = scene.get(fragment.index as usize);
@@ -165,7 +165,7 @@ pub fn outline(scene: &Scene, camera: &Camera, index: u32) -> Option<Outline> {
     if index >= scene.count() {
         return None;
     }
-    let rules = &Rules::of(scene);
+    let rules = &Rules::of_view(scene, camera);
     Outline::of(&project(&scene.get(index as usize), camera, rules)?, rules)
 }
 

@@ -46,9 +46,10 @@ pub fn measure(scene: &Scene, cameras: &[Camera]) -> Result<Vec<Price>> {
 }
 
 fn pictures(scene: &Scene, cameras: &[Camera]) -> Vec<Image> {
-    let rules = Rules::of(scene);
-    let draw =
-        |camera: &Camera| Truth::draw(scene, &camera.relative_to(scene.offset()), [0.0; 3], &rules).image();
+    let draw = |camera: &Camera| {
+        let camera = camera.relative_to(scene.offset());
+        Truth::draw(scene, &camera, [0.0; 3], &Rules::of_view(scene, &camera)).image()
+    };
     cameras.iter().map(draw).collect()
 }
 

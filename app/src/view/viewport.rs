@@ -15,6 +15,7 @@ use super::renderer::{Cause, FinishedFrame, Renderer};
 use crate::draw::camera;
 use crate::draw::capacity::Overflow;
 use crate::draw::inspect::{self, Finding};
+use crate::draw::projection;
 use crate::draw::stats;
 use splatgraph_api::{BackendError, BufferContents, Device, FrameInputs, Inspect, Pixels, Recovery};
 use splatgraph_assets::{Camera, Scene};
@@ -283,7 +284,8 @@ impl<D: Device> Viewport<D> {
         // The camera of a scene shows nothing of use in the previous one.
         let can_draw = width > 0 && height > 0 && self.renderer.draws(view.scene);
         let Some(plan) = self.renderer.plan().cloned().filter(|_| can_draw) else { return };
-        let camera = view.camera.resized(width, height);
+        let graph = projection::of_params(&plan.params);
+        let camera = view.camera.resized(width, height).projected(graph, view.scene);
         let uniforms =
             |number| camera::frame_uniforms(&camera, &view.scene.bounds(), view.background, number);
         let drawn = Drawn { live: self.renderer.live(&plan), plan, uniforms: uniforms(0) };

@@ -9,6 +9,7 @@ use super::error::{CameraError, MOST_CAMERAS};
 use super::photograph;
 use super::view::{Dataset, View, stem};
 use crate::camera::Camera;
+use crate::projection::Projection;
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use std::cell::Cell;
@@ -143,11 +144,19 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
     let photograph = frame.file_path.as_deref().ok_or("missing field `file_path`")?;
     let matrix = frame.transform_matrix.ok_or("missing field `transform_matrix`")?;
     let model = frame.camera_model.as_deref().or(file.camera_model.as_deref()).unwrap_or("PINHOLE");
-    let pinholes = ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"];
-    if !pinholes.contains(&model) || frame.is_fisheye || file.is_fisheye {
-        let found = if pinholes.contains(&model) { "a fisheye" } else { model };
-        return Err(format!("`camera_model`: expected a pinhole camera, found {found}; {UNDISTORT}"));
-    }
+    let is_fisheye = frame.is_fisheye || file.is_fisheye;
+    let projection = match model {
+        "OPENCV_FISHEYE" => Projection::Fisheye,
+        "EQUIRECTANGULAR" => Projection::Equirectangular,
+        "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" | "FULL_OPENCV" => {
+            if is_fisheye { Projection::Fisheye } else { Projection::Pinhole }
+        }
+        _ => {
+            return Err(format!(
+                "`camera_model`: expected PINHOLE, OPENCV_FISHEYE, EQUIRECTANGULAR or another model without distortion, found {model}; {UNDISTORT}"
+            ));
+        }
+    };
     if let Some((name, value)) = frame.distortion(file) {
         return Err(format!("`{name}`: expected 0, a lens without distortion, found {value}; {UNDISTORT}"));
     }
@@ -173,12 +182,18 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
             (side(sides[0])?, side(sides[1])?)
         }
     };
-    let of_angle = |side: u32, angle: f64| 0.5 * f64::from(side) / (0.5 * angle).tan();
+    let of_angle = |side: u32, angle: f64| match projection {
+        Projection::Fisheye => f64::from(side) / angle,
+        _ => 0.5 * f64::from(side) / (0.5 * angle).tan(),
+    };
     let fx = either!(fl_x of frame, file)
         .or_else(|| either!(camera_angle_x of frame, file).map(|angle| of_angle(width, angle)));
     let fy = either!(fl_y of frame, file)
         .or_else(|| either!(camera_angle_y of frame, file).map(|angle| of_angle(height, angle)));
-    let fx = fx.ok_or("missing field `fl_x`, or `camera_angle_x`")?;
+    // A panorama has no focal length.
+    let panorama =
+        (projection == Projection::Equirectangular).then(|| f64::from(width) / std::f64::consts::TAU);
+    let fx = fx.or(panorama).ok_or("missing field `fl_x`, or `camera_angle_x`")?;
     for (center, side) in [(either!(cx of frame, file), width), (either!(cy of frame, file), height)] {
         *off_center = off_center.max(center.map_or(0.0, |center| (center - 0.5 * f64::from(side)).abs()));
     }
@@ -192,6 +207,7 @@ fn view(frame: &Fields, file: &Fields, folder: &Path, off_center: &mut f64) -> R
         rotation: [0, 1, 2].map(|row| [matrix[row][0], -matrix[row][1], -matrix[row][2]]),
         fx,
         fy: fy.unwrap_or(fx),
+        projection,
     };
     let test = file.test_filenames.as_ref().map(|names| names.iter().any(|name| name == photograph));
     Ok(View { camera, photograph: photograph.to_owned(), test })

@@ -6,7 +6,8 @@
 //! | Blender, nerfstudio, instant-ngp | a JSON object with `frames`, or a folder with `transforms*.json` |
 //! | the 3DGS reference implementation's `cameras.json` | a JSON list, or a folder with that file |
 //!
-//! Cameras are pinholes with the principal point at the centre. A lens with distortion is refused. Any other principal
+//! Cameras have the principal point at the centre. They are pinholes, or have another [`Projection`](crate::Projection) if the
+//! dataset names one; a lens with distortion is refused. Any other principal
 //! point is moved to the centre, as the reference does; [`Dataset::off_center`] has the largest distance.
 
 mod colmap;

@@ -1,6 +1,7 @@
 //! Reads the same cameras from every format, and damaged ones from each.
 
 use super::*;
+use crate::projection::Projection;
 use crate::testing::{captures, golden};
 
 const ONE: &str = r#"{"id": 3, "img_name": "a", "width": 4, "height": 2, "position": [1, 2, 3.5], "lens": "x",
@@ -209,8 +210,12 @@ fn a_lens_without_distortion_is_a_pinhole_by_any_name_and_one_with_it_is_refused
             "`p2`: expected 0, a lens without distortion, found 0.000000001; undistort",
         ),
         (
-            "7 OPENCV_FISHEYE 100 80 100 80 50 40 0 0 0 0",
-            "`MODEL`: expected a pinhole camera, found OPENCV_FISHEYE; undistort",
+            "7 OPENCV_FISHEYE 100 80 100 80 50 40 0 0.1 0 0",
+            "`k2`: expected 0, a lens without distortion, found 0.1; undistort",
+        ),
+        (
+            "7 FOV 100 80 100 80 50 40 0",
+            "`MODEL`: expected a pinhole or fisheye camera, found FOV; undistort",
         ),
         (
             "7 PINHOL 100 80 100 80 50 40",
@@ -222,6 +227,34 @@ fn a_lens_without_distortion_is_a_pinhole_by_any_name_and_one_with_it_is_refused
         let said = Dataset::load(colmap_text(lens, &image()).path()).unwrap_err().to_string();
         assert!(said.contains("cameras.txt:2: ") && said.contains(what), "{said}");
     }
+}
+
+#[test]
+fn a_fisheye_without_distortion_is_equidistant_and_a_panorama_needs_no_focal_length() {
+    for (lens, fy) in [
+        ("7 OPENCV_FISHEYE 100 80 100 80 50 40 0 0 0 0", 80.0),
+        ("7 SIMPLE_RADIAL_FISHEYE 100 80 100 50 40 0", 100.0),
+        ("7 RADIAL_FISHEYE 100 80 100 50 40 0 0", 100.0),
+    ] {
+        let folder = colmap_text(lens, &image());
+        let [view] = Dataset::load(folder.path()).unwrap().views.try_into().unwrap();
+        let camera = &view.camera;
+        assert_eq!((camera.projection, camera.fx, camera.fy), (Projection::Fisheye, 100.0, fy), "{lens}");
+    }
+    let parse = |of_frame: &str| {
+        let dataset = Dataset::parse(&nerfstudio("", of_frame), Path::new("transforms.json"));
+        dataset.map(|mut dataset| dataset.views.remove(0).camera).map_err(|error| error.to_string())
+    };
+    for fisheye in ["\"camera_model\": \"OPENCV_FISHEYE\",", "\"is_fisheye\": true,"] {
+        let camera = parse(fisheye).unwrap();
+        assert_eq!((camera.projection, camera.fx, camera.fy), (Projection::Fisheye, 100.0, 80.0));
+    }
+    assert!(parse("\"is_fisheye\": true, \"k1\": 0.5,").unwrap_err().contains("`k1`: expected 0"));
+    let text = nerfstudio("", "\"camera_model\": \"EQUIRECTANGULAR\",");
+    let bare = text.replace("\"fl_x\": 100, \"fl_y\": 80, ", "");
+    let camera = Dataset::parse(&bare, Path::new("transforms.json")).unwrap().views.remove(0).camera;
+    assert_eq!(camera.projection, Projection::Equirectangular);
+    assert_eq!(camera.focal(), [100.0 / std::f64::consts::TAU, 80.0 / std::f64::consts::PI]);
 }
 
 #[test]
@@ -312,8 +345,8 @@ fn transforms_show_a_known_point_at_its_pixel_and_a_frame_has_the_last_word() {
     for (of_frame, what) in [
         ("\"k1\": 0.1,", "`k1`: expected 0, a lens without distortion, found 0.1; undistort"),
         (
-            "\"camera_model\": \"OPENCV_FISHEYE\",",
-            "`camera_model`: expected a pinhole camera, found OPENCV_FISHEYE",
+            "\"camera_model\": \"FISHEYE624\",",
+            "`camera_model`: expected PINHOLE, OPENCV_FISHEYE, EQUIRECTANGULAR or another model without distortion, found FISHEYE624",
         ),
         ("\"w\": 10.5,", "`w`: expected a number of pixels, found 10.5"),
         ("\"transform_matrix\": 1,", "invalid type: integer `1`"),

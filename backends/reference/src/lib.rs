@@ -6,7 +6,7 @@
 //! with the shaders and executes no plan: [`render`] is a pure function of splats, camera, background and rules.
 //!
 //! Data flows one way through the modules. [`Splats`] returns each [`Gaussian`] in f64. `project` converts it to an
-//! ellipse on the image, with its colour from `harmonics`. `order` sorts ellipses by depth. `raster` blends them, a row
+//! ellipse on the image, through the camera's `lens`, with its colour from `harmonics`. `order` sorts ellipses by depth. `raster` blends them, a row
 //! of tiles at a time, down to the surface that `mesh` finds. `pixel` lists the splats of a single pixel.
 //!
 //! ```
@@ -26,6 +26,7 @@
 
 mod gaussian;
 mod harmonics;
+mod lens;
 mod mesh;
 mod order;
 mod pixel;

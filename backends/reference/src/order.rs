@@ -13,6 +13,9 @@ pub(crate) struct View {
     depth_row: [f32; 4],
     /// True if f32 is too coarse for the positions.
     wide: bool,
+    /// True if the picture can show splats behind the camera. The near plane is then a sphere, if splats are sorted by
+    /// distance.
+    sees_behind: bool,
 }
 
 impl View {
@@ -21,7 +24,8 @@ impl View {
         let eye = camera.position;
         let translation = -(0..3).map(|i| rows[2][i] * eye[i]).sum::<f64>();
         let [x, y, z] = rows[2].map(|v| v as f32);
-        View { rows, eye, depth_row: [x, y, z, translation as f32], wide }
+        let sees_behind = camera.projection.sees_behind();
+        View { rows, eye, depth_row: [x, y, z, translation as f32], wide, sees_behind }
     }
 
     /// Transforms a point to view space: right, down, forward.
@@ -51,14 +55,18 @@ impl View {
         }
     }
 
-    /// Computes the sort key of a splat at view depth `depth`: by the rules, this depth or the distance.
-    pub(crate) fn key(&self, p: [f64; 3], depth: f64, rules: &Rules) -> f64 {
+    /// Computes the sort key of a splat, by the rules its view depth or its distance; `None` if it is nearer than the
+    /// near plane.
+    pub(crate) fn key(&self, p: [f64; 3], rules: &Rules) -> Option<f64> {
         let distance = || (0..3).map(|i| (p[i] - self.eye[i]).powi(2)).sum::<f64>().sqrt();
-        match (rules.key_of, rules.depth) {
+        let depth = self.depth(p, rules.depth);
+        let key = match (rules.key_of, rules.depth) {
             (KeyOf::Depth, _) => depth,
             (KeyOf::Distance, Depth::F32) => f64::from(distance() as f32),
             (KeyOf::Distance, Depth::F64) => distance(),
-        }
+        };
+        let near = if self.sees_behind && rules.key_of == KeyOf::Distance { key } else { depth };
+        (near > rules.near).then_some(key)
     }
 }
 
@@ -79,11 +87,7 @@ pub fn depth_order(splats: &(impl Splats + ?Sized), camera: &Camera, rules: &Rul
     let view = View::new(camera, splats.is_wide());
     let mut keys: Vec<(f64, u32)> = (0..splats.count())
         .into_par_iter()
-        .filter_map(|index| {
-            let position = splats.get(index).position;
-            let depth = view.depth(position, rules.depth);
-            (depth > rules.near).then(|| (view.key(position, depth, rules), index as u32))
-        })
+        .filter_map(|index| view.key(splats.get(index).position, rules).map(|key| (key, index as u32)))
         .collect();
     sort(&mut keys, rules, |key| *key);
     keys.into_iter().map(|(_, index)| index).collect()

@@ -11,6 +11,7 @@
 
 use crate::gaussian::Gaussian;
 use crate::harmonics;
+use crate::lens::Lens;
 use crate::order::View;
 use crate::rules::{Extent, LowPass, Rules};
 use splatgraph_assets::Camera;
@@ -47,14 +48,40 @@ pub(crate) struct Footprint {
     pub opacity: f64,
     /// Minimum exponent of a fragment. Below it, alpha is under the floor or the pixel is outside the extent.
     cutoff: f64,
+    /// Set for a panorama, whose left and right edge are neighbours.
+    turn: Option<Turn>,
     pub color: [f64; 3],
+}
+
+/// The copies of a splat in a panorama, a picture's width apart. A pixel sees the nearest one.
+#[derive(Clone, Copy, Debug)]
+struct Turn {
+    /// Width of the picture, in pixels.
+    width: f64,
+    /// Half the side of the square whose tiles a splat touches, under [`Extent::Tiles`]; infinite otherwise.
+    half: f64,
+}
+
+impl Turn {
+    /// Returns the distance from a centre to a pixel in its row, in pixels; `None` outside the copy's tiles.
+    fn offset(self, x: f64, center: f64) -> Option<f64> {
+        let center = center + self.width * ((x - center) / self.width).round();
+        let tile = f64::from(TILE);
+        let first = ((center - self.half) / tile).floor() * tile;
+        let end = ((center + self.half + tile - 1.0) / tile).floor() * tile;
+        (first <= x && x < end).then_some(x - center)
+    }
 }
 
 impl Footprint {
     /// Returns the alpha at a pixel, before the cap; `None` if the splat has no fragment there.
     #[inline]
     pub(crate) fn alpha(&self, x: f64, y: f64, rules: &Rules) -> Option<f64> {
-        let (dx, dy) = (x - self.center[0], y - self.center[1]);
+        let dx = match self.turn {
+            None => x - self.center[0],
+            Some(turn) => turn.offset(x, self.center[0])?,
+        };
+        let dy = y - self.center[1];
         let (p, q) = (self.u * dx, self.v * (dy - self.s * dx));
         let exponent = -0.5 * (p * p + q * q);
         // Skip the exponential if the test below would fail anyway.
@@ -80,9 +107,9 @@ impl Footprint {
 /// Projects splats to the image of one camera.
 pub(crate) struct Projector<'a> {
     view: View,
+    lens: Lens,
     camera: &'a Camera,
     rules: &'a Rules,
-    tan: [f64; 2],
     /// Number of tiles across and down.
     pub grid: [u32; 2],
 }
@@ -90,10 +117,8 @@ pub(crate) struct Projector<'a> {
 impl<'a> Projector<'a> {
     /// Prepares to project for a camera; `wide` is true if f32 is too coarse for the positions.
     pub(crate) fn new(camera: &'a Camera, rules: &'a Rules, wide: bool) -> Self {
-        let tan =
-            [f64::from(camera.width) / camera.fx, f64::from(camera.height) / camera.fy].map(|v| 0.5 * v);
         let grid = [camera.width, camera.height].map(|side| side.div_ceil(TILE));
-        Self { view: View::new(camera, wide), camera, rules, tan, grid }
+        Self { view: View::new(camera, wide), lens: Lens::new(camera, rules), camera, rules, grid }
     }
 
     /// Returns the width of the image in pixels.
@@ -114,12 +139,9 @@ impl<'a> Projector<'a> {
         splat: &Gaussian,
         wanted: impl FnOnce([u32; 4]) -> bool,
     ) -> Option<Ellipse> {
-        let depth = self.view.depth(splat.position, self.rules.depth);
-        if depth.is_nan() || depth <= self.rules.near {
-            return None;
-        }
+        let depth = self.view.key(splat.position, self.rules)?;
         let view = self.view.point(splat.position);
-        let center = self.pixel(view);
+        let center = self.lens.pixel(view);
         let [r0, r1] = self.axes(view, splat);
         let low_pass = self.rules.low_pass.variance();
         let (a0, b, c0) = (dot(r0, r0), dot(r0, r1), dot(r1, r1));
@@ -141,7 +163,6 @@ impl<'a> Projector<'a> {
             Extent::Sigma(sigma) => floor.max(-0.5 * sigma * sigma),
         };
         let tiles = self.tiles(center, a, c, det).filter(|tiles| wanted(*tiles))?;
-        let depth = self.view.key(splat.position, depth, self.rules);
         let footprint = Footprint {
             center,
             u: 1.0 / a.sqrt(),
@@ -149,6 +170,7 @@ impl<'a> Projector<'a> {
             v: (a / det).sqrt(),
             opacity,
             cutoff,
+            turn: self.lens.turn().map(|width| Turn { width, half: self.half_extent(a, c, det)[0] }),
             color: harmonics::color(&splat.sh, splat.position, self.camera.position, self.rules),
         };
         Some(Ellipse { index, depth, tiles, footprint, normal: self.normal(splat) })
@@ -163,23 +185,10 @@ impl<'a> Projector<'a> {
         if dot(axis, from_camera) > 0.0 { axis.map(|v| -v) } else { axis }
     }
 
-    /// Returns the pixel position of a point in view space: `((ndc + 1) size - 1) / 2` (`ndc2Pix` in auxiliary.h).
-    fn pixel(&self, [x, y, z]: [f64; 3]) -> [f64; 2] {
-        let ndc = [x / (self.tan[0] * z), y / (self.tan[1] * z)];
-        let size = [self.camera.width, self.camera.height].map(f64::from);
-        std::array::from_fn(|i| 0.5 * ((ndc[i] + 1.0) * size[i] - 1.0) + self.rules.pixel_offset)
-    }
-
     /// Returns the rows of `M = J W R S`, the splat's three axes on the image, in pixels. Source: `computeCov2D` and
     /// `computeCov3D` in forward.cu.
-    fn axes(&self, [x, y, z]: [f64; 3], splat: &Gaussian) -> [[f64; 3]; 2] {
-        let slope = |value: f64, tan: f64| match self.rules.jacobian_clamp {
-            Some(limit) => (value / z).clamp(-limit * tan, limit * tan),
-            None => value / z,
-        };
-        let (fx, fy) = (self.camera.fx, self.camera.fy);
-        let jacobian =
-            [[fx / z, 0.0, -fx * slope(x, self.tan[0]) / z], [0.0, fy / z, -fy * slope(y, self.tan[1]) / z]];
+    fn axes(&self, view: [f64; 3], splat: &Gaussian) -> [[f64; 3]; 2] {
+        let jacobian = self.lens.jacobian(view);
         let rotation = rotation(splat.rotation);
         let rows = self.view.rows();
         // Column `axis` of W R S: the splat's axis in view space.
@@ -190,9 +199,9 @@ impl<'a> Projector<'a> {
         jacobian.map(|row| columns.map(|column| dot(row, column)))
     }
 
-    /// Returns the range of tiles that the splat may touch; `None` if it is empty.
-    fn tiles(&self, center: [f64; 2], a: f64, c: f64, det: f64) -> Option<[u32; 4]> {
-        let half: [f64; 2] = match self.rules.extent {
+    /// Returns half the width and height of the rectangle whose tiles the splat touches.
+    fn half_extent(&self, a: f64, c: f64, det: f64) -> [f64; 2] {
+        match self.rules.extent {
             // `preprocessCUDA` in forward.cu: the discriminant is floored at 0.1.
             Extent::Tiles => {
                 let middle = 0.5 * (a + c);
@@ -202,12 +211,24 @@ impl<'a> Projector<'a> {
             // The bounding box of the ellipse extends sigma standard deviations in each coordinate.
             Extent::Sigma(sigma) => [sigma * a.sqrt(), sigma * c.sqrt()],
             Extent::Unbounded => [f64::INFINITY; 2],
-        };
+        }
+    }
+
+    /// Returns the range of tiles that the splat may touch; `None` if it is empty.
+    ///
+    /// In a panorama, a splat beyond an edge gets all columns; each pixel then finds the copy that it sees.
+    fn tiles(&self, center: [f64; 2], a: f64, c: f64, det: f64) -> Option<[u32; 4]> {
+        let half = self.half_extent(a, c, det);
         let tile = f64::from(TILE);
         let edge =
             |value: f64, axis: usize| (value / tile).trunc().clamp(0.0, f64::from(self.grid[axis])) as u32;
-        let first: [u32; 2] = std::array::from_fn(|i| edge(center[i] - half[i], i));
-        let end: [u32; 2] = std::array::from_fn(|i| edge(center[i] + half[i] + tile - 1.0, i));
+        let mut first: [u32; 2] = std::array::from_fn(|i| edge(center[i] - half[i], i));
+        let mut end: [u32; 2] = std::array::from_fn(|i| edge(center[i] + half[i] + tile - 1.0, i));
+        if let Some(width) = self.lens.turn()
+            && (center[0] - half[0] < tile || center[0] + half[0] > width - tile)
+        {
+            (first[0], end[0]) = (0, self.grid[0]);
+        }
         (first[0] < end[0] && first[1] < end[1]).then_some([first[0], first[1], end[0], end[1]])
     }
 }

@@ -109,7 +109,8 @@ impl Pixel {
     }
 }
 
-/// Renders splats over `background` by the given rules. A mesh hides the background and the splats behind it.
+/// Renders splats over `background` by the given rules. A mesh hides the background and the splats behind it; only
+/// pinhole cameras draw it.
 ///
 /// The result does not depend on the number of threads. Rendering needs about 150 bytes per visible splat, plus 4 bytes
 /// for each tile that a splat touches in the rows in progress.
@@ -127,7 +128,8 @@ pub fn render(
         .collect();
     order::sort(&mut ellipses, rules, |ellipse| (ellipse.depth, ellipse.index));
 
-    let surfaces = splats.mesh().map(|mesh| Caster::new(mesh, camera, rules).surfaces());
+    let mesh = splats.mesh().filter(|_| camera.projection.is_pinhole());
+    let surfaces = mesh.map(|mesh| Caster::new(mesh, camera, rules).surfaces());
     let surface = |at: usize| surfaces.as_ref().and_then(|all| all[at]);
     let width = camera.width as usize;
     let mut pixels = vec![Pixel::EMPTY; width * camera.height as usize];

@@ -4,13 +4,14 @@
 //! 59f5f77). The table [`RULES`] lists names, published values and sources; [`Rules::set`] changes a rule by its name.
 
 use serde::Serialize;
-use splatgraph_assets::{Filter, Scene, SortKey};
+use splatgraph_assets::{Camera, Filter, Scene, SortKey};
 use std::str::FromStr;
 
 /// All rules in which renderers of a scene can differ. Lengths on the image are in pixels.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rules {
-    /// Maximum view depth at which splats are culled, in world units.
+    /// Maximum view depth at which splats are culled, in world units. Cameras that see behind
+    /// themselves cull by the sort key instead.
     pub near: f64,
     /// Offset added to the pixel position of every centre, in x and y. Pixels are sampled at integer positions.
     pub pixel_offset: f64,
@@ -79,6 +80,14 @@ impl Rules {
             SortKey::Distance => KeyOf::Distance,
         };
         rules
+    }
+
+    /// Returns the published rules, adapted to the scene as [`Rules::of`] does, and to the camera.
+    ///
+    /// A camera that [sees behind itself](splatgraph_assets::Projection::sees_behind) sorts by distance.
+    pub fn of_view(scene: &Scene, camera: &Camera) -> Rules {
+        let rules = Rules::of(scene);
+        if camera.projection.sees_behind() { Rules { key_of: KeyOf::Distance, ..rules } } else { rules }
     }
 
     /// Changes the rule of this name (see [`RULES`]). Numbers are rounded to f32, the rasteriser's type.

@@ -17,7 +17,7 @@ use crate::io::output::names::{self, MAX_NAME_BYTES, MIN_ROOM_BYTES};
 use crate::io::output::{OutputGuard, is_standard_output, one_line};
 use anyhow::{Result, bail};
 use clap::builder::{OsStringValueParser, TypedValueParser};
-use splatgraph_assets::Camera;
+use splatgraph_assets::{Camera, Projection};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -54,8 +54,8 @@ pub struct Args {
     ///
     /// `vulkan` and `metal` execute the graph on a device. `null` executes nothing, to measure the rest of the program: its
     /// pictures are black, and its GPU times are meaningless. The exact renderer follows the rules of the published CUDA
-    /// rasteriser in f64. It shares no arithmetic with the shaders and executes no graph. Errors are measured against its
-    /// pictures.
+    /// rasteriser in f64. It shares no arithmetic with the shaders and executes no graph; `--pipeline orthographic`, `fisheye` and
+    /// `equirectangular` name its projection. Errors are measured against its pictures.
     #[arg(long, value_name = "NAME", default_value_t = Renderer::Device(Api::default()), value_parser = renderer)]
     pub(super) backend: Renderer,
     /// Change a rule of the exact renderer; may be repeated
@@ -238,7 +238,10 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
             let names = NAMES.map(|(name, _)| name).join(", ");
             return Err(Usage(format!("expected an output of the exact renderer, {names}, found `{name}`")));
         }
-        return refuse_graph_options(&args.drawing.pipeline, &args.drawing.set, &args.device);
+        // Of a preset that is named after a projection, the exact renderer draws the projection.
+        let is_projection = args.drawing.pipeline.parse::<Projection>().is_ok();
+        let pipeline = if is_projection { options::DEFAULT_PIPELINE } else { &args.drawing.pipeline };
+        return refuse_graph_options(pipeline, &args.drawing.set, &args.device);
     }
     match args.rule.is_empty() {
         true => Ok(()),

@@ -8,6 +8,7 @@ use crate::cli::options;
 use crate::cli::outcome::{Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::facts::DEFAULT_SIZE;
+use crate::draw::projection;
 use crate::draw::session::Session;
 use crate::draw::storage::Choice;
 use crate::draw::truth::{self, Truth, TruthStats};
@@ -16,7 +17,7 @@ use crate::io::progress::Progress;
 use anyhow::{Context, Result};
 use serde_json::Value as Json;
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Projection, Scene};
 use splatgraph_reference::Rules;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -34,13 +35,20 @@ pub struct Loaded {
 }
 
 impl Loaded {
-    /// Loads the scenes and their cameras, at the requested size.
-    fn load(args: &Args, work: &Work, cancel: &AtomicBool) -> Result<Loaded> {
+    /// Loads the scenes and their cameras, at the requested size and with the graph's projection.
+    fn load(args: &Args, work: &Work, graph: Projection, cancel: &AtomicBool) -> Result<Loaded> {
         let (scene, own) = args.scenes.load(cancel)?;
         let given = work.given.clone().or(own.map(|own| vec![own]));
         let cameras = options::cameras_of(&scene, given, &work.stems, args.drawing.size);
-        let looking = args.look.cameras(&scene, args.drawing.size)?;
-        Ok(Loaded { scene: scene.into(), cameras: looking.unwrap_or(cameras) })
+        let looking = args.look.cameras(&scene, args.drawing.size, graph)?;
+        let projected = |camera: Camera| -> Result<Camera> {
+            // The exact renderer draws every camera as it is.
+            let is_free = args.backend == Renderer::Reference && graph.is_pinhole();
+            let camera = if is_free { camera } else { projection::convert(&camera, graph, &scene)? };
+            Ok(args.look.scaled(camera)?)
+        };
+        let cameras = looking.unwrap_or(cameras).into_iter().map(projected).collect::<Result<_>>()?;
+        Ok(Loaded { scene: scene.into(), cameras })
     }
 }
 
@@ -53,8 +61,8 @@ pub struct Drawer {
 
 /// The renderer of the views.
 enum With {
-    Device { session: Box<Session<Backend>>, batch: Batch, guard: OutputGuard },
-    Exact { rules: Rules, done: Vec<TruthStats> },
+    Device { session: Box<Session<Backend>>, batch: Box<Batch>, guard: OutputGuard },
+    Exact { done: Vec<TruthStats> },
 }
 
 impl Drawer {
@@ -63,15 +71,26 @@ impl Drawer {
     /// # Errors
     /// There is no suitable device, or the scene cannot be loaded.
     pub fn open(args: &Args, work: &Work, loaded: Option<Loaded>) -> Result<Drawer> {
-        let load = |cancel: &_| loaded.map_or_else(|| Loaded::load(args, work, cancel), Ok);
+        let pipeline = &args.drawing.pipeline;
+        let graph = match args.backend {
+            // Of a preset that is named after a projection, the exact renderer draws the projection.
+            Renderer::Reference => pipeline.parse().unwrap_or_default(),
+            Renderer::Device(_) => projection::of_graph(pipeline, &args.drawing.set),
+        };
+        let load = |cancel: &_| loaded.map_or_else(|| Loaded::load(args, work, graph, cancel), Ok);
         let stems = work.stems.clone();
         let Renderer::Device(api) = args.backend else {
-            let changed = |rules| truth::rules(rules, &args.rule).map_err(|error| Usage(error.to_string()));
             // Mistakes are reported before a large scene is loaded.
-            changed(Rules::PUBLISHED)?;
+            truth::rules(Rules::PUBLISHED, &args.rule).map_err(|error| Usage(error.to_string()))?;
             let loaded = load(&options::NEVER)?;
-            let rules = changed(Rules::of(&loaded.scene))?;
-            return Ok(Drawer { loaded, stems, with: With::Exact { rules, done: Vec::new() } });
+            let lens = loaded.cameras.iter().find(|camera| !camera.projection.is_pinhole());
+            if let Some(camera) = lens.filter(|_| loaded.scene.mesh().is_some()) {
+                let projection = camera.projection;
+                say(format!(
+                    "the scene's mesh is not drawn: expected a pinhole camera, found a {projection} one"
+                ));
+            }
+            return Ok(Drawer { loaded, stems, with: With::Exact { done: Vec::new() } });
         };
         let (pipeline, set) = (&args.drawing.pipeline, &args.drawing.set);
         let open = || {
@@ -107,7 +126,8 @@ impl Drawer {
             args.named().map(|(name, file)| (name.to_owned(), file.to_owned())).collect();
         let batch =
             Batch::new(args.jobs(), work.destination.clone(), (files, loaded.cameras.len()), args.stdout());
-        let with = With::Device { session: Box::new(session), batch, guard: work.guard.clone() };
+        let with =
+            With::Device { session: Box::new(session), batch: batch.into(), guard: work.guard.clone() };
         Ok(Drawer { loaded, stems, with })
     }
 
@@ -143,9 +163,9 @@ impl Drawer {
                     let view = (camera, stem.as_str(), cameras.len());
                     draw(args, session, batch, guard, view, &progress)?;
                 }
-                With::Exact { rules, done } => {
-                    let stats = progress
-                        .suspend(|| draw_exactly(args, scene, rules, (camera, stem), cameras.len()))?;
+                With::Exact { done } => {
+                    let stats =
+                        progress.suspend(|| draw_exactly(args, scene, (camera, stem), cameras.len()))?;
                     done.push(stats);
                 }
             }
@@ -164,7 +184,7 @@ impl Drawer {
     pub fn stats(&mut self) -> Result<Json> {
         Ok(match &mut self.with {
             With::Device { batch, .. } => serde_json::to_value(batch.finish(&Progress::new("drawing"))?)?,
-            With::Exact { done, .. } => serde_json::to_value(done)?,
+            With::Exact { done } => serde_json::to_value(done)?,
         })
     }
 
@@ -226,12 +246,12 @@ fn draw(
 fn draw_exactly(
     args: &Args,
     scene: &Scene,
-    rules: &Rules,
     (camera, stem): (&Camera, &str),
     cameras: usize,
 ) -> Result<TruthStats> {
     let _span = info_span!("draw exactly").entered();
-    let truth = Truth::draw(scene, camera, args.background, rules);
+    let rules = truth::rules(Rules::of_view(scene, camera), &args.rule)?;
+    let truth = Truth::draw(scene, camera, args.background, &rules);
     for (name, file) in args.named() {
         let output =
             truth.output(name).with_context(|| format!("the exact renderer has no output `{name}`"))?;

@@ -12,6 +12,7 @@ use crate::draw::backend::Backend;
 use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
 use crate::draw::film::{self, DrawOptions, Film, Motion};
 use crate::draw::orbit::Orbit;
+use crate::draw::projection;
 use crate::draw::session::Session;
 use crate::io::film::{Format, Rate};
 use crate::io::image;
@@ -22,7 +23,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use sequence::Sequence;
 use serde_json::json;
 use splatgraph_api::Device;
-use splatgraph_assets::{Camera, Scene, grouped};
+use splatgraph_assets::{Camera, Projection, Scene, grouped};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -194,17 +195,30 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
 }
 
 /// Makes the camera's motion, in the scene's coordinates. `own` is the demo scene's camera.
-fn motion(args: &Args, keys: Option<&[Camera]>, scene: &Scene, own: Option<Camera>) -> Result<Motion> {
+fn motion(
+    args: &Args,
+    keys: Option<&[Camera]>,
+    scene: &Scene,
+    own: Option<Camera>,
+    graph: Projection,
+) -> Result<Motion> {
     let sized = |camera: &Camera| match args.drawing.size {
         Some((width, height)) => camera.resized(width, height),
         None => camera.clone(),
     };
     let Some(keys) = keys else {
         return Ok(Motion::Orbit(match own.filter(|_| !args.look.has_camera()) {
-            Some(own) => Orbit::before(sized(&own), scene.robust_bounds().center()),
-            None => args.look.circle(scene, args.drawing.size)?,
+            Some(own) => {
+                let own = args.look.scaled(sized(&own).projected(graph, scene))?;
+                Orbit::before(own, scene.robust_bounds().center())
+            }
+            None => {
+                let orbit = args.look.circle(scene, args.drawing.size, graph)?;
+                Orbit { start: args.look.scaled(orbit.start)?, ..orbit }
+            }
         }));
     };
+    args.look.refuse_height("a path through cameras keeps their scale")?;
     let keys = options::in_scene(keys, scene).iter().map(sized).collect();
     let mut path = CameraPath::new(camera_path::length_of_radian(scene));
     path.set_keys(keys)?;
@@ -220,7 +234,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Ok(device)
     };
     let (device, (scene, own)) = options::open_and_load(open, |cancel| args.scenes.load(cancel))?;
-    let motion = motion(args, keys.as_deref(), &scene, own)?;
+    let graph = projection::of_graph(&args.drawing.pipeline, &args.drawing.set);
+    let motion = motion(args, keys.as_deref(), &scene, own, graph)?;
     let film = Film { motion, frames, samples: args.samples, shutter: args.shutter.unwrap_or(SHUTTER) };
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
     let cameras: Vec<Camera> =

@@ -11,7 +11,7 @@
 //! not spin.
 
 use glam::{DMat3, DQuat, DVec3};
-use splatgraph_assets::Camera;
+use splatgraph_assets::{Camera, Projection};
 
 /// Change below which a component counts as constant, in the component's unit.
 const STILL: f64 = 1e-9;
@@ -62,6 +62,7 @@ impl View {
             rotation: DMat3::from_quat(self.rotation).transpose().to_cols_array_2d(),
             fx: focal(self.zoom.x),
             fy: focal(self.zoom.y),
+            projection: Projection::Pinhole,
         }
     }
 

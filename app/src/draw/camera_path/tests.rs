@@ -17,6 +17,7 @@ fn key(position: [f64; 3], turn: [f64; 3], focal: f64) -> Camera {
         rotation: rotation.transpose().to_cols_array_2d(),
         fx: focal,
         fy: 1.25 * focal,
+        projection: Default::default(),
     }
 }
 

@@ -16,6 +16,7 @@ use crate::draw::facts::{self, SceneFacts};
 use crate::draw::fit;
 use crate::draw::inspect::{self, InspectError};
 use crate::draw::planner::{self, GraphErrors, Planner};
+use crate::draw::projection::{self, ProjectionError};
 use crate::draw::storage::{Choice, StorageError};
 use crate::io::image::Image;
 use crate::io::output::say;
@@ -44,6 +45,9 @@ pub enum SessionError {
     /// The device rejected the plan, or failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
+    /// The graph draws another projection than the camera's.
+    #[error(transparent)]
+    Projection(#[from] ProjectionError),
     /// A frame was submitted before [`Session::prepare`].
     #[error("no plan: `prepare` must be called before `submit`")]
     NotPrepared,
@@ -420,6 +424,11 @@ impl<D: Device> Session<D> {
     }
 
     /// Submits a frame. The camera must have the prepared size.
+    ///
+    /// A pinhole camera is converted to the graph's projection.
+    ///
+    /// # Errors
+    /// The camera has another projection than the graph, no plan is prepared, or the device fails.
     pub fn submit(&mut self, camera: &Camera, request: &FrameOptions) -> Result<FrameId, SessionError> {
         let flight = self.fly(camera.clone(), request.clone(), self.frame)?;
         self.frame += 1;
@@ -436,6 +445,7 @@ impl<D: Device> Session<D> {
     fn fly(&mut self, camera: Camera, request: FrameOptions, number: u32) -> Result<Flight, SessionError> {
         let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
         debug_assert_eq!(*size, (camera.width, camera.height));
+        let camera = projection::convert(&camera, projection::of_params(&plan.params), &self.scene)?;
         let inputs = FrameInputs {
             uniforms: camera::frame_uniforms(&camera, &self.scene.bounds(), request.background, number),
             live: plan.live_bytes(),

@@ -1,8 +1,10 @@
 //! Lists the settings of a graph that studies compare.
 
-use crate::draw::builtin;
+use crate::draw::builtin::{self, Preset};
 use crate::draw::planner::without_effect;
+use crate::draw::projection;
 use crate::studies::study::Setting;
+use splatgraph_assets::Projection;
 use splatgraph_framework::ir::{Domain, Param, Value};
 use splatgraph_framework::lower::Control;
 use splatgraph_framework::plan::Plan;
@@ -13,14 +15,21 @@ pub const EXACT: &str = "exact";
 /// Name of the setting with the graph's defaults.
 pub const DEFAULTS: &str = "defaults";
 
-/// Lists the built-in graphs to measure: all but `auto`, which chooses among the others.
-pub fn measured_names() -> Vec<&'static str> {
-    builtin::names().into_iter().filter(|name| *name != builtin::DEFAULT_PIPELINE).collect()
+/// Lists the built-in graphs to measure for a projection. `auto`, which chooses among the others, is left out.
+pub fn measured_names(projection: Projection) -> Vec<&'static str> {
+    let is_measured = |preset: &Preset| {
+        projection_of(&preset.params) == projection && preset.name != builtin::DEFAULT_PIPELINE
+    };
+    builtin::presets().iter().filter(|preset| is_measured(preset)).map(|preset| preset.name).collect()
+}
+
+fn projection_of(controls: &[Control]) -> Projection {
+    projection::of_params(controls.iter().map(|control| &control.param))
 }
 
 /// Lists the settings to measure of a graph, with the parameters of `set` at fixed values.
 pub fn measured(pipeline: &str, set: &[(String, String)], controls: &[Control]) -> Vec<Setting> {
-    let all = list(pipeline, controls, &measured_names());
+    let all = list(pipeline, controls, &measured_names(projection_of(controls)));
     if set.is_empty() {
         return all;
     }

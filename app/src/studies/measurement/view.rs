@@ -29,7 +29,7 @@ pub struct View {
 impl View {
     /// Draws the exact picture by the scene's rules, and shows the progress. Leaves the order empty.
     pub fn exact(scene: &Scene, camera: &Camera) -> View {
-        let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::of(scene));
+        let truth = Truth::draw(scene, camera, [0.0; 3], &Rules::of_view(scene, camera));
         View {
             camera: camera.clone(),
             picture: truth.image(),
@@ -40,7 +40,7 @@ impl View {
 
     /// Adds the true order of the splats.
     pub fn with_order(self, scene: &Scene) -> View {
-        View { order: depth_order(scene, &self.camera, &Rules::of(scene)), ..self }
+        View { order: depth_order(scene, &self.camera, &Rules::of_view(scene, &self.camera)), ..self }
     }
 }
 

@@ -17,7 +17,7 @@
 //! Everything stays finite and orthonormal for every input.
 
 use glam::{DMat3, DQuat, DVec3};
-use splatgraph_assets::{Bounds, Camera, NEAR};
+use splatgraph_assets::{Bounds, Camera, NEAR, Projection};
 use std::ops::RangeInclusive;
 
 #[cfg(test)]
@@ -370,6 +370,7 @@ impl Navigation {
             rotation: DMat3::from_quat(pose.orientation).transpose().to_cols_array_2d(),
             fx: fy * pose.stretch,
             fy,
+            projection: Projection::Pinhole,
         }
     }
 

@@ -5,13 +5,14 @@
 
 use super::Viewer;
 use crate::draw::camera_path::KeyError;
+use crate::draw::projection;
 use crate::draw::render_command::RenderCommand;
 use crate::view::cameras::SaveError;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Input;
 use crate::view::opening::CameraRole;
 use splatgraph_api::Device;
-use splatgraph_assets::Camera;
+use splatgraph_assets::{Camera, Projection};
 use std::path::Path;
 
 /// Picture size for comparing cameras: at the same size, unequal cameras mean a movement.
@@ -28,9 +29,13 @@ impl<D: Device> Viewer<D> {
         self.picture_camera_of(RendererId::A)
     }
 
-    /// Returns the camera of the last frame's pictures, in the coordinates of a viewport's scene.
+    /// Returns the camera of the last frame's pictures, in the coordinates of a viewport's scene and with the projection
+    /// of its graph.
     pub fn picture_camera_of(&self, id: RendererId) -> Camera {
-        self.camera_of(id, self.asked)
+        let viewport = if id == RendererId::B { self.b.as_ref() } else { Some(&self.a) };
+        let plan = viewport.and_then(|viewport| viewport.renderer.plan());
+        let graph = plan.map_or(Projection::Pinhole, |plan| projection::of_params(&plan.params));
+        self.camera_of(id, self.asked).projected(graph, self.scene_of(id))
     }
 
     /// Returns the camera for a viewport's pictures of this size.

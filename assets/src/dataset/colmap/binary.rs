@@ -112,7 +112,7 @@ pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
             let text = format!("expected a model of 0 to {}, found {number}", MODELS.len() - 1);
             return Err(fields.fault(at + 4, ("MODEL", text)));
         };
-        model.check().map_err(|fault| fields.fault(at + 4, fault))?;
+        model.projection().map_err(|fault| fields.fault(at + 4, fault))?;
         let [width, height] = [fields.long("WIDTH")?, fields.long("HEIGHT")?];
         let (Ok(width), Ok(height)) = (width.try_into(), height.try_into()) else {
             let text = format!("expected a size of 32 bits, found {width} x {height}");

@@ -4,6 +4,7 @@ use crate::camera::Camera;
 use crate::dataset::error::{CameraError, MOST_CAMERAS};
 use crate::dataset::view::{Dataset, View, stem};
 use crate::file;
+use crate::projection::Projection;
 use glam::{DMat3, DQuat, DVec3};
 use std::collections::HashMap;
 use std::fs::File;
@@ -17,6 +18,7 @@ pub(super) struct Lens {
     height: u32,
     fx: f64,
     fy: f64,
+    projection: Projection,
     off_center: f64,
 }
 
@@ -27,38 +29,58 @@ pub(super) type Lenses = HashMap<u32, Lens>;
 pub(super) struct Model {
     pub(super) name: &'static str,
     pub(super) parameters: &'static [&'static str],
-    /// False for models that bend rays even with zero coefficients.
-    is_pinhole: bool,
+    /// Projection of the model with zero coefficients; `None` for FOV, which has its own.
+    projection: Option<Projection>,
 }
 
 /// Lens models; the index is COLMAP's model ID, from its `src/colmap/sensor/models.h`.
 pub(super) const MODELS: [Model; 11] = [
-    Model { name: "SIMPLE_PINHOLE", parameters: &["f", "cx", "cy"], is_pinhole: true },
-    Model { name: "PINHOLE", parameters: &["fx", "fy", "cx", "cy"], is_pinhole: true },
-    Model { name: "SIMPLE_RADIAL", parameters: &["f", "cx", "cy", "k"], is_pinhole: true },
-    Model { name: "RADIAL", parameters: &["f", "cx", "cy", "k1", "k2"], is_pinhole: true },
-    Model { name: "OPENCV", parameters: &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"], is_pinhole: true },
+    Model { name: "SIMPLE_PINHOLE", parameters: &["f", "cx", "cy"], projection: Some(Projection::Pinhole) },
+    Model { name: "PINHOLE", parameters: &["fx", "fy", "cx", "cy"], projection: Some(Projection::Pinhole) },
+    Model {
+        name: "SIMPLE_RADIAL",
+        parameters: &["f", "cx", "cy", "k"],
+        projection: Some(Projection::Pinhole),
+    },
+    Model {
+        name: "RADIAL",
+        parameters: &["f", "cx", "cy", "k1", "k2"],
+        projection: Some(Projection::Pinhole),
+    },
+    Model {
+        name: "OPENCV",
+        parameters: &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"],
+        projection: Some(Projection::Pinhole),
+    },
     Model {
         name: "OPENCV_FISHEYE",
         parameters: &["fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"],
-        is_pinhole: false,
+        projection: Some(Projection::Fisheye),
     },
     Model {
         name: "FULL_OPENCV",
         parameters: &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"],
-        is_pinhole: true,
+        projection: Some(Projection::Pinhole),
     },
-    Model { name: "FOV", parameters: &["fx", "fy", "cx", "cy", "omega"], is_pinhole: false },
-    Model { name: "SIMPLE_RADIAL_FISHEYE", parameters: &["f", "cx", "cy", "k"], is_pinhole: false },
-    Model { name: "RADIAL_FISHEYE", parameters: &["f", "cx", "cy", "k1", "k2"], is_pinhole: false },
+    Model { name: "FOV", parameters: &["fx", "fy", "cx", "cy", "omega"], projection: None },
+    Model {
+        name: "SIMPLE_RADIAL_FISHEYE",
+        parameters: &["f", "cx", "cy", "k"],
+        projection: Some(Projection::Fisheye),
+    },
+    Model {
+        name: "RADIAL_FISHEYE",
+        parameters: &["f", "cx", "cy", "k1", "k2"],
+        projection: Some(Projection::Fisheye),
+    },
     Model {
         name: "THIN_PRISM_FISHEYE",
         parameters: &["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"],
-        is_pinhole: false,
+        projection: Some(Projection::Fisheye),
     },
 ];
 
-/// Advice for a lens that is not a pinhole.
+/// Advice for a lens with distortion.
 pub(in crate::dataset) const UNDISTORT: &str =
     "undistort the photographs first, for instance with `colmap image_undistorter`";
 
@@ -66,17 +88,17 @@ pub(in crate::dataset) const UNDISTORT: &str =
 pub(super) type Fault = (&'static str, String);
 
 impl Model {
-    /// Returns an error for a model that bends rays even if its coefficients are zero.
-    pub(super) fn check(&self) -> Result<(), Fault> {
-        if self.is_pinhole {
-            return Ok(());
-        }
-        Err(("MODEL", format!("expected a pinhole camera, found {}; {UNDISTORT}", self.name)))
+    /// Returns the projection of the model, or an error for a model that bends rays otherwise even if its coefficients
+    /// are zero.
+    pub(super) fn projection(&self) -> Result<Projection, Fault> {
+        let fault = || format!("expected a pinhole or fisheye camera, found {}; {UNDISTORT}", self.name);
+        self.projection.ok_or_else(|| ("MODEL", fault()))
     }
 
     /// Creates a lens of this model. `values` has one entry for each of the model's parameters.
     pub(super) fn lens(&self, width: u32, height: u32, values: &[f64]) -> Result<Lens, Fault> {
-        let mut lens = Lens { width, height, fx: 0.0, fy: 0.0, off_center: 0.0 };
+        let projection = self.projection()?;
+        let mut lens = Lens { width, height, fx: 0.0, fy: 0.0, projection, off_center: 0.0 };
         for (name, value) in self.parameters.iter().zip(values) {
             match *name {
                 "f" => (lens.fx, lens.fy) = (*value, *value),
@@ -130,6 +152,7 @@ pub(super) fn push(
         rotation: to_world.transpose().to_cols_array_2d(),
         fx: lens.fx,
         fy: lens.fy,
+        projection: lens.projection,
     };
     if let Some(fault) = camera.fault() {
         return Err(("IMAGE_ID", fault));

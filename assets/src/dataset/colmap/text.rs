@@ -104,7 +104,7 @@ pub(super) fn lenses(path: &Path) -> Result<Lenses, CameraError> {
                 let help = help.map(|help| format!("; did you mean {help}?")).unwrap_or_default();
                 ("MODEL", format!("expected a model of a camera, for instance PINHOLE, found `{name}`{help}"))
             })?;
-            model.check()?;
+            model.projection()?;
             let [width, height] = [value(&mut rest, "WIDTH")?, value(&mut rest, "HEIGHT")?];
             let mut values = [0.0; 12];
             for (number, name) in values.iter_mut().zip(model.parameters) {

@@ -1,0 +1,113 @@
+//! Finds the projection that a graph draws, and makes the cameras for it.
+//!
+//! A graph has its projection as a constant, its parameter `projection`, because shaders are compiled for it. A camera
+//! has a projection as well: it is part of files, and the exact renderer draws it. Pinhole cameras are converted to the
+//! graph's projection; another camera needs a graph with its own.
+
+use crate::draw::facts::{self, SceneFacts};
+use crate::draw::planner::Planner;
+use splatgraph_assets::{Camera, Projection, Scene};
+use splatgraph_framework::ir::{Param, Value};
+
+/// Name of the graphs' parameter.
+const PARAMETER: &str = "projection";
+
+/// An error of a camera that the graph does not draw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected a graph for {camera} cameras, found one for {graph} cameras{}", advice(*.camera))]
+pub struct ProjectionError {
+    /// Projection of the graph.
+    pub graph: Projection,
+    /// Projection of the camera.
+    pub camera: Projection,
+}
+
+fn advice(camera: Projection) -> String {
+    if camera.is_pinhole() { String::new() } else { format!(": use --pipeline {camera}") }
+}
+
+/// Returns the projection among a graph's parameters; pinhole without the parameter.
+pub fn of_params<'a>(params: impl IntoIterator<Item = &'a Param>) -> Projection {
+    let value = params.into_iter().find(|param| param.name == PARAMETER).map(|param| &param.value);
+    match value {
+        Some(Value::Text(name)) => name.parse().unwrap_or_default(),
+        _ => Projection::Pinhole,
+    }
+}
+
+/// Returns the projection of a graph with the parameters in `set`, before a scene is loaded. `pipeline` is a preset's
+/// name or a path.
+///
+/// It is pinhole for a graph with errors, which building its plan reports. All graphs of a choice have the same
+/// projection, so the device does not matter.
+pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Projection {
+    let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
+    let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
+    let controls = Planner::default().controls(pipeline, set, &facts, &facts::nominal_catalog());
+    controls.map_or(Projection::Pinhole, |controls| of_params(controls.iter().map(|control| &control.param)))
+}
+
+/// Converts a camera to a graph's projection.
+///
+/// # Errors
+/// The camera is not a pinhole, and has another projection than the graph.
+pub fn convert(camera: &Camera, graph: Projection, scene: &Scene) -> Result<Camera, ProjectionError> {
+    let converted = camera.projected(graph, scene);
+    match converted.projection == graph {
+        true => Ok(converted),
+        false => Err(ProjectionError { graph, camera: camera.projection }),
+    }
+}
+
+/// Converts the cameras of a command to the projection of its graph, which has the parameters in `set`.
+///
+/// # Errors
+/// A camera has another projection than the graph.
+pub fn convert_all(
+    cameras: Vec<Camera>,
+    pipeline: &str,
+    set: &[(String, String)],
+    scene: &Scene,
+) -> Result<Vec<Camera>, ProjectionError> {
+    let graph = of_graph(pipeline, set);
+    cameras.iter().map(|camera| convert(camera, graph, scene)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatgraph_assets::synth;
+
+    #[test]
+    fn each_projection_is_the_preset_of_its_name() {
+        let of = |name: &str, set: &[(&str, &str)]| {
+            let set: Vec<(String, String)> =
+                set.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect();
+            of_graph(name, &set)
+        };
+        for projection in Projection::ALL.into_iter().filter(|projection| !projection.is_pinhole()) {
+            assert_eq!(of(projection.name(), &[]), projection);
+            assert_eq!(of("tiled", &[("projection", projection.name())]), projection);
+        }
+        assert_eq!(of("auto", &[]), Projection::Pinhole);
+        assert_eq!(of("splat", &[("projection", "fisheye")]), Projection::Fisheye);
+        assert_eq!(
+            of("splat", &[("projection", "equirectangular")]),
+            Projection::Pinhole,
+            "a plan reports the error"
+        );
+    }
+
+    #[test]
+    fn a_pinhole_camera_is_converted_and_another_one_needs_its_graph() {
+        let scene = synth::generate("uniform", 50, 0).unwrap();
+        let camera = Camera::framing(&scene, 40, 30);
+        let fisheye = convert(&camera, Projection::Fisheye, &scene).unwrap();
+        assert_eq!(convert(&fisheye, Projection::Fisheye, &scene), Ok(fisheye.clone()));
+        let error = convert(&fisheye, Projection::Pinhole, &scene).unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "expected a graph for fisheye cameras, found one for pinhole cameras: use --pipeline fisheye"
+        );
+    }
+}
