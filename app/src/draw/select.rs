@@ -92,7 +92,7 @@ pub fn select(
     reach: Reach,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Option<SplatSet> {
-    let rules = &Rules::of(masked.scene);
+    let rules = &Rules::of_view(masked.scene, camera);
     match reach {
         Reach::Through => centres(masked, camera, region, rules, cancelled),
         Reach::Front => {
