@@ -8,7 +8,7 @@ use splatgraph::draw::select::{Reach, Region, select};
 use splatgraph::draw::splat_set::{Masked, SplatSet};
 use splatgraph::io::image::Image;
 use splatgraph::view::events::{Event, RendererId};
-use splatgraph::view::viewer::{Marks, Part};
+use splatgraph::view::viewer::{Combine, Marks, Part};
 use splatgraph_assets::{QUIET, Scene};
 use std::path::PathBuf;
 
@@ -193,6 +193,15 @@ fn a_brush_adds_and_removes_splats_and_keys_change_the_selection() {
     assert_eq!(*marks(&viewer).selected, first.with(&second));
     drag(&mut viewer, &line, Modifiers::CTRL);
     assert_eq!(*marks(&viewer).selected, second.without(&first));
+
+    // A search that adds does not cancel the one before it.
+    viewer.shell.viewer.clear_selection(A);
+    for line in [&line, &other] {
+        let region = Region::Brush { line: pixels(&viewer, line), radius };
+        viewer.shell.viewer.select(A, region, Reach::Through, Combine::Add);
+    }
+    viewer.settle();
+    assert_eq!(*marks(&viewer).selected, first.with(&second));
 
     // A click is a dab, and `+` makes it larger.
     let dab = |viewer: &mut TestShell| {

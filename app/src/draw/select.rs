@@ -54,7 +54,7 @@ impl Region {
         }
     }
 
-    /// Returns the pixels around the region in a picture: left, top, right and bottom, the latter exclusive.
+    /// Returns the pixels around the region in a picture: left, top, and the exclusive right and bottom.
     fn bounds(&self, (width, height): (u32, u32)) -> [u32; 4] {
         let (points, margin): (&[[f64; 2]], f64) = match self {
             Region::Box(corners) => (corners, 0.0),

@@ -16,10 +16,10 @@ pub struct SplatSet {
     words: Vec<u64>,
 }
 
-/// The contents of a file of a set.
+/// A selection file, as JSON.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+struct SelectionFile {
     /// Number of the scene's splats.
     splats: u32,
     /// Indices of the set's splats.
@@ -84,7 +84,7 @@ impl SplatSet {
     /// # Errors
     /// The text does not fit in memory.
     pub fn to_json(&self, count: u32) -> serde_json::Result<String> {
-        serde_json::to_string(&File { splats: count, indices: self.indices() })
+        serde_json::to_string(&SelectionFile { splats: count, indices: self.indices() })
     }
 
     /// Reads the file of a set for a scene of `count` splats.
@@ -94,7 +94,8 @@ impl SplatSet {
     pub fn read(path: &Path, count: u32) -> Result<SplatSet, String> {
         let of_file = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
         let text = fs::read_to_string(path).map_err(|error| of_file(&error))?;
-        let File { splats, indices } = serde_json::from_str(&text).map_err(|error| of_file(&error))?;
+        let SelectionFile { splats, indices } =
+            serde_json::from_str(&text).map_err(|error| of_file(&error))?;
         if splats != count {
             return Err(of_file(&format!("expected a selection of {count} splats, found one of {splats}")));
         }

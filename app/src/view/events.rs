@@ -113,6 +113,8 @@ pub enum Event {
         splats: u32,
         /// Size of the file, in bytes.
         bytes: u64,
+        /// What the file lacks compared with the scene.
+        lost: Vec<String>,
     },
     /// The device, or its window, was lost. Everything on it is gone; the scene stays in host memory.
     DeviceLost {
@@ -239,9 +241,10 @@ impl fmt::Display for Event {
                 let count = |count: u32| splatgraph_assets::grouped(count.into());
                 write!(f, "{} splats selected, {} hidden", count(*selected), count(*hidden))
             }
-            Event::Exported { path, splats, bytes } => {
+            Event::Exported { path, splats, bytes, lost } => {
                 let count = splatgraph_assets::grouped;
-                write!(f, "{}: {} splats, {} bytes", path.display(), count((*splats).into()), count(*bytes))
+                write!(f, "{}: {} splats, {} bytes", path.display(), count((*splats).into()), count(*bytes))?;
+                if lost.is_empty() { Ok(()) } else { write!(f, "; lost: {}", lost.join("; ")) }
             }
             Event::Compared { psnr, ssim, worst } => {
                 write!(f, "A against B: {psnr:.2} dB PSNR, worst pixel {worst:.4}")?;

@@ -1,13 +1,13 @@
 //! Writes splats to a new file on another thread: as a scene, in the format of the file's extension, or as a list of
 //! their indices.
 //!
-//! One file is written at a time. An existing file is never replaced. Dropping the exporter waits for the file.
+//! One file is written at a time. Its name must not exist when writing starts. Dropping the exporter waits for the file.
 
 use super::latest::Latest;
 use super::renderer::Wake;
 use crate::draw::splat_set::SplatSet;
 use crate::io::output::{self, OutputGuard};
-use crate::io::scene_file;
+use crate::io::scene_file::{self, Original};
 use splatgraph_assets::Scene;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -19,12 +19,14 @@ use std::time::Duration;
 const WAIT: Duration = Duration::from_millis(5);
 
 /// A file that was written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
     /// Number of splats.
     pub splats: u32,
     /// Size of the file, in bytes.
     pub bytes: u64,
+    /// What the file lacks compared with the scene, as `convert` lists it.
+    pub lost: Vec<String>,
 }
 
 /// Writer of files on another thread.
@@ -62,20 +64,22 @@ impl Exporter {
         (self.path, self.percent) = (path.to_owned(), percent.clone());
         let path = path.to_owned();
         self.work.start(move |_| {
-            let written = || -> Result<u64, String> {
+            let written = || -> Result<(u64, Vec<String>), String> {
                 let Some(format) = format else {
                     let text = splats.to_json(scene.count()).map_err(|error| error.to_string())? + "\n";
                     output::write_bytes(&path, text.as_bytes()).map_err(|error| error.to_string())?;
-                    return Ok(text.len() as u64);
+                    return Ok((text.len() as u64, Vec::new()));
                 };
                 let part = scene.picked(&splats.indices()).map_err(|error| error.to_string())?;
                 let progress = |done: u64, of: u64| {
                     percent.store(100 * done / of.max(1), Ordering::Relaxed);
                     ControlFlow::Continue(())
                 };
-                scene_file::write(&part, format, None, &progress, &path).map_err(|error| error.to_string())
+                let bytes = scene_file::write(&part, format, None, &progress, &path);
+                let bytes = bytes.map_err(|error| error.to_string())?;
+                Ok((bytes, Original::of(&scene).losses(&part, format)))
             };
-            Some(written().map(|bytes| Written { splats: splats.len(), bytes }))
+            Some(written().map(|(bytes, lost)| Written { splats: splats.len(), bytes, lost }))
         })
     }
 

@@ -1,11 +1,12 @@
-//! Runs work on another thread. The newest request wins.
+//! Runs work on another thread. A new request cancels the last.
 //!
-//! A request cancels the previous one, so that a search can follow the pointer, and a scene the user's selection.
+//! A search can thus follow the pointer, and a scene the user's selection. Work of one worker never overlaps: two copies
+//! of a scene may not fit in memory. Work that was cancelled while it waited is skipped.
 
 use super::renderer::Wake;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A request in progress. Dropping it cancels the work.
 struct Request<T> {
@@ -24,13 +25,15 @@ pub struct Latest<T> {
     /// Name of the thread.
     name: &'static str,
     request: Option<Request<T>>,
+    /// Locked while work runs.
+    turn: Arc<Mutex<()>>,
     wake: Wake,
 }
 
 impl<T: Send + 'static> Latest<T> {
     /// Creates an idle worker. `wake` is called when a result is there; `name` is the thread's.
     pub fn new(name: &'static str, wake: Wake) -> Latest<T> {
-        Latest { name, request: None, wake }
+        Latest { name, request: None, turn: Arc::default(), wake }
     }
 
     /// Starts `work`, and cancels the previous request. The work gets a function that returns true once it is
@@ -45,9 +48,12 @@ impl<T: Send + 'static> Latest<T> {
         self.cancel();
         let (done, result) = channel();
         let request = Request { result, cancelled: Arc::default() };
-        let (cancelled, wake) = (request.cancelled.clone(), self.wake.clone());
+        let (cancelled, turn, wake) = (request.cancelled.clone(), self.turn.clone(), self.wake.clone());
         let work = move || {
-            let result = work(&|| cancelled.load(Ordering::Relaxed));
+            // Work that panicked leaves nothing behind.
+            let _turn = turn.lock().unwrap_or_else(PoisonError::into_inner);
+            let is_cancelled = || cancelled.load(Ordering::Relaxed);
+            let result = if is_cancelled() { None } else { work(&is_cancelled) };
             // Nobody receives the result of work that was cancelled at the last moment.
             if result.is_some_and(|result| done.send(result).is_ok()) {
                 wake();
@@ -82,7 +88,7 @@ impl<T: Send + 'static> Latest<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::mpsc::Sender;
+    use std::sync::mpsc::{RecvTimeoutError, Sender};
     use std::time::Duration;
 
     fn worker() -> (Latest<u32>, Receiver<()>) {
@@ -117,7 +123,13 @@ mod tests {
             };
             worker.start(work).unwrap();
         }
-        (0..30).for_each(|_| end.recv_timeout(Duration::from_secs(60)).expect("every thread ends"));
+        drop(ends);
+        let end = loop {
+            if let Err(end) = end.recv_timeout(Duration::from_secs(60)) {
+                break end;
+            }
+        };
+        assert_eq!(end, RecvTimeoutError::Disconnected, "every thread ends");
         let result = loop {
             wakes.recv_timeout(Duration::from_secs(60)).expect("a call of wake");
             if let Some(result) = worker.take() {

@@ -65,6 +65,11 @@ impl Settings {
         }
     }
 
+    /// Returns these settings without the selected and hidden splats.
+    pub fn without_marks(self) -> Settings {
+        Settings { marks: Default::default(), ..self }
+    }
+
     /// Applies these settings to a viewer, where they differ from its own.
     fn apply<D: Device>(&self, viewer: &mut Viewer<D>) {
         let mut now = Settings::of(viewer);
@@ -82,10 +87,13 @@ impl Settings {
             None => viewer.share_scene(),
         }
         for (id, marks) in [RendererId::A, RendererId::B].into_iter().zip(&self.marks) {
-            let own = id == RendererId::A || self.other.is_some();
+            let own = id == RendererId::A || viewer.has_two_scenes();
             match viewer.loading(id) {
                 Some(_) => viewer.restore_marks(id, marks.clone()),
-                None if own => viewer.set_marks(id, marks.clone()),
+                None if own => {
+                    viewer.cancel_searches(id);
+                    viewer.set_marks(id, marks.clone());
+                }
                 None => {}
             }
         }

@@ -82,6 +82,7 @@ impl Toasts {
             Event::Scene { .. }
             | Event::Cameras { .. }
             | Event::Saved { .. }
+            | Event::Exported { .. }
             | Event::Screenshot { .. }
             | Event::DeviceOpened { .. } => {
                 self.done(event.to_string());

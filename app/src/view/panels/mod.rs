@@ -393,6 +393,9 @@ impl Panels {
             viewer.pick(id, at);
             self.selection = Some(Selection::Splat);
         }
+        if let Some(id) = self.select.take_touched().filter(|_| viewer.has_two_scenes()) {
+            self.selected = id;
+        }
         if viewer.pictures()[0].is_some()
             && let Some([x, y]) = self.pick_first.take()
         {

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// Radii of the brush, in points.
 const RADII: std::ops::RangeInclusive<f32> = 2.0..=400.0;
 
-/// Factor between two radii of the keys.
+/// Factor by which a key changes the brush's radius.
 const STEP: f32 = 1.25;
 
 /// A tool that selects splats.
@@ -49,6 +49,8 @@ pub struct State {
     /// Radius of the brush, in points.
     radius: f32,
     drag: Option<Drag>,
+    /// Viewport of the last drag, until it is taken.
+    touched: Option<RendererId>,
     /// Name of the file to write.
     path: String,
     /// Corners of a box in the first picture, as shares of its width and height.
@@ -62,6 +64,7 @@ impl Default for State {
             reach: Reach::default(),
             radius: 24.0,
             drag: None,
+            touched: None,
             path: String::new(),
             first: None,
         }
@@ -108,12 +111,25 @@ impl State {
             _ => Combine::Replace,
         };
         self.drag = Some(Drag { viewport, combine, points: vec![at] });
+        self.touched = Some(viewport);
+    }
+
+    /// Takes the viewport of the last drag, whose scene the keys and the card then change.
+    pub fn take_touched(&mut self) -> Option<RendererId> {
+        self.touched.take()
     }
 
     /// Continues the drag through these points.
     pub fn extend(&mut self, points: impl IntoIterator<Item = Pos2>) {
         let Some(drag) = &mut self.drag else { return };
-        drag.points.extend(points);
+        // Every splat is compared with every segment, so a point near the last but one replaces the last.
+        let least = self.radius / 8.0;
+        for at in points {
+            match drag.points.as_mut_slice() {
+                [.., before, last] if before.distance(at) < least => *last = at,
+                _ => drag.points.push(at),
+            }
+        }
         if self.tool == Some(SelectTool::Box) {
             // Its first and its last point are the corners.
             drag.points.drain(1..drag.points.len().saturating_sub(1).max(1));
@@ -150,7 +166,7 @@ impl State {
         viewer.select(RendererId::A, region, self.reach, Combine::Replace);
     }
 
-    /// Applies a key; returns false for a key of others. `id` is the viewport whose scene is marked.
+    /// Applies a key. Returns false if it is not a selection key. `id` is the viewport whose scene is marked.
     pub fn key<D: Device>(
         &mut self,
         key: Key,
@@ -299,8 +315,7 @@ impl State {
                 ),
             ] {
                 let button = controls.seen(name, ui.add_enabled(enabled, Button::new(text)));
-                if hint(button, about).clicked() {
-                    viewer.export(id, part, Path::new(self.path.trim()));
+                if hint(button, about).clicked() && viewer.export(id, part, Path::new(self.path.trim())) {
                     // The next file gets a name of its own.
                     self.path.clear();
                 }

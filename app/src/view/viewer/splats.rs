@@ -1,7 +1,7 @@
 //! Selects, hides and writes splats of the viewer's scenes.
 
 use super::Viewer;
-use super::subject::{Combine, Marks, Part};
+use super::subject::{Combine, Marks, Part, Search};
 use crate::draw::select::{Reach, Region, select};
 use crate::draw::splat_set::{Masked, SplatSet};
 use crate::view::events::{Event, RendererId};
@@ -48,9 +48,30 @@ impl<D: Device> Viewer<D> {
 
     /// Searches on another thread for the splats in a region of a viewport's picture, and changes the selection.
     ///
-    /// The newest search cancels all earlier ones. [`crate::draw::select`] defines which splats are in a region.
+    /// Searches run one after the other. One whose result replaces the selection cancels all earlier ones.
+    /// [`crate::draw::select`] defines which splats are in a region.
     pub fn select(&mut self, id: RendererId, region: Region, reach: Reach, combine: Combine) {
-        let (subject, camera) = (self.subject_of(id), self.picture_camera_of(id));
+        let search = Search { camera: self.picture_camera_of(id), region, reach, combine };
+        let subject = self.subject_mut(id);
+        if combine == Combine::Replace {
+            subject.cancel_searches();
+        }
+        subject.searches.push_back(search);
+        self.search(id);
+    }
+
+    /// Cancels the searches in a viewport's picture.
+    pub(in crate::view) fn cancel_searches(&mut self, id: RendererId) {
+        self.subject_mut(id).cancel_searches();
+    }
+
+    /// Starts the next search in a viewport's picture, unless one is running.
+    fn search(&mut self, id: RendererId) {
+        let subject = self.subject_mut(id);
+        if subject.finder.busy() {
+            return;
+        }
+        let Some(Search { camera, region, reach, combine }) = subject.searches.pop_front() else { return };
         let (scene, hidden) = (subject.whole.clone(), subject.marks().hidden.clone());
         let work = move |cancelled: &(dyn Fn() -> bool + Sync)| {
             let masked = Masked { scene: &scene, hidden: &hidden };
@@ -63,7 +84,7 @@ impl<D: Device> Viewer<D> {
 
     /// Returns true during a search for splats in a region of a viewport's picture.
     pub fn is_selecting(&self, id: RendererId) -> bool {
-        self.subject_of(id).finder.busy()
+        self.subject_of(id).is_searching()
     }
 
     /// Selects the visible splats that are not selected, instead of the selected ones.
@@ -80,9 +101,9 @@ impl<D: Device> Viewer<D> {
         self.set_marks(id, Marks { selected: Arc::new(all), hidden });
     }
 
-    /// Selects nothing, and cancels the search.
+    /// Selects nothing, and cancels the searches.
     pub fn clear_selection(&mut self, id: RendererId) {
-        self.subject_mut(id).finder.cancel();
+        self.cancel_searches(id);
         let hidden = self.marks(id).hidden.clone();
         self.set_marks(id, Marks { hidden, ..Marks::default() });
     }
@@ -101,8 +122,8 @@ impl<D: Device> Viewer<D> {
     }
 
     /// Writes splats of a viewport's scene to a new file, on another thread: a scene in the format of the file's
-    /// extension, or their indices to a `.json` file. The result is reported as an event.
-    pub fn export(&mut self, id: RendererId, part: Part, path: &Path) {
+    /// extension, or their indices to a `.json` file. The result is reported as an event. Returns true if writing began.
+    pub fn export(&mut self, id: RendererId, part: Part, path: &Path) -> bool {
         let subject = self.subject_of(id);
         let Marks { selected, hidden } = subject.marks();
         let splats = match part {
@@ -110,9 +131,11 @@ impl<D: Device> Viewer<D> {
             Part::Rest => Arc::new(SplatSet::first(subject.whole.count()).without(selected).without(hidden)),
         };
         let scene = subject.whole.clone();
-        if let Err(error) = self.exporter.start(scene, splats, path) {
-            self.events.push(Event::FileFailed { path: path.to_owned(), error });
+        let begun = self.exporter.start(scene, splats, path);
+        if let Err(error) = &begun {
+            self.events.push(Event::FileFailed { path: path.to_owned(), error: error.clone() });
         }
+        begun.is_ok()
     }
 
     /// Describes the file that is being written; `None` without one.
@@ -148,10 +171,11 @@ impl<D: Device> Viewer<D> {
                 self.events.push(Event::Problem { text: error.to_string() });
                 self.tell_marks(id);
             }
+            self.search(id);
         }
         if let Some((path, result)) = self.exporter.take() {
             self.events.push(match result {
-                Ok(Written { splats, bytes }) => Event::Exported { path, splats, bytes },
+                Ok(Written { splats, bytes, lost }) => Event::Exported { path, splats, bytes, lost },
                 Err(error) => Event::FileFailed { path, error },
             });
         }

@@ -4,11 +4,13 @@
 //! another thread, so that every graph draws it. Without hidden and selected splats, it is the loaded scene itself.
 
 use crate::draw::facts;
+use crate::draw::select::{Reach, Region};
 use crate::draw::splat_set::SplatSet;
 use crate::view::latest::Latest;
 use crate::view::renderer::Wake;
-use splatgraph_assets::{Scene, SceneMemoryError, Splat};
+use splatgraph_assets::{Camera, Scene, SceneMemoryError, Splat};
 use splatgraph_framework::ir::Catalog;
+use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -57,16 +59,25 @@ pub enum Part {
     Rest,
 }
 
+/// A search for the splats in a region of a picture.
+pub(super) struct Search {
+    /// Camera of the picture, in the scene's coordinates.
+    pub camera: Camera,
+    pub region: Region,
+    pub reach: Reach,
+    pub combine: Combine,
+}
+
 /// A scene that was made from marks, with its imports.
-struct Drawn {
+struct MarkedScene {
     scene: Arc<Scene>,
     catalog: Arc<Catalog>,
 }
 
-impl Drawn {
-    fn of(scene: Arc<Scene>) -> Drawn {
+impl MarkedScene {
+    fn of(scene: Arc<Scene>) -> MarkedScene {
         let catalog = Arc::new(facts::catalog(&scene));
-        Drawn { scene, catalog }
+        MarkedScene { scene, catalog }
     }
 }
 
@@ -81,14 +92,16 @@ pub(super) struct Subject {
     pub path: PathBuf,
     /// The requested marks; the scene as drawn follows.
     marks: Marks,
-    maker: Latest<(Marks, Result<Drawn, SceneMemoryError>)>,
+    maker: Latest<(Marks, Result<MarkedScene, SceneMemoryError>)>,
     /// The search for splats in a region.
     pub finder: Latest<(Combine, SplatSet)>,
+    /// Searches that follow, oldest first.
+    pub searches: VecDeque<Search>,
 }
 
 impl Subject {
     pub fn new(scene: Scene, path: PathBuf, wake: Wake) -> Subject {
-        let Drawn { scene, catalog } = Drawn::of(Arc::new(scene));
+        let MarkedScene { scene, catalog } = MarkedScene::of(Arc::new(scene));
         Subject {
             whole: scene.clone(),
             scene,
@@ -97,6 +110,7 @@ impl Subject {
             marks: Marks::default(),
             maker: Latest::new("show", wake.clone()),
             finder: Latest::new("select", wake),
+            searches: VecDeque::new(),
         }
     }
 
@@ -107,7 +121,18 @@ impl Subject {
 
     /// Returns true while the scene as drawn does not show the marks, or splats are searched for.
     pub fn busy(&self) -> bool {
-        self.maker.busy() || self.finder.busy()
+        self.maker.busy() || self.is_searching()
+    }
+
+    /// Returns true while splats are searched for.
+    pub fn is_searching(&self) -> bool {
+        self.finder.busy() || !self.searches.is_empty()
+    }
+
+    /// Cancels all searches.
+    pub fn cancel_searches(&mut self) {
+        self.finder.cancel();
+        self.searches.clear();
     }
 
     /// Selects and hides splats, and makes the scene that shows them on another thread.
@@ -129,14 +154,14 @@ impl Subject {
         }
         if marks.is_empty() {
             self.maker.cancel();
-            self.show(Drawn::of(self.whole.clone()));
+            self.show(MarkedScene::of(self.whole.clone()));
         } else {
             let (whole, of) = (self.whole.clone(), marks.clone());
             self.maker.start(move |cancelled| {
                 let drawn = marked(&whole, &of).map(|scene| {
                     // Computed here, off the frame's thread, and cached.
                     scene.identity();
-                    Drawn::of(Arc::new(scene))
+                    MarkedScene::of(Arc::new(scene))
                 });
                 (!cancelled()).then_some((of, drawn))
             })?;
@@ -159,13 +184,13 @@ impl Subject {
             Ok(_) => Ok(false),
             Err(error) => {
                 self.marks = Marks::default();
-                self.show(Drawn::of(self.whole.clone()));
+                self.show(MarkedScene::of(self.whole.clone()));
                 Err(error)
             }
         }
     }
 
-    fn show(&mut self, Drawn { scene, catalog }: Drawn) {
+    fn show(&mut self, MarkedScene { scene, catalog }: MarkedScene) {
         (self.scene, self.catalog) = (scene, catalog);
     }
 }
