@@ -72,7 +72,7 @@ impl Way {
         Way { preset, set: common::settings(set), bound }
     }
 
-    /// Lists every preset, blending in 32-bit floats, tiles without their early stop and extent; then other formats.
+    /// Lists every preset of a pinhole, blending in 32-bit floats, tiles without their early stop and extent; then other formats.
     fn all(factored: bool, bytes: bool) -> Vec<Way> {
         let full = [("target", "rgba32f")];
         let preset = |preset: &'static str| match preset {
@@ -87,7 +87,10 @@ impl Way {
             }
             _ => Way::new(preset, &full, |bounds| bounds.exact),
         };
-        let mut all: Vec<Way> = builtin::names().into_iter().map(preset).collect();
+        // Scenes and bounds are those of pinhole cameras.
+        let other = ["orthographic", "fisheye", "equirectangular"];
+        let pinholes = builtin::names().into_iter().filter(|name| !other.contains(name));
+        let mut all: Vec<Way> = pinholes.map(preset).collect();
         if factored {
             let set = [("target", "rgba32f"), ("covariance", "factored")];
             all.push(Way::new("splat", &set, |bounds| bounds.exact));

@@ -15,7 +15,7 @@ const F12: u32 = 0xffc9;
 #[test]
 fn a_person_uses_the_window() {
     let mut program =
-        Program::start(3_000, "--pipeline pipelines/splat.ron --size 900x620 --scale 0.25 --show settings");
+        Program::start(3_000, "--pipeline pipelines/splat.ron --size 900x660 --scale 0.25 --show settings");
     let first = program.still();
     assert!(first.rgb.iter().any(|pixel| pixel.iter().any(|v| *v > 50)), "the view is empty");
     parameters(&mut program, &first);

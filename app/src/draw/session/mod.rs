@@ -22,7 +22,6 @@ use crate::io::image::Image;
 use crate::io::output::say;
 use crate::io::timeline;
 use half::f16;
-use rayon::prelude::*;
 use splatgraph_api::{
     BackendError, Device, FrameId, FrameInputs, FrameResult, Inspect, Loader, Pixels, Progress, SceneData,
 };
@@ -581,43 +580,28 @@ impl SceneData for Upload<'_> {
     }
 }
 
-/// Minimum number of pixels that one task converts.
-const ROW: usize = 4096;
-
 /// Converts a device's pixels to an image without alpha; `None` for a format without colours.
 pub fn image_of(pixels: &Pixels) -> Option<Image> {
     let (width, height) = (pixels.width as usize, pixels.height as usize);
     let rgb: Vec<[f32; 3]> = match pixels.format {
-        Format::Rgba8Unorm => pixels
-            .bytes
-            .par_chunks_exact(4)
-            .with_min_len(ROW)
-            .map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0))
-            .collect(),
+        Format::Rgba8Unorm => {
+            pixels.bytes.chunks_exact(4).map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect()
+        }
         Format::Rgba16Float => {
             let half = |b: &[u8]| f16::from_le_bytes([b[0], b[1]]).to_f32();
-            pixels
-                .bytes
-                .par_chunks_exact(8)
-                .with_min_len(ROW)
-                .map(|p| [half(&p[..2]), half(&p[2..4]), half(&p[4..6])])
-                .collect()
+            pixels.bytes.chunks_exact(8).map(|p| [half(&p[..2]), half(&p[2..4]), half(&p[4..6])]).collect()
         }
         Format::Rgba32Float => {
             let single = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
             pixels
                 .bytes
-                .par_chunks_exact(16)
-                .with_min_len(ROW)
+                .chunks_exact(16)
                 .map(|p| [single(&p[..4]), single(&p[4..8]), single(&p[8..12])])
                 .collect()
         }
-        Format::R32Float => pixels
-            .bytes
-            .par_chunks_exact(4)
-            .with_min_len(ROW)
-            .map(|p| [f32::from_le_bytes([p[0], p[1], p[2], p[3]]); 3])
-            .collect(),
+        Format::R32Float => {
+            pixels.bytes.chunks_exact(4).map(|p| [f32::from_le_bytes([p[0], p[1], p[2], p[3]]); 3]).collect()
+        }
         Format::R32Uint | Format::Depth32Float => return None,
     };
     (rgb.len() == width * height).then_some(Image { width, height, rgb })
