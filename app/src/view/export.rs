@@ -155,7 +155,7 @@ mod tests {
         exporter.start(scene.clone(), splats.clone(), &path).unwrap();
         let bytes = |path: &Path| std::fs::metadata(path).unwrap().len();
         let found = written(&mut exporter).unwrap();
-        assert_eq!(found, Written { splats: 3, bytes: bytes(&path) });
+        assert_eq!(found, Written { splats: 3, bytes: bytes(&path), lost: Vec::new() });
         let part = Scene::load(&path, QUIET).unwrap();
         assert_eq!(part.positions(), [3, 50, 199].map(|index| scene.positions()[index]));
         let list = folder.path().join("part.json");
