@@ -46,7 +46,8 @@ def test_a_ledger_compares_with_given_pictures_and_goes_on_from_its_file(scene, 
     assert first["exact"].psnr_db < 30 and len(json.loads(file.read_text())["rows"]) == len(first.rows)
     steps = len(seen)
     again = splatgraph.trade(scene, cameras, **options, progress=lambda *step: seen.append(step))
-    assert again.rows == first.rows and "rows of an earlier run are kept" in again.notes[0]
+    assert again.rows == first.rows
+    assert any("rows of an earlier run are kept" in note for note in again.notes)
     assert not any(task == "measuring" for task, *_ in seen[steps:])
     with pytest.raises(ValueError, match="truths: expected a picture for each of 2 cameras, found 1"):
         splatgraph.trade(scene, cameras, truths=truths[:1])
