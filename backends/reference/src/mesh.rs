@@ -5,6 +5,7 @@
 //! crosses the near plane. Materials are those of glTF 2.0 (appendix B), lit by the mesh's one light and its
 //! ambient light.
 
+use crate::gaussian::Splats;
 use crate::rules::{KeyOf, Rules};
 use rayon::prelude::*;
 use splatgraph_assets::{Camera, Mesh, MeshMaterial, Texture};
@@ -80,8 +81,18 @@ pub(crate) struct Caster<'a> {
 }
 
 impl<'a> Caster<'a> {
+    /// Prepares the mesh among splats; `None` without one, or if the camera is not a pinhole.
+    pub(crate) fn among(
+        splats: &'a (impl Splats + ?Sized),
+        camera: &'a Camera,
+        rules: &Rules,
+    ) -> Option<Self> {
+        let mesh = splats.mesh().filter(|_| camera.projection.is_pinhole())?;
+        Some(Self::new(mesh, camera, rules))
+    }
+
     /// Prepares the triangles of a mesh, except those nearer than the near plane.
-    pub(crate) fn new(mesh: &'a Mesh, camera: &'a Camera, rules: &Rules) -> Self {
+    fn new(mesh: &'a Mesh, camera: &'a Camera, rules: &Rules) -> Self {
         let near = rules.near;
         let middle = [camera.width, camera.height].map(|side| 0.5 * (f64::from(side) - 1.0));
         let prepare = |(index, corners): (usize, &[u32; 3])| {
@@ -303,6 +314,8 @@ fn encode(v: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gaussian::Gaussian;
+    use splatgraph_assets::Projection;
 
     /// Looks along +z from the origin; pixel (2, 2) is in the middle.
     fn camera() -> Camera {
@@ -340,6 +353,34 @@ mod tests {
             assert_eq!(surface.color[0] > surface.color[2], near);
         }
         assert_eq!(Caster::new(&both, &camera(), &Rules::PUBLISHED).surface([2, 2]), found[12]);
+    }
+
+    /// A mesh without splats.
+    struct Alone(Mesh);
+
+    impl Splats for Alone {
+        fn count(&self) -> usize {
+            0
+        }
+
+        fn get(&self, index: usize) -> Gaussian {
+            unreachable!("splat {index} of none")
+        }
+
+        fn mesh(&self) -> Option<&Mesh> {
+            Some(&self.0)
+        }
+    }
+
+    #[test]
+    fn only_a_pinhole_sees_the_mesh() {
+        let alone = Alone(wall(2.0, 10.0, [1.0; 4]));
+        for projection in Projection::ALL {
+            let camera = Camera { projection, ..camera() };
+            let sees = Caster::among(&alone, &camera, &Rules::PUBLISHED).is_some();
+            assert_eq!(sees, projection == Projection::Pinhole, "{projection}");
+        }
+        assert!(Caster::among(&[] as &[Gaussian], &camera(), &Rules::PUBLISHED).is_none());
     }
 
     #[test]

@@ -96,7 +96,7 @@ pub fn fragments(
         (0..splats.count().div_ceil(CHUNK)).into_par_iter().map(chunk).collect();
     let mut ellipses = chunks?.concat();
     order::sort(&mut ellipses, rules, |ellipse| (ellipse.depth, ellipse.index));
-    let surface = splats.mesh().and_then(|mesh| Caster::new(mesh, camera, rules).surface([x, y]));
+    let surface = Caster::among(splats, camera, rules).and_then(|caster| caster.surface([x, y]));
     let limit = surface.map_or(f64::INFINITY, |surface| surface.depth);
     let mut list = Vec::new();
     let transmittance = raster::blend(

@@ -128,8 +128,7 @@ pub fn render(
         .collect();
     order::sort(&mut ellipses, rules, |ellipse| (ellipse.depth, ellipse.index));
 
-    let mesh = splats.mesh().filter(|_| camera.projection.is_pinhole());
-    let surfaces = mesh.map(|mesh| Caster::new(mesh, camera, rules).surfaces());
+    let surfaces = Caster::among(splats, camera, rules).map(|caster| caster.surfaces());
     let surface = |at: usize| surfaces.as_ref().and_then(|all| all[at]);
     let width = camera.width as usize;
     let mut pixels = vec![Pixel::EMPTY; width * camera.height as usize];
@@ -186,7 +185,7 @@ pub fn largest(
         return None;
     }
     order::sort(&mut ellipses, rules, |ellipse| (ellipse.depth, ellipse.index));
-    let surfaces = splats.mesh().map(|mesh| Caster::new(mesh, camera, rules).surfaces());
+    let surfaces = Caster::among(splats, camera, rules).map(|caster| caster.surfaces());
     let width = projector.width();
     let row = |row: u32| -> Option<Vec<u32>> {
         if cancelled() {

@@ -10,8 +10,8 @@ use std::str::FromStr;
 /// All rules in which renderers of a scene can differ. Lengths on the image are in pixels.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rules {
-    /// Maximum view depth at which splats are culled, in world units. Cameras that see behind
-    /// themselves cull by the sort key instead.
+    /// Maximum view depth at which splats are culled, in world units. Cameras that see behind themselves cull by the sort
+    /// key instead.
     pub near: f64,
     /// Offset added to the pixel position of every centre, in x and y. Pixels are sampled at integer positions.
     pub pixel_offset: f64,
