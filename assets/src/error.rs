@@ -254,6 +254,21 @@ impl SceneError {
         format: "a scene of 2D Gaussians (2DGS), which are disks",
         advice: "only 3D Gaussians are drawn",
     };
+
+    /// Names the file, within an archive or beside the scene, in an error that counts its bytes or lines.
+    pub(crate) fn in_file(self, name: &str) -> Self {
+        match self {
+            Self::Field { .. } | Self::Row { .. } => {
+                Self::Part { part: name.into(), message: self.to_string() }
+            }
+            other => other,
+        }
+    }
+}
+
+/// Makes the error for a field at offset `at`.
+pub(crate) fn field(at: u64, name: impl Into<String>, message: impl Into<String>) -> SceneError {
+    SceneError::Field { at, field: name.into(), message: message.into() }
 }
 
 fn nearest_text(nearest: &Option<String>) -> String {

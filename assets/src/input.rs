@@ -14,13 +14,14 @@ use crate::memory::SceneMemoryError;
 use crate::scene::{Columns, FileNotes, Gathered, Rows, Scene};
 use crate::size_breakdown::SizeBreakdown;
 use std::fs::File;
-use std::io::{self, ErrorKind};
+use std::io::{self, BufReader, ErrorKind};
 use std::ops::ControlFlow;
 use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 use tracing::info_span;
+use zip::ZipArchive;
 
 /// Number of leading bytes that determine the format.
 pub(crate) const HEAD: usize = 4096;
@@ -264,6 +265,16 @@ impl io::Seek for SourceReader<'_> {
         self.at = at.ok_or_else(|| io::Error::from(ErrorKind::InvalidInput))?;
         Ok(self.at)
     }
+}
+
+/// Opens a ZIP archive.
+pub(crate) fn archive<'a>(
+    source: &'a Source<'a>,
+) -> Result<ZipArchive<BufReader<SourceReader<'a>>>, SceneError> {
+    ZipArchive::new(BufReader::new(SourceReader::new(source, 0))).map_err(|error| {
+        let message = format!("expected a whole archive, found damage: {error}");
+        SceneError::Part { part: "zip".into(), message }
+    })
 }
 
 fn ended() -> io::Error {

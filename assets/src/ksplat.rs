@@ -13,7 +13,7 @@
 //! <https://github.com/mkkellogg/GaussianSplats3D>, `SplatBuffer.js`.
 
 use crate::activation::{self, SH_C0};
-use crate::error::SceneError;
+use crate::error::{SceneError, field};
 use crate::input::{self, Done, Input, SceneHeader, Source, grow};
 use crate::scene::{FileNotes, Scene, Splat, sh_floats};
 use crate::size_breakdown::{ElementSize, FieldSize, SizeBreakdown};
@@ -25,10 +25,6 @@ const SECTION: usize = 1024;
 
 /// Rows that are read at a time.
 const ROWS: usize = 4096;
-
-fn field(at: u64, name: &str, message: String) -> SceneError {
-    SceneError::Field { at, field: name.into(), message }
-}
 
 fn word(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes(bytes[at..at + 4].try_into().expect("the slice has 4 bytes"))
@@ -107,7 +103,7 @@ impl Header {
             ));
         }
         if count == 0 {
-            return Err(field(16, "splatCount", "expected at least one splat, found 0".into()));
+            return Err(field(16, "splatCount", "expected at least one splat, found 0"));
         }
         let bound = |at: usize, default: f32| match float(&head, at) {
             0.0 => default,

@@ -23,21 +23,25 @@ impl Similarity {
     /// The similarity that changes nothing.
     pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
 
-    /// Decomposes a matrix; `None` if it is not a rotation with a uniform scale.
-    pub(crate) fn of_matrix(matrix: DMat4) -> Option<Self> {
+    /// Decomposes a matrix; fails with a message if it is not a rotation with a uniform scale and a translation.
+    pub(crate) fn of_matrix(matrix: DMat4) -> Result<Self, &'static str> {
+        const SKEWED: &str =
+            "expected a rotation, a uniform scale and a translation, found a matrix that skews or mirrors";
         if matrix == DMat4::IDENTITY {
-            return Some(Self::IDENTITY);
+            return Ok(Self::IDENTITY);
         }
         let linear = DMat3::from_mat4(matrix);
         let (scale, translation) = (linear.determinant().cbrt(), matrix.w_axis.truncate());
         if !(1e-9..=1e9).contains(&scale) || !translation.to_array().iter().all(|v| v.abs() <= FARTHEST) {
-            return None;
+            return Err(SKEWED);
         }
         let turn = linear * (1.0 / scale);
         let is_rotation = (turn * turn.transpose()).abs_diff_eq(DMat3::IDENTITY, TOLERANCE);
         let affine = matrix.row(3).abs_diff_eq(DVec4::W, 1e-12);
-        let rotation = DQuat::from_mat3(&turn).normalize();
-        (is_rotation && affine).then_some(Self { rotation, scale, translation })
+        if !(is_rotation && affine) {
+            return Err(SKEWED);
+        }
+        Ok(Self { rotation: DQuat::from_mat3(&turn).normalize(), scale, translation })
     }
 
     /// Composes two similarities: this one first, then `next`.

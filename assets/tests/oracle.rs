@@ -1,4 +1,4 @@
-//! Compares decoded values with those of other programs: PlayCanvas's `splat-transform` (npm) and the package `spz` (PyPI).
+//! Compares decoded values with other programs' values: PlayCanvas's `splat-transform` (npm) and the package `spz` (PyPI).
 //!
 //! `SPLAT_TRANSFORM` is the command that runs splat-transform, by default `splat-transform`; it needs Node 22. `SPZ_PYTHON` is a
 //! Python that has the packages `spz` and `numpy`, by default `python3`. `SPLATGRAPH_DATA` is the folder of captured scenes.

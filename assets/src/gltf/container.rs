@@ -1,7 +1,7 @@
 //! Finds the JSON and the buffers of a glTF file.
 
 use super::document::{Buffer, BufferView, Document, item, wrong};
-use crate::error::SceneError;
+use crate::error::{SceneError, field};
 use crate::input::{OpenFile, Source};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -39,10 +39,6 @@ pub(super) struct Container<'a> {
 
 fn word(bytes: &[u8], at: usize) -> u64 {
     u32::from_le_bytes(bytes[at..at + 4].try_into().expect("the slice has 4 bytes")).into()
-}
-
-fn field(at: u64, name: &str, message: String) -> SceneError {
-    SceneError::Field { at, field: name.into(), message }
 }
 
 /// Offset and length of a chunk in the file, in bytes.

@@ -168,10 +168,8 @@ impl Document {
             for primitive in &item(&self.meshes, mesh, "nodes.mesh")?.primitives {
                 if let Some(splatting) = &primitive.extensions.splatting {
                     let spz = splatting.check(primitive)?;
-                    let place = Similarity::of_matrix(place).ok_or_else(|| {
-                        let text = "expected a rotation, a uniform scale and a translation, found a matrix that skews or mirrors";
-                        wrong(format!("nodes[{index}]"), text)
-                    })?;
+                    let place = Similarity::of_matrix(place)
+                        .map_err(|text| wrong(format!("nodes[{index}]"), text))?;
                     found.push(Splats { primitive, spz, place });
                 }
             }

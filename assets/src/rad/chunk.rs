@@ -1,8 +1,8 @@
 //! Finds the chunks of a file, and unpacks their arrays.
 
 use super::column::{Column, MOST_PER_BYTE};
-use super::document::{CHUNK_MAGIC, ChunkDocument, Document, Name, Place, Property, field};
-use crate::error::SceneError;
+use super::document::{CHUNK_MAGIC, ChunkDocument, Document, Name, Place, Property};
+use crate::error::{SceneError, field};
 use crate::input::{Done, OpenFile, Source, beside, grow};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,7 +14,7 @@ const REQUIRED: [Name; 5] = [Name::Center, Name::Alpha, Name::Rgb, Name::Scales,
 pub(super) struct Chunk {
     index: usize,
     place: Place,
-    /// Offset of the payload, in the file or in the one beside it.
+    /// Offset of the payload in the chunk's file.
     payload: u64,
     /// Index of the first splat in the file.
     pub first: u64,
@@ -30,7 +30,7 @@ pub(super) struct Chunks {
     pub chunks: Vec<Chunk>,
     /// Degree of the harmonics.
     pub degree: u32,
-    /// Bytes of the file and of those beside it.
+    /// Bytes of the file and its `.radc` files.
     pub file_bytes: u64,
     /// Bytes after the last chunk.
     pub trailing_bytes: u64,
@@ -54,14 +54,12 @@ pub(super) struct Arrays {
 /// Adds the name of a file to the error of its bytes.
 fn within(name: Option<&str>, error: SceneError) -> SceneError {
     match (name, error) {
-        (Some(name), SceneError::Field { at, field, message }) => {
-            SceneError::Part { part: name.into(), message: format!("byte {at}, `{field}`: {message}") }
-        }
         (Some(name), SceneError::Io(error)) => {
             let message = format!("expected a readable file beside the .rad, found: {error}");
             SceneError::Part { part: name.into(), message }
         }
-        (_, error) => error,
+        (Some(name), error) => error.in_file(name),
+        (None, error) => error,
     }
 }
 
@@ -197,10 +195,7 @@ impl Chunk {
                 return Err(wrong("encoding", text));
             }
             let (min, max) = property.encoding.bounds();
-            for (name, bound) in
-                [("min", property.min.filter(|_| min)), ("max", property.max.filter(|_| max))]
-            {
-                let needed = if name == "min" { min } else { max };
+            for (name, bound, needed) in [("min", property.min, min), ("max", property.max, max)] {
                 if needed && !bound.is_some_and(f32::is_finite) {
                     return Err(wrong(name, "expected a number, found none".into()));
                 }
@@ -241,7 +236,7 @@ impl Chunk {
         bands.iter().take_while(|(own, code)| self.has(*own) || self.has(*code)).count() as u32
     }
 
-    /// Unpacks the arrays. `entries` is the size of the palette, if the file gives it.
+    /// Unpacks the arrays.
     pub(super) fn unpack(
         &self,
         source: &Source,
@@ -269,7 +264,7 @@ impl Chunk {
             file.read(at, &mut packed)?;
             let name = format!("chunks[{}].properties[{number}], {}", self.index, property.name.text());
             let rows = (!property.name.is_code()).then_some(self.count);
-            let column = Column::unpack(property, rows, &packed, (at, &name))?;
+            let column = Column::unpack(property, rows, packed, (at, &name))?;
             done.add(column.bytes())?;
             left = left.saturating_sub(column.bytes());
             columns.insert(property.name, column);

@@ -1,8 +1,7 @@
 //! Unpacks the array of a property, and converts its values.
 
-use super::document::{Compression, Encoding, Property, field};
-use crate::error::SceneError;
-use crate::input::grow;
+use super::document::{Compression, Encoding, Property};
+use crate::error::{SceneError, field};
 use flate2::read::DeflateDecoder;
 use std::f64::consts::FRAC_PI_2;
 use std::io::Read;
@@ -26,7 +25,7 @@ impl Column {
     pub(super) fn unpack(
         property: &Property,
         rows: Option<usize>,
-        packed: &[u8],
+        packed: Vec<u8>,
         (at, name): (u64, &str),
     ) -> Result<Self, SceneError> {
         let row = property.name.width() * property.encoding.bytes();
@@ -34,18 +33,16 @@ impl Column {
             Some(rows) => (rows * row) as u64,
             None => packed.len() as u64 * MOST_PER_BYTE,
         };
-        let mut bytes = Vec::new();
-        match property.compression {
+        let bytes = match property.compression {
             Some(Compression::Gz) => {
-                DeflateDecoder::new(packed).take(most + 1).read_to_end(&mut bytes).map_err(|error| {
+                let mut bytes = Vec::new();
+                DeflateDecoder::new(&packed[..]).take(most + 1).read_to_end(&mut bytes).map_err(|error| {
                     field(at, name, format!("expected a whole deflate stream, found damage: {error}"))
                 })?;
+                bytes
             }
-            None => {
-                grow(&mut bytes, packed.len())?;
-                bytes.copy_from_slice(packed);
-            }
-        }
+            None => packed,
+        };
         let found = bytes.len() as u64;
         if rows.is_some() && found != most || !found.is_multiple_of(row as u64) {
             let more = if found > most { " or more" } else { "" };
@@ -71,11 +68,9 @@ impl Column {
 
     /// Replaces the differences of the `_delta` encodings by their sums.
     fn sum_differences(&mut self) {
-        self.encoding = match self.encoding {
-            Encoding::R8Delta => Encoding::R8,
-            Encoding::S8Delta => Encoding::S8,
-            _ => return,
-        };
+        if !matches!(self.encoding, Encoding::R8Delta | Encoding::S8Delta) {
+            return;
+        }
         for component in self.bytes.chunks_exact_mut(self.rows.max(1)) {
             let mut last = 0u8;
             for byte in component {

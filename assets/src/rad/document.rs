@@ -1,6 +1,6 @@
 //! Parses the JSON texts of a file and of its chunks.
 
-use crate::error::SceneError;
+use crate::error::{SceneError, field};
 use crate::input::Source;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -14,11 +14,6 @@ const MOST_JSON: u64 = 16 << 20;
 
 /// The only version of files and of chunks.
 const VERSION: u32 = 1;
-
-/// Makes the error for a field of the JSON text, or of the bytes, at offset `at`.
-pub(super) fn field(at: u64, name: impl Into<String>, message: impl Into<String>) -> SceneError {
-    SceneError::Field { at, field: name.into(), message: message.into() }
-}
 
 /// The description of a file.
 #[derive(Debug, Deserialize)]

@@ -27,7 +27,7 @@
 //! | `oct88r8` | an octahedral unit vector in two bytes, and half the angle, `u / 255 pi / 2` |
 //!
 //! The leaves of a tree are the splats that it was built from; only they are read. A node above them merges its children and can
-//! have an opacity above 1, which stands for another profile than a Gaussian. Format: <https://github.com/sparkjsdev/spark>,
+//! have an opacity above 1, which encodes a profile other than a Gaussian. Format: <https://github.com/sparkjsdev/spark>,
 //! `rust/spark-lib/src/rad.rs`.
 
 mod chunk;

@@ -2,7 +2,7 @@
 
 use super::meta::wrong;
 use crate::error::SceneError;
-use crate::input::{OpenFile, Source, SourceReader, beside};
+use crate::input::{self, OpenFile, Source, SourceReader, beside};
 use image_webp::WebPDecoder;
 use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
@@ -48,11 +48,7 @@ impl<'a> Container<'a> {
     /// Opens an archive, or a `meta.json` in `folder`.
     pub(super) fn open(source: &'a Source<'a>, folder: Option<&Path>) -> Result<Self, SceneError> {
         let place = if source.head(MAGIC.len())? == MAGIC {
-            let reader = BufReader::new(SourceReader::new(source, 0));
-            let zip = ZipArchive::new(reader).map_err(|error| {
-                damaged("zip", format!("expected a whole archive, found damage: {error}"))
-            })?;
-            Place::Archive(zip, source.length())
+            Place::Archive(input::archive(source)?, source.length())
         } else {
             Place::Folder(source, folder.map(Path::to_owned))
         };

@@ -1,8 +1,8 @@
 //! Unpacks versions 1 to 3: one gzip stream of the header, the arrays and the extension records.
 
-use super::header::{Header, Unpacked, append, check_memory, field, unpacked};
+use super::header::{Header, Unpacked, append, check_memory, unpacked};
 use super::layout::{HEADER, MAGIC};
-use crate::error::SceneError;
+use crate::error::{SceneError, field};
 use crate::input::{Done, Input, Source, SourceReader, Table};
 use crate::size_breakdown::FieldSize;
 use flate2::bufread::GzDecoder;

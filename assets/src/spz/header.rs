@@ -4,7 +4,7 @@
 //! arrive.
 
 use super::layout::HEADER;
-use crate::error::SceneError;
+use crate::error::{SceneError, field};
 use crate::input::{Done, Input, Table};
 use crate::memory::SceneMemoryError;
 use crate::scene::Scene;
@@ -25,10 +25,6 @@ pub(super) struct Header {
     pub degree: u32,
     pub fractional_bits: u8,
     pub flags: u8,
-}
-
-pub(super) fn field(at: u64, field: &str, message: String) -> SceneError {
-    SceneError::Field { at, field: field.into(), message }
 }
 
 impl Header {

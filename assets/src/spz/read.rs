@@ -1,11 +1,11 @@
 //! Reads SPZ: unpacks the arrays in order, then converts them in parallel.
 
 use super::frame::Frame;
-use super::header::{Header, Unpacked, field};
+use super::header::{Header, Unpacked};
 use super::layout::{ANTIALIASED, COLOR_SCALE, COORDINATE_SYSTEM, EXTENSIONS, MAGIC};
 use super::{gzip, streams};
 use crate::activation;
-use crate::error::SceneError;
+use crate::error::{SceneError, field};
 use crate::input::{self, Done, Input, SceneHeader, Source};
 use crate::scene::{FileNotes, Filter, Scene, Splat};
 use crate::size_breakdown::{ElementSize, SizeBreakdown};

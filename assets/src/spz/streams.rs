@@ -4,9 +4,9 @@
 //! contents and 12 reserved bytes. An entry of the table is the stream's packed and unpacked length, 8 bytes each.
 //! Empty arrays have no stream. The last stream ends with the file.
 
-use super::header::{Header, Unpacked, append, check_memory, field, unpacked};
+use super::header::{Header, Unpacked, append, check_memory, unpacked};
 use super::layout::{ENTRY, HEADER, LONG_HEADER};
-use crate::error::SceneError;
+use crate::error::{SceneError, field};
 use crate::input::{Done, Input, Source, SourceReader, Table};
 use crate::size_breakdown::FieldSize;
 use ruzstd::decoding::StreamingDecoder;

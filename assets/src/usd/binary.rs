@@ -5,8 +5,8 @@
 //! flags, and either the value itself or its offset.
 
 use super::layer::{ARCS, Array, Attribute, Bytes, Component, Kind, Layer, Numbers, Prim, Value, kind_of};
-use super::packing::{Cursor, field};
-use crate::error::SceneError;
+use super::packing::Cursor;
+use crate::error::{SceneError, field};
 
 /// First bytes of a layer.
 pub(crate) const MAGIC: &[u8; 8] = b"PXR-USDC";
@@ -53,6 +53,23 @@ const VEC3F: u64 = 24;
 const VEC3H: u64 = 25;
 const TOKEN_VECTOR: u64 = 41;
 const SPECIFIER: u64 = 42;
+
+/// Returns the component type of a type of values, and the number of components.
+fn shape(kind: u64) -> Option<(Component, usize)> {
+    Some(match kind {
+        HALF => (Component::F16, 1),
+        FLOAT => (Component::F32, 1),
+        DOUBLE => (Component::F64, 1),
+        VEC3H => (Component::F16, 3),
+        VEC3F => (Component::F32, 3),
+        VEC3D => (Component::F64, 3),
+        QUATH => (Component::F16, 4),
+        QUATF => (Component::F32, 4),
+        QUATD => (Component::F64, 4),
+        MATRIX_4D => (Component::F64, 16),
+        _ => return None,
+    })
+}
 
 /// A value: its type, flags, and payload.
 #[derive(Clone, Copy)]
@@ -313,7 +330,7 @@ impl<'a, 'b> Sections<'a, 'b> {
         Ok(layer)
     }
 
-    /// Reads a value of an expected kind. A value of another kind is an error, a blocked one is none.
+    /// Reads a value of an expected kind; `None` if it is blocked. A value of another kind is an error.
     fn value(&self, rep: Rep, kind: Kind, name: &str) -> Result<Option<Value>, SceneError> {
         /// Blocks a value of a weaker layer.
         const BLOCK: u64 = 51;
@@ -359,18 +376,10 @@ impl<'a, 'b> Sections<'a, 'b> {
             let text = format!("expected numbers of `{name}`, found the type {}", rep.kind());
             field(rep.payload(), "value", text)
         };
-        let (component, count) = match rep.kind() {
-            _ if rep.is_array() => return Err(wrong()),
-            INT if rep.is_inlined() => return Ok(vec![f64::from(rep.payload() as u32 as i32)]),
-            HALF => (Component::F16, 1),
-            FLOAT => (Component::F32, 1),
-            DOUBLE => (Component::F64, 1),
-            VEC3H | QUATH => (Component::F16, if rep.kind() == QUATH { 4 } else { 3 }),
-            VEC3F | QUATF => (Component::F32, if rep.kind() == QUATF { 4 } else { 3 }),
-            VEC3D | QUATD => (Component::F64, if rep.kind() == QUATD { 4 } else { 3 }),
-            MATRIX_4D => (Component::F64, 16),
-            _ => return Err(wrong()),
-        };
+        if rep.kind() == INT && rep.is_inlined() && !rep.is_array() {
+            return Ok(vec![f64::from(rep.payload() as u32 as i32)]);
+        }
+        let (component, count) = shape(rep.kind()).filter(|_| !rep.is_array()).ok_or_else(wrong)?;
         if rep.is_inlined() {
             let bytes = (rep.payload() as u32).to_le_bytes();
             let small = bytes.map(|byte| f64::from(byte as i8));
@@ -394,14 +403,9 @@ impl<'a, 'b> Sections<'a, 'b> {
 
     /// Finds an array, and unpacks it if it is compressed.
     fn array(&self, rep: Rep, width: usize, name: &str) -> Result<Array, SceneError> {
-        let component = match (rep.kind(), width) {
-            (HALF, 1) | (VEC3H, 3) | (QUATH, 4) => Component::F16,
-            (FLOAT, 1) | (VEC3F, 3) | (QUATF, 4) => Component::F32,
-            (DOUBLE, 1) | (VEC3D, 3) | (QUATD, 4) => Component::F64,
-            (kind, _) => {
-                let text = format!("expected an array of `{name}`, found the type {kind}");
-                return Err(field(rep.payload(), "value", text));
-            }
+        let Some((component, _)) = shape(rep.kind()).filter(|(_, found)| *found == width) else {
+            let text = format!("expected an array of `{name}`, found the type {}", rep.kind());
+            return Err(field(rep.payload(), "value", text));
         };
         let real_last = width == 4;
         let numbers = Numbers::Memory(Vec::new());
@@ -421,8 +425,8 @@ impl<'a, 'b> Sections<'a, 'b> {
             return Ok(Array { count, numbers, bytes: cursor.at - rep.payload(), ..empty });
         }
         let bytes = count.saturating_mul((width * component.bytes()) as u64);
-        if bytes > self.layer.length.saturating_sub(cursor.at) {
-            let left = self.layer.length.saturating_sub(cursor.at);
+        let left = self.layer.length.saturating_sub(cursor.at);
+        if bytes > left {
             let text =
                 format!("expected elements of `{name}` in the {left} bytes that are left, found {count}");
             return Err(field(rep.payload(), "array", text));

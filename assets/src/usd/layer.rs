@@ -1,6 +1,6 @@
-//! Stores what a reader of splats needs of a layer: prims with some of their attributes.
+//! Stores the parts of a layer that the splat reader needs: prims with some of their attributes.
 
-use crate::error::SceneError;
+use crate::error::{SceneError, field};
 use crate::input::{Source, grow};
 use half::f16;
 use std::collections::BTreeMap;
@@ -39,7 +39,7 @@ impl<'a> Bytes<'a> {
             return Ok(());
         }
         let message = format!("expected {count} bytes, found the end of the layer at {}", self.length);
-        Err(SceneError::Field { at, field: "data".into(), message })
+        Err(field(at, "data", message))
     }
 
     /// Fills `buffer` with the bytes from offset `at` on.

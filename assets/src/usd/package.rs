@@ -2,12 +2,9 @@
 
 use super::layer::Bytes;
 use crate::error::SceneError;
-use crate::input::{Source, SourceReader};
-use std::io::BufReader;
-use zip::{CompressionMethod, ZipArchive};
-
-/// First bytes of a ZIP archive.
-const MAGIC: &[u8; 4] = b"PK\x03\x04";
+use crate::input::{self, Source};
+use crate::sog::MAGIC;
+use zip::CompressionMethod;
 
 /// Returns true if the bytes begin a ZIP archive whose first file is a layer.
 pub(crate) fn begins_as_package(head: &[u8]) -> bool {
@@ -17,15 +14,13 @@ pub(crate) fn begins_as_package(head: &[u8]) -> bool {
     head.starts_with(MAGIC) && is_layer
 }
 
-/// Finds the bytes of the layer in a file; returns the name of an archive's.
+/// Finds the bytes of the layer; in an archive, also returns the layer's name.
 pub(super) fn layer<'a>(source: &'a Source<'a>) -> Result<(Bytes<'a>, Option<String>), SceneError> {
     if source.head(MAGIC.len())? != MAGIC {
         return Ok((Bytes::new(source, 0, source.length()), None));
     }
     let damaged = |message: String| SceneError::Part { part: "zip".into(), message };
-    let reader = BufReader::new(SourceReader::new(source, 0));
-    let mut zip = ZipArchive::new(reader)
-        .map_err(|error| damaged(format!("expected a whole archive, found damage: {error}")))?;
+    let mut zip = input::archive(source)?;
     let file = zip
         .by_index_raw(0)
         .map_err(|error| damaged(format!("expected a readable file of the archive, found: {error}")))?;

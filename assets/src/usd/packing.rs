@@ -1,16 +1,11 @@
 //! Unpacks the two compressions of binary layers: LZ4 blocks, and lists of integers as differences.
 
 use super::layer::Bytes;
-use crate::error::SceneError;
+use crate::error::{SceneError, field};
 use crate::input::grow;
 
 /// Maximum ratio of LZ4.
 const MOST_PER_BYTE: u64 = 255;
-
-/// Makes the error for a field of a binary layer.
-pub(super) fn field(at: u64, name: &str, message: impl Into<String>) -> SceneError {
-    SceneError::Field { at, field: name.into(), message: message.into() }
-}
 
 /// A position in a binary layer, from which fields are read in order.
 pub(super) struct Cursor<'a, 'b> {

@@ -69,14 +69,9 @@ fn open<'a>(source: &'a Source<'a>, memory: Option<u64>) -> Result<(Bytes<'a>, L
         }
         Ok(layer)
     };
-    let layer = parse().map_err(|error| match (&name, error) {
-        (Some(name), SceneError::Field { at, field, message }) => {
-            SceneError::Part { part: name.clone(), message: format!("byte {at}, `{field}`: {message}") }
-        }
-        (Some(name), SceneError::Row { line, message }) => {
-            SceneError::Part { part: name.clone(), message: format!("line {line}: {message}") }
-        }
-        (_, error) => error,
+    let layer = parse().map_err(|error| match &name {
+        Some(name) => error.in_file(name),
+        None => error,
     })?;
     Ok((bytes, layer))
 }
@@ -118,10 +113,7 @@ fn splats(layer: &Layer) -> Result<Vec<Splats<'_>>, SceneError> {
             worlds = Some(xform::world(layer)?);
         }
         let world = worlds.as_ref().map_or(DMat4::IDENTITY, |worlds| worlds[index]);
-        let place = Similarity::of_matrix(world).ok_or_else(|| {
-            let text = "expected a rotation, a uniform scale and a translation, found a matrix that skews or mirrors";
-            layer.wrong(index, "", text.into())
-        })?;
+        let place = Similarity::of_matrix(world).map_err(|text| layer.wrong(index, "", text.into()))?;
         let place = if upright == Similarity::IDENTITY { place } else { place.then(upright) };
         found.push(prim_splats(layer, index, place)?);
     }

@@ -1,4 +1,4 @@
-//! Checks the values of layers that OpenUSD wrote, transforms, and the refusal of what is not drawn.
+//! Checks the values of layers that OpenUSD wrote, transforms, and refusals of unsupported layers.
 
 use crate::QUIET;
 use crate::error::SceneError;

@@ -3,7 +3,7 @@
 //! A prim is `def Type "name" ( metadata ) { attributes and children }`; an attribute is `type name = value ( metadata )`. Only
 //! the attributes of splats and transforms are converted; the rest is skipped by its brackets.
 
-use super::layer::{ARCS, Array, Attribute, Component, Kind, Layer, Numbers, Prim, Value, kind_of};
+use super::layer::{ARCS, Array, Component, Kind, Layer, Numbers, Prim, Value, kind_of};
 use crate::error::SceneError;
 use half::f16;
 
@@ -13,7 +13,7 @@ pub(crate) const MAGIC: &[u8; 6] = b"#usda ";
 /// Words before the type of an attribute.
 const MODIFIERS: [&str; 8] = ["custom", "uniform", "varying", "config", "prepend", "append", "add", "delete"];
 
-/// Maximum numbers of a value that is not an array of splats: those of a matrix.
+/// Maximum numbers of a value outside the arrays of splats: a 4 x 4 matrix.
 const MOST_NUMBERS: usize = 16;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -238,13 +238,10 @@ impl<'t> Parser<'t> {
                     let prim = self.prim(&mut layer, specifier, open.last().copied())?;
                     open.push(prim);
                 }
-                Token::Word("reorder") => {
-                    self.next()?;
-                    self.expect(b'=')?;
-                    self.skip_value()?;
-                }
-                Token::Word("variantSet") => {
-                    layer.arc = Some("variantSet".into());
+                Token::Word(word @ ("reorder" | "variantSet")) => {
+                    if word == "variantSet" {
+                        layer.arc = Some(word.into());
+                    }
                     self.next()?;
                     self.expect(b'=')?;
                     self.skip_value()?;
@@ -315,8 +312,7 @@ impl<'t> Parser<'t> {
                 Some(_) if self.peek()? == Token::Word("None") => self.skip_value()?,
                 Some(wanted) => {
                     let value = self.value(wanted, kind)?;
-                    let attribute: &mut Attribute = prim.attributes.entry(name.into()).or_default();
-                    attribute.value = Some(value);
+                    prim.attributes.entry(name.into()).or_default().value = Some(value);
                 }
                 None => self.skip_value()?,
             }
