@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let mut device = match args.device.as_deref() {
         Some(wanted) => options::target(Some(wanted))?,
-        // Without a device, the smallest supported one stands in.
+        // Without a device, the least capable supported one is assumed.
         None => options::target(None).unwrap_or_else(|_| Target::nominal()),
     };
     let catalog = facts::catalog(&scene);

@@ -21,8 +21,8 @@ pub struct KnownDevice {
 
 /// Lists the devices of the catalogue.
 ///
-/// A family of devices has the smallest limits of its members. Unpublished limits are those of the smallest supported
-/// device.
+/// A family of devices has the smallest limits of its members. Unpublished limits are those of the least capable
+/// supported device.
 pub fn catalogue() -> Vec<KnownDevice> {
     let portable = facts::portable_device;
     let integers =

@@ -66,7 +66,7 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
-/// A cancellation of loads that nobody requests.
+/// A cancel flag that is never set.
 pub static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// Opens a device on another thread while `load` loads its scene. Returns both.
@@ -74,7 +74,7 @@ pub static NEVER: AtomicBool = AtomicBool::new(false);
 /// `open` may also check the scene's header. If it fails, the load is cancelled, and its own error is not reported.
 ///
 /// # Errors
-/// Those of `open`, then those of `load`.
+/// Errors of `open`, then of `load`.
 pub fn open_and_load<D: Send, L>(
     open: impl FnOnce() -> Result<D> + Send,
     load: impl FnOnce(&AtomicBool) -> Result<L>,
@@ -243,7 +243,7 @@ pub fn framing(scene: &Scene) -> Camera {
     Camera { img_name: FRAMING.into(), ..Camera::framing(scene, width, height) }
 }
 
-/// Returns the facts of the named device, or those of the smallest supported one; see [`target`].
+/// Returns the facts of the named device, or of the least capable supported one; see [`target`].
 pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
     match wanted {
         Some(wanted) => Ok(target(Some(wanted))?.facts),

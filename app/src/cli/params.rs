@@ -86,7 +86,7 @@ fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
         Ok(target) => Ok((target.name, target.facts)),
         Err(error) if wanted.is_some() => Err(error),
         Err(_) => {
-            say("no device was found: the defaults are those of the smallest supported one");
+            say("no device was found: the defaults are those of the least capable supported one");
             let facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
             Ok(("the least capable supported device".to_owned(), facts))
         }

@@ -115,13 +115,14 @@ fn centres(
     rules: &Rules,
     cancelled: &(dyn Fn() -> bool + Sync),
 ) -> Option<SplatSet> {
-    let picture = [camera.width, camera.height].map(f64::from);
+    let [left, top, right, bottom] = region.bounds((camera.width, camera.height)).map(f64::from);
     let is_in = |index: &u32| {
         project(&masked.get(*index as usize), camera, rules).is_some_and(|splat| {
-            let centre = splat.center.map(|v| v + 0.5);
+            let [x, y] = splat.center.map(|v| v + 0.5);
             splat.opacity >= rules.alpha_floor
-                && (0..2).all(|axis| (0.0..=picture[axis]).contains(&centre[axis]))
-                && region.contains(centre)
+                && (left..=right).contains(&x)
+                && (top..=bottom).contains(&y)
+                && region.contains([x, y])
         })
     };
     let count = masked.scene.count();

@@ -113,7 +113,7 @@ pub enum Event {
         splats: u32,
         /// Size of the file, in bytes.
         bytes: u64,
-        /// What the file lacks compared with the scene.
+        /// Properties of the scene that the file lacks.
         lost: Vec<String>,
     },
     /// The device, or its window, was lost. Everything on it is gone; the scene stays in host memory.

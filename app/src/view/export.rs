@@ -13,10 +13,6 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
-
-/// Interval at which a dropped exporter looks for the end of its file.
-const WAIT: Duration = Duration::from_millis(5);
 
 /// A file that was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -25,7 +21,7 @@ pub struct Written {
     pub splats: u32,
     /// Size of the file, in bytes.
     pub bytes: u64,
-    /// What the file lacks compared with the scene, as `convert` lists it.
+    /// Properties of the scene that the file lacks, as `convert` lists them.
     pub lost: Vec<String>,
 }
 
@@ -102,12 +98,11 @@ impl Exporter {
         if !self.busy() {
             return None;
         }
-        let result = self.work.take();
-        // A thread that panicked leaves no result.
-        let result = match result {
-            None if self.busy() => return None,
-            None => Err("internal error: the file was not written".to_owned()),
+        let result = match self.work.take() {
             Some(result) => result,
+            None if self.busy() => return None,
+            // A thread that panicked leaves no result.
+            None => Err("internal error: the file was not written".to_owned()),
         };
         Some((self.path.clone(), result))
     }
@@ -115,10 +110,7 @@ impl Exporter {
 
 impl Drop for Exporter {
     fn drop(&mut self) {
-        while self.busy() {
-            self.work.take();
-            std::thread::sleep(WAIT);
-        }
+        self.work.wait();
     }
 }
 
@@ -141,7 +133,7 @@ mod tests {
             if let Some((_, result)) = exporter.take() {
                 return result;
             }
-            std::thread::sleep(WAIT);
+            std::thread::sleep(std::time::Duration::from_millis(5));
         }
     }
 

@@ -83,6 +83,11 @@ impl<T: Send + 'static> Latest<T> {
         }
         result.ok()
     }
+
+    /// Waits for the result of the newest request; `None` if it has none.
+    pub fn wait(&mut self) -> Option<T> {
+        self.request.take()?.result.recv().ok()
+    }
 }
 
 #[cfg(test)]

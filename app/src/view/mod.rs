@@ -6,7 +6,7 @@
 //!   change;
 //! - [`opening`]: reading of scenes and cameras on other threads;
 //! - [`animation`]: plans that are drawn even if no input changes;
-//! - [`latest`]: work on another thread, of which the newest request wins;
+//! - [`latest`]: work on another thread; a new request cancels the last;
 //! - [`export`]: scenes that are written on another thread;
 //! - [`cameras`]: saved views, and files of cameras;
 //! - [`viewport`]: a renderer of the scene with its frame times ([`history`]) and its inspection;

@@ -195,7 +195,7 @@ impl Opening {
 }
 
 /// Returns the index of a viewport's scene. The window has no scene, and counts as A.
-fn index(id: RendererId) -> usize {
+pub(super) fn index(id: RendererId) -> usize {
     usize::from(id == RendererId::B)
 }
 

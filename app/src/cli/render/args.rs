@@ -238,7 +238,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
             let names = NAMES.map(|(name, _)| name).join(", ");
             return Err(Usage(format!("expected an output of the exact renderer, {names}, found `{name}`")));
         }
-        // Of a preset that is named after a projection, the exact renderer draws the projection.
+        // A preset named after a projection selects it for the exact renderer.
         let is_projection = args.drawing.pipeline.parse::<Projection>().is_ok();
         let pipeline = if is_projection { options::DEFAULT_PIPELINE } else { &args.drawing.pipeline };
         return refuse_graph_options(pipeline, &args.drawing.set, &args.device);

@@ -72,12 +72,12 @@ impl Drawer {
     /// There is no suitable device, or the scene cannot be loaded.
     pub fn open(args: &Args, work: &Work, loaded: Option<Loaded>) -> Result<Drawer> {
         let pipeline = &args.drawing.pipeline;
-        let graph = match args.backend {
-            // Of a preset that is named after a projection, the exact renderer draws the projection.
+        let graph = || match args.backend {
+            // A preset named after a projection selects it for the exact renderer.
             Renderer::Reference => pipeline.parse().unwrap_or_default(),
             Renderer::Device(_) => projection::of_graph(pipeline, &args.drawing.set),
         };
-        let load = |cancel: &_| loaded.map_or_else(|| Loaded::load(args, work, graph, cancel), Ok);
+        let load = |cancel: &_| loaded.map_or_else(|| Loaded::load(args, work, graph(), cancel), Ok);
         let stems = work.stems.clone();
         let Renderer::Device(api) = args.backend else {
             // Mistakes are reported before a large scene is loaded.

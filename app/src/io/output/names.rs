@@ -5,16 +5,22 @@
 //! | ? *`, a leading dot, and the devices of Windows (`CON`, `NUL`, ...). An empty name becomes `camera` and the
 //! camera's index. Among equal results, the first name that was valid stays; the others get `-` and the camera's index,
 //! and then a number, until all differ, ignoring case. A name that is too long is cut, and ends in `~` and eight digits
-//! of the hash of the whole name.
+//! of the hash of the whole name. [`first_free`] numbers the files that a window writes.
 
 use super::terminal::is_harmful;
 use std::collections::HashSet;
+use std::path::PathBuf;
 
 /// Maximum length of a file name on common file systems, in bytes.
 pub const MAX_NAME_BYTES: usize = 255;
 
 /// Minimum length that is left for a camera's name, in bytes: for its hash, its index, and a recognisable part.
 pub const MIN_ROOM_BYTES: usize = 48;
+
+/// Returns the first path, numbered from 1, that does not exist yet.
+pub fn first_free(path: impl Fn(u32) -> PathBuf) -> PathBuf {
+    (1..).map(&path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
+}
 
 /// Makes a unique file name from each name, without extension, of at most `room` bytes.
 ///

@@ -4,6 +4,7 @@ use super::controls::{Command, Controls};
 use super::theme::{self, GRID, ROW};
 use super::widgets::{fact, heading, hint};
 use crate::draw::camera_path::SECONDS;
+use crate::io::output::names;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::FIELDS_OF_VIEW;
 use crate::view::opening::CameraRole;
@@ -208,6 +209,5 @@ pub fn toggle<D: Device>(viewer: &mut Viewer<D>) {
 
 /// Returns the first path in `folder`, of `NAME-1.cameras.json`, `NAME-2.cameras.json`, ..., that does not exist yet.
 fn free_name(folder: &Path, stem: &str) -> PathBuf {
-    let name = |number: u32| folder.join(format!("{stem}-{number}.cameras.json"));
-    (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))
+    names::first_free(|number| folder.join(format!("{stem}-{number}.cameras.json")))
 }

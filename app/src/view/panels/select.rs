@@ -8,6 +8,7 @@ use super::hud;
 use super::theme::{self, GRID, Palette};
 use super::widgets::hint;
 use crate::draw::select::{Reach, Region};
+use crate::io::output::names;
 use crate::view::events::RendererId;
 use crate::view::viewer::{Combine, Marks, Part, Viewer};
 use egui::{
@@ -372,6 +373,5 @@ fn marks<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, id: RendererId, control
 fn fresh(folder: &Path, scene: &Path) -> PathBuf {
     let name = scene.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or("scene");
-    let path = |number: u32| folder.join(format!("{stem}-part-{number}.ply"));
-    (1..).map(path).find(|path| !path.exists()).unwrap_or_else(|| path(0))
+    names::first_free(|number| folder.join(format!("{stem}-part-{number}.ply")))
 }

@@ -320,7 +320,7 @@ impl<D: Device> Viewer<D> {
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
         if let Some(camera) = cameras.first() {
             let up = navigation::mean_up(&cameras).unwrap_or_else(|| self.scene().up().into());
-            self.navigation = Navigation::new(&self.scene().robust_bounds(), camera, up);
+            self.navigation = Navigation::new(&self.subject.whole.robust_bounds(), camera, up);
         }
         self.camera = if cameras.is_empty() { None } else { Some(0) };
         self.cameras = cameras;

@@ -1,6 +1,7 @@
 //! Watches files that place several scenes. A changed file is loaded again; the camera stays.
 
 use crate::view::events::RendererId;
+use crate::view::opening;
 use crate::view::renderer::Wake;
 use splatgraph_framework::reload::{Content, Wanted, WatchError, Watcher};
 use std::path::{Path, PathBuf};
@@ -26,7 +27,7 @@ impl PlacedFiles {
         if wanted.is_none() && self.watcher.is_none() {
             return Ok(());
         }
-        self.wanted[usize::from(id == RendererId::B)] = wanted;
+        self.wanted[opening::index(id)] = wanted;
         let watcher = match &mut self.watcher {
             Some(watcher) => watcher,
             none => {

@@ -8,7 +8,7 @@ use super::subject::Subject;
 use crate::draw::camera_path;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Navigation;
-use crate::view::opening::{CameraRole, Content, Opened};
+use crate::view::opening::{self, CameraRole, Content, Opened};
 use glam::DVec3;
 use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene, names_scenes};
@@ -64,7 +64,7 @@ impl<D: Device> Viewer<D> {
         if id == RendererId::B && path == self.scene_path() {
             return self.share_scene();
         }
-        self.restored[usize::from(id == RendererId::B)] = None;
+        self.restored[opening::index(id)] = None;
         self.follow_scenes(id, path);
         if let Err(error) = self.opening.open_scene(id, path) {
             self.events.push(Event::SceneFailed { path: path.to_owned(), error });
@@ -119,7 +119,7 @@ impl<D: Device> Viewer<D> {
         let camera = self.world_camera();
         let offset = self.scene().offset();
         let former = std::mem::replace(&mut self.subject, subject);
-        let scene = self.subject.scene.clone();
+        let scene = self.subject.whole.clone();
         let up = self.navigation.up();
         self.navigation = Navigation::new(&scene.robust_bounds(), &camera.relative_to(scene.offset()), up);
         self.move_cameras(offset);
@@ -143,7 +143,7 @@ impl<D: Device> Viewer<D> {
                 let splats = scene.count();
                 self.events.push(Event::Scene { path: path.clone(), splats, load_ms });
                 let mut subject = Subject::new(*scene, path, self.wake.clone());
-                if let Some(marks) = self.restored[usize::from(id == RendererId::B)].take()
+                if let Some(marks) = self.restored[opening::index(id)].take()
                     && let Err(text) = subject.set_marks(marks)
                 {
                     self.events.push(Event::Problem { text });

@@ -3,9 +3,10 @@
 use super::Viewer;
 use super::subject::{Combine, Marks, Part, Search};
 use crate::draw::select::{Reach, Region, select};
-use crate::draw::splat_set::{Masked, SplatSet};
+use crate::draw::splat_set::Masked;
 use crate::view::events::{Event, RendererId};
 use crate::view::export::Written;
+use crate::view::opening;
 use splatgraph_api::Device;
 use splatgraph_assets::Scene;
 use std::path::Path;
@@ -89,16 +90,14 @@ impl<D: Device> Viewer<D> {
 
     /// Selects the visible splats that are not selected, instead of the selected ones.
     pub fn invert_selection(&mut self, id: RendererId) {
-        let Marks { selected, hidden } = self.marks(id).clone();
-        let others = SplatSet::first(self.loaded(id).count()).without(&hidden).without(&selected);
-        self.set_marks(id, Marks { selected: Arc::new(others), hidden });
+        let (marks, count) = (self.marks(id).clone(), self.loaded(id).count());
+        self.set_marks(id, Marks { selected: Arc::new(marks.rest(count)), ..marks });
     }
 
     /// Selects all visible splats.
     pub fn select_all(&mut self, id: RendererId) {
-        let hidden = self.marks(id).hidden.clone();
-        let all = SplatSet::first(self.loaded(id).count()).without(&hidden);
-        self.set_marks(id, Marks { selected: Arc::new(all), hidden });
+        let (marks, count) = (self.marks(id).clone(), self.loaded(id).count());
+        self.set_marks(id, Marks { selected: Arc::new(marks.visible(count)), ..marks });
     }
 
     /// Selects nothing, and cancels the searches.
@@ -125,10 +124,10 @@ impl<D: Device> Viewer<D> {
     /// extension, or their indices to a `.json` file. The result is reported as an event. Returns true if writing began.
     pub fn export(&mut self, id: RendererId, part: Part, path: &Path) -> bool {
         let subject = self.subject_of(id);
-        let Marks { selected, hidden } = subject.marks();
+        let marks = subject.marks();
         let splats = match part {
-            Part::Selected => selected.clone(),
-            Part::Rest => Arc::new(SplatSet::first(subject.whole.count()).without(selected).without(hidden)),
+            Part::Selected => marks.selected.clone(),
+            Part::Rest => Arc::new(marks.rest(subject.whole.count())),
         };
         let scene = subject.whole.clone();
         let begun = self.exporter.start(scene, splats, path);
@@ -145,12 +144,12 @@ impl<D: Device> Viewer<D> {
 
     /// Restores the marks of a scene that is being loaded for a viewport.
     pub(in crate::view) fn restore_marks(&mut self, id: RendererId, marks: Marks) {
-        self.restored[usize::from(id == RendererId::B)] = Some(marks);
+        self.restored[opening::index(id)] = Some(marks);
     }
 
     /// Returns the marks that a scene will have once it is loaded for a viewport.
     pub(in crate::view) fn restored(&self, id: RendererId) -> Marks {
-        self.restored[usize::from(id == RendererId::B)].clone().unwrap_or_default()
+        self.restored[opening::index(id)].clone().unwrap_or_default()
     }
 
     /// Takes the results of searches, the scenes that show marks, and written files.

@@ -37,9 +37,19 @@ impl Marks {
     pub fn is_empty(&self) -> bool {
         self.selected.is_empty() && self.hidden.is_empty()
     }
+
+    /// Returns the splats of a scene of `count` that are not hidden.
+    pub fn visible(&self, count: u32) -> SplatSet {
+        SplatSet::first(count).without(&self.hidden)
+    }
+
+    /// Returns the splats of a scene of `count` that are neither selected nor hidden.
+    pub fn rest(&self, count: u32) -> SplatSet {
+        self.visible(count).without(&self.selected)
+    }
 }
 
-/// How newly found splats change the selection.
+/// Effect of newly found splats on the selection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Combine {
     /// They become the selection.
@@ -92,7 +102,7 @@ pub(super) struct Subject {
     pub path: PathBuf,
     /// The requested marks; the scene as drawn follows.
     marks: Marks,
-    maker: Latest<(Marks, Result<MarkedScene, SceneMemoryError>)>,
+    maker: Latest<Result<MarkedScene, SceneMemoryError>>,
     /// The search for splats in a region.
     pub finder: Latest<(Combine, SplatSet)>,
     /// Searches that follow, oldest first.
@@ -157,13 +167,12 @@ impl Subject {
             self.show(MarkedScene::of(self.whole.clone()));
         } else {
             let (whole, of) = (self.whole.clone(), marks.clone());
-            self.maker.start(move |cancelled| {
-                let drawn = marked(&whole, &of).map(|scene| {
+            self.maker.start(move |_| {
+                Some(marked(&whole, &of).map(|scene| {
                     // Computed here, off the frame's thread, and cached.
                     scene.identity();
                     MarkedScene::of(Arc::new(scene))
-                });
-                (!cancelled()).then_some((of, drawn))
+                }))
             })?;
         }
         self.marks = marks;
@@ -174,20 +183,17 @@ impl Subject {
     ///
     /// # Errors
     /// It does not fit in memory. All splats are then shown, and none is selected.
-    pub fn take_drawn(&mut self) -> Result<bool, SceneMemoryError> {
-        let Some((marks, drawn)) = self.maker.take() else { return Ok(false) };
-        match drawn {
-            Ok(drawn) if marks == self.marks => {
-                self.show(drawn);
-                Ok(true)
-            }
-            Ok(_) => Ok(false),
-            Err(error) => {
+    pub fn take_drawn(&mut self) -> Result<(), SceneMemoryError> {
+        match self.maker.take() {
+            None => {}
+            Some(Ok(drawn)) => self.show(drawn),
+            Some(Err(error)) => {
                 self.marks = Marks::default();
                 self.show(MarkedScene::of(self.whole.clone()));
-                Err(error)
+                return Err(error);
             }
         }
+        Ok(())
     }
 
     fn show(&mut self, MarkedScene { scene, catalog }: MarkedScene) {
@@ -197,7 +203,7 @@ impl Subject {
 
 /// Copies a scene without its hidden splats, and with its selected ones tinted.
 fn marked(whole: &Scene, marks: &Marks) -> Result<Scene, SceneMemoryError> {
-    let shown = SplatSet::first(whole.count()).without(&marks.hidden).indices();
+    let shown = marks.visible(whole.count()).indices();
     whole.picked_as(&shown, |index, splat| if marks.selected.contains(index) { tinted(splat) } else { splat })
 }
 

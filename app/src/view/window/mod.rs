@@ -22,7 +22,7 @@ use super::shell::{FrameRequest, Shell};
 use super::viewer::Viewer;
 use crate::draw::backend::{Api, Backend, Options};
 use crate::draw::session::image_of;
-use crate::io::output::{Log, one_line, say};
+use crate::io::output::{Log, names, one_line, say};
 use anyhow::{Context as _, Result, anyhow, bail};
 pub use display::is_left_open;
 use display::own;
@@ -593,6 +593,5 @@ fn title(scene: &Path) -> String {
 
 /// Returns the first file name of `NAME-1.png`, `NAME-2.png`, ... that does not exist yet.
 fn fresh_name(stem: &str, extension: &str) -> PathBuf {
-    let name = |number: u32| PathBuf::from(format!("{stem}-{number}.{extension}"));
-    (1..).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(0))
+    names::first_free(|number| PathBuf::from(format!("{stem}-{number}.{extension}")))
 }
