@@ -22,24 +22,24 @@ use crate::ir::{
 };
 use crate::source::Diagnostic;
 
-/// Everything that a backend executes. See the module's documentation.
+/// The compiled form of a graph: everything that a backend needs to execute it.
 ///
-/// The default is empty, as a starting point for hand-made plans.
+/// The default is an empty plan, a starting point for plans built by hand in tests.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
-    /// The requested name: a preset's name or a path.
+    /// The graph that was requested, by preset name or by path.
     pub name: String,
     /// One line that describes the graph.
     pub summary: String,
     /// The graphs and presets that the requested preset or choice leads to, the graph last. Empty if `name` is a graph.
     pub based_on: Vec<String>,
-    /// The graphs of a choice that are passed over, in order; the last one's fallback is this plan's graph.
+    /// Graphs of a choice that were rejected, in the order tried. The plan's graph is the fallback of the last one.
     pub fallbacks: Vec<Fallback>,
     /// The facts of the scene, the device and the viewport that the plan was built from.
     pub facts: BTreeMap<String, Value>,
-    /// Parameters, in the order of the file.
+    /// Parameters, in the order in which the file declares them.
     pub params: Vec<Param>,
-    /// The effect of each parameter, in the same order.
+    /// The effect of each parameter on the plan, in the order of [`Plan::params`].
     pub effects: Vec<Effect>,
     /// Buffers and images, indexed by [`ResourceId`].
     pub resources: Vec<Resource>,
@@ -47,13 +47,13 @@ pub struct Plan {
     pub shaders: Vec<Shader>,
     /// Passes, indexed by [`PassId`].
     pub passes: Vec<Pass>,
-    /// Memory of the transient resources. Resources with disjoint lifetimes can share a block.
+    /// Memory for the transient resources. Resources with disjoint lifetimes can share a block.
     pub blocks: Vec<Block>,
     /// Pairs of passes that must run in order, sorted by the ids of the later passes; see [`Plan::dependencies_of`].
     pub dependencies: Vec<Dependency>,
-    /// Layout changes of images: in the prologue, the handover, and the frame.
+    /// Layout changes of images, in the prologue, in the handover and in the frame.
     pub layout_changes: Vec<LayoutChange>,
-    /// Passes that run once after the plan or the scene changed, in order.
+    /// Passes that run once after the plan or the scene changes, in order.
     pub prologue: Vec<PassId>,
     /// Passes that run every frame, in order. The first frame follows the prologue. Between the two is the *handover*,
     /// which brings images to the layouts that they have between frames.
@@ -65,7 +65,7 @@ pub struct Plan {
     /// The image that is shown or saved. A [`Work::Export`](crate::ir::Work::Export) pass at the end of the frame leaves it in
     /// [`Layout::TransferSource`], readable by [`Stages::COPY`](crate::ir::Stages::COPY).
     pub output: ResourceId,
-    /// Images requested besides the output; the export leaves them in the same layout.
+    /// Images requested besides the output. The export leaves them in the same layout as the output.
     pub outputs: Vec<Output>,
     /// Numbers computed on the GPU for the host: 32-bit words of buffers. The export copies them in order to the
     /// resource with [`Source::Readback`]. The host reads them there in the last pass of the frame,
@@ -89,7 +89,7 @@ impl Plan {
         &self.shaders[id.index()]
     }
 
-    /// Finds a resource by name, for instance `"keys#0"`; `None` if there is none.
+    /// Finds a resource by its full name, for instance `"keys#0"`. Returns `None` for an unknown name.
     pub fn find_resource(&self, name: &str) -> Option<ResourceId> {
         self.resources.iter().position(|r| r.name == name).map(|i| ResourceId(i as u32))
     }
@@ -99,11 +99,11 @@ impl Plan {
         self.fallbacks.last().map_or(&self.name, |fallback| &fallback.taken)
     }
 
-    /// Lists the choices that follow from facts: `rasteriser = serial and sorter = serial, because device.subgroup_size
-    /// = 8`.
+    /// Lists the choices that follow from facts, for instance `rasteriser = serial and sorter = serial, because
+    /// device.subgroup_size = 8`.
     ///
-    /// These are the constant choices and bools whose value is an expression over facts. Values with equal reasons
-    /// share a line.
+    /// Covers constant choices and bools whose value is an expression over facts. Values with equal reasons share a
+    /// line.
     pub fn decisions(&self) -> Vec<String> {
         let mut found: Vec<(&Reason, Vec<String>)> = Vec::new();
         for param in &self.params {
@@ -122,17 +122,17 @@ impl Plan {
         found.iter().map(|(reason, all)| format!("{}, because {reason}", all.join(" and "))).collect()
     }
 
-    /// Returns the effect of a parameter; `None` for an unknown name.
+    /// Returns the effect of a parameter, or `None` for an unknown name.
     pub fn effect(&self, parameter: &str) -> Option<&Effect> {
         self.effects.get(self.params.iter().position(|param| param.name == parameter)?)
     }
 
-    /// Returns the reason why a parameter has no effect, a phrase; `None` if it has one, or is unknown.
+    /// Returns the reason why a parameter has no effect, as a phrase. `None` if it has an effect or is unknown.
     pub fn no_effect(&self, parameter: &str) -> Option<&str> {
         self.effect(parameter)?.none.as_deref()
     }
 
-    /// Lists the phases of the passes that depend on a parameter, each once.
+    /// Lists the phases that contain a pass affected by a parameter, each once.
     pub fn affected_phases(&self, parameter: &str) -> Vec<&str> {
         let mut phases: Vec<&str> = Vec::new();
         for id in self.effect(parameter).iter().flat_map(|effect| &effect.passes) {
@@ -160,13 +160,13 @@ impl Plan {
         Some(format!("`{parameter}` {}", parts.join(" and ")))
     }
 
-    /// Encodes the live uniform block from the plan's own values; empty if no pass reads it. A choice is the index of
-    /// its option, a bool 0 or 1.
+    /// Encodes the live uniform block from the plan's own values. Empty if no pass reads the block. A choice is encoded
+    /// as the index of its option, a bool as 0 or 1.
     pub fn live_bytes(&self) -> Vec<u8> {
         self.live_bytes_of(&self.params)
     }
 
-    /// Encodes the live uniform block from `params`: the plan's parameters, with other values for live ones.
+    /// Encodes the live uniform block from `params`: the plan's parameters, with updated values for live ones.
     pub fn live_bytes_of<'a>(&self, params: impl IntoIterator<Item = &'a Param>) -> Vec<u8> {
         let size = self.resources.iter().find(|r| r.source == Source::Live).map_or(0, Resource::bytes);
         let mut bytes = vec![0; size as usize];
@@ -188,13 +188,13 @@ impl Plan {
         bytes
     }
 
-    /// Returns the total bytes of the memory blocks. A device may need more, because it pads images.
+    /// Returns the total size of the memory blocks in bytes. A device may need more, because it pads images.
     pub fn transient_bytes(&self) -> u64 {
         let largest = |block: &Block| block.aliases.iter().map(|id| self.resource(*id).bytes()).max();
         self.blocks.iter().filter_map(largest).sum()
     }
 
-    /// Returns the total bytes of the transient resources if none shared memory.
+    /// Returns the total size of the transient resources in bytes, as if none shared memory.
     pub fn unshared_bytes(&self) -> u64 {
         self.resources.iter().filter(|r| r.source == Source::Transient).map(Resource::bytes).sum()
     }
@@ -210,7 +210,7 @@ impl Plan {
         let ends = |id: &ResourceId| {
             let resource = self.resource(*id);
             let alone = match &resource.source {
-                // Two includes can import the same plane.
+                // Two includes can import the same plane, which then appears as two resources.
                 Source::Scene { .. } => {
                     !later.iter().any(|other| self.resource(*other).source == resource.source)
                 }
@@ -239,7 +239,7 @@ impl Plan {
         self.layout_changes.iter().filter(is_here)
     }
 
-    /// Lists the dependencies on earlier passes.
+    /// Lists the dependencies of a pass on earlier passes.
     pub fn dependencies_of(&self, pass: PassId) -> &[Dependency] {
         let from = self.dependencies.partition_point(|dependency| dependency.second < pass);
         let count = self.dependencies[from..].partition_point(|dependency| dependency.second == pass);
@@ -256,43 +256,43 @@ impl Plan {
 /// A construct of a graph that is allowed but probably unintended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Warning {
-    /// The message, with its places in the files that the plan was built from.
+    /// The message, with spans in the files that the plan was built from.
     pub diagnostic: Diagnostic,
-    /// The place of the construct.
+    /// Path, line and column of the construct.
     pub origin: Origin,
 }
 
-/// A buffer or an image. Ping-pong resources appear as two, named `keys#0` and `keys#1`.
+/// A buffer or an image. A ping-pong resource appears as two entries, named `keys#0` and `keys#1`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resource {
-    /// Name of the resource, unique in the plan.
+    /// Name, unique in the plan, for instance `keys#0`.
     pub name: String,
     /// Dimensions of the resource, and the format of an image.
     pub shape: Shape,
-    /// All uses of the resource by passes of the plan.
+    /// All uses of the resource, over the passes of the plan.
     pub usage: Usage,
-    /// Owner of the memory, and writer of the contents.
+    /// The owner of the memory and the writer of the contents.
     pub source: Source,
-    /// The memory of a transient resource; `None` for all others.
+    /// The memory block of a transient resource; `None` for all others.
     pub block: Option<BlockId>,
-    /// Name under which the contents persist from frame to frame; `None` if they do not. They also persist to the next
-    /// plan with a history of the same name and shape, unless a pass of that plan's prologue writes it. (In a ping-pong
-    /// resource, only the final front has the name.)
+    /// Name under which the contents persist across frames; `None` if they do not persist. The next plan inherits the
+    /// contents if it has a history of the same name and shape, unless its prologue writes the resource. (In a
+    /// ping-pong resource, only the final front has the name.)
     pub history: Option<String>,
-    /// Position of the resource's declaration.
+    /// Position of the resource's declaration in the graph's files.
     pub origin: Origin,
 }
 
 /// A memory block, as large as its largest resource.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Block {
-    /// Resources at the block's start. Only one is alive at any time, from its first use in a frame to its last; its
-    /// contents are undefined before.
+    /// Resources that share this memory; all start at offset 0. Only one is alive at a time, from its first use in a
+    /// frame to its last. Its contents are undefined before the first use.
     pub aliases: Vec<ResourceId>,
 }
 
 impl Resource {
-    /// Returns the size in bytes, without padding.
+    /// Returns the size of the buffer or image in bytes, without padding.
     pub fn bytes(&self) -> u64 {
         self.shape.bytes()
     }
@@ -312,18 +312,18 @@ pub struct Dependency<P = PassId, R = ResourceId> {
     /// The later pass.
     #[serde(skip)]
     pub second: P,
-    /// The run of the earlier pass.
+    /// Run in which the earlier pass executes: the same, the prologue, or the previous frame.
     pub since: Since,
     /// The resource that the later pass accesses.
     pub resource: R,
     /// The resource that the earlier pass accessed, if it is an alias in the same block; otherwise `None`.
     pub alias: Option<R>,
-    /// The smallest range of the resource that holds all bytes of the conflict.
+    /// The smallest byte range of the resource that covers the conflict.
     #[serde(flatten)]
     pub bytes: Range<u64>,
-    /// True if the image changes its layout in between, and the change waits for the earlier accesses.
+    /// True if the image changes layout between the passes. The change then waits for the earlier accesses.
     pub changes_layout: bool,
-    /// Stages and accesses of both passes.
+    /// The stages and accesses of both passes.
     #[serde(flatten)]
     pub masks: Masks,
 }
@@ -346,7 +346,7 @@ pub struct Cause<P = PassId, R = ResourceId> {
 }
 
 impl Cause {
-    /// Returns the cause with another kind of reference to passes and resources.
+    /// Maps the pass and resource ids, for instance to names.
     pub fn map<P, R>(&self, pass: impl Fn(PassId) -> P, resource: impl Fn(ResourceId) -> R) -> Cause<P, R> {
         Cause {
             hazard: self.hazard,
@@ -359,7 +359,7 @@ impl Cause {
     }
 }
 
-/// The run of the earlier pass on which a later one depends.
+/// Relative timing of the two passes of a dependency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Since {
     /// Both run in the prologue, or in one frame.
@@ -382,7 +382,7 @@ pub struct Transition<R = ResourceId> {
 }
 
 impl<R> Transition<R> {
-    /// Returns the transition with another kind of reference to the image.
+    /// Maps the image reference, for instance from an id to a name.
     pub fn map<T>(&self, image: impl FnOnce(&R) -> T) -> Transition<T> {
         Transition { image: image(&self.image), old: self.old, new: self.new }
     }

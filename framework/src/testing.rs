@@ -1,10 +1,11 @@
-//! A compiler for the tests of this crate. Its shaders are lists of accesses, so that graphs can be tested by the
-//! thousand, without C++.
+//! A stub shader compiler for this crate's tests. Its shaders are lists of accesses, so that thousands of graphs can be
+//! compiled without calling glslang.
 //!
-//! A shader's text has a line for each block: `r Keys 4` (reads a storage buffer with elements of 4 bytes), `w`, `rw`,
-//! `rwa` (by atomics), `uniform Camera 256`, `image r Color rgba16f`, `push shift`, `out color`, `in 0 vec4`, `varying
-//! 0 vec4`, `live stop` (a live parameter). The text depends on every word, except in lines that begin with `#if 0`.
-//! `local 8 4 1` is the workgroup size, by default 64 in x. Anything else is ignored.
+//! A shader's text has one line per block: `r Keys 4` (reads a storage buffer of 4-byte elements), `w`, `rw`, `rwa`
+//! (read and write by atomics), `uniform Camera 256`, `image r Color rgba16f`, `push shift`, `out color`, `in 0 vec4`,
+//! `varying 0 vec4`, `live stop` (a live parameter). `local 8 4 1` sets the workgroup size; the default is 64 in x.
+//! Every word counts as a mention of the define with that name, except in lines that begin with `#if 0`. Other lines
+//! declare nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -42,7 +43,7 @@ impl ShaderCompiler for ListCompiler {
             let lines = text.lines().filter(|line| skipped || !line.starts_with("#if 0"));
             lines.flat_map(str::split_whitespace).map(str::to_string).collect()
         };
-        // A draw's two stages share their bindings: the fragment shader's are numbered from 16.
+        // A draw's two stages share one set of bindings, so the fragment shader's are numbered from 16.
         let path = files.path(request.file);
         let first = if path.ends_with(".frag") && !path.ends_with("count.frag") { 16 } else { 0 };
         for line in text.lines() {
@@ -122,7 +123,7 @@ impl ShaderCompiler for ListCompiler {
     }
 }
 
-/// Facts of a small scene on a plain device.
+/// Returns the facts of a scene of 1000 splats, a viewport of 64 x 32 and a device with generous limits.
 pub fn facts() -> Facts {
     let ints =
         [("scene.count", 1000), ("scene.sh_degree", 2), ("viewport.width", 64), ("viewport.height", 32)];
@@ -153,12 +154,12 @@ pub fn catalog() -> Catalog {
     }
 }
 
-/// Builds `graph.ron` from files in memory. An error is formatted as for a user.
+/// Builds `graph.ron` from `files`, pairs of a path and a text. Errors are rendered as for a user.
 pub fn plan_of(files: &[(&str, &str)], set: &[(&str, &str)]) -> Result<Plan, String> {
     plan_with(files, set, &[], true)
 }
 
-/// [`plan`], with minimum values for growing parameters.
+/// Builds a graph as [`plan`] does, with minimum values for growing parameters.
 pub fn plan_with_capacities(
     graph: &str,
     set: &[(&str, &str)],
@@ -210,7 +211,7 @@ pub fn graph(params: &str, passes: &str) -> String {
     )
 }
 
-/// Shaders for [`graph`]: compute shaders named after their accesses to blocks `In`, `In2`, `Out`, `Image`.
+/// Shaders for [`graph`], named after their accesses to the blocks `In`, `In2`, `Out` and `Image`.
 pub const SHADERS: &[(&str, &str)] = &[
     ("make.comp", "w Out 4"),
     ("copy.comp", "r In 4\nw Out 4"),
@@ -230,14 +231,14 @@ pub const SHADERS: &[(&str, &str)] = &[
     ("quad.frag", "out color"),
 ];
 
-/// [`plan_of`] with [`SHADERS`] and one graph.
+/// Builds a plan from the text of a graph that uses [`SHADERS`].
 pub fn plan(graph: &str, set: &[(&str, &str)]) -> Result<Plan, String> {
     let mut files = SHADERS.to_vec();
     files.push(("graph.ron", graph));
     plan_of(&files, set)
 }
 
-/// [`plan`], with every resource in its own memory.
+/// Builds a graph as [`plan`] does, but with every resource in its own memory.
 pub fn apart(graph: &str) -> Result<Plan, String> {
     let mut files = SHADERS.to_vec();
     files.push(("graph.ron", graph));

@@ -1,7 +1,8 @@
 //! Defines pipeline stages, memory accesses, image layouts and hazards.
 //!
-//! Names and meanings follow Vulkan's synchronization2, which is finer than Metal's model. Dependencies of a plan use
-//! them. Vulkan maps them one to one, Metal to the two stages of a draw.
+//! Names and meanings follow Vulkan's synchronization2, which is finer than Metal's model. A plan's dependencies are
+//! stated in these terms. The Vulkan backend maps them one to one; the Metal backend maps them to the two stages of a
+//! draw.
 
 use std::fmt;
 

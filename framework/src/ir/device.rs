@@ -4,10 +4,10 @@ use serde::{Serialize, Serializer};
 
 use super::{Features, Value};
 
-/// Device facts for graphs and the linker. By default all limits are 0 and all features absent.
+/// Device limits and features that graphs and the linker use. By default all limits are 0 and all features absent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceFacts {
-    /// Lanes of a subgroup in compute shaders.
+    /// Number of invocations in a subgroup of a compute shader.
     pub subgroup_size: u32,
     /// Maximum size of a storage buffer binding, in bytes.
     pub max_storage_bytes: u64,
@@ -21,11 +21,11 @@ pub struct DeviceFacts {
     pub shared_bytes: u32,
     /// Maximum number of invocations of a workgroup.
     pub max_invocations: u32,
-    /// True if blending to half-precision floats rounds to nearest. Otherwise it truncates.
+    /// True if blending into half-precision targets rounds to nearest; false if it truncates.
     pub rounds_half: bool,
-    /// True if `fma` in shaders rounds once. Otherwise it also rounds the product.
+    /// True if `fma` in shaders rounds once; false if it also rounds the product.
     pub fused_fma: bool,
-    /// Optional features that the device was, or would be, opened with.
+    /// Optional features that the device was opened with, or would be.
     pub features: Features,
 }
 
@@ -35,7 +35,7 @@ impl DeviceFacts {
         [self.max_groups_x, self.max_groups_y, self.max_groups_z]
     }
 
-    /// Lists the facts under their names in graphs, in alphabetical order.
+    /// Lists the facts by the names that graphs use, in alphabetical order.
     pub fn named(&self) -> [(&'static str, Value); 13] {
         let bytes = i64::try_from(self.max_storage_bytes).unwrap_or(i64::MAX);
         let has = |feature| Value::Bool(self.features.contains(feature));

@@ -4,21 +4,21 @@ use bitflags::bitflags;
 use std::fmt;
 
 bitflags! {
-    /// Optional features that a shader uses, or with which a device was opened.
+    /// Optional features that a shader uses, or that a device was opened with.
     ///
-    /// [`Features::LIST`] has the name of each in Vulkan. It omits features that every Vulkan 1.3 device has,
-    /// and features that no backend enables: shaders that need the latter are refused at compilation.
+    /// [`Features::LIST`] gives the Vulkan name of each. Features that every Vulkan 1.3 device has are left out. So are
+    /// features that no backend enables: a shader that needs one is refused at compilation.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Features: u64 {
-        /// `int16_t`, `uint16_t`
+        /// `int16_t` and `uint16_t` in shaders.
         const INT16 = 1;
-        /// `int64_t`, `uint64_t`
+        /// `int64_t` and `uint64_t` in shaders.
         const INT64 = 1 << 1;
-        /// `int8_t`, `uint8_t`
+        /// `int8_t` and `uint8_t` in shaders.
         const INT8 = 1 << 2;
-        /// `float16_t`
+        /// `float16_t` in shaders.
         const FLOAT16 = 1 << 3;
-        /// `double`
+        /// `double` in shaders.
         const FLOAT64 = 1 << 4;
         /// 16-bit members of storage blocks.
         const STORAGE_16 = 1 << 5;
@@ -50,7 +50,7 @@ bitflags! {
         const IMAGE_READ_WITHOUT_FORMAT = 1 << 18;
         /// Writes to storage images without a format in the shader.
         const IMAGE_WRITE_WITHOUT_FORMAT = 1 << 19;
-        /// Storage images in formats beyond the basic ones.
+        /// Storage images in the formats of `shaderStorageImageExtendedFormats`.
         const IMAGE_EXTENDED_FORMATS = 1 << 20;
         /// Variable indices into arrays of storage blocks.
         const STORAGE_BUFFER_INDEXING = 1 << 21;
@@ -76,21 +76,21 @@ bitflags! {
         const CULL_DISTANCE = 1 << 31;
         /// `sample` inputs, `gl_SampleID`
         const SAMPLE_SHADING = 1 << 32;
-        /// `subgroupElect` and the like, in compute shaders.
+        /// Basic subgroup operations, such as `subgroupElect`, in compute shaders.
         const SUBGROUP_BASIC = 1 << 33;
-        /// `subgroupAll` and the like.
+        /// Subgroup votes, such as `subgroupAll`.
         const SUBGROUP_VOTE = 1 << 34;
-        /// `subgroupAdd` and the like.
+        /// Subgroup reductions and scans, such as `subgroupAdd`.
         const SUBGROUP_ARITHMETIC = 1 << 35;
-        /// `subgroupBallot` and the like.
+        /// Subgroup ballots, such as `subgroupBallot`.
         const SUBGROUP_BALLOT = 1 << 36;
-        /// `subgroupShuffle`
+        /// Subgroup shuffles: `subgroupShuffle` and `subgroupShuffleXor`.
         const SUBGROUP_SHUFFLE = 1 << 37;
-        /// `subgroupShuffleUp`, `subgroupShuffleDown`
+        /// Relative subgroup shuffles: `subgroupShuffleUp` and `subgroupShuffleDown`.
         const SUBGROUP_SHUFFLE_RELATIVE = 1 << 38;
-        /// `subgroupClusteredAdd` and the like.
+        /// Clustered subgroup reductions, such as `subgroupClusteredAdd`.
         const SUBGROUP_CLUSTERED = 1 << 39;
-        /// `subgroupQuadBroadcast` and the like.
+        /// Subgroup quad operations, such as `subgroupQuadBroadcast`.
         const SUBGROUP_QUAD = 1 << 40;
         /// Subgroup operations in vertex shaders.
         const SUBGROUPS_IN_VERTEX = 1 << 41;

@@ -2,20 +2,20 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A pixel format of images.
+/// A pixel format of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Format {
-    /// Four channels of 8 bits, from 0 to 1.
+    /// Four 8-bit unsigned normalised channels, 0 to 1.
     Rgba8Unorm,
     /// Four half-precision floats.
     Rgba16Float,
     /// Four single-precision floats.
     Rgba32Float,
-    /// One unsigned integer of 32 bits.
+    /// One 32-bit unsigned integer.
     R32Uint,
     /// One single-precision float.
     R32Float,
-    /// A depth attachment of 32-bit floats, from 0 to 1. Shaders do not bind it.
+    /// A 32-bit float depth attachment, 0 to 1. Shaders cannot bind it.
     Depth32Float,
 }
 
@@ -30,7 +30,7 @@ impl Format {
         Format::Depth32Float,
     ];
 
-    /// Returns the format's name in graphs. It is GLSL's name, except for `depth32f`, for which GLSL has none.
+    /// Returns the format's name in graphs: GLSL's name, or `depth32f`, which GLSL lacks.
     pub fn name(self) -> &'static str {
         match self {
             Format::Rgba8Unorm => "rgba8",
@@ -42,13 +42,13 @@ impl Format {
         }
     }
 
-    /// Finds the format by its name in another API: `Rgba16Float`, `R16G16B16A16_SFLOAT`, `RGBA16F`. `None` if no
-    /// format has such a name.
+    /// Finds the format by its name in another API, such as `Rgba16Float`, `R16G16B16A16_SFLOAT` or `RGBA16F`. Returns
+    /// `None` if no format has such a name.
     pub fn meant_by(name: &str) -> Option<Format> {
         let kept = |text: &str| -> String {
             text.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
         };
-        // The number type, as Vulkan and WebGPU spell it.
+        // Vulkan and WebGPU spell out the number type; GLSL abbreviates it.
         let glsl = kept(name)
             .replace("sfloat", "f")
             .replace("float", "f")
@@ -74,44 +74,45 @@ impl Format {
 /// The primitives of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Topology {
-    /// Three vertices per triangle.
+    /// Three vertices per triangle, shared with no other.
     TriangleList,
-    /// One vertex per triangle after the first two.
+    /// One vertex per triangle after the first two, which complete the first triangle.
     TriangleStrip,
 }
 
-/// The contents of a target before the draw.
+/// Contents of a colour attachment at the start of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Load {
-    /// Fills the target with red, green, blue and alpha.
+    /// Clears to this red, green, blue and alpha.
     Clear(f32, f32, f32, f32),
     /// Keeps the previous contents.
     Keep,
 }
 
-/// The use of a depth attachment by a draw.
+/// Use of the depth attachment by a draw.
 ///
-/// Depths are reversed: 1 is the near plane, 0 is infinitely far, and a fragment passes where its depth is greater.
+/// Depth is reversed: 1 is the near plane and 0 is infinitely far. A fragment passes if its depth is greater than the
+/// stored one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DepthAccess {
-    /// Fills the image with 0 before the draw; fragments that pass write their depths.
+    /// Clears the image to 0 before the draw, tests, and writes the depth of each fragment that passes.
     Write,
-    /// Only tests: the draw leaves the image as it is.
+    /// Tests against the image, and does not write it.
     Test,
 }
 
-/// The blending of a fragment with its target: `s` is the shader's output, `d` the target.
+/// Blending of a fragment with the target: `s` is the shader's output, `d` the target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Blend {
-    /// `d = s`
+    /// No blending: `d = s`.
     Replace,
     /// Back to front, `s` premultiplied: `d = s + (1 - s.a) d`.
     PremultipliedOver,
-    /// Back to front, `s` premultiplied, `d.a` holds the transmittance (cleared to 1):
-    /// `d.rgb = s.rgb + (1 - s.a) d.rgb`, `d.a = (1 - s.a) d.a`.
+    /// Back to front, `s` premultiplied. `d.a` is the transmittance, cleared to 1: `d.rgb = s.rgb + (1 - s.a) d.rgb`,
+    /// `d.a = (1 - s.a) d.a`.
     TransmittanceOver,
-    /// Front to back, `s` premultiplied, `d.a` holds the transmittance (cleared to 1):
-    /// `d.rgb = d.a s.rgb + d.rgb`, `d.a = (1 - s.a) d.a`.
+    /// Front to back, `s` premultiplied. `d.a` is the transmittance, cleared to 1: `d.rgb = d.a s.rgb + d.rgb`, `d.a =
+    /// (1 - s.a) d.a`.
     TransmittanceUnder,
 }
 

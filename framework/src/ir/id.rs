@@ -1,4 +1,4 @@
-//! Defines indices into the lists of a plan.
+//! Defines typed indices into the lists of a plan.
 
 macro_rules! id {
     ($(#[$doc:meta])* $name:ident) => {
@@ -6,7 +6,7 @@ macro_rules! id {
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub struct $name(pub u32);
         impl $name {
-            /// Returns the position in the list.
+            /// Returns the index as a `usize`, for use with the list.
             pub fn index(self) -> usize {
                 self.0 as usize
             }

@@ -9,18 +9,18 @@ pub struct FileId(pub u32);
 /// A byte range of a file, `start..end`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Span {
-    /// File that contains the range.
+    /// The file that contains the range.
     pub file: FileId,
-    /// Offset of the first byte.
+    /// Byte offset of the first byte.
     pub start: usize,
-    /// Offset after the last byte.
+    /// Byte offset just past the last byte.
     pub end: usize,
 }
 
-/// The position of a declaration in a graph file, for messages.
+/// The position of a declaration in a graph file, for error messages and dumps.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
-    /// The file's path.
+    /// Path of the file, as in messages.
     pub file: String,
     /// Line, counted from 1.
     pub line: u32,

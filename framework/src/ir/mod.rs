@@ -1,8 +1,8 @@
-//! Defines plain types shared by all steps of the compiler, the backends and the application.
+//! Defines the plain types shared by the compiler's steps, the backends and the application.
 //!
-//! The rest of this crate imports this module, which imports nothing of the crate. It contains almost no logic. The
-//! compiler turns a [`Request`] into a [`Plan`](crate::plan::Plan), and both consist of the [values](Value),
-//! [places](Span), [formats](Format), [accesses](Accesses) and [passes](Pass) declared here.
+//! The rest of this crate imports this module; it imports nothing from the crate, and has almost no logic. The compiler
+//! turns a [`Request`] into a [`Plan`](crate::plan::Plan). Both are made of the [values](Value), [spans](Span),
+//! [formats](Format), [accesses](Accesses) and [passes](Pass) declared here.
 
 mod access;
 mod device;

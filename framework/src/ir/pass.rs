@@ -1,7 +1,8 @@
 //! Defines passes: one dispatch, draw, fill or export each.
 //!
-//! A lowered pass has names of shaders (`S`), and numbers of invocations or workgroups (`G`). Linking replaces them by
-//! the defaults: ids of shaders, and numbers of workgroups. A dump has names in place of ids of resources (`R`).
+//! The type parameters follow a pass through the steps. A lowered pass has shader names (`S`) and sizes in invocations
+//! or workgroups (`G`); linking replaces them by the defaults, shader ids and workgroup counts. A dump has names in
+//! place of resource ids (`R`).
 
 use serde::{Deserialize, Serialize};
 
@@ -13,12 +14,12 @@ pub const EXPORT: &str = "export";
 /// Name of the pass after the frame in which the host reads the statistics.
 pub const HOST: &str = "host";
 
-/// The frequency of a pass: once, or in every frame.
+/// When a pass runs: once, or every frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Run {
-    /// Once, in the prologue.
+    /// Once, in the prologue: after the plan or the scene changes.
     Once,
-    /// In every frame.
+    /// Every frame.
     Frame,
 }
 
@@ -27,31 +28,31 @@ pub enum Run {
 pub struct Pass<S = ShaderId, G = Groups> {
     /// Name, unique in the plan, for instance `sort.histogram[2]`.
     pub name: String,
-    /// Group under which the pass's GPU time is summed: `key`, `sort`, `draw`, ...
+    /// Label by which GPU times are summed: `key`, `sort`, `draw`, ...
     pub phase: String,
-    /// Prologue or frame.
+    /// Prologue or every frame.
     pub run: Run,
-    /// Command that the pass executes.
+    /// The command that the pass executes.
     pub work: Work<S, G>,
-    /// The descriptors of set 0.
+    /// Descriptors of set 0.
     pub bindings: Vec<Binding>,
-    /// Push constant bytes, complete, little-endian; empty if the shaders take none.
+    /// Push constant bytes, little-endian, filled in completely; empty if the shaders take none.
     pub push: Vec<u8>,
-    /// The accesses, one entry per resource and stage.
+    /// Memory accesses, one entry per resource and set of stages.
     pub uses: Vec<Use>,
     /// Position of the pass's declaration.
     pub origin: Origin,
 }
 
 impl Pass {
-    /// Lists the resources that the pass names, some more than once.
+    /// Lists the resources that the pass uses; some appear more than once.
     pub fn resources(&self) -> Vec<ResourceId> {
         let mut found = Vec::new();
         self.clone().visit(|id| found.push(*id), |_| {});
         found
     }
 
-    /// Visits every resource and every shader that the pass names.
+    /// Calls `resource` and `shader` with a mutable reference to every id in the pass.
     pub fn visit(
         &mut self,
         mut resource: impl FnMut(&mut ResourceId),
@@ -90,72 +91,72 @@ pub enum Work<S = ShaderId, G = Groups> {
         /// The number of workgroups.
         groups: G,
     },
-    /// Draws into `targets` and `depth`, all of one size, with a full-size viewport and scissor, without face culling.
+    /// Draws into `targets` and `depth`, which all have one size. Viewport and scissor cover it; faces are not culled.
     Draw {
-        /// The vertex shader.
+        /// Id of the vertex shader.
         vertex: S,
-        /// The fragment shader.
+        /// Id of the fragment shader.
         fragment: S,
         /// Primitives that the vertices form.
         topology: Topology,
-        /// The number of vertices and instances.
+        /// Vertex and instance counts.
         call: DrawCall,
         /// The colour attachments, in the order of the fragment shader's output locations.
         targets: Vec<Target>,
-        /// The depth attachment; without one, every fragment passes.
+        /// The depth attachment. `None` disables the depth test: every fragment passes.
         depth: Option<DepthTarget>,
     },
     /// Writes `value` to every 32-bit word of a buffer.
     Fill {
-        /// Buffer to fill.
+        /// The buffer to fill.
         buffer: ResourceId,
-        /// Value of each word.
+        /// The value of each word.
         value: u32,
     },
-    /// Zeroes a resource with a history, in the prologue, so that the first frame finds zeros.
+    /// Zeroes a resource with a history, in the prologue, so that the first frame reads zeros.
     ///
-    /// If the history of an earlier plan continues, a backend omits this pass and the barrier on its image (but not its
-    /// other barriers), and transitions the image to the layout that the pass would have left.
+    /// If the resource inherits the history of an earlier plan, the backend omits this pass and the barrier on its
+    /// image, but keeps its other barriers. It also transitions the image to the layout that the pass would have left.
     ClearHistory {
-        /// Buffer or image to zero.
+        /// The buffer or image to zero.
         resource: ResourceId,
     },
-    /// Copies the statistics, and makes the output readable by copies.
+    /// Copies the statistics to the readback buffer, and makes the output readable by copies.
     Export,
-    /// Represents the host's reading of the statistics; does nothing on the device.
+    /// Marks the point where the host reads the statistics. No device command.
     Host,
 }
 
 /// The number of workgroups of a dispatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Groups {
-    /// Workgroups in x, y, z, within the device's limits.
+    /// Workgroup counts in x, y, z, within the device's limits.
     ///
-    /// An excess in x is folded into y: shaders compute their index as `gl_WorkGroupID.y * gl_NumWorkGroups.x +
-    /// gl_WorkGroupID.x` and ignore indices beyond the end.
+    /// A count in x that exceeds the limit is folded into y: shaders compute their index as `gl_WorkGroupID.y *
+    /// gl_NumWorkGroups.x + gl_WorkGroupID.x` and ignore indices beyond the end.
     Direct([u32; 3]),
-    /// The numbers of workgroups in x, y and z are three words of a buffer.
+    /// Workgroup counts in x, y and z, read by the GPU from three consecutive 32-bit words.
     Indirect {
-        /// Buffer that contains the words.
+        /// The buffer that contains the words.
         buffer: ResourceId,
         /// Byte offset of the first word.
         offset: u64,
     },
 }
 
-/// The numbers of vertices and instances of a draw.
+/// Vertex and instance counts of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DrawCall {
-    /// Numbers known when the plan is built.
+    /// Counts known when the plan is built.
     Direct {
         /// Number of vertices per instance.
         vertices: u32,
         /// Number of instances.
         instances: u32,
     },
-    /// The numbers are four words of a buffer: vertices, instances, first vertex, first instance.
+    /// Counts read by the GPU from four 32-bit words: vertices, instances, first vertex, first instance.
     Indirect {
-        /// Buffer that contains the words.
+        /// The buffer that contains the words.
         buffer: ResourceId,
         /// Byte offset of the first word.
         offset: u64,
@@ -165,11 +166,11 @@ pub enum DrawCall {
 /// A colour attachment of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Target<R = ResourceId> {
-    /// Image that is drawn to.
+    /// The image to draw into.
     pub image: R,
-    /// Contents of the target before the draw.
+    /// Contents at the start of the draw.
     pub load: Load,
-    /// The blend mode.
+    /// Blending of fragments with the image.
     pub blend: Blend,
 }
 
@@ -178,41 +179,41 @@ pub struct Target<R = ResourceId> {
 pub struct DepthTarget<R = ResourceId> {
     /// The image, of the format [`Format::Depth32Float`](super::Format::Depth32Float).
     pub image: R,
-    /// Use of the image by the draw: test and write, or only test.
+    /// Whether the draw writes depths or only tests them.
     pub access: DepthAccess,
 }
 
 impl<R> DepthTarget<R> {
-    /// Returns the attachment with another kind of reference to the image.
+    /// Maps the image reference, for instance from an id to a name.
     pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> DepthTarget<T> {
         DepthTarget { image: resource(&self.image), access: self.access }
     }
 }
 
 impl<R> Target<R> {
-    /// Returns the target with another kind of reference to the image.
+    /// Maps the image reference, for instance from an id to a name.
     pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Target<T> {
         Target { image: resource(&self.image), load: self.load, blend: self.blend }
     }
 }
 
-/// A resource bound to a shader's block or image.
+/// A resource bound to a shader's block or image variable.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Binding<R = ResourceId> {
     /// The name of the GLSL block or image.
     pub name: String,
     /// The binding number in set 0.
     pub binding: u32,
-    /// Index in an array of descriptors, else 0.
+    /// Index in an array of descriptors; 0 if the binding is no array.
     pub element: u32,
     /// The type of the descriptor.
     pub kind: DescriptorKind,
-    /// Buffer or image that is bound.
+    /// The bound buffer or image.
     pub resource: R,
 }
 
 impl<R> Binding<R> {
-    /// Returns the binding with another kind of reference to the resource.
+    /// Maps the resource reference, for instance from an id to a name.
     pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Binding<T> {
         Binding {
             resource: resource(&self.resource),
@@ -235,10 +236,10 @@ pub enum DescriptorKind {
     StorageImage,
 }
 
-/// A pass's accesses to a resource in one set of stages.
+/// The accesses of a pass to one resource, in one set of stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Use<R = ResourceId> {
-    /// Buffer or image that is accessed.
+    /// The accessed buffer or image.
     pub resource: R,
     /// The pipeline stages that access the resource.
     pub stages: Stages,
@@ -246,12 +247,12 @@ pub struct Use<R = ResourceId> {
     pub accesses: Accesses,
     /// The layout that an image must be in; `None` for buffers.
     pub layout: Option<Layout>,
-    /// True if the earlier contents are not needed (a cleared attachment).
+    /// True if the pass does not need the earlier contents, for instance of a cleared attachment.
     pub discards: bool,
 }
 
 impl<R> Use<R> {
-    /// Returns the use with another kind of reference to the resource.
+    /// Maps the resource reference, for instance from an id to a name.
     pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Use<T> {
         Use {
             resource: resource(&self.resource),
@@ -263,7 +264,7 @@ impl<R> Use<R> {
     }
 }
 
-/// A pass of the graph that is not in the plan.
+/// A pass that the graph declares and the plan omits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Culled {
     /// The pass's name.
@@ -275,28 +276,28 @@ pub struct Culled {
     pub origin: Origin,
 }
 
-/// An image that a frame produces besides the picture.
+/// An image that a frame produces besides the main one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Output {
-    /// The name for users: `depth`.
+    /// Name under which a user requests it, such as `depth`.
     pub name: String,
-    /// Image that contains the output.
+    /// The image that contains the output.
     pub image: ResourceId,
 }
 
 /// A 32-bit word of a buffer that is read back after each frame.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stat<R = ResourceId> {
-    /// Name of the statistic.
+    /// Name of the statistic, as declared by the graph.
     pub name: String,
-    /// Buffer that contains the word.
+    /// The buffer that contains the word.
     pub buffer: R,
     /// Byte offset of the word.
     pub offset: u64,
 }
 
 impl<R> Stat<R> {
-    /// Returns the statistic with another kind of reference to the buffer.
+    /// Maps the buffer reference, for instance from an id to a name.
     pub fn map<T>(&self, resource: impl FnOnce(&R) -> T) -> Stat<T> {
         Stat { buffer: resource(&self.buffer), name: self.name.clone(), offset: self.offset }
     }

@@ -6,17 +6,17 @@ use std::fmt;
 
 use super::Value;
 
-/// The reason for an expression's value: its text, and the values of the names that it used.
+/// An expression with the values that determined its result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reason {
-    /// The expression, as in the file.
+    /// The expression's text, as in the file.
     pub expression: String,
-    /// The facts, parameters and `let`s that the expression's evaluation read, with their values.
+    /// Facts, parameters and `let`s that the evaluation read, with their values.
     pub values: BTreeMap<String, Value>,
 }
 
 impl Reason {
-    /// Returns true if a fact of the device, the scene or the viewport is among the values.
+    /// Returns true if the values include a fact of the device, the scene or the viewport.
     pub fn has_fact(&self) -> bool {
         // Names of facts contain a dot; other names do not.
         self.values.keys().any(|name| name.contains('.'))
@@ -33,37 +33,37 @@ impl fmt::Display for Reason {
     }
 }
 
-/// An unmet requirement of a graph.
+/// A requirement of a graph that does not hold.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Unmet {
-    /// The requirement in words, as in the file.
+    /// The requirement in words, from the graph's file.
     pub needs: String,
-    /// The condition, with the values that made it false.
+    /// The condition that is false, with the values that it read.
     pub reason: Reason,
 }
 
 impl fmt::Display for Unmet {
-    /// Writes the requirement and the reason: `workgroups of 256 invocations (device.max_invocations = 128)`.
+    /// Writes the requirement and the values: `workgroups of 256 invocations (device.max_invocations = 128)`.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "{} ({})", self.needs, self.reason)
     }
 }
 
-/// A graph that a choice passed over, and the next one.
+/// A graph that a choice rejected, and the graph that it tried next.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fallback {
-    /// The graph whose requirements do not hold.
+    /// The rejected graph.
     pub wanted: String,
-    /// The next graph of the choice, which is tried instead.
+    /// The next graph of the choice.
     pub taken: String,
-    /// The unmet requirements, at least one.
+    /// The requirements that do not hold; at least one.
     pub unmet: Vec<Unmet>,
-    /// True if all unmet requirements are the choice's own: the graph would run, but another is preferred.
+    /// True if the unmet requirements are all the choice's own: the graph would run here, but another is preferred.
     pub preference: bool,
 }
 
 impl Fallback {
-    /// Iterates over graphs that the device cannot run, without graphs that a choice merely ranks lower.
+    /// Iterates over the graphs that the device cannot run, and skips graphs that the choice only ranks lower.
     pub fn lacking(all: &[Fallback]) -> impl Iterator<Item = &Fallback> {
         all.iter().filter(|fallback| !fallback.preference)
     }

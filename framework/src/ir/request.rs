@@ -1,13 +1,13 @@
-//! Defines the input of a build: a graph's name, parameters, facts and importable data.
+//! Defines the input of a build: the graph's name, parameters, facts and data to import.
 
 use std::collections::BTreeMap;
 
 use super::{DeviceFacts, Value};
 
-/// Prefix of facts that request outputs besides the picture, such as `outputs.depth`. A missing fact is false.
+/// Prefix of the facts that request additional outputs, such as `outputs.depth`. A missing fact counts as false.
 pub const OUTPUTS: &str = "outputs.";
 
-/// Values that expressions can use.
+/// Values that expressions of a graph can read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Facts {
     /// Facts of the device.
@@ -17,7 +17,7 @@ pub struct Facts {
 }
 
 impl Facts {
-    /// Maps the full names of all facts to their values.
+    /// Returns all facts by full name.
     pub fn named(&self) -> BTreeMap<String, Value> {
         let device = self.device.named().map(|(name, value)| (name.to_string(), value));
         self.host.clone().into_iter().chain(device).collect()
@@ -30,10 +30,10 @@ impl From<DeviceFacts> for Facts {
     }
 }
 
-/// Data that a graph can import, by full name.
+/// Data that a graph can import: attributes, uniform blocks and buffers by full name.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Catalog {
-    /// Attributes of the scene.
+    /// Attributes of the scene, by full name such as `scene.position`.
     pub attributes: BTreeMap<String, Attribute>,
     /// Sizes in bytes of the uniform blocks that the host writes for every frame.
     pub uniforms: BTreeMap<String, u64>,
@@ -44,37 +44,37 @@ pub struct Catalog {
 /// A storage buffer that the host supplies with every frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HostBuffer {
-    /// Bytes of an element.
+    /// Bytes per element.
     pub stride: u64,
     /// Minimum number of elements.
     pub least: u64,
 }
 
-/// An attribute of the scene: `planes` buffers of `count` elements.
+/// An attribute of the scene: `planes` buffers of `count` elements each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Attribute {
-    /// Bytes of an element.
+    /// Bytes per element.
     pub stride: u64,
     /// Number of elements of each plane.
     pub count: u64,
-    /// Number of buffers that the attribute is split into.
+    /// Number of buffers over which the attribute is split.
     pub planes: u32,
 }
 
 /// A request for a plan: a graph and everything that the plan depends on.
 #[derive(Clone, Copy, Debug)]
 pub struct Request<'a> {
-    /// A preset's name or a file's path.
+    /// The graph, by preset name or file path.
     pub graph: &'a str,
-    /// Names and values (as text) of parameters to set; the last entry of a name wins.
+    /// Parameters to set: names, and values as text. The last entry for a name wins.
     pub set: &'a [(String, String)],
-    /// Minimum values of growing parameters, from earlier frames; entries for other parameters are ignored.
+    /// Minimum values of growing parameters, learnt from earlier frames. Entries for other parameters are ignored.
     pub capacities: &'a [(String, i64)],
     /// Facts of the scene, the device and the viewport.
     pub facts: &'a Facts,
     /// Data that the graph can import.
     pub catalog: &'a Catalog,
-    /// Lets resources with disjoint lifetimes share memory. Otherwise every resource keeps its contents to the end of
-    /// the frame and can be inspected after any pass.
+    /// Allows resources with disjoint lifetimes to share memory. If false, every resource keeps its contents until the
+    /// end of the frame and can be inspected after any pass.
     pub share_memory: bool,
 }

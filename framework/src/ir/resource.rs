@@ -1,33 +1,33 @@
-//! Defines shapes, owners and uses of buffers and images.
+//! Defines the shape, owner and usage of buffers and images.
 
 use bitflags::bitflags;
 use serde::{Deserialize, Serialize};
 
 use super::Format;
 
-/// Dimensions of a buffer or an image; none is 0.
+/// Dimensions of a buffer or an image; all are at least 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shape {
-    /// A list of elements.
+    /// An array of equal elements.
     Buffer {
-        /// Bytes of an element.
+        /// Bytes per element.
         stride: u64,
         /// Number of elements.
         count: u64,
     },
     /// A two-dimensional image.
     Image {
-        /// The format of a pixel.
+        /// Pixel format.
         format: Format,
-        /// Pixels in x.
+        /// Width in pixels.
         width: u32,
-        /// Pixels in y.
+        /// Height in pixels.
         height: u32,
     },
 }
 
 impl Shape {
-    /// Returns the size in bytes, without padding.
+    /// Returns the size of the contents in bytes, without padding.
     pub fn bytes(self) -> u64 {
         match self {
             Shape::Buffer { stride, count } => stride * count,
@@ -41,43 +41,43 @@ impl Shape {
 /// The owner of a resource's memory and the writer of its contents.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// Owned by the plan, written by its passes. One copy for all frames in flight.
+    /// Owned by the plan and written by its passes. One copy serves all frames in flight.
     Transient,
-    /// An attribute of the scene, uploaded before the prologue runs and never written by a pass. An attribute that
-    /// exceeds the largest storage binding is split into planes.
+    /// An attribute of the scene, uploaded before the prologue and never written by a pass. An attribute larger than
+    /// the maximum storage binding is split into planes.
     Scene {
-        /// The attribute's full name.
+        /// Full name of the attribute, such as `scene.position`.
         attribute: String,
-        /// Index of the plane.
+        /// Index of the plane, from 0.
         plane: u32,
     },
     /// A uniform block that the host writes for every frame, one copy per frame in flight.
     Frame {
-        /// The block's full name.
+        /// Full name of the block, such as `frame.camera`.
         uniform: String,
     },
-    /// A storage buffer that the host supplies with every frame, of varying length: words from the host, or another
+    /// A storage buffer of varying length that the host supplies with every frame: words from the host, or another
     /// plan's output on the same device. No pass writes it. Its shape has the minimum length.
     HostBuffer {
-        /// The buffer's full name.
+        /// Full name of the buffer, such as `frame.words`.
         buffer: String,
     },
     /// The uniform block of the live parameters, written by the host for every frame.
     Live,
-    /// Host memory for the statistics: the export writes it, the host reads it after the frame. One copy per frame in
-    /// flight.
+    /// Host-visible memory for the statistics. The export writes it and the host reads it after the frame. One copy per
+    /// frame in flight.
     Readback,
 }
 
 impl Source {
-    /// Returns true if each frame in flight has its own copy.
+    /// Returns true if there is one copy per frame in flight.
     pub fn is_per_frame(&self) -> bool {
         matches!(self, Source::Frame { .. } | Source::HostBuffer { .. } | Source::Live | Source::Readback)
     }
 }
 
 bitflags! {
-    /// The uses of a resource, over all passes of a plan.
+    /// Uses of a resource, over all passes of a plan.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Usage: u32 {
         /// Bound as a storage buffer or storage image.

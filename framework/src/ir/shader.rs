@@ -6,37 +6,37 @@ use serde::{Deserialize, Serialize};
 
 use super::{Features, Format};
 
-/// A compiled shader module, with its defines.
+/// A compiled shader module with its defines and reflection.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shader {
-    /// Path, as in the graph: for instance `sort/scatter.comp`.
+    /// Path as in the graph, for instance `sort/scatter.comp`.
     pub name: String,
     /// Names and values of the defines that the shader's text mentions.
     pub defines: Vec<(String, String)>,
     /// SPIR-V code, in 32-bit words.
     pub spirv: Arc<Vec<u32>>,
-    /// Declarations and accesses.
+    /// Declarations and accesses, reflected from the code.
     pub reflection: Reflection,
-    /// The shader in Metal's language; `None` until `msl::add_msl` translates the plan.
+    /// The shader in the Metal Shading Language; `None` until `msl::add_msl` translates the plan.
     pub msl: Option<Arc<Msl>>,
 }
 
-/// A shader in the Metal Shading Language, and the indices of its arguments.
+/// A shader in the Metal Shading Language, with the argument indices of its bindings.
 ///
-/// Each stage has its own argument tables: one for buffers, one for textures.
+/// Each stage has its own argument tables: one for buffers and one for textures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Msl {
     /// Source text of a library with a single function.
     pub source: String,
-    /// The function's name.
+    /// Name of the function in the source.
     pub entry: String,
-    /// Argument indices of the reachable bindings, sorted by binding and element.
+    /// Argument indices of the bindings that the code can reach, sorted by binding and element.
     pub arguments: Vec<MslArgument>,
-    /// Index in the table of buffers for the push constants; `None` if the shader has none.
+    /// Index of the push constants in the buffer table; `None` if the shader has none.
     pub push: Option<u32>,
-    /// Index in the table of buffers for the buffer sizes; `None` if the code queries no buffer's length.
+    /// Index of the buffer sizes in the buffer table; `None` if the code queries no buffer's length.
     ///
-    /// The sizes in bytes are 32-bit words, by buffer index.
+    /// The sizes are 32-bit words in bytes, at the position of their buffer's index.
     pub sizes: Option<u32>,
 }
 
@@ -47,7 +47,7 @@ impl Msl {
     /// kernel function".
     pub const MOST_BUFFERS: u32 = 31;
 
-    /// Maximum number of textures of a function.
+    /// Maximum number of textures of a function, in Metal.
     ///
     /// Apple, "Metal Feature Set Tables", "Maximum number of entries in the texture argument table, per graphics or
     /// kernel function".
@@ -64,27 +64,27 @@ impl Msl {
 pub struct MslArgument {
     /// Number of the binding in set 0.
     pub binding: u32,
-    /// Index in an array of descriptors, else 0.
+    /// Index in an array of descriptors; 0 if the binding is no array.
     pub element: u32,
     /// True for the table of textures (storage images), false for the table of buffers.
     pub texture: bool,
-    /// Index in the table.
+    /// Index in that table.
     pub index: u32,
 }
 
 /// The pipeline stage of a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum ShaderStage {
-    /// `.vert`
+    /// A vertex shader, `.vert`.
     Vertex,
-    /// `.frag`
+    /// A fragment shader, `.frag`.
     Fragment,
-    /// `.comp`
+    /// A compute shader, `.comp`.
     Compute,
 }
 
 impl ShaderStage {
-    /// Returns the stage that a file name's extension stands for; `None` for any other extension.
+    /// Returns the stage for a file name's extension, or `None` for an unknown extension.
     pub fn of_file(name: &str) -> Option<ShaderStage> {
         match name.rsplit_once('.')?.1 {
             "vert" => Some(ShaderStage::Vertex),
@@ -95,30 +95,30 @@ impl ShaderStage {
     }
 }
 
-/// The declarations and accesses of a SPIR-V module.
+/// Declarations and accesses of a SPIR-V module, reflected from its code.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reflection {
     /// The stage of the module's entry point.
     pub stage: ShaderStage,
-    /// Workgroup size in x, y, z; `[1, 1, 1]` for all but compute shaders.
+    /// Workgroup size in x, y, z; `[1, 1, 1]` for vertex and fragment shaders.
     pub local_size: [u32; 3],
-    /// Bytes of shared memory.
+    /// Bytes of shared memory that a workgroup declares.
     pub shared_bytes: u32,
-    /// The bindings that the entry point can reach, sorted by number.
+    /// Bindings that the entry point can reach, sorted by number.
     pub bindings: Vec<ReflectedBinding>,
     /// The push-constant block; `None` if the shader has none.
     pub push: Option<PushBlock>,
-    /// Stage inputs with a location, sorted by location.
+    /// Stage inputs with a `location`, sorted by it.
     pub inputs: Vec<Varying>,
-    /// Stage outputs with a location, sorted by location.
+    /// Stage outputs with a `location`, sorted by it.
     pub outputs: Vec<Varying>,
     /// True if the module uses subgroup operations (any GroupNonUniform capability).
     pub subgroups: bool,
-    /// Optional features of a device that the module requires.
+    /// Optional device features that the module requires.
     pub features: Features,
 }
 
-/// A block or image that a shader binds.
+/// A block or an image that a shader binds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReflectedBinding {
     /// Name of the block (`Keys` in `buffer Keys { uint keys[]; }`) or of the image variable.
@@ -127,17 +127,17 @@ pub struct ReflectedBinding {
     pub set: u32,
     /// Number of the binding in its set.
     pub binding: u32,
-    /// Length of the descriptor array, else 1.
+    /// Length of a descriptor array; 1 if the binding is no array.
     pub count: u32,
     /// Type and layout.
     pub kind: ReflectedKind,
-    /// True if the code loads from the binding, directly, through a function argument or by an atomic.
+    /// True if the code loads from the binding, directly or through a function argument, or uses atomics on it.
     pub reads: bool,
-    /// True if the code stores to the binding, directly, through a function argument or by an atomic.
+    /// True if the code stores to the binding, directly or through a function argument, or uses atomics on it.
     pub writes: bool,
-    /// True if every load and store is atomic, so that concurrent invocations do not race.
+    /// True if every load and store is atomic, so that invocations do not race.
     pub atomics_only: bool,
-    /// True if the first access in the code is a plain store. Example: a shader that clears counters before use.
+    /// True if the first access in the code is a plain store, as in a shader that clears counters before use.
     pub writes_first: bool,
 }
 
@@ -146,48 +146,48 @@ pub struct ReflectedBinding {
 pub enum ReflectedKind {
     /// A storage buffer.
     StorageBuffer {
-        /// Bytes per element of the runtime array at the block's end, if there is one.
+        /// Bytes per element of the runtime array at the end of the block; `None` without such an array.
         stride: Option<u32>,
-        /// Bytes before the runtime array; without one, bytes of the whole block.
+        /// Bytes before the runtime array. Without one, the size of the whole block.
         fixed_bytes: u32,
     },
     /// A uniform block.
     UniformBuffer {
-        /// Size in bytes.
+        /// Size of the block in bytes.
         bytes: u32,
-        /// Members, in order.
+        /// Members, in order of declaration.
         members: Vec<Member>,
     },
     /// A storage image.
     StorageImage {
-        /// The format, if the shader declares one.
+        /// Pixel format; `None` if the shader declares none.
         format: Option<Format>,
     },
 }
 
-/// A push-constant block.
+/// The push-constant block of a shader.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PushBlock {
-    /// Size in bytes.
+    /// Size of the block in bytes.
     pub bytes: u32,
-    /// Members, in order.
+    /// Members, in order of declaration.
     pub members: Vec<Member>,
 }
 
 /// A member of a uniform or push-constant block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Member {
-    /// Name of the member.
+    /// Name of the member in GLSL.
     pub name: String,
-    /// Byte offset in the block.
+    /// Byte offset from the start of the block.
     pub offset: u32,
-    /// Type of the member.
+    /// Scalar type, or `Other`.
     pub kind: MemberKind,
     /// True if the code may read the member.
     pub used: bool,
 }
 
-/// The type of a block's member.
+/// The type of a block member. Only scalars can be set from a graph.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MemberKind {
     /// `uint`
@@ -200,15 +200,15 @@ pub enum MemberKind {
     Other,
 }
 
-/// An input or output of a stage.
+/// A stage input or output that has a location.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Varying {
-    /// Name of the variable.
+    /// Name of the variable in GLSL.
     pub name: String,
-    /// Number of the location.
+    /// Number of its `location`.
     pub location: u32,
     /// GLSL type, for instance `vec4`, `uint` or `vec2`.
     pub glsl_type: String,
-    /// True if the variable is not interpolated.
+    /// True for `flat` variables, which are not interpolated.
     pub flat: bool,
 }

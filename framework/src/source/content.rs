@@ -1,21 +1,21 @@
-//! Hashes the contents of paths, to detect later whether a build would read the same contents.
+//! Identifies the contents of a path by a hash, to detect whether a build would read something else.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::hash::{DefaultHasher, Hasher};
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-/// Maximum size of a file to read: graphs and shaders are smaller, and other files must not fill the memory.
+/// Maximum size of a file to read, in bytes. Graphs and shaders are far smaller; larger files would only fill memory.
 pub(super) const LARGEST_FILE: u64 = 16 << 20;
 
-/// The contents of a path, identified by a hash.
+/// The contents of a path, with a hash for the bytes of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Content {
-    /// No file: nothing at all, or a folder. A search for the file continues.
+    /// No entry, or a folder. The search for the file continues.
     Missing,
-    /// An unreadable entry, a special file (a pipe, a device), or a file that is too large.
+    /// An entry that cannot be read, a special file (a pipe, a device), or a file that is too large.
     Unusable,
-    /// A file of `length` bytes. The hash is SipHash with fixed keys, 64 bits, for use in this process only.
+    /// A file. The 64-bit SipHash has fixed keys, so it is comparable only within this process.
     Bytes {
         /// Length in bytes.
         length: u64,
@@ -24,24 +24,25 @@ pub enum Content {
     },
 }
 
-/// A path on disk that a build read, and its contents. A build gives the same result while all of them stay unchanged.
+/// A path that a build looked up, with its contents at that time. While all are unchanged, a build gives the same
+/// result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Wanted {
-    /// The path as opened, relative to the working directory or absolute.
+    /// The path as opened: absolute, or relative to the working directory.
     pub path: PathBuf,
     /// The contents when the build read them.
     pub content: Content,
 }
 
 impl Content {
-    /// Identifies a file of these bytes.
+    /// Returns the contents for a file with these bytes.
     pub fn of(bytes: &[u8]) -> Content {
         let mut hasher = DefaultHasher::new();
         hasher.write(bytes);
         Content::Bytes { length: bytes.len() as u64, hash: hasher.finish() }
     }
 
-    /// Identifies the contents of `path`, following links.
+    /// Returns the contents of `path`; follows links.
     pub fn at(path: &Path) -> Content {
         let read = open(path).and_then(|found| match found {
             Found::Nothing => Ok(Content::Missing),
@@ -51,23 +52,23 @@ impl Content {
         read.unwrap_or(Content::Unusable)
     }
 
-    /// Returns true for a missing or empty file, which editors leave briefly while they save.
+    /// Returns true for a missing or empty file. Some editors leave one briefly while they save.
     pub fn is_empty(self) -> bool {
         matches!(self, Content::Missing | Content::Bytes { length: 0, .. })
     }
 }
 
-/// Entry at a path, with links followed.
+/// An entry of the file system, with links followed.
 pub(super) enum Found {
     /// Nothing, or a folder. A search for a file continues.
     Nothing,
-    /// A regular file.
+    /// A regular file, opened for reading.
     File(File),
-    /// An entry that cannot be read as a file, such as a pipe, with its description.
+    /// An entry that is not a file, such as a pipe, with a description for messages.
     Other(&'static str),
 }
 
-/// Opens a regular file only: opening a pipe would wait for its other end, and opening a device can have effects.
+/// Opens a path if it is a regular file. Opening a pipe would block, and opening a device can have side effects.
 pub(super) fn open(path: &Path) -> std::io::Result<Found> {
     let looked = |result: std::io::Result<Metadata>| match result {
         Ok(metadata) if metadata.is_file() => Ok(None),
@@ -81,7 +82,7 @@ pub(super) fn open(path: &Path) -> std::io::Result<Found> {
     }
     let mut options = OpenOptions::new();
     options.read(true);
-    // The entry may have been replaced meanwhile.
+    // If a pipe replaced the file after the check, opening it must not block.
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NONBLOCK | libc::O_NOCTTY);
     let file = match options.open(path) {
@@ -109,14 +110,14 @@ fn kind(metadata: &Metadata) -> &'static str {
     "something else"
 }
 
-/// Reads a file; `None` if it is larger than [`LARGEST_FILE`].
+/// Reads a whole file; `None` if it is larger than [`LARGEST_FILE`].
 pub(super) fn read(file: File) -> std::io::Result<Option<Vec<u8>>> {
     let mut bytes = Vec::new();
     file.take(LARGEST_FILE + 1).read_to_end(&mut bytes)?;
     Ok((bytes.len() as u64 <= LARGEST_FILE).then_some(bytes))
 }
 
-/// Returns true for errors that mean that the file does not exist, rather than that it is unreadable.
+/// Returns true for errors that mean the file does not exist, rather than that it is unreadable.
 fn is_missing(kind: ErrorKind) -> bool {
     matches!(
         kind,

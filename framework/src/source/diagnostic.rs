@@ -1,51 +1,51 @@
-//! Diagnostics: errors and warnings with source spans and suggestions.
+//! Defines diagnostics: errors and warnings with source spans and suggestions.
 
 use std::fmt;
 
 use crate::ir::Span;
 
-/// A span with a text to show under it. The text may be empty.
+/// A span with a text to show under it, which may be empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
-    /// Range of the source text.
+    /// The source range to underline.
     pub span: Span,
     /// The text drawn under the span.
     pub text: String,
 }
 
-/// An error in a file, or a warning about one.
+/// An error or a warning about a range of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
-    /// The message: a sentence in lower case without a full stop.
+    /// The message: one sentence, in lower case and without a full stop.
     pub message: String,
-    /// The place of the mistake.
+    /// The place of the mistake, with a label.
     pub primary: Label,
-    /// Related places, in any file.
+    /// Related places, possibly in other files.
     pub secondary: Vec<Label>,
-    /// Suggestions for a correction.
+    /// Suggested corrections, one paragraph each.
     pub help: Vec<String>,
 }
 
 impl Diagnostic {
-    /// Creates an error at `span`, with a `label` under it, which may be empty.
+    /// Creates a diagnostic at `span`, with `label` shown under it (empty for none).
     pub fn new(message: impl Into<String>, span: Span, label: impl Into<String>) -> Self {
         let primary = Label { span, text: label.into() };
         Diagnostic { message: message.into(), primary, secondary: Vec::new(), help: Vec::new() }
     }
 
-    /// Adds a related place.
+    /// Adds a secondary label at a related place.
     pub fn with_label(mut self, span: Span, text: impl Into<String>) -> Self {
         self.secondary.push(Label { span, text: text.into() });
         self
     }
 
-    /// Adds a hint.
+    /// Adds a suggestion.
     pub fn with_help(mut self, text: impl Into<String>) -> Self {
         self.help.push(text.into());
         self
     }
 
-    /// Suggests the nearest of the valid names; if none is near, adds `otherwise`, unless it is empty.
+    /// Suggests the candidate nearest to `name`. If none is near, adds `otherwise` as help, unless it is empty.
     pub fn with_nearest<'a>(
         self,
         name: &str,
@@ -69,15 +69,16 @@ impl fmt::Display for Diagnostic {
 
 impl std::error::Error for Diagnostic {}
 
-/// Maximum length of names to compare, in bytes: a longer name is no typing mistake, and comparing it would take long.
+/// Maximum length of a name to compare, in bytes. Longer names are no typing mistakes, and comparing them takes long.
 const LONGEST_NAME: usize = 256;
 
-/// Returns the candidate that `name` was probably meant to be: one that differs only in case, or else the nearest by
-/// Damerau-Levenshtein distance (changes, insertions, deletions and transpositions count one); of equally near ones,
-/// the first.
+/// Returns the candidate most similar to `name`, for a "did you mean" suggestion.
 ///
-/// `None` if more than a third of the name, and more than one character, would have to change, or if no character would
-/// stay.
+/// A candidate that differs only in case wins. Otherwise the nearest by Damerau-Levenshtein distance wins (changes,
+/// insertions, deletions and transpositions count one), and the first of equally near ones.
+///
+/// Returns `None` if no character would stay, or if the distance is more than a third of the name's length and more
+/// than 1.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let length = name.chars().count();
     if length > LONGEST_NAME {

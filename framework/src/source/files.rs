@@ -1,12 +1,12 @@
-//! Finds files by name, and keeps their texts, into which spans point.
+//! Finds files by name and keeps their texts, which spans refer to.
 //!
-//! A name is looked up in three places, in this order: in memory (texts of tests and editors), on disk, and among the
-//! files built into the binary. In memory and in the binary, paths are the repository's: graphs in `pipelines/`,
-//! shaders in `shaders/`. On disk, the two folders are searched around the referring file, so that a graph finds its
-//! shaders wherever the two folders were copied to.
+//! A name is looked up in three places, in this order: in memory (texts from tests and editors), on disk, and among the
+//! files built into the binary. Paths in memory and in the binary are relative to the repository: graphs are in
+//! `pipelines/`, shaders in `shaders/`. On disk, these two folders are searched around the referring file, so that a
+//! copied graph finds the shaders that were copied with it.
 //!
-//! Graphs are untrusted, and the files that they name are read and quoted in diagnostics. With links followed, these
-//! files must therefore be in the graph's own folders ([`Roots`]), or in one of [`Library::include_roots`].
+//! Graphs are untrusted: the files that they name are read, and diagnostics quote them. These files must therefore,
+//! with links followed, be in the graph's own folders ([`Roots`]) or in one of [`Library::include_roots`].
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -18,12 +18,12 @@ use super::content::{self, Content, Found, LARGEST_FILE, Wanted};
 use super::{Diagnostic, nearest};
 use crate::ir::{FileId, Origin, Span};
 
-/// The kind of a file, which determines where to look for it.
+/// The kind of a file, which determines the folder to search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
-    /// A graph or a preset, in `pipelines`. The extension `.ron` is optional.
+    /// A graph or a preset, in `pipelines`. The extension `.ron` may be omitted.
     Graph,
-    /// A shader or an include of one, in `shaders`.
+    /// A shader or a GLSL include, in `shaders`.
     Shader,
 }
 
@@ -45,20 +45,20 @@ impl fmt::Display for Kind {
     }
 }
 
-/// Files that can be found besides those in a graph's own folders on disk.
+/// Sources of files other than a graph's own folders on disk.
 #[derive(Clone, Debug, Default)]
 pub struct Library {
-    /// Paths and texts of files built into the binary: `pipelines/splat.ron`, `shaders/sort/scatter.comp`.
+    /// Files built into the binary: pairs of a path, such as `shaders/sort/scatter.comp`, and a text.
     pub builtin: &'static [(&'static str, &'static str)],
-    /// Paths and texts of files in memory, which take precedence over the disk.
+    /// Texts in memory, by path. They take precedence over the disk.
     pub memory: BTreeMap<String, String>,
-    /// Additional folders on disk from which graphs may use files.
+    /// Additional folders on disk that graphs may use files from.
     pub include_roots: Vec<PathBuf>,
-    /// Unsaved texts of an editor for files that exist on disk, by their paths.
+    /// Unsaved editor texts that replace files on disk, by path.
     pub unsaved: BTreeMap<PathBuf, String>,
 }
 
-/// The folders, with links followed, that may contain a graph's files.
+/// Canonical paths of the folders that may contain a graph's files.
 type Roots = Arc<Vec<PathBuf>>;
 
 /// A finder of files by name, which keeps the opened ones. See the module's documentation for the search.
@@ -77,58 +77,58 @@ pub struct SourceMap {
     library: Library,
     files: Vec<File>,
     known: HashMap<Identity, FileId>,
-    /// Every path on disk that was tried, with its contents at the first look.
+    /// Every path on disk that was tried, with its contents when first tried.
     looked: BTreeMap<PathBuf, Content>,
 }
 
 #[derive(Debug)]
 struct File {
-    /// The path for messages. For files on disk, it can be opened.
+    /// Path for messages. For a file on disk, it can also be opened.
     path: String,
     text: Cow<'static, str>,
-    /// Offset at which each line starts; the first is 0.
+    /// Byte offsets of the line starts; the first is 0.
     lines: Vec<usize>,
-    /// State of a file on disk; `None` for other files.
+    /// Present only for a file on disk.
     disk: Option<OnDisk>,
 }
 
-/// A file on disk.
+/// State of a file that was read from disk.
 #[derive(Clone, Debug)]
 struct OnDisk {
-    /// Hash of the contents as they were read.
+    /// Hash of the contents that were read.
     content: Content,
-    /// Folders of the files that this file may name, inherited from its graph.
+    /// Folders that may contain the files named by this one. Inherited from the graph.
     roots: Roots,
 }
 
-/// A file's identity, independent of the name used to find it.
+/// The identity of a file, whatever name it was found by.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Identity {
-    /// In memory: the normalised path.
+    /// In memory, by normalised path.
     Memory(String),
-    /// On disk: the absolute path, with links followed.
+    /// On disk, by canonical path.
     Disk(PathBuf),
-    /// Index in [`Library::builtin`].
+    /// Built in, by index in [`Library::builtin`].
     BuiltIn(usize),
 }
 
-/// A file that was not found, or cannot be used.
+/// The error for a file that does not exist or cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NotFound {
-    /// The name as written.
+    /// The name as the graph or the user wrote it.
     pub name: String,
     /// The kind of file.
     pub kind: Kind,
-    /// The paths tried, in order.
+    /// The paths tried, in order of search.
     pub tried: Vec<String>,
-    /// The nearest existing name; `None` if none is near.
+    /// The most similar existing name; `None` if no name is similar.
     pub nearest: Option<String>,
-    /// If the last path in `tried` exists, the reason why its file cannot be used.
+    /// Why the last path in `tried`, which exists, cannot be used; `None` if no path exists.
     pub why: Option<String>,
 }
 
 impl NotFound {
-    /// Converts the failure to a diagnostic at the name in the referring file.
+    /// Converts the error to a diagnostic at `span`, the name in the referring file.
     pub fn at(&self, span: Span) -> Diagnostic {
         if self.why.is_some() {
             return Diagnostic::new(self.to_string(), span, "");
@@ -166,7 +166,7 @@ impl fmt::Display for NotFound {
 impl std::error::Error for NotFound {}
 
 impl SourceMap {
-    /// Creates a map over the files of a library and the disk.
+    /// Creates a map that searches the library and the disk.
     pub fn new(mut library: Library) -> Self {
         let memory = std::mem::take(&mut library.memory);
         library.memory = memory.into_iter().map(|(path, text)| (normalised(&path), text)).collect();
@@ -177,23 +177,26 @@ impl SourceMap {
         SourceMap { library, ..SourceMap::default() }
     }
 
-    /// Adds a text without a file. Every call creates a new file, regardless of its path, and [`SourceMap::find`] does not
-    /// find it. Names in it are resolved as if it were in memory at that path.
+    /// Adds a text that has no file.
+    ///
+    /// Each call creates a new file, even for the same path, and [`SourceMap::find`] never returns it. Names in the
+    /// text are resolved as if it were in memory at `path`.
     pub fn add(&mut self, path: impl Into<String>, text: impl Into<String>) -> FileId {
         self.insert(path.into(), Cow::Owned(text.into()), None)
     }
 
-    /// Finds the file called `name` in `from`, or on the command line if `from` is `None`, and reads it if necessary.
+    /// Finds the file called `name`, and reads it unless it was read before.
     ///
-    /// It is the first of these that exists:
+    /// `from` is the file that refers to `name`, or `None` for the command line. The first existing file of these is
+    /// used:
     ///
-    /// 1. in memory: beside `from`, at exactly `name`, in the folder of its kind;
-    /// 2. on disk, if `from` is: beside `from`, then in the folder of its kind (`pipelines` or `shaders`) beside the
-    ///    one that `from` is in. Without a `from`: at `name`, then in that folder;
+    /// 1. in memory: beside `from`, at exactly `name`, or in the folder of its kind;
+    /// 2. on disk, if `from` is on disk: beside `from`, then in the folder of its kind (`pipelines` or `shaders`) next
+    ///    to the folder that contains `from`. If `from` is `None`: at `name`, then in the folder of its kind;
     /// 3. built in, with the same paths as in memory.
     ///
-    /// The extension `.ron` of a graph is optional. The search ends at a file that exists but cannot be read, is not
-    /// UTF-8, or is outside the graph's folders.
+    /// The extension `.ron` of a graph may be omitted. The search fails at a file that exists but cannot be read, is
+    /// not UTF-8, or is outside the graph's folders.
     pub fn find(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Result<FileId, NotFound> {
         let mut tried = Vec::new();
         for spelling in spellings(name, kind) {
@@ -210,12 +213,12 @@ impl SourceMap {
         Err(NotFound { name: name.to_string(), kind, tried, nearest, why: None })
     }
 
-    /// Returns the path at which a file was found.
+    /// Returns the path of a file, for messages.
     pub fn path(&self, file: FileId) -> &str {
         self.file(file).map_or("<unknown file>", |f| &f.path)
     }
 
-    /// Returns the text of a file, without a byte order mark.
+    /// Returns the text of a file; a byte order mark is removed.
     pub fn text(&self, file: FileId) -> &str {
         self.file(file).map_or("", |f| &f.text)
     }
@@ -236,20 +239,22 @@ impl SourceMap {
         Origin { file: self.path(span.file).to_string(), line, column }
     }
 
-    /// Lists every opened file with its path, and true if it is on disk, where it can change.
+    /// Iterates over the opened files: id, path, and true if the file is on disk, where it can change.
     pub fn opened(&self) -> impl Iterator<Item = (FileId, &str, bool)> {
         self.files.iter().enumerate().map(|(i, f)| (FileId(i as u32), f.path.as_str(), f.disk.is_some()))
     }
 
-    /// Returns every path on disk that [`SourceMap::find`] tried, sorted: files that were read, files that could not be
-    /// read, and places without a file. Files are read once, so each build needs a new map. See [`crate::reload`].
+    /// Returns every path on disk that [`SourceMap::find`] tried, sorted: files read, unreadable files, and paths
+    /// without a file.
+    ///
+    /// A map reads each file once, so each build needs a new map. See [`crate::reload`].
     pub fn wanted(&self) -> Vec<Wanted> {
         self.looked.iter().map(|(path, content)| Wanted { path: path.clone(), content: *content }).collect()
     }
 
-    /// Runs `read`, and forgets the files that it opens: the build does not depend on them.
+    /// Runs `read` and forgets the files that it opens, so that the build does not depend on them.
     ///
-    /// Their ids are invalid afterwards.
+    /// The ids of these files are invalid afterwards.
     pub fn aside<T>(&mut self, read: impl FnOnce(&mut SourceMap) -> T) -> T {
         let (count, looked) = (self.files.len(), self.looked.clone());
         let result = read(self);
@@ -269,7 +274,7 @@ impl SourceMap {
         FileId(self.files.len() as u32 - 1)
     }
 
-    /// Looks up one spelling of a name in all places. The error is the reason that an existing file cannot be used.
+    /// Looks up one spelling of a name in all places. The error explains why an existing file cannot be used.
     fn find_spelling(
         &mut self,
         from: Option<FileId>,
@@ -313,7 +318,7 @@ impl SourceMap {
         Ok(None)
     }
 
-    /// Lists the normalised paths of a name in memory and among the built-in files.
+    /// Lists the normalised paths to try in memory and among the built-in files.
     fn library_paths(&self, from: Option<FileId>, name: &str, kind: Kind) -> Vec<String> {
         let mut paths = Vec::new();
         if let Some(from) = from {
@@ -329,7 +334,7 @@ impl SourceMap {
         paths
     }
 
-    /// Returns the folders on disk to search for a name, nearest first.
+    /// Lists the folders on disk to search for a name, in order of search.
     fn disk_folders(&self, from: Option<FileId>, kind: Kind) -> Vec<String> {
         let Some(from) = from else { return vec![String::new(), kind.folder().to_string()] };
         let Some(file) = self.file(from).filter(|f| f.disk.is_some()) else { return Vec::new() };
@@ -342,10 +347,10 @@ impl SourceMap {
         folders
     }
 
-    /// Reads a file from disk, unless it was read before. `None` if it does not exist.
+    /// Reads a file from disk unless it was read before. Returns `None` if it does not exist.
     fn open(&mut self, from: Option<FileId>, path: &Path) -> Result<Option<FileId>, String> {
         let (content, found) = self.look(from, path);
-        // If the path had other contents before, keep those: it has changed since.
+        // Keep the contents of the first look: if they differ, the file has changed since.
         self.looked.entry(path.to_path_buf()).or_insert(content);
         found
     }
@@ -399,12 +404,12 @@ impl SourceMap {
         (content, Ok(Some(file)))
     }
 
-    /// Returns true if a graph with these roots may use `path`, which is canonical.
+    /// Returns true if a graph with these roots may use `path`, a canonical path.
     fn allows(&self, roots: &Roots, path: &Path) -> bool {
         roots.iter().chain(&self.library.include_roots).any(|root| path.starts_with(root))
     }
 
-    /// Finds the existing name most similar to `name`; `None` if none is near.
+    /// Finds the existing name most similar to `name`, or `None`.
     fn nearest_name(&self, from: Option<FileId>, name: &str, kind: Kind) -> Option<String> {
         let mut candidates: Vec<String> = Vec::new();
         let mut offer = |path: &str| {
@@ -417,13 +422,13 @@ impl SourceMap {
         let built_in = self.library.builtin.iter().map(|(path, _)| *path);
         for path in self.library.memory.keys().map(String::as_str).chain(built_in) {
             let in_folder = path.strip_prefix(kind.folder()).and_then(|rest| rest.strip_prefix('/'));
-            // A bare name in memory can be of either kind; a path into the other kind's folder cannot.
+            // A name without a folder can be of either kind; a path into the other kind's folder cannot.
             if let Some(short) = in_folder.or((!path.contains('/')).then_some(path)) {
                 offer(short);
             }
         }
         for folder in self.disk_folders(from, kind) {
-            // A name with a folder is compared with the names in that folder.
+            // Compare a name that has a folder only with names in that folder.
             let within = name.rsplit_once('/').map(|(within, _)| within);
             let listed = within.map_or(PathBuf::from(&folder), |within| Path::new(&folder).join(within));
             let listed = if listed.as_os_str().is_empty() { Path::new(".") } else { &listed };
@@ -443,16 +448,16 @@ impl SourceMap {
         if let Some(near) = nearest(name, candidates.iter().map(String::as_str)) {
             return Some(near.to_string());
         }
-        // A file with the right name in another folder.
+        // Otherwise look for a file with the right name in another folder.
         let last = |path: &str| path.rsplit('/').next().unwrap_or_default().to_string();
         candidates.into_iter().find(|candidate| !name.is_empty() && last(candidate) == last(name))
     }
 }
 
-/// Maximum number of entries of a folder to search for a similar name.
+/// Maximum number of folder entries to compare with a misspelt name.
 const MOST_LISTED: usize = 1000;
 
-/// Returns the possible spellings of a file's name, likelier ones first.
+/// Returns the file names that `name` can stand for, the likelier first.
 fn spellings(name: &str, kind: Kind) -> Vec<String> {
     let last = name.rsplit('/').next().unwrap_or_default();
     if kind == Kind::Shader || last.is_empty() || name.ends_with(".ron") {
@@ -464,12 +469,12 @@ fn spellings(name: &str, kind: Kind) -> Vec<String> {
     if last.contains('.') { vec![name.to_string(), full] } else { vec![full, name.to_string()] }
 }
 
-/// Canonicalises a path; returns it unchanged if it does not exist.
+/// Canonicalises a path; returns it unchanged on error.
 fn canonical(path: &Path) -> PathBuf {
     fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
 }
 
-/// Returns the folders for the files of the graph at `path`, its own first: those that [`SourceMap::find`] searches.
+/// Returns the folders that the graph at `path` may take files from, its own folder first.
 fn own_roots(path: &Path) -> Vec<PathBuf> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
@@ -488,7 +493,7 @@ fn cannot_be_read(error: &std::io::Error) -> String {
     format!("cannot be read ({error})")
 }
 
-/// Decodes the text of a file, without a byte order mark.
+/// Decodes the bytes of a file as UTF-8 and removes a byte order mark. The error is a phrase for [`NotFound::why`].
 fn as_text(bytes: Vec<u8>) -> Result<String, String> {
     let text = String::from_utf8(bytes).map_err(|error| {
         format!("is not UTF-8 text (the first wrong byte is at offset {})", error.utf8_error().valid_up_to())
@@ -499,18 +504,18 @@ fn as_text(bytes: Vec<u8>) -> Result<String, String> {
     })
 }
 
-/// Simplifies `.` and `..` in a path for messages, if it still leads to the same file.
+/// Simplifies `.` and `..` in a path for messages, unless that would lead to another file.
 fn displayed(path: &Path) -> String {
     let plain = path.to_string_lossy();
     let short = normalised(&plain);
-    // After a link to a folder, `..` is not the previous folder of the path.
+    // After a link to a folder, `..` is not the previous component of the path.
     match (fs::canonicalize(path), fs::canonicalize(&short)) {
         (Ok(a), Ok(b)) if a != b => plain.into_owned(),
         _ => short,
     }
 }
 
-/// Normalises `.`, `..` and doubled slashes in a path, as text; a leading `..` stays.
+/// Removes `.`, inner `..` and doubled slashes from a path, as text. A leading `..` stays.
 fn normalised(path: &str) -> String {
     let mut parts: Vec<&str> = Vec::new();
     let absolute = path.starts_with('/');
@@ -527,7 +532,7 @@ fn normalised(path: &str) -> String {
     format!("{}{}", if absolute { "/" } else { "" }, parts.join("/"))
 }
 
-/// Joins `name` to `folder`, normalised.
+/// Joins `name` to `folder` and normalises the result.
 fn joined(folder: &str, name: &str) -> String {
     if name.starts_with('/') { normalised(name) } else { normalised(&appended(folder, name)) }
 }
@@ -540,7 +545,7 @@ fn appended(folder: &str, name: &str) -> String {
     }
 }
 
-/// Returns the folder of a path, `""` if it has none.
+/// Returns the folder of a path, or `""`.
 fn parent(path: &str) -> &str {
     match path.rsplit_once('/') {
         Some(("", _)) => "/",
@@ -549,7 +554,7 @@ fn parent(path: &str) -> &str {
     }
 }
 
-/// Splits a folder before its last component called `pipelines` or `shaders`; `None` without one.
+/// Splits a folder before its last component called `pipelines` or `shaders`, or returns `None`.
 fn root_and_rest(folder: &str) -> Option<(&str, &str)> {
     let mut end = folder.len();
     loop {

@@ -1,18 +1,18 @@
 //! Reads the source texts of graphs and shaders, and makes diagnostics that point into them.
 //!
-//! Everything that this crate reads (graphs, presets, shaders and their includes) is text, and every error has a place
-//! in such a text. This module has four parts:
+//! Everything that this crate reads (graphs, presets, shaders and their includes) is text, and every error refers to a
+//! range of a text. This module has four parts:
 //!
 //! - a [`SourceMap`] finds files by name (in memory, on disk, built into the binary), reads each once and assigns it a
 //!   [`FileId`](crate::ir::FileId). A [`Span`](crate::ir::Span) is a byte range in one such file;
-//! - an [`Outline`] has the span of every element of a RON text. `serde` builds the typed tree without spans; if an
-//!   element later turns out to be wrong, its [`Place`] in the outline has the span;
+//! - an [`Outline`] has the span of every element of a RON text. `serde` builds the typed tree without spans. To report
+//!   an error about a value, later steps look up its [`Place`] in the outline;
 //! - a [`Diagnostic`] is an error with its place and suggestions. [`render`] formats a list of them as a compiler
 //!   would, and [`nearest`] finds the name that was probably meant;
 //! - [`ron_error`] converts errors of the `ron` crate to diagnostics.
 //!
-//! The map records all paths on disk that a build tried as [`Wanted`]: while each has the same [`Content`], another
-//! build would give the same result.
+//! The map records every path that a build looked up on disk as [`Wanted`]. While each path has the same [`Content`],
+//! another build would give the same result.
 
 mod content;
 mod diagnostic;

@@ -1,7 +1,7 @@
 //! Finds the byte span of every element of a RON text.
 //!
-//! `serde` and the `ron` crate turn the text into typed values, with places for syntax errors only. The outline parses
-//! the text again, into a tree of spans without values, in which a [`Place`](super::Place) is an element.
+//! `serde` and the `ron` crate produce typed values, and give positions for syntax errors only. The outline parses the
+//! text a second time, into a tree of spans without values. A [`Place`](super::Place) is an element of this tree.
 
 use indexmap::IndexMap;
 use std::ops::Range;
@@ -10,7 +10,7 @@ use super::token::{Text, Token, TokenKind, tokens};
 use super::{Diagnostic, Label};
 use crate::ir::{FileId, Span};
 
-/// The spans of the elements of one RON text.
+/// A tree with the span of every element of a RON text.
 #[derive(Clone, Debug)]
 pub struct Outline {
     file: FileId,
@@ -23,9 +23,9 @@ pub struct Outline {
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     pub place: Range<usize>,
-    /// A short span for diagnostics: the name before the parenthesis, or the opening bracket.
+    /// Short span for diagnostics: the name before the parenthesis, or the opening bracket.
     pub head: Range<usize>,
-    /// Range of the field's name or the map's key before the element; `None` for elements of lists.
+    /// Span of the field name or map key before the element; `None` for elements of lists.
     pub key: Option<Range<usize>>,
     pub content: Content,
 }
@@ -35,24 +35,25 @@ pub(super) enum Content {
     /// A number, a character, a byte string, or a bare name.
     Scalar,
     Text(Text),
-    /// `(a, b)`, `Name(a, b)`, `[a, b]`
+    /// Elements without names: `(a, b)`, `Name(a, b)`, `[a, b]`.
     List {
         children: Vec<usize>,
         bracket: char,
     },
-    /// `(a: 1)`, `Name(a: 1)`, `{"a": 1}`
+    /// Elements with names or keys: `(a: 1)`, `Name(a: 1)`, `{"a": 1}`.
     Record {
         children: IndexMap<String, usize>,
         bracket: char,
     },
 }
 
-/// Maximum nesting, so that hostile texts cannot overflow the stack.
+/// Maximum nesting depth, so that hostile texts cannot overflow the stack.
 const MAX_DEPTH: usize = 128;
 
 impl Outline {
-    /// Parses a RON text (the whole language). Fails on unbalanced brackets, missing separators and invalid names;
-    /// values are not interpreted.
+    /// Parses any RON text.
+    ///
+    /// Fails on unbalanced brackets, missing separators and invalid names. Values are not checked.
     pub fn parse(file: FileId, text: &str) -> Result<Outline, Diagnostic> {
         let (tokens, lexical_error) = tokens(file, text);
         let mut parser = Parser {
@@ -71,7 +72,8 @@ impl Outline {
         Ok(Outline { file, nodes, root, duplicates })
     }
 
-    /// Returns an error for every duplicate name in a struct or a map. (A map would silently keep the last one.)
+    /// Returns an error for every duplicate name in a struct or a map. (`serde` would silently keep the last value of a
+    /// map.)
     pub fn duplicates(&self) -> &[Diagnostic] {
         &self.duplicates
     }
@@ -80,13 +82,13 @@ impl Outline {
         Span { file: self.file, start: place.start, end: place.end }
     }
 
-    /// Returns the element that starts at `offset`, if any.
+    /// Returns the element that starts at byte `offset`, if any.
     pub(super) fn starting_at(&self, offset: usize) -> Option<&Node> {
-        // No two elements start at one place, because lists start with a bracket.
+        // At most one element starts at any offset, because lists start with a bracket.
         self.nodes.iter().find(|node| node.place.start == offset)
     }
 
-    /// Returns the field's name or map's key that starts at `offset` (with its quote, if any).
+    /// Returns the span of the field name or map key that starts at `offset` (at its quote, if it has one).
     pub(super) fn key_starting_at(&self, offset: usize) -> Option<Range<usize>> {
         let keys = self.nodes.iter().filter_map(|node| node.key.clone());
         keys.min_by_key(|key| key.start.abs_diff(offset))
@@ -113,7 +115,7 @@ impl Outline {
 }
 
 impl Node {
-    /// Returns the element's span, without the quotes of a string.
+    /// Returns the element's span; for a string, without its quotes.
     pub fn inside(&self) -> Range<usize> {
         match &self.content {
             Content::Text(text) => text.inside.clone(),
@@ -121,7 +123,7 @@ impl Node {
         }
     }
 
-    /// Returns a span for diagnostics that does not cover many lines.
+    /// Returns a short span for diagnostics: the head of a struct or a list, otherwise the whole element.
     pub fn shallow(&self) -> Range<usize> {
         match &self.content {
             Content::List { .. } | Content::Record { .. } => self.head.clone(),
@@ -134,10 +136,10 @@ struct Parser<'a> {
     file: FileId,
     text: &'a str,
     tokens: &'a [Token],
-    /// The lexical error that ended the tokens, if any.
+    /// The lexical error after the last token, if any.
     lexical_error: Option<Diagnostic>,
     at: usize,
-    /// The open brackets, outermost first.
+    /// Opening brackets not yet closed, outermost first.
     open: Vec<&'a Token>,
     nodes: Vec<Node>,
     duplicates: Vec<Diagnostic>,
@@ -194,7 +196,8 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Parses from an opening bracket to the closing one. `name` is the identifier before it.
+    /// Parses a bracketed element, from the opening bracket to the closing one. `name` is the identifier before it, if
+    /// any.
     fn bracketed(&mut self, name: Option<&'a Token>) -> ParseResult<usize> {
         let opener = &self.tokens[self.at];
         let TokenKind::Open(bracket) = opener.kind else { return Err(self.expected("an opening bracket")) };
@@ -207,7 +210,7 @@ impl<'a> Parser<'a> {
         let closer = closing(bracket);
         let is_record = match bracket {
             '{' => true,
-            // A quoted name is a mistake that `key` reports.
+            // A quoted name is a mistake; `key` reports it.
             '(' => {
                 matches!(self.peek_kind(0), Some(TokenKind::Identifier | TokenKind::Text(_)))
                     && self.peek_kind(1) == Some(&TokenKind::Colon)
@@ -247,12 +250,12 @@ impl<'a> Parser<'a> {
         Ok(self.push(first.start..end, first.start..first.end, content))
     }
 
-    /// Parses a field's name or a map's key and the colon; returns the name and its place.
+    /// Parses a field name or map key and its colon. Returns the name and its span.
     fn key(&mut self, bracket: char) -> ParseResult<(String, Range<usize>)> {
         let Some(token) = self.peek(0) else { return Err(self.expected("a name")) };
         let (name, place) = match &token.kind {
             TokenKind::Identifier if bracket == '(' && self.peek_kind(1) == Some(&TokenKind::Open('(')) => {
-                // This is probably the next element of a list, and a closing parenthesis is missing before it.
+                // A struct or call follows where a name should be: a closing parenthesis is probably missing before it.
                 let name = &self.text[token.start..token.end];
                 let message = format!("expected a field `name: value`, found `{name}(`");
                 let mut error = self.error(token.start..token.end, message, "not expected here");
@@ -315,7 +318,7 @@ impl<'a> Parser<'a> {
         Box::new(Diagnostic::new(message, span, label))
     }
 
-    /// Returns the error for an element that is followed by neither a comma nor the closing bracket.
+    /// Returns the error for an element that is not followed by a comma or the closing bracket.
     fn expected_separator(&mut self, closer: char) -> Box<Diagnostic> {
         let starts_element = matches!(
             self.peek_kind(0),
@@ -326,7 +329,7 @@ impl<'a> Parser<'a> {
         }
         let (before, next) = (&self.tokens[self.at - 1], &self.tokens[self.at]);
         let end = before.end;
-        // `Threads(scene.count)`: an expression without quotes.
+        // `Threads(scene.count)`: an expression lacks its quotes.
         if before.end == next.start
             && before.kind == TokenKind::Identifier
             && self.text[next.start..next.end].starts_with('.')
@@ -337,14 +340,14 @@ impl<'a> Parser<'a> {
         }
         let error = self.error(end..end, "a comma is missing", &format!("expected `,` or `{closer}` here"));
         let is_text = |token: &Token| matches!(token.kind, TokenKind::Text(_));
-        // `name: "a, shader: "b"`: the second quote, meant to open a text, closed one.
+        // `name: "a, shader: "b"`: a quote meant to open a string closed one.
         if before.end == next.start && (is_text(before) || is_text(next)) {
             return Box::new(error.with_help("or a quote is missing or too many, here or before"));
         }
         error
     }
 
-    /// Returns the error for an unexpected token; `what` names what is missing.
+    /// Returns the error for an unexpected token; `what` describes what was expected.
     fn expected(&mut self, what: &str) -> Box<Diagnostic> {
         let Some(token) = self.peek(0) else { return self.expected_more(what) };
         let found = match &token.kind {
@@ -375,12 +378,12 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Returns the error for an unexpected end of the text.
+    /// Returns the error for an unexpected end of the text; `what` describes what was expected.
     fn expected_more(&mut self, what: &str) -> Box<Diagnostic> {
         if let Some(error) = self.lexical_error.take() {
             return Box::new(error);
         }
-        // After the last token: there may be no later line to point at.
+        // Point just after the last token, because blank lines may follow.
         let end = self.text.trim_end().len();
         if let Some(opener) = self.open.last() {
             let opened = &self.text[opener.start..opener.end];
@@ -399,7 +402,7 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// Returns the error for an expression without quotes.
+/// Returns the error for an expression that lacks its quotes.
 pub(super) fn unquoted(name: &str, span: Span) -> Diagnostic {
     Diagnostic::new(format!("`{name}` is not in quotes"), span, "an expression")
         .with_help(format!("write it as a text: `\"{name}\"`"))

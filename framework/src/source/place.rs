@@ -1,4 +1,4 @@
-//! Locates elements of a RON text, for errors about them.
+//! Locates elements of a RON text, so that errors can point at them.
 
 use std::ops::Range;
 use std::rc::Rc;
@@ -7,11 +7,11 @@ use super::outline::{Content, Node};
 use super::{Diagnostic, Outline};
 use crate::ir::Span;
 
-/// An element of a RON text.
+/// An element of a RON text, reached by steps from the root.
 ///
-/// Steps lead to a field of a struct, a key of a map, or an index of a list, a tuple or a variant's parentheses. In
-/// `params: {"x": Const(Int(default: 8))}` the 8 is at `root.field("params").field("x").index(0).field("default")`. `Some(x)` counts
-/// as `x`, without a step. A step to nothing stays at the nearest element around it.
+/// A step leads to a field of a struct, a key of a map, or an index of a list, a tuple or a variant's parentheses. In
+/// `params: {"x": Const(Int(default: 8))}`, the 8 is at `root.field("params").field("x").index(0).field("default")`.
+/// `Some(x)` counts as `x`, without a step. A step to a missing element stays where it is.
 #[derive(Clone, Debug)]
 pub struct Place {
     outline: Rc<Outline>,
@@ -25,7 +25,7 @@ impl Place {
         Place { outline: outline.clone(), node: outline.root, exists: true }
     }
 
-    /// Returns the element of a field or a key. Keys that are not strings are spelled as in the file.
+    /// Steps to a field of a struct or a key of a map. Keys that are not strings are spelled as in the file.
     pub fn field(&self, name: &str) -> Place {
         self.step(match &self.node().content {
             Content::Record { children, .. } => children.get(name).copied(),
@@ -33,7 +33,7 @@ impl Place {
         })
     }
 
-    /// Returns the element at an index, counted from 0.
+    /// Steps to an element by index, from 0.
     pub fn index(&self, index: usize) -> Place {
         self.step(match &self.node().content {
             Content::List { children, .. } => children.get(index).copied(),
@@ -52,31 +52,34 @@ impl Place {
         &self.outline.nodes[self.node]
     }
 
-    /// Returns a number that no other place of the text has.
+    /// Returns a number that identifies the element within its text.
     pub fn id(&self) -> usize {
         self.node
     }
 
-    /// Returns the span of the element; of a string, without its quotes.
+    /// Returns the span of the element; for a string, without its quotes.
     pub fn span(&self) -> Span {
         self.outline.span(self.node().inside())
     }
 
-    /// Returns the span of the field's name or the map's key before the element. A string's span is without quotes.
+    /// Returns the span of the field name or map key before the element, without quotes.
     ///
-    /// If the element has neither, or does not exist, returns its own span.
+    /// Returns the element's own span if it has neither.
     pub fn key(&self) -> Span {
         let node = self.node();
         self.outline.span(node.key.clone().filter(|_| self.exists).unwrap_or(node.inside()))
     }
 
-    /// Returns a span for errors about a missing part: the name or the bracket at the start of a struct, a variant or a
-    /// list. Other elements have their whole [`Place::span`].
+    /// Returns a span for errors about a missing part: the name or bracket at the start of a struct, variant or list.
+    ///
+    /// For other elements, returns [`Place::span`].
     pub fn head(&self) -> Span {
         self.outline.span(self.node().shallow())
     }
 
-    /// Returns the file offset of a byte of a string. `offset` counts bytes after escapes are resolved, and is clamped.
+    /// Converts a byte offset in a string's value to an offset in the file.
+    ///
+    /// `offset` counts bytes after escapes are resolved, and is clamped.
     pub fn string_offset(&self, offset: usize) -> usize {
         let node = self.node();
         match &node.content {
@@ -85,8 +88,9 @@ impl Place {
         }
     }
 
-    /// Returns the span of a byte range of a string, for errors of expressions in it. `range` counts bytes after
-    /// escapes are resolved. Returns the whole element if it is not a string.
+    /// Returns the span of part of a string, for errors about an expression in it.
+    ///
+    /// `range` counts bytes after escapes are resolved. Returns the whole element if it is not a string.
     pub fn within_string(&self, range: Range<usize>) -> Span {
         if !matches!(self.node().content, Content::Text(_)) {
             return self.span();
@@ -95,7 +99,7 @@ impl Place {
         self.outline.span(start..end.max(start))
     }
 
-    /// Creates an error at the element.
+    /// Creates an error at the element, with `label` shown under it.
     pub fn error(&self, message: impl Into<String>, label: impl Into<String>) -> Diagnostic {
         Diagnostic::new(message, self.span(), label)
     }

@@ -1,4 +1,4 @@
-//! Renders diagnostics under the source text, as rustc does.
+//! Renders diagnostics with the source text, in the style of rustc.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -8,7 +8,7 @@ use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet, normali
 use super::{Diagnostic, Label, SourceMap};
 use crate::ir::{FileId, Span};
 
-/// Renders diagnostics, separated by blank lines, ending in a line break.
+/// Renders diagnostics as errors, separated by blank lines. The result ends in a line break.
 ///
 /// ```text
 /// error: unknown field `shadr` in `Dispatch`
@@ -18,8 +18,8 @@ use crate::ir::{FileId, Span};
 ///    |                               ^^^^^ did you mean `shader`?
 /// ```
 ///
-/// Invalid spans (beyond the text, inside a character, reversed) are moved to the nearest valid place. `colour` adds
-/// ANSI escapes.
+/// Spans that are beyond the text, inside a character, or reversed are moved to the nearest valid position. `colour`
+/// adds ANSI escapes.
 pub fn render(files: &SourceMap, diagnostics: &[Diagnostic], colour: bool) -> String {
     render_as(Level::ERROR, files, diagnostics, colour)
 }
@@ -48,7 +48,7 @@ fn render_one(
     diagnostic: &Diagnostic,
     renderer: &Renderer,
 ) -> String {
-    // One snippet per file, the primary label's first.
+    // Group labels into one snippet per file, with the primary label's file first.
     let mut snippets: Vec<(FileId, Vec<(AnnotationKind, &Label)>)> = Vec::new();
     let primary = (AnnotationKind::Primary, &diagnostic.primary);
     let secondary = diagnostic.secondary.iter().map(|label| (AnnotationKind::Context, label));
@@ -59,7 +59,7 @@ fn render_one(
         }
     }
     let texts: Vec<Cow<str>> = snippets.iter().map(|(file, _)| harmless(files.text(*file))).collect();
-    // Files must not send escape sequences to the terminal, or imitate lines of the message.
+    // Files must not be able to send escape sequences to the terminal, or to imitate lines of the message.
     let mut group = Group::with_title(level.clone().primary_title(one_line(&diagnostic.message)));
     for ((file, labels), text) in snippets.iter().zip(&texts) {
         let mut snippet = Snippet::source(&**text).path(one_line(files.path(*file)));
@@ -78,9 +78,10 @@ fn render_one(
     renderer.render(&[group])
 }
 
-/// Replaces characters that terminals interpret and `annotate_snippets` keeps: C1 control characters (for some
-/// terminals, U+009B begins an escape sequence), and characters that change the text direction or break lines.
-/// Replacements have equal lengths in bytes, so places stay valid.
+/// Replaces characters that terminals interpret and `annotate_snippets` keeps.
+///
+/// These are C1 control characters (some terminals take U+009B for the start of an escape sequence), and characters
+/// that change the text direction or break lines. Each replacement has the same length in bytes, so spans stay valid.
 fn harmless(text: &str) -> Cow<'_, str> {
     let replaced = |c: char| match c {
         '\u{80}'..='\u{9f}' | '\u{61c}' => Some('\u{bf}'),
@@ -93,7 +94,7 @@ fn harmless(text: &str) -> Cow<'_, str> {
     text.chars().map(|c| replaced(c).unwrap_or(c)).collect()
 }
 
-/// Joins the lines of a text, and replaces characters that terminals interpret.
+/// Joins the lines of a message, and replaces characters that terminals interpret.
 fn one_line(text: &str) -> String {
     normalize_untrusted_str(&harmless(text)).replace('\n', "\u{240a}")
 }

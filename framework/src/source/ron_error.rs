@@ -1,8 +1,8 @@
-//! Converts errors of the `ron` crate to diagnostics.
+//! Converts errors of the `ron` crate to diagnostics with precise spans.
 //!
-//! The crate reports the position of its cursor. Depending on the error this is before an unexpected value, after an
-//! unknown name, or at the end of a struct that lacks a field. This module finds the element at fault with the
-//! [`Outline`]. For unbalanced brackets it uses the outline's own error, which tells where the bracket was opened.
+//! The crate reports the position of its cursor. Depending on the error, the cursor is before an unexpected value,
+//! after an unknown name, or at the end of a struct that lacks a field. This module uses the [`Outline`] to find the
+//! element at fault. For unbalanced brackets, it returns the outline's own error, which shows the opening bracket.
 
 use std::ops::Range;
 
@@ -12,9 +12,9 @@ use super::outline::{Content, Node, unquoted};
 use super::{Diagnostic, Outline, nearest};
 use crate::ir::{FileId, Span};
 
-/// Converts an error of the `ron` crate (0.12) to a diagnostic at the place of the mistake.
+/// Converts an error of the `ron` crate (0.12) to a diagnostic at the mistake.
 ///
-/// `text` is the text that was parsed. Unknown fields and variants come with the nearest existing name.
+/// `text` is the text that was parsed. Unknown fields and variants come with a suggestion of the nearest existing name.
 pub fn ron_error(file: FileId, text: &str, error: &SpannedError) -> Diagnostic {
     let outline = match Outline::parse(file, text) {
         Ok(outline) => Some(outline),
@@ -54,7 +54,7 @@ struct Translator<'a> {
     file: FileId,
     text: &'a str,
     outline: Option<Outline>,
-    /// The crate's cursor, before and after its last token.
+    /// Byte offset of the crate's cursor before its last token; `end` is after it.
     start: usize,
     end: usize,
 }
@@ -168,7 +168,7 @@ impl Translator<'_> {
         self.error(message, place, &label).with_help(help)
     }
 
-    /// Returns the error for a value of the wrong kind; `wanted` names the expected one.
+    /// Returns the error for a value of the wrong type; `wanted` describes the expected type.
     fn wrong_kind(&self, wanted: &str) -> Diagnostic {
         let place = self.value_at_cursor();
         let Some(node) = self.node_at_cursor() else {
@@ -200,7 +200,7 @@ impl Translator<'_> {
         error
     }
 
-    /// Returns the error for a value that was read only in part, where `wanted` was expected.
+    /// Returns the error for a value that was read only in part; `wanted` describes the expected type.
     fn wrong_kind_before(&self, wanted: &str) -> Diagnostic {
         let place = self.value_at_cursor();
         let message = format!("expected {wanted}, found `{}`", &self.text[place.clone()]);
@@ -215,22 +215,22 @@ impl Translator<'_> {
         Span { file: self.file, start: place.start, end: place.end }
     }
 
-    /// Returns the character at the cursor.
+    /// Returns the span of the character at the cursor; empty at the end of a line.
     fn cursor(&self) -> Range<usize> {
         let width = self.text[self.end..].chars().next().filter(|c| *c != '\n').map_or(0, char::len_utf8);
         self.end..self.end + width
     }
 
-    /// Finds the occurrence of `name` that the crate read last; `None` if it is not just before the cursor.
+    /// Finds the occurrence of `name` just before the cursor, or `None`.
     fn name_before_cursor(&self, name: &str) -> Option<Range<usize>> {
-        // White space and quotes may follow it; the last occurrence before the cursor is the right one.
+        // Only white space and quotes may be between the name and the cursor.
         let start = self.text[..self.end].rfind(name)?;
         let between = &self.text[start + name.len()..self.end];
         let is_near = between.chars().all(|c| c.is_whitespace() || c == '"');
         (!name.is_empty() && is_near).then_some(start..start + name.len())
     }
 
-    /// Returns true if the cursor is inside a number: for a float in place of an integer, the crate stops at the point.
+    /// Returns true if the cursor is inside a number. For a float in place of an integer, the crate stops at the point.
     fn cursor_is_inside_a_number(&self) -> bool {
         let Some(outline) = &self.outline else { return false };
         let node = outline.innermost(self.end);
@@ -246,13 +246,13 @@ impl Translator<'_> {
         self.outline.as_ref()?.starting_at(self.end)
     }
 
-    /// Returns the range of the element that the crate was about to read, or of the one that it read last.
+    /// Returns the span of the element at the cursor, or of the element that ends before it.
     fn value_at_cursor(&self) -> Range<usize> {
         let Some(outline) = &self.outline else { return self.start..self.end };
         if let Some(node) = self.node_at_cursor() {
             return node.shallow();
         }
-        // The cursor is after the comma and the white space that follow a value.
+        // The cursor is after the comma and white space that follow the value.
         let before = self.text[..self.end].trim_end_matches(|c: char| c.is_whitespace() || c == ',');
         outline.innermost(before.len()).shallow()
     }
@@ -264,7 +264,7 @@ fn is_name(text: &str) -> bool {
 
 const NAME: &str = "a name";
 
-/// Describes what was expected, for errors without more information. `None` for all other errors.
+/// Describes the expected syntax for errors that carry no details. Returns `None` for all other errors.
 fn wanted(error: &Error) -> Option<String> {
     let wanted = match error {
         Error::ExpectedArray => "a list `[...]`",

@@ -1,5 +1,7 @@
-//! Splits RON into tokens with places. Numbers, characters and identifiers are only delimited, because the `ron` crate
-//! parses the values. Strings are parsed completely, because errors point into them.
+//! Splits RON into tokens with spans.
+//!
+//! Numbers, characters and identifiers are only delimited, because the `ron` crate parses their values. Strings are
+//! decoded, because errors point into them.
 
 use std::ops::Range;
 
@@ -15,9 +17,9 @@ pub(super) struct Token {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum TokenKind {
-    /// `(`, `[` or `{`
+    /// An opening bracket: `(`, `[` or `{`.
     Open(char),
-    /// `)`, `]` or `}`
+    /// A closing bracket: `)`, `]` or `}`.
     Close(char),
     Comma,
     Colon,
@@ -25,33 +27,33 @@ pub(super) enum TokenKind {
     /// A number, a range of numbers, a character, a byte or a byte string.
     Scalar,
     Text(Text),
-    /// An attribute, `#![enable(...)]`.
+    /// An extension attribute: `#![enable(...)]`.
     Attribute,
 }
 
-/// A string, as written and with its escapes resolved.
+/// A string, with a map from its decoded value to the file.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Text {
-    /// The string with its escapes resolved.
+    /// The value, with escapes resolved.
     pub value: String,
-    /// The bytes between the quotes.
+    /// Byte range of the file between the quotes.
     pub inside: Range<usize>,
-    /// Pairs of (offset in the value, offset in the file), in step until the next pair.
+    /// Pairs of an offset in the value and its offset in the file. From one pair to the next, the two advance together.
     pub steps: Vec<(usize, usize)>,
 }
 
 impl Text {
-    /// Returns the file offset of a byte of the value.
+    /// Converts a byte offset in the value to an offset in the file.
     pub fn file_offset(&self, offset: usize) -> usize {
         let next = self.steps.partition_point(|(value, _)| *value <= offset);
         let (value, file) = self.steps[next - 1];
-        // An escape may have fewer bytes in the file than its character in the value.
+        // An escape can be shorter in the file than its character is in the value.
         let end = self.steps.get(next).map_or(self.inside.end, |(_, file)| *file);
         (file + (offset - value)).min(end)
     }
 }
 
-/// Reads all tokens, up to the first error. Returns the tokens, and the error if there is one.
+/// Reads tokens up to the first error. Returns the tokens, and the error if there is one.
 pub(super) fn tokens(file: FileId, text: &str) -> (Vec<Token>, Option<Diagnostic>) {
     let mut lexer = Lexer { file, text, at: 0 };
     let mut tokens = Vec::new();
@@ -116,7 +118,7 @@ impl<'a> Lexer<'a> {
                 TokenKind::Text(self.raw(start)?)
             }
             'r' if rest.starts_with("r#") => {
-                // `r#type`: a raw identifier, which allows more characters.
+                // `r#type` is a raw identifier; more characters are allowed in it.
                 self.at += 2;
                 self.take_while(|c| continues_identifier(c) || matches!(c, '.' | '+' | '-'));
                 TokenKind::Identifier
@@ -176,7 +178,7 @@ impl<'a> Lexer<'a> {
         }
     }
 
-    /// Skips a block comment, with the block comments nested in it.
+    /// Skips a block comment and the block comments nested in it.
     fn block_comment(&mut self) -> Result<()> {
         let start = self.at;
         let mut depth = 0;
@@ -232,8 +234,7 @@ impl<'a> Lexer<'a> {
         }
     }
 
-    /// Reads adjacent characters that start like a number: numbers, bytes (`b'x'`), and ranges with
-    /// both ends (`0..=9`).
+    /// Reads a run of characters that starts like a number: a number, a byte (`b'x'`), or a closed range (`0..=9`).
     fn number(&mut self) -> Result<TokenKind> {
         let start = self.at;
         while let Some(&byte) = self.text.as_bytes().get(self.at) {
@@ -258,7 +259,7 @@ impl<'a> Lexer<'a> {
         Ok(TokenKind::Scalar)
     }
 
-    /// Reads `'c'` or `b'c'`, with `prefix` bytes before the character.
+    /// Reads `'c'` or `b'c'`; `prefix` is the number of bytes before the opening quote.
     fn character(&mut self, start: usize, prefix: usize) -> Result<TokenKind> {
         self.at += prefix;
         match self.rest().chars().next() {
@@ -285,7 +286,7 @@ impl<'a> Lexer<'a> {
         Ok(TokenKind::Scalar)
     }
 
-    /// Reads the rest of a string after its opening quote. For byte strings only the place matters.
+    /// Reads the rest of a string after its opening quote. A byte string is only delimited.
     fn escaped(&mut self, start: usize, binary: bool) -> Result<Text> {
         let inside = self.at;
         let mut text = Text { value: String::new(), inside: inside..inside, steps: vec![(0, inside)] };
@@ -301,7 +302,7 @@ impl<'a> Lexer<'a> {
             }
             let before = (text.value.len(), self.at - 1);
             if let Some(line) = self.rest().strip_prefix("\r\n").or(self.rest().strip_prefix('\n')) {
-                // A backslash at the end of a line skips the break and the following indentation.
+                // A backslash at the end of a line skips the line break and the indentation that follows.
                 self.at = self.text.len() - line.trim_start_matches([' ', '\t', '\n', '\r']).len();
             } else if self.rest().is_empty() {
                 return Err(self.unclosed(start, inside));
@@ -318,7 +319,7 @@ impl<'a> Lexer<'a> {
         self.error(quote, "a text is not closed", "it starts here and has no closing quote")
     }
 
-    /// Reads the rest of an escape, after the backslash.
+    /// Reads the rest of an escape after its backslash.
     fn escape(&mut self, binary: bool) -> Result<char> {
         let start = self.at - 1;
         let wrong = |lexer: &Lexer, end: usize, label: &str| {
@@ -341,7 +342,7 @@ impl<'a> Lexer<'a> {
                 if binary || first < 0x80 {
                     return Ok(char::from(first));
                 }
-                // Several escapes may encode one character.
+                // Several `\x` escapes may encode one UTF-8 character.
                 let mut bytes = vec![first];
                 loop {
                     if let Ok(decoded) = std::str::from_utf8(&bytes) {
@@ -386,7 +387,7 @@ impl<'a> Lexer<'a> {
         u8::from_str_radix(digits, 16).ok()
     }
 
-    /// Reads the rest of a raw string, from its hashes or its quote on.
+    /// Reads the rest of a raw string from its first `#` or quote.
     fn raw(&mut self, start: usize) -> Result<Text> {
         let hashes = self.rest().len() - self.rest().trim_start_matches('#').len();
         self.at += hashes;
@@ -407,8 +408,8 @@ impl<'a> Lexer<'a> {
     }
 }
 
-/// Appends a pair, and replaces the last one if it has the same offset in the value: an offset after an escape must
-/// be after it in the file as well.
+/// Appends a pair. Replaces the last pair if it has the same offset in the value, so that an offset after an escape is
+/// also after it in the file.
 fn push_step(steps: &mut Vec<(usize, usize)>, step: (usize, usize)) {
     match steps.last_mut() {
         Some(last) if last.0 == step.0 => *last = step,
@@ -416,12 +417,12 @@ fn push_step(steps: &mut Vec<(usize, usize)>, step: (usize, usize)) {
     }
 }
 
-/// Returns true if a quote follows an `r`, with or without hashes.
+/// Returns true if a raw string follows the `r`: a quote, with or without `#` before it.
 fn raw_text_ahead(rest: &str) -> bool {
     rest.trim_start_matches('#').starts_with('"')
 }
 
-// The `ron` crate checks non-ASCII letters.
+// Accepts every non-ASCII character: the `ron` crate checks these.
 fn starts_identifier(c: char) -> bool {
     c == '_' || c.is_ascii_alphabetic() || !c.is_ascii() && !is_space(c)
 }
