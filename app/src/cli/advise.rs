@@ -142,7 +142,10 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Returns the mapping that needs the narrowest keys, with their bits. Of equal ones, the cheapest is returned.
+/// Returns the depth mapping that needs the fewest key bits, with that number of bits. A tie goes to the first,
+/// cheapest mapping.
+///
+/// `None` if no mapping has a known number of bits.
 fn narrowest(needs: &[Need]) -> Option<(Mapping, u32)> {
     let of = |need: &Need| Some((need.map, need.bits?));
     needs.iter().filter_map(of).reduce(|best, other| if other.1 < best.1 { other } else { best })
@@ -180,7 +183,7 @@ pub(super) fn bands_text(bands: &[Band]) -> String {
     }
 }
 
-/// Maximum number of settings within the noise that are printed. The JSON has all of them.
+/// Maximum number of settings within the noise to print. The JSON lists all of them.
 const NAMED: usize = 5;
 
 /// Joins the first [`NAMED`] names of a list, and adds how many others there are.
@@ -190,7 +193,7 @@ fn some(names: &[String]) -> String {
     if more == 0 { named } else { format!("{named}; and {more} more") }
 }
 
-/// Formats the list of the settings within the noise, the potentially fastest first; empty if there are none.
+/// Formats the settings that are within the noise, by ascending measured time; empty if there are none.
 fn noise(found: Option<&Tried>, hidden: &[&Tried], unsure: &[String]) -> String {
     let mut text = String::new();
     if !hidden.is_empty() {
@@ -228,7 +231,8 @@ fn time(tried: &Tried) -> String {
     }
 }
 
-/// Formats the advice: a complete `render` command, for one picture or several, and the setting's measurements.
+/// Formats the recommendation: a complete `render` command and the measurements. `is_one`: the command draws a single
+/// picture.
 fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String {
     let mut command = "splatgraph render".to_owned();
     let mut add = |word: &str| command += &format!(" {}", shell_word(word));
@@ -251,7 +255,7 @@ fn command(args: &Args, is_one: bool, found: &Tried, tried: &[Tried]) -> String 
     )
 }
 
-/// Formats the message that no setting is within the budget, with the most accurate setting and the fastest.
+/// Formats the message that no setting is within the budget. It names the most accurate and the fastest setting.
 fn nothing(tried: &[Tried], budget: &Budget) -> String {
     let accurate = tried.iter().reduce(|a, b| if b.least_psnr() > a.least_psnr() { b } else { a });
     let quick = |tried: &Tried| tried.gpu_ms.unwrap_or(f64::INFINITY);

@@ -88,7 +88,7 @@ enum Suite {
     Sort,
 }
 
-/// Name of the file with all numbers, in the folder of `--output`.
+/// Name of the CSV file of all measurements, in the folder of `--output`.
 const CSV: &str = "bench.csv";
 /// File name of the sort's plot, without extension.
 const SORT_PLOT: &str = "sort";
@@ -110,7 +110,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(if measured { outcome } else { Outcome::Failed })
 }
 
-/// Measures frames, and writes the results. Returns false if nothing could be drawn.
+/// Measures frames and writes the results. Returns false if no graph could be drawn.
 fn measure_frames(args: &Args, device: &Backend, origin: Origin, work: &Work) -> Result<bool> {
     let mut report = Report { origin, scenes: Vec::new(), rows: Vec::new() };
     for (index, given) in work.cameras.iter().enumerate() {
@@ -138,7 +138,7 @@ fn write_plot(folder: &Path, name: &str, plot: &Plot) -> Result<()> {
     Ok(plot.image()?.save(&folder.join(format!("{name}.png")))?)
 }
 
-/// Measures sorts, and writes the results. Returns false if nothing could be sorted.
+/// Measures sorts and writes the results. Returns false if no sort could be run.
 fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> {
     let usual = sort::usual_pairs();
     let pairs = if args.pairs.is_empty() { &usual } else { &args.pairs };
@@ -180,7 +180,7 @@ fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
         }
         if !args.set.is_empty() {
             let facts = facts::facts(&scene, &device.facts, size);
-            // What cannot be built here is a result, too.
+            // A graph that cannot be built on this device becomes a row of the report.
             let plan = planner.plan(pipeline, &args.set, &facts, &catalog);
             let found = plan.map(|plan| without_effect(&plan, &args.set)).unwrap_or_default();
             found.iter().for_each(|(_, text)| say(format!("{pipeline}: {text}")));
@@ -199,7 +199,7 @@ fn write_json(args: &Args, report: &impl Serialize, last: bool) -> Result<()> {
     }
 }
 
-/// Prints the tables, to standard error if the JSON goes to standard output.
+/// Prints the tables to standard output, or to standard error if the JSON goes to standard output.
 fn show(args: &Args, text: &str) -> Result<()> {
     if args.json.as_deref().is_some_and(is_standard_output) {
         say(text.trim_end());
@@ -221,25 +221,25 @@ fn measure_scene(
     let candidates = args.pipelines.iter().map(|pipeline| Setting::of_graph(pipeline, &args.set)).collect();
     let wanted = Wanted { candidates, splats: args.splats.clone(), sizes: args.sizes() };
     let subject = Subject { device, name, scene: scene.into(), cameras };
-    // A run that is cut short leaves what it has measured.
+    // Write the JSON after each measurement, so that an interrupted run keeps its results.
     let mut kept = |report: &Report| write_json(args, report, false);
     study(&subject, &wanted, report, &mut kept, &mut Console::default())?;
     Ok(())
 }
 
 impl Args {
-    /// Lists the picture sizes; a single `None`, for the cameras' own sizes, without `--sizes`.
+    /// Lists the picture sizes. Without `--sizes`, the list is a single `None`: each camera keeps its own size.
     fn sizes(&self) -> Vec<Option<(u32, u32)>> {
         if self.sizes.is_empty() { vec![None] } else { self.sizes.iter().copied().map(Some).collect() }
     }
 }
 
-/// The inputs of a run, known before the device is opened.
+/// Inputs of a run that are known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
-    /// Cameras from the command line for each scene; `None` for the scene's own. The demo scene has one entry.
+    /// Cameras from the command line, one entry per scene; `None` for the scene's own. The demo scene has one entry.
     cameras: Vec<Option<Vec<Camera>>>,
-    /// For each scene, the unique part of its files' names.
+    /// File name stems, one per scene and unique.
     stems: Vec<String>,
 }
 
@@ -265,7 +265,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
         [] => vec!["demo".into()],
         scenes => scenes.iter().map(|path| table::scene_name(&path.to_string_lossy())).collect(),
     };
-    // The longest text around it: `splats-NAME-32768x32768.svg`.
+    // `splats-NAME-32768x32768.svg` is the longest file name: 24 bytes besides the stem.
     let stems = names::unique(&scene_names, MAX_NAME_BYTES - 24);
     claim_files(args, &stems)?;
     let cameras = |index: usize| {
@@ -275,7 +275,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
     Ok(Work { cameras: (0..scenes).map(cameras).collect::<Result<_, _>>()?, stems })
 }
 
-/// Returns an error if a list has duplicates.
+/// Rejects duplicates in the values of an option; `text` formats a value for the message.
 fn once<T: PartialEq>(option: &str, list: &[T], text: impl Fn(&T) -> String) -> Result<(), Usage> {
     let again = list.iter().enumerate().find(|(at, item)| list[..*at].contains(item));
     match again {

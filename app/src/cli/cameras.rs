@@ -1,4 +1,4 @@
-//! Finds the cameras of a command: those of `--cameras`, or the first camera of the file beside the scene.
+//! Finds the cameras of a command: from `--cameras`, or the first camera of the file beside the scene.
 
 use super::outcome::Usage;
 use crate::draw::camera;
@@ -7,14 +7,14 @@ use anyhow::Result;
 use splatgraph_assets::{Camera, CameraError, Dataset};
 use std::path::{Path, PathBuf};
 
-/// Returns the file with the cameras if `--cameras` is missing; see [`camera::beside`].
+/// Returns the camera file beside the scene if `--cameras` is not given; see [`camera::beside`].
 fn beside(spec: Option<&str>, scene: Option<&Path>) -> Option<PathBuf> {
     scene.filter(|_| spec.is_none()).and_then(camera::beside)
 }
 
 /// Loads all cameras of `--cameras`, or else the first camera of the file beside the scene.
 ///
-/// The use of a file beside the scene is reported. If it cannot be read or holds no cameras, it is ignored.
+/// Reports that it uses a file beside the scene. If that file cannot be read or holds no cameras, returns `None`.
 ///
 /// # Errors
 /// The file of `--cameras` cannot be read, or holds no cameras.
@@ -41,7 +41,7 @@ pub fn load(spec: Option<&str>, scene: Option<&Path>) -> Result<Option<Vec<Camer
     }
 }
 
-/// Adds the cameras' file to the inputs.
+/// Registers the camera file as an input, so that no output can overwrite it.
 pub fn claim(guard: &mut OutputGuard, spec: Option<&str>, scene: Option<&Path>) -> Result<(), Usage> {
     if let Some(spec) = spec {
         return claim_file(guard, spec);
@@ -84,7 +84,9 @@ pub fn tell_off_center(dataset: &Dataset) {
     }
 }
 
-/// Adds the file of `FILE` or `FILE#INDEX` to the inputs. A file's own name may contain a `#`. JSON text has no file.
+/// Registers the file of `FILE` or `FILE#INDEX` as an input. JSON text has no file.
+///
+/// The file's own name may contain a `#`.
 pub fn claim_file(guard: &mut OutputGuard, cameras: &str) -> Result<(), Usage> {
     if is_json(cameras) {
         return Ok(());
@@ -142,7 +144,7 @@ mod tests {
         assert_eq!(said(" []"), "--cameras has no cameras");
         let whole = one.replace("\"fx\"", "\"fy\": 6.0, \"fx\"");
         assert_eq!(parse(&format!("[{whole}]")).unwrap()[0].fy, 6.0);
-        // A file's name that looks like JSON.
+        // A file name that looks like JSON.
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("[1].json");
         assert!(!is_json(&file.to_string_lossy()));
@@ -175,7 +177,7 @@ mod tests {
                 background: [0.0; 3],
                 output: Path::new("out.png"),
             }.line();
-            // The shell's words, without a shell for each of hundreds of lines.
+            // Extract the argument by hand: starting a shell for each of hundreds of lines is slow.
             let json = line.split("--cameras '").nth(1).and_then(|rest| rest.split("' --size").next());
             let json = json.expect("a quoted word").replace("'\\''", "'");
             let read = parse(&json).expect("the camera is read");

@@ -68,9 +68,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let devices = args.device.iter().map(|device| On::named(device)).collect::<Result<Vec<_>>>()?;
     let smallest: Vec<On> = facts::SUBGROUP_SIZES.iter().map(|lanes| On::smallest(*lanes)).collect();
-    // Each named device is checked by itself, the smallest one in all widths of subgroups together.
+    // Each named device is checked on its own; the smallest device is checked with all subgroup widths together.
     let groups: Vec<&[On]> = if devices.is_empty() { vec![&smallest] } else { devices.chunks(1).collect() };
-    // One for all: graphs share most of their shaders.
+    // One planner for all graphs, which share most of their shaders.
     let mut planner = Planner::default();
     let mut outcome = Outcome::Done;
     let mut all = Vec::new();
@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             Ok(Verdict::Right(lines) | Verdict::Lacking(lines)) => {
                 options::print(&format!("{title}: {lines}"))?
             }
-            // Not the graph's fault: the solver's.
+            // A violation is a bug of the solver, not of the graph.
             Ok(Verdict::Wrong(violations)) => {
                 say(violations);
                 options::print(&format!(
@@ -118,7 +118,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// A device for which graphs are checked.
 struct On {
-    /// Name of the device. The least capable supported device is named by the number of lanes in its subgroups.
+    /// Device name. For the least capable supported device, it is the number of lanes in a subgroup.
     name: String,
     facts: DeviceFacts,
     storage_buffers: Option<usize>,
@@ -198,18 +198,18 @@ fn as_json(
 /// The result of checking a graph that has no errors.
 #[derive(Debug)]
 enum Verdict {
-    /// The graph is correct; the text summarises it.
+    /// The graph is correct. Holds a summary.
     Right(String),
-    /// The requirements that a device of the command line does not meet.
+    /// A device named on the command line does not meet the graph's requirements. Holds the unmet requirements.
     Lacking(String),
-    /// The graph is wrong; the text lists the violations that the oracle found.
+    /// The oracle found violations. Holds their list.
     Wrong(String),
 }
 
 /// The verdict on a graph, or its errors.
 type CheckResult = Result<Verdict, GraphErrors>;
 
-/// The warnings about a plan, rendered with the source text and as plain data.
+/// Warnings about a plan, as rendered text with source lines and as plain data.
 struct Warning {
     text: String,
     plain: Vec<PlainDiagnostic>,
@@ -222,12 +222,13 @@ struct Verified {
     line: String,
 }
 
-/// Builds a graph for each device, because graphs may depend on its facts, and verifies each plan.
+/// Builds a graph for each device, because graphs may depend on device facts, and verifies each plan.
 ///
 /// Returns a verdict with a line for each group of devices with equal counts. If a device has violations or errors,
-/// returns those of the first such device instead. If the smallest device does not meet the graph's requirements, its
-/// line says so, and nothing is built for it. Each warning is passed to `warn` once. A warning about a parameter
-/// without an effect is printed, and names the devices.
+/// returns those of the first such device instead. If the smallest device does not meet the graph's requirements, the
+/// line lists them and no plan is built.
+///
+/// Each warning is passed to `warn` once. A warning about a parameter without an effect also names the devices.
 fn check(
     planner: &mut Planner,
     graph: &str,
@@ -250,7 +251,7 @@ fn check(
         if let Some(line) = fallback.clone().filter(|_| on.is_named && is_unmet) {
             return Ok(Verdict::Lacking(line));
         }
-        // For a named device, the fallback of the graph is built.
+        // A named device that meets the requirements gets a plan with fallbacks; the smallest device gets no plan.
         if let Some(line) = fallback.clone().filter(|_| !on.is_named) {
             match unsuited.iter_mut().find(|(_, other)| *other == line) {
                 Some((all, _)) => all.push(lanes.clone()),
@@ -315,9 +316,9 @@ fn check(
     Ok(Verdict::Right(verdict.to_owned() + &found.chain(unsuited).map(line).collect::<String>()))
 }
 
-/// Describes the requirements of a graph that the device does not meet, and the fallbacks.
+/// Describes the graph's requirements that a device does not meet, and the fallbacks that it uses.
 ///
-/// `None` if all requirements are met.
+/// `None` if the device meets all requirements.
 fn lacking(Standing { fallbacks, unmet }: Standing) -> Option<String> {
     let mut parts: Vec<String> = Fallback::lacking(&fallbacks).map(ToString::to_string).collect();
     if !unmet.is_empty() {
@@ -339,7 +340,7 @@ fn is_same(a: &Plan, b: &Plan) -> bool {
         && a.passes.iter().zip(&b.passes).all(|(a, b)| a.work == b.work)
 }
 
-/// Returns the imports and the facts of a nominal scene with `splats` splats.
+/// Returns the imports and the scene facts of a nominal scene with `splats` splats.
 fn nominal(splats: u64) -> (Catalog, SceneFacts) {
     let mut catalog = options::nominal_catalog();
     for attribute in catalog.attributes.values_mut() {
@@ -348,7 +349,7 @@ fn nominal(splats: u64) -> (Catalog, SceneFacts) {
     (catalog, SceneFacts { count: splats, ..SceneFacts::NOMINAL })
 }
 
-/// Returns the memory needs of a graph that is correct but too large for the device; `None` otherwise.
+/// Returns the memory that a correct graph needs if the device has too little; `None` otherwise.
 fn too_large(
     planner: &mut Planner,
     graph: &str,
@@ -362,12 +363,12 @@ fn too_large(
     (!fit.fits).then_some(fit)
 }
 
-/// Verifies a plan: checks the dependencies, replays it with its barriers, and tries every mutation of these.
+/// Verifies a plan: checks its dependencies, replays it with its barriers, and tries every mutation of the barriers.
 ///
-/// Returns the counts as text.
+/// Returns a summary with the counts.
 ///
 /// # Errors
-/// The text lists what is missing or needless.
+/// The text lists missing and needless barriers.
 fn verify(plan: &Plan, barriers: &Barriers) -> Result<String, String> {
     let objections = oracle::dependencies(plan);
     let mut problems: Vec<String> = objections.iter().map(|objection| objection.describe(plan)).collect();

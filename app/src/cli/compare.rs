@@ -61,9 +61,9 @@ fn positive(text: &str) -> Result<f32, String> {
 /// The differences between two pictures of a pair.
 struct Found {
     all: Comparison,
-    /// FLIP of the original values.
+    /// FLIP error of the unrounded values.
     flip: f64,
-    /// FLIP of the values rounded to 8 bits.
+    /// FLIP error of the values rounded to 8 bits.
     flip_8_bits: f64,
 }
 
@@ -92,10 +92,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     printed.map(|()| outcome)
 }
 
-/// The pictures to compare, and the files to which their differences are written.
+/// Pictures to compare, and the files for their differences.
 pub(super) struct Work {
     pairs: Vec<Pair>,
-    /// True if folders or archives are compared.
+    /// True if the arguments are folders or archives.
     folders: bool,
     /// One file per pair for its differences; empty without `--diff`.
     diffs: Vec<PathBuf>,
@@ -125,7 +125,7 @@ pub(super) fn prepare(args: &Args) -> Result<Work> {
             .into());
         }
         Some(out) if folders => {
-            // Names of an archive's arrays are any text.
+            // Array names in an archive may be any text.
             let names: Vec<String> = pairs.iter().map(|pair| pair.name.clone()).collect();
             let names = names::unique(&names, MAX_NAME_BYTES - ".png".len());
             names.iter().map(|name| out.join(format!("{name}.png"))).collect()
@@ -180,7 +180,7 @@ fn compare(args: &Args) -> Result<(String, Outcome)> {
     Ok((text, if below { Outcome::Failed } else { Outcome::Done }))
 }
 
-/// The pictures to which an argument refers.
+/// Picture or pictures that an argument names.
 enum Pictures {
     One(PathBuf),
     /// Pictures of a folder by name without extension, or arrays of an archive by name.
@@ -208,7 +208,7 @@ impl Pictures {
         for entry in entries {
             let file = entry.with_context(|| format!("{}: cannot be read", path.display()))?.path();
             let Some(stem) = file.file_stem().and_then(|s| s.to_str()) else { continue };
-            // Other files, such as statistics, may lie there too.
+            // The folder may hold other files, such as statistics.
             if Format::of(&file).is_none() {
                 continue;
             }
@@ -244,7 +244,7 @@ fn pairs(args: &Args, a: BTreeMap<String, PathBuf>, b: BTreeMap<String, PathBuf>
     bail!("these pictures have no partner:{}{hint}", list.concat());
 }
 
-/// Pictures by the key that matches them, each with its name and file.
+/// Pictures of one side, by the key that pairs them with the other side. A value is a name and a file.
 type Keyed = BTreeMap<(u64, String), (String, PathBuf)>;
 
 fn plain(pictures: BTreeMap<String, PathBuf>) -> Keyed {
@@ -274,13 +274,13 @@ fn cannot(pair: &Pair) -> String {
 fn load(pair: &Pair) -> Result<(Image<f64>, Image<f64>)> {
     let sizes = (Image::size_of(&pair.a)?, Image::size_of(&pair.b)?);
     if sizes.0 != sizes.1 {
-        // As the comparison would, but before either is decoded.
+        // Compare the sizes before decoding either picture.
         let ((a_width, a_height), (b_width, b_height)) = sizes;
         let error = MetricError::Sizes { a_width, a_height, b_width, b_height };
         return Err(anyhow::Error::new(error).context(cannot(pair)));
     }
     let ((a, a_depth), (b, b_depth)) = (Image::load_wide(&pair.a)?, Image::load_wide(&pair.b)?);
-    // A level stands for the float nearest to it, in the precision of the other picture.
+    // Convert each integer level to the nearest float of the other picture's precision.
     Ok(match (a_depth, b_depth) {
         (Depth::Levels(greatest), Depth::Double) => (a.levels(greatest).clamped(), b.clamped()),
         (Depth::Double, Depth::Levels(greatest)) => (a.clamped(), b.levels(greatest).clamped()),
@@ -380,7 +380,7 @@ mod tests {
         Image { width: 12, height: 12, rgb: vec![[value; 3]; 144] }
     }
 
-    /// Makes two folders of pictures, each with name and grey value.
+    /// Makes two folders of pictures. Each entry is a name and a grey value.
     fn folders(a: &[(&str, f32)], b: &[(&str, f32)]) -> (tempfile::TempDir, PathBuf, PathBuf) {
         let root = tempfile::tempdir().unwrap();
         let folder = |name: &str, pictures: &[(&str, f32)]| {
@@ -403,7 +403,7 @@ mod tests {
     fn folders_are_matched_by_stem_whatever_the_format_and_the_worst_decides() {
         let (_root, a, b) = folders(&[("x.npy", 0.5), ("y.exr", 0.5)], &[("x.exr", 0.5), ("y.png", 0.6)]);
         std::fs::write(a.join("stats.json"), "{}").unwrap();
-        // 0.6 in 8 bits is 153 / 255; a difference of a tenth is 20 dB.
+        // 0.6 rounded to 8 bits is exactly 153 / 255. A difference of 0.1 is 20 dB.
         assert_eq!(compared(&a, &b, &["--min-psnr", "19.9"]).unwrap(), Outcome::Done);
         assert_eq!(compared(&a, &b, &["--min-psnr", "20.1"]).unwrap(), Outcome::Failed);
     }
@@ -428,7 +428,7 @@ mod tests {
         let json: Value = serde_json::from_str(&said("a.npy", "b.npy", &["--json"])).unwrap();
         assert!(json["identical"] == false && json["flip"].as_f64() > Some(0.0), "{json}");
         assert_eq!(json["flip_8_bits"], 0.0, "{json}");
-        // 51 / 255 is 0.2, whichever float stores it.
+        // 51 / 255 is 0.2 in single and in double precision.
         grey(0.2).save(&path("single.npy")).unwrap();
         grey(0.2).save(&path("levels.png")).unwrap();
         for name in ["a.npy", "single.npy"] {
@@ -480,7 +480,7 @@ mod tests {
         let (a, b) = (a.join("x.npy"), b.join("x.npy"));
         let wide = Image { width: 13, height: 12, rgb: vec![[0.5; 3]; 156] };
         wide.save(&b).unwrap();
-        // Neither has all of its pixels, which a decoder would say.
+        // Neither file holds all its pixels, so decoding it would report another error.
         for path in [&a, &b] {
             let bytes = std::fs::read(path).unwrap();
             std::fs::write(path, &bytes[..200]).unwrap();

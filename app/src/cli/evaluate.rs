@@ -77,16 +77,16 @@ pub struct Args {
     pub device: DeviceArgs,
 }
 
-/// A view, with the file of its photograph.
+/// A camera of the dataset, with its photograph.
 #[derive(Debug)]
 struct View {
     name: String,
     photograph: PathBuf,
-    /// The camera, with the size of the picture.
+    /// Camera, at the size of the picture to draw.
     camera: Camera,
 }
 
-/// The views to score, and a file name for each.
+/// Views to score, and a file name stem for each.
 #[derive(Debug)]
 pub(super) struct Work {
     views: Vec<View>,
@@ -167,14 +167,14 @@ fn picture(output: &Path, folder: &str, stem: &str) -> PathBuf {
     output.join(folder).join(format!("{stem}.png"))
 }
 
-/// A renderer, with the scene that it draws.
+/// A renderer and its scene.
 enum Drawer {
     Device(Box<Session<Backend>>),
     Reference(Arc<Scene>),
 }
 
 impl Drawer {
-    /// Opens the device, and meanwhile loads the scene unless it is given.
+    /// Opens the device and loads the scene at the same time. A given scene is not loaded again.
     fn open(args: &Args, scene: Option<Arc<Scene>>) -> Result<Drawer> {
         let load = |cancel: &_| {
             scene.map_or_else(|| options::load_scene_unless(cancel, &args.scene).map(Arc::new), Ok)
@@ -191,7 +191,7 @@ impl Drawer {
         Ok(Drawer::Device(Box::new(Session::new(device, scene, &args.pipeline, &args.set))))
     }
 
-    /// Draws a view; its camera is in world coordinates.
+    /// Draws a view from a camera in world coordinates. `background` is display-encoded RGB.
     fn draw(&mut self, camera: &Camera, background: [f32; 3]) -> Result<Image> {
         match self {
             Drawer::Reference(scene) => {
@@ -362,10 +362,10 @@ impl job::Work for Views {
     }
 }
 
-/// Name of the command, in the descriptions of shared folders.
+/// Command name in the `job.json` of shared folders.
 pub const COMMAND: &str = "evaluate";
 
-/// Name of the file with a dataset's scores, in the form that `--json` prints.
+/// File name of a dataset's scores, in the format of `--json`.
 const SCORES: &str = "scores.json";
 
 /// Prints the scores that several processes computed, and writes them as JSON.

@@ -137,7 +137,7 @@ fn view(subject: &Subject<Backend>) -> String {
     )
 }
 
-/// Makes the guard of the command line's files. An error means that the page would overwrite an input.
+/// Registers the inputs and the page. An error means that the page would overwrite an input.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let common = args.kind.common();
     let mut guard = options::claim_inputs(common.scene.as_deref(), common.cameras.as_deref())?;

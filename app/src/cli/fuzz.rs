@@ -1,4 +1,4 @@
-//! Parses and checks random command lines, as far as no device is needed. None may panic, hang, or change a file.
+//! Parses and checks random command lines without a device. No check may panic, hang, or change a file.
 
 #[path = "../../../tests/files/words.rs"]
 mod words;
@@ -17,7 +17,7 @@ use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-/// Number of lines in the long run, and in the default run.
+/// Number of command lines in the long run, and in the default run.
 const LINES: (u64, u64) = (100_000, 3_000);
 
 /// Runs the checks of a command that precede its work.
@@ -48,7 +48,7 @@ fn check(command: &Command) -> Result<()> {
     }
 }
 
-/// Fills a folder with the files that the words name.
+/// Creates the files that the generated command lines name.
 fn prepared(folder: &Path) {
     let at = |name: &str| folder.join(name);
     let scene = generate("demo", 20, 0).unwrap();
@@ -93,7 +93,7 @@ fn no_command_line_panics_before_its_work_or_changes_a_file() {
     let before = files(folder.path());
     let [mut refused, mut usage, mut failed, mut fine] = [0u32; 4];
     for number in 0..lines {
-        // The working directory is the process's, which other tests use: files are named in full.
+        // Other tests share this process's working directory, so files are named by absolute path.
         let words =
             words::line(&mut words::Random(number)).into_iter().map(|word| in_folder(folder.path(), &word));
         let words: Vec<String> = ["splatgraph".to_owned()].into_iter().chain(words).collect();
@@ -112,7 +112,7 @@ fn no_command_line_panics_before_its_work_or_changes_a_file() {
             assert!(files(folder.path()) == before, "a line up to {number} changes files");
         }
     }
-    // Not by `eprintln!`, which is kept back in tests that pass.
+    // `eprintln!` is captured in tests that pass.
     let _ = writeln!(
         std::io::stderr(),
         "command lines: {lines}: {refused} refused by the parser, {usage} by the checks, {failed} failed, {fine} fine"
@@ -121,7 +121,7 @@ fn no_command_line_panics_before_its_work_or_changes_a_file() {
     assert!(options::size("1x1").is_ok());
 }
 
-/// Replaces the file names of a word by paths in this folder; other words stay.
+/// Replaces the file names in a word by paths in `folder`; other words stay unchanged.
 fn in_folder(folder: &Path, word: &str) -> String {
     let (option, value) = match word.split_once('=') {
         Some((option, value)) if option.starts_with('-') => (format!("{option}="), value),

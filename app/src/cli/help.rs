@@ -14,7 +14,7 @@ pub fn domain(domain: &Domain) -> String {
 
 /// Formats a list of names and descriptions in two columns, for the help text.
 pub fn two_columns(rows: Vec<(String, String)>) -> String {
-    /// Width in columns up to which clap does not wrap the text on common terminals.
+    /// Width of the table, in columns. clap does not wrap it in common terminals.
     const COLUMNS: usize = 98;
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     let mut lines: Vec<String> = Vec::new();

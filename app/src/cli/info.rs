@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let mut device = match args.device.as_deref() {
         Some(wanted) => options::target(Some(wanted))?,
-        // Without a device, the least capable supported one is assumed.
+        // Without a device, assume the least capable supported one.
         None => options::target(None).unwrap_or_else(|_| Target::nominal()),
     };
     let catalog = facts::catalog(&scene);
@@ -93,7 +93,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             (Some(choice).filter(|choice| limit.is_some() || choice.set.is_some()), Some(plan))
         }
         Some(Err(error)) if limit.is_some() => return Err(error.into_error()),
-        // Without a limit, the report says what does not fit.
+        // Without a memory limit, report the parts that do not fit.
         _ => (None, None),
     };
     set.extend(chosen.iter().filter_map(|choice| choice.set.clone()));
@@ -104,7 +104,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Wanted { graph: &args.drawing.pipeline, set: &set, scene: scene_facts, catalog: &catalog, size };
     let (plan, fit) = fit::fit(&mut planner, &wanted, &device, built)?;
     let mut fits = vec![fit];
-    // Other machines may have smaller devices.
+    // Also report the fit for the smallest supported device, which another machine may have.
     if args.device.is_none()
         && limit.is_none()
         && device != Target::nominal()

@@ -1,10 +1,12 @@
 //! Shares the views of a command among processes, through a folder.
 //!
-//! The views of `render`, `trade`, `sweep` and `evaluate` are independent. Each leaves a result file, which is either
-//! complete or absent. Therefore, any number of processes may share them, in any order: `--shard 2/8` does every eighth
-//! view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view with a result is not
-//! done again. `job.json` in the folder names the views and all inputs that determine their results; a job with another
-//! description is rejected. `merge` reads it, joins the results, and names the missing ones.
+//! The views of `render`, `trade`, `sweep` and `evaluate` are independent. Each view leaves a result file, which is
+//! either complete or absent. Therefore, any number of processes may share the views, in any order: `--shard 2/8` does
+//! every eighth view, and the Python package distributes views to the workers of a cluster ([`Job`]). A view with a
+//! result is not done again.
+//!
+//! `job.json` in the folder names the views and all inputs that determine their results. A job with another description
+//! is rejected. `merge` reads the description, joins the results, and names the missing ones.
 
 use super::outcome::{Outcome, Usage};
 use crate::draw::session::Session;
@@ -27,7 +29,7 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Lists the indices of the shard's views, out of `of` views.
+    /// Lists the indices of the shard's views; `of` is the total number of views.
     fn views(self, of: usize) -> Vec<usize> {
         (self.index..of).step_by(self.count).collect()
     }
@@ -57,10 +59,10 @@ pub struct ShardArgs {
     pub shard: Option<Shard>,
 }
 
-/// The inputs that determine the results of views, each with a name for messages.
+/// Inputs that determine the results of views, by the name that messages show.
 pub type Origin = Map<String, Json>;
 
-/// A command with views that several processes can share.
+/// A command whose views several processes can share.
 pub trait Work: Send {
     /// Returns the command's name.
     fn command(&self) -> &'static str;
@@ -71,7 +73,7 @@ pub trait Work: Send {
     /// Returns the file names of the views, which are unique and have no extension.
     fn views(&self) -> &[String];
 
-    /// Returns the path of a view's result within the folder. The file is written after all other files of the view.
+    /// Returns the path of a view's result, relative to the folder. The result is the last file written for a view.
     fn file(&self, view: &str) -> PathBuf;
 
     /// Loads the scene and opens the device. Returns the inputs that determine the results.
@@ -80,7 +82,7 @@ pub trait Work: Send {
     /// The scene cannot be loaded, or there is no device.
     fn open(&mut self) -> Result<Origin>;
 
-    /// Does the views with these indices, and writes their files.
+    /// Does the views with these indices and writes their files.
     ///
     /// # Errors
     /// A view failed. Close and reopen the work before the next call.
@@ -93,16 +95,16 @@ pub trait Work: Send {
 /// Name of the file that describes the results in a folder.
 const MANIFEST: &str = "job.json";
 
-/// The description of the results in a folder.
+/// Description of the results in a folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// Name of the command.
+    /// Command name, for example `render`.
     pub command: String,
     /// The inputs that determine the results.
     pub origin: Origin,
     /// The file names of the views, without extension.
     pub views: Vec<String>,
-    /// The path within the folder of each view's result.
+    /// Result file of each view, relative to the folder.
     pub files: Vec<PathBuf>,
 }
 
@@ -119,10 +121,10 @@ impl Manifest {
             .with_context(|| format!("{}: expected the description of a job", path.display()))
     }
 
-    /// Writes the description into a folder, or checks that the folder has the same one.
+    /// Writes the description into a folder, or checks that the folder has an equal one.
     ///
     /// # Errors
-    /// The folder has results of another request.
+    /// The folder has results of another request, or the file cannot be written.
     fn claim(&self, folder: &Path) -> Result<()> {
         let path = folder.join(MANIFEST);
         let text = format!("{:#}\n", serde_json::to_value(self)?);
@@ -140,7 +142,7 @@ impl Manifest {
             Err(_) => {}
         }
         if let Some(file) = self.files.iter().map(|file| folder.join(file)).find(|file| file.exists()) {
-            // Unless another process has described the folder meanwhile.
+            // Another process may have written the description in the meantime.
             if !path.exists() {
                 bail!(
                     "expected an empty folder, or one with the {MANIFEST} of this request, found {}",
@@ -151,7 +153,7 @@ impl Manifest {
         Ok(output::write_bytes(&path, text.as_bytes())?)
     }
 
-    /// Rejects a folder with the results of shared views, because new pictures would not match its description.
+    /// Rejects a folder that holds the results of shared views: new pictures would not match its description.
     ///
     /// # Errors
     /// The folder has a description.
@@ -165,7 +167,7 @@ impl Manifest {
         }
     }
 
-    /// Lists the inputs that differ from another description's, for messages.
+    /// Names the inputs that differ from another description's.
     pub fn changes(&self, other: &Manifest) -> Vec<String> {
         if self.command != other.command {
             return vec!["command".into()];
@@ -181,18 +183,18 @@ impl Manifest {
     }
 }
 
-/// The outcome of a run over some views, which are given by index.
+/// Outcome of a run over some views. Views are given by index.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ran {
-    /// Views that were done.
+    /// Views that this run completed.
     pub done: Vec<usize>,
-    /// Views that already had results.
+    /// Views that were skipped because they had results.
     pub kept: Vec<usize>,
     /// Views that failed, each with the reason.
     pub failed: Vec<(usize, String)>,
 }
 
-/// The views of a command, which one process does in any order.
+/// The views of a command, to be done by this process in any order.
 pub struct Job {
     work: Box<dyn Work>,
     opened: bool,
@@ -200,7 +202,7 @@ pub struct Job {
 }
 
 impl Job {
-    /// Makes the job of a command. The first [`Job::run`] loads the scene and opens the device.
+    /// Wraps the views of a command. The first [`Job::run`] loads the scene and opens the device.
     pub fn new(work: Box<dyn Work>) -> Job {
         Job { work, opened: false, messages: Vec::new() }
     }
@@ -210,7 +212,7 @@ impl Job {
         self.work.views()
     }
 
-    /// Does the views that have no result yet. A view that fails does not stop the others.
+    /// Does the views that have no result yet. A failed view does not stop the others; see [`Ran::failed`].
     ///
     /// # Errors
     /// The scene cannot be loaded, there is no device, or the folder has results of another request.
@@ -226,7 +228,7 @@ impl Job {
             false => true,
         });
         while !missing.is_empty() {
-            // Frames are in flight while others are written, so that an error does not tell its view.
+            // Several frames are in flight, so an error does not identify its view. After one, views are drawn singly.
             if missing.len() > 1 && self.draw(&missing).is_ok() {
                 ran.done.append(&mut missing);
                 break;
@@ -278,7 +280,7 @@ impl Job {
     }
 }
 
-/// Does the views of a shard, and reports the failures.
+/// Does the views of a shard and reports the failures.
 ///
 /// # Errors
 /// See [`Job::run`].
@@ -303,7 +305,7 @@ pub fn run(work: Box<dyn Work>, shard: Shard, validate: bool) -> Result<Outcome>
     Ok(if failed.is_empty() { outcome } else { Outcome::Failed })
 }
 
-/// Formats an error with its causes, without repetitions.
+/// Formats an error and its causes, each distinct text once.
 fn reason(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
@@ -314,12 +316,12 @@ fn reason(error: &anyhow::Error) -> String {
     text
 }
 
-/// Returns the path within the folder of a view's result, for commands with results other than pictures.
+/// Returns a view's result file, relative to the folder, for commands whose results are not pictures.
 pub fn part(view: &str) -> PathBuf {
     Path::new("parts").join(format!("{view}.json"))
 }
 
-/// Writes a view's result, for commands with results other than pictures.
+/// Writes a view's result as JSON, for commands whose results are not pictures.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -328,10 +330,10 @@ pub fn write_part(folder: &Path, view: &str, result: &impl Serialize) -> Result<
     Ok(output::write_bytes(&folder.join(part(view)), text.as_bytes())?)
 }
 
-/// Returns the inputs that determine pictures of a scene. `session` must be prepared.
+/// Returns the inputs that determine the pictures of a scene and a graph. `session` must be prepared.
 ///
 /// # Errors
-/// The program's file cannot be read.
+/// The program's executable cannot be read.
 pub fn origin_of<D: Device>(
     session: &Session<D>,
     cameras: &Json,
@@ -348,17 +350,17 @@ pub fn origin_of<D: Device>(
     Ok(origin)
 }
 
-/// Returns the inputs that determine pictures of a scene, except for the graph. `scene` is the scene's hash.
+/// Returns the inputs that determine the pictures of a scene, except for the graph. `scene` is the scene's hash.
 ///
 /// # Errors
-/// The program's file cannot be read.
+/// The program's executable cannot be read.
 pub fn origin(scene: u64, cameras: &Json) -> Result<Origin> {
     let program = program::hash().context("the program's file cannot be read")?;
     let origin = json!({ "program": program, "scene": format!("{scene:016x}"), "cameras": cameras });
     Ok(origin.as_object().cloned().unwrap_or_default())
 }
 
-/// Rejects options that do not apply to a share of the views.
+/// Rejects options that do not apply to a share of the views. Each entry is an option, and true if it is given.
 ///
 /// # Errors
 /// One of the options is given.
@@ -386,7 +388,7 @@ mod tests {
         }
     }
 
-    /// Views of which some fail, and which writes as it draws.
+    /// Test work: some views fail, and each view is written as it is drawn.
     struct Some(PathBuf, Vec<String>, &'static [usize], Cell<u32>);
 
     impl Work for Some {

@@ -9,11 +9,11 @@ use std::path::Path;
 /// A device for which graphs can be built.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownDevice {
-    /// Name in the catalogue, or name of the file.
+    /// Name in the catalogue, or of the file.
     pub name: String,
-    /// Facts of the device, as graphs see them.
+    /// Device facts that graphs can read.
     pub facts: DeviceFacts,
-    /// Maximum number of storage buffers in one shader; `None` if graphs cannot exceed it.
+    /// Maximum number of storage buffers in one shader; `None` if no graph can exceed the limit.
     pub storage_buffers: Option<usize>,
     /// Publication that states the limits.
     pub source: &'static str,
@@ -21,8 +21,8 @@ pub struct KnownDevice {
 
 /// Lists the devices of the catalogue.
 ///
-/// A family of devices has the smallest limits of its members. Unpublished limits are those of the least capable
-/// supported device.
+/// An entry for a family of devices has the smallest limits of its members. An unpublished limit is taken from the
+/// least capable supported device.
 pub fn catalogue() -> Vec<KnownDevice> {
     let portable = facts::portable_device;
     let integers =
@@ -96,7 +96,7 @@ pub fn catalogue() -> Vec<KnownDevice> {
     ]
 }
 
-/// Finds a device by its name in the catalogue, or in a file of facts; `None` if there is neither.
+/// Finds a device by name in the catalogue, or reads a file of device facts; `None` if there is neither.
 ///
 /// # Errors
 /// The file does not contain the facts of a device.
@@ -112,9 +112,9 @@ pub fn find(wanted: &str) -> Result<Option<KnownDevice>> {
     from_json(wanted, &text).with_context(|| format!("{wanted} does not describe a device")).map(Some)
 }
 
-/// Parses facts as `splatgraph devices --json` writes them: a list of devices, one device, or its facts alone.
+/// Parses device facts: a list of devices, one device, or the facts alone.
 ///
-/// A list gives its first device.
+/// `splatgraph devices --json` writes the list. Of a list, only the first device is read.
 fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
     let value: Value = serde_json::from_str(text)?;
     let device = match &value {
@@ -128,7 +128,7 @@ fn from_json(name: &str, text: &str) -> Result<KnownDevice> {
     Ok(KnownDevice { name, facts: read(facts)?, storage_buffers: None, source: "a file" })
 }
 
-/// Converts facts, by their names in graphs. Missing facts are those of the least capable supported device.
+/// Reads facts by the names that graphs use. A missing fact is taken from the least capable supported device.
 fn read(named: &Map<String, Value>) -> Result<DeviceFacts> {
     let mut facts = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
     for (name, value) in named {

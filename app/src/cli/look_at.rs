@@ -1,4 +1,4 @@
-//! Makes cameras from a point to look from and a point to look at, and circles of cameras.
+//! Makes cameras from an eye and a target, and circles of cameras.
 
 use super::outcome::Usage;
 use crate::draw::facts;
@@ -37,7 +37,8 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
     values.ok_or_else(|| "expected three numbers, for instance 1,-0.5,2".into())
 }
 
-/// Parses a field of view, in degrees. A fisheye's may be as large as the circle; [`LookAtArgs::circle`] checks the others.
+/// Parses a field of view, in degrees, up to 360 for a fisheye. [`LookAtArgs::circle`] checks the limit of other
+/// projections.
 fn angle(text: &str) -> Result<f64, String> {
     let angle = text.parse().ok().filter(|angle: &f64| (0.1..=360.0).contains(angle));
     angle.ok_or_else(|| "expected 0.1 to 179 degrees, or to 360 for a fisheye".into())
@@ -50,7 +51,7 @@ fn height(text: &str) -> Result<f64, String> {
 }
 
 impl LookAtArgs {
-    /// Returns the names that the cameras will have, before the scene is loaded; `None` without these options.
+    /// Returns the camera names before the scene is loaded; `None` if none of these options is given.
     pub fn names(&self) -> Option<Vec<String>> {
         match self.orbit {
             Some(count) => Some((0..count).map(|index| format!("orbit-{index:04}")).collect()),
@@ -63,12 +64,12 @@ impl LookAtArgs {
         self.eye.is_some() || self.target.is_some() || self.up.is_some() || self.fov.is_some()
     }
 
-    /// Returns the number of cameras of `--orbit`.
+    /// Returns the number of cameras of `--orbit`; `None` without that option.
     pub fn count(&self) -> Option<u32> {
         self.orbit
     }
 
-    /// Makes the cameras, in the scene's coordinates; `None` without these options.
+    /// Makes the cameras, in the scene's coordinates; `None` if none of these options is given.
     ///
     /// # Errors
     /// See [`LookAtArgs::circle`].
@@ -83,7 +84,7 @@ impl LookAtArgs {
         Ok(Some(cameras.map(|(camera, img_name)| Camera { img_name, ..camera }).collect()))
     }
 
-    /// Sets the scale of an orthographic camera to `--ortho-height`, if given.
+    /// Sets the view height of an orthographic camera to `--ortho-height`, if given.
     ///
     /// # Errors
     /// The option is given for another projection.
@@ -103,7 +104,7 @@ impl LookAtArgs {
         }
     }
 
-    /// Refuses `--ortho-height`, for the given reason.
+    /// Rejects `--ortho-height` with `reason` if the option is given.
     pub fn refuse_height(&self, reason: &str) -> Result<(), Usage> {
         match self.ortho_height {
             Some(_) => Err(Usage(format!("expected no --ortho-height, found one: {reason}"))),
@@ -111,7 +112,7 @@ impl LookAtArgs {
         }
     }
 
-    /// Makes the circle through the eye around the axis `--up`, in the scene's coordinates.
+    /// Computes the circle through the eye around the axis `--up`, in the scene's coordinates.
     ///
     /// Without `--eye`, the first camera has the position of [`framing`](super::options::framing).
     ///
@@ -142,7 +143,7 @@ impl LookAtArgs {
         Ok(Orbit { start, around: target.into(), axis: up.into() })
     }
 
-    /// Makes the first camera. The points are the eye, the target, and the direction up.
+    /// Makes the first camera from three points in world coordinates: eye, target, and up direction.
     fn start(
         &self,
         [eye, target, up]: [DVec3; 3],
@@ -168,7 +169,7 @@ impl LookAtArgs {
     }
 }
 
-/// Makes `count` cameras at equal steps of a circle, the first at its start.
+/// Makes `count` cameras at equal steps along a circle, the first at its start.
 pub fn on_circle(circle: &Orbit, count: usize) -> Vec<Camera> {
     (0..count).map(|index| Camera { id: index as i64, ..circle.at(index as f64 / count as f64) }).collect()
 }

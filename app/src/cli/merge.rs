@@ -30,7 +30,7 @@ pub struct Args {
     output: Option<PathBuf>,
 }
 
-/// Reads the descriptions of the folders, checks that they agree, and returns the first.
+/// Reads the descriptions of all folders, checks that they agree, and returns the first.
 pub(super) fn prepare(args: &Args) -> Result<Manifest> {
     let mut manifests =
         args.folders.iter().map(|folder| Manifest::read(folder)).collect::<Result<Vec<_>>>()?;
@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(if missing.is_empty() { Outcome::Done } else { Outcome::Failed })
 }
 
-/// Joins the results that exist into the files that the command writes.
+/// Joins the available results and writes the command's usual files.
 fn join(command: &str, origin: &Origin, found: &[PathBuf], args: &Args) -> Result<()> {
     let output = args.output.as_ref().unwrap_or(&args.folders[0]);
     match command {
@@ -83,7 +83,7 @@ fn join(command: &str, origin: &Origin, found: &[PathBuf], args: &Args) -> Resul
     }
 }
 
-/// Reads the results of views from JSON files.
+/// Reads one JSON result per view.
 fn parts<T: DeserializeOwned>(found: &[PathBuf]) -> Result<Vec<T>> {
     let read = |path: &PathBuf| -> Result<T> {
         let bytes = fs::read(path).with_context(|| path.display().to_string())?;

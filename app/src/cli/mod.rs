@@ -80,7 +80,7 @@ const EXAMPLES: &str = "  splatgraph render -o demo.png                     # a 
   splatgraph params                                 # what --set can change
   splatgraph dump splat --format dot | dot -Tsvg > splat.svg";
 
-/// Formats the examples of the whole program. The first one uses `view` if it is available.
+/// Formats the examples of the program's help. The first one uses `view`, if built with it.
 fn examples() -> String {
     let view = match cfg!(feature = "window") {
         true => "  splatgraph view                                   # a window on the demo scene\n",
@@ -143,7 +143,7 @@ enum Command {
 }
 
 impl Command {
-    /// Returns the file to which the command's timeline is written; `None` if it has none.
+    /// Returns the file for the command's timeline; `None` if the command has no such option or it is not given.
     fn timeline(&self) -> Option<&Path> {
         match self {
             Command::Render(args) => args.timeline.as_deref(),
@@ -151,7 +151,7 @@ impl Command {
         }
     }
 
-    /// Returns the shard that a command was given, and true if validation was requested.
+    /// Returns the shard of the command, and whether validation was requested; `None` without `--shard`.
     fn shard(&self) -> Option<(Shard, bool)> {
         let (shard, validate) = match self {
             Command::Render(args) => (args.shard.shard, args.device.validate),
@@ -163,7 +163,7 @@ impl Command {
         shard.map(|shard| (shard, validate))
     }
 
-    /// Returns the views of a command, which several processes can share.
+    /// Returns the views of a command, for several processes to share.
     fn work(self) -> anyhow::Result<Box<dyn Work>> {
         Ok(match self {
             Command::Render(args) => Box::new(render::Views::new(args)?),
@@ -175,7 +175,7 @@ impl Command {
     }
 }
 
-/// Makes the job of a command line, for a process that chooses the views. The first word is the command.
+/// Creates the job of a command line, for a process that chooses the views itself. The first word is the command.
 ///
 /// # Errors
 /// The command has no views to share, or its arguments are invalid.
@@ -190,15 +190,16 @@ pub fn job(arguments: &[OsString]) -> anyhow::Result<Job> {
 
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    // A program that does not know its own file compiles in its own process.
+    // If the program's own path is unknown, shaders are compiled in this process.
     let worker = Worker::this_program().ok();
     let store = std::env::current_exe().ok().and_then(|program| ShaderCache::of_user(&program));
     ExitCode::from(run(std::env::args_os().collect(), worker, store))
 }
 
-/// Runs the program with `arguments`, which begin with the program's name, and returns the exit code.
+/// Runs the program with `arguments` and returns the exit code.
 ///
-/// `worker` compiles shaders, and `store` keeps them between runs.
+/// The first argument is the program's name. `worker` compiles shaders in another process; `store` caches them between
+/// runs.
 pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<ShaderCache>) -> u8 {
     let begun = Instant::now();
     output::signals::end_cleanly();
@@ -226,7 +227,7 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
         Some((shard, validate)) => cli.command.work().and_then(|work| job::run(work, shard, validate)),
         None => run_command(&cli.command),
     };
-    // A failed command may have found that the file is one of its inputs.
+    // Write the timeline only on success: the error may be that its file is an input.
     let result = match timeline {
         Some(timeline) => result.and_then(|outcome| {
             say(timeline.finish(&command_line(&arguments))?);
@@ -244,7 +245,8 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
     #[cfg(not(feature = "window"))]
     let left_open = false;
     if left_open || backend::abandoned_compilers() > 0 {
-        // A library's exit handler may wait for its compiler or its device, which nobody else does any more.
+        // End without exit handlers. A library's handler may wait for an abandoned compiler thread or for a device
+        // still open.
         output::signals::end_now(code);
     }
     code
@@ -284,10 +286,10 @@ fn run_command(command: &Command) -> anyhow::Result<Outcome> {
     }
 }
 
-/// Makes the definition of the command line, with the lists of graphs and scenes in its long help.
+/// Builds the clap command. Its long help lists the graphs and the scenes.
 fn command(arguments: &[OsString]) -> clap::Command {
     let command = Cli::command();
-    // The lists take some milliseconds to make, so only long help has them.
+    // The lists take milliseconds to build, so only long help includes them.
     let asked = arguments.iter().skip(1).any(|arg| arg == "--help" || arg == "help");
     if !asked {
         return command;
@@ -330,7 +332,7 @@ fn preset_list() -> String {
 
 /// Prints an error with its causes, each once, and returns the exit code.
 fn report(error: &anyhow::Error) -> u8 {
-    // These are rendered with the source text and need no prefix.
+    // Graph errors are rendered with the source text, and need no prefix.
     let graph_errors = |e: &'_ (dyn std::error::Error + 'static)| match e.downcast_ref::<SessionError>() {
         Some(SessionError::Graph(errors)) => Some(errors.text(colour()).to_owned()),
         _ => e.downcast_ref::<GraphErrors>().map(|errors| errors.text(colour()).to_owned()),
@@ -343,7 +345,7 @@ fn report(error: &anyhow::Error) -> u8 {
     let mut said = error.to_string();
     for cause in error.chain().skip(1) {
         let cause = cause.to_string();
-        // Some errors repeat their cause in their own text.
+        // Some errors already contain the text of their cause.
         if !said.contains(&cause) {
             say(format!("  because: {cause}"));
         }

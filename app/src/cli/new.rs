@@ -42,7 +42,7 @@ enum Start {
     Post,
 }
 
-/// Embeds a file of the tutorial, where it is explained and tested.
+/// Embeds a file of the tutorial; the tutorial explains it and its tests check it.
 macro_rules! tutorial {
     ($name:literal) => {
         ($name, include_str!(concat!("../../../examples/tutorial/", $name)))
@@ -50,7 +50,7 @@ macro_rules! tutorial {
 }
 
 impl Start {
-    /// Returns the files of the graph and its shaders, each with its name in the tutorial.
+    /// Lists the files of the template: its graph and shaders. Each is a file name in the tutorial and its text.
     fn files(self) -> &'static [(&'static str, &'static str)] {
         match self {
             Start::Splat => &[
@@ -65,13 +65,13 @@ impl Start {
     }
 }
 
-/// Lists the files to write, with their texts. An error means that a name is invalid or a file exists.
+/// Lists the files to write, with their contents. Fails if a name is invalid or a file exists.
 pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
     let name = args.file.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     let stem = name.strip_suffix(".ron").filter(|stem| !stem.is_empty()).ok_or_else(|| {
         Usage(format!("expected a file name with the extension .ron, found {}", args.file.display()))
     })?;
-    // The graph contains the name in a string, where quotes and spaces would make it an expression.
+    // The name appears in a string of the graph, where quotes and spaces would make it an expression.
     if !stem.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.')) {
         return Err(Usage(format!("expected a name of letters, digits, `_` and `-`, found `{stem}`")));
     }
@@ -92,7 +92,7 @@ pub(super) fn prepare(args: &Args) -> Result<Vec<(PathBuf, String)>, Usage> {
     Ok(files)
 }
 
-/// Returns the files of a template: their extensions, and their texts, which refer to the shaders by their new names.
+/// Returns the files of a template as extension and text. The text refers to the shaders by their new names.
 fn files(start: Start, stem: &str) -> impl Iterator<Item = (&'static str, String)> {
     let all = start.files();
     all.iter().map(move |(name, text)| {
@@ -152,7 +152,7 @@ mod tests {
     fn a_file_that_is_there_stays_unless_it_is_to_be_overwritten() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("my.ron");
-        // A shader of another graph is as safe as the graph.
+        // An existing shader must not be overwritten either.
         let shader = folder.path().join("my.comp");
         std::fs::write(&shader, "mine").expect("writable");
         let error = run(&args(path.clone(), Start::Compute)).expect_err("the shader is there").to_string();

@@ -28,7 +28,7 @@ use tracing::info_span;
 
 pub use crate::draw::builtin::DEFAULT_PIPELINE;
 
-/// Parses `NAME=VALUE`.
+/// Parses a parameter setting, `NAME=VALUE`.
 pub fn setting(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((name, value)) if !name.trim().is_empty() && !value.trim().is_empty() => {
@@ -38,10 +38,10 @@ pub fn setting(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Maximum width and height of a picture, in pixels: no Vulkan device supports larger images.
+/// Maximum width and height of a picture, in pixels. No Vulkan device supports larger images.
 pub const MAX_SIDE: u32 = 32_768;
 
-/// Parses `WIDTHxHEIGHT`.
+/// Parses a picture size in pixels, `WIDTHxHEIGHT`.
 pub fn size(text: &str) -> Result<(u32, u32), String> {
     let parse = || -> Option<(u32, u32)> {
         let (width, height) = text.split_once(['x', 'X'])?;
@@ -57,7 +57,7 @@ pub fn size(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-/// Parses `R,G,B`.
+/// Parses a colour, `R,G,B`.
 pub fn colour(text: &str) -> Result<[f32; 3], String> {
     let values: Vec<f32> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
     match values.as_slice() {
@@ -66,12 +66,13 @@ pub fn colour(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
-/// A cancel flag that is never set.
+/// Cancel flag that is never set, for loads that cannot be cancelled.
 pub static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// Opens a device on another thread while `load` loads its scene. Returns both.
 ///
-/// `open` may also check the scene's header. If it fails, the load is cancelled, and its own error is not reported.
+/// `open` may also check the scene's header. If `open` fails, the load is cancelled, and the load's error is not
+/// reported.
 ///
 /// # Errors
 /// Errors of `open`, then of `load`.
@@ -92,12 +93,12 @@ pub fn open_and_load<D: Send, L>(
     })
 }
 
-/// Loads a scene, and shows the progress.
+/// Loads a scene and shows the progress.
 pub fn load_scene(path: &Path) -> Result<Scene> {
     load_scene_unless(&NEVER, path)
 }
 
-/// Loads a scene, and shows the progress. Fails soon after `cancel` becomes true.
+/// Loads a scene and shows the progress. Fails soon after `cancel` becomes true.
 pub fn load_scene_unless(cancel: &AtomicBool, path: &Path) -> Result<Scene> {
     match load_any_unless(cancel, path)? {
         Content::Splats(scene) => Ok(*scene),
@@ -105,13 +106,12 @@ pub fn load_scene_unless(cancel: &AtomicBool, path: &Path) -> Result<Scene> {
     }
 }
 
-/// Loads a scene, or a mesh that is drawn together with one, and shows the progress. Fails soon after `cancel`
-/// becomes true.
+/// Loads a scene, or a mesh to draw with one, and shows the progress. Fails soon after `cancel` becomes true.
 pub fn load_any_unless(cancel: &AtomicBool, path: &Path) -> Result<Content> {
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
     let _span = info_span!("load the scene", path = %path.display()).entered();
     let content = load::any(path, &|done, of| {
-        // Called from many threads: while one reports, the others need not.
+        // Called on many threads. If one of them is reporting, the others skip their report.
         if let Ok(mut progress) = progress.try_lock() {
             progress.set(done, of, "");
         }
@@ -125,9 +125,9 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path) -> Result<Content> {
     Ok(content)
 }
 
-/// Loads the scene at `path`, or the demo scene with its camera. Also returns the scene's path.
+/// Loads the scene at `path`, or the demo scene. Returns the scene, its path, and the demo scene's camera.
 ///
-/// The load of a scene, not of the demo scene, fails soon after `cancel` becomes true.
+/// Setting `cancel` stops the load of a scene file, but not of the demo scene.
 pub fn scene_or_demo(cancel: &AtomicBool, path: Option<&Path>) -> Result<(Scene, PathBuf, Option<Camera>)> {
     let Some(path) = path else {
         let path = demo::path().context(
@@ -142,7 +142,7 @@ pub fn scene_or_demo(cancel: &AtomicBool, path: Option<&Path>) -> Result<(Scene,
     Ok((load_scene_unless(cancel, path)?, path.to_owned(), None))
 }
 
-/// Parses `RESOURCE@PASS` into the two names.
+/// Splits `RESOURCE@PASS` into the two names.
 pub fn inspect_target(text: &str) -> Result<(String, String), String> {
     match text.split_once('@') {
         Some((resource, pass)) if !resource.is_empty() && !pass.is_empty() => {
@@ -171,10 +171,10 @@ pub fn built_in_graphs() -> Vec<&'static str> {
     graphs
 }
 
-/// Name of the camera that [`framing`] makes.
+/// Name of the camera that [`framing`] creates.
 const FRAMING: &str = "framing";
 
-/// Lists the names of the cameras that [`scene_and_cameras`] returns, before the scene is loaded.
+/// Lists the camera names that [`scene_and_cameras`] will return, before the scene is loaded.
 pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<String> {
     let own = || {
         scene.is_none().then(demo::camera).flatten().map_or_else(|| FRAMING.into(), |camera| camera.img_name)
@@ -182,9 +182,9 @@ pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<Strin
     given.map_or_else(|| vec![own()], |all| all.iter().map(|camera| camera.img_name.clone()).collect())
 }
 
-/// Loads the scene and its cameras, with pictures of the requested size.
+/// Loads the scene and its cameras, and resizes the cameras' pictures to `size`.
 ///
-/// A camera with an empty or duplicate name is renamed to its entry in `stems`.
+/// A camera with an empty or duplicate name gets its entry of `stems` as its name.
 pub fn scene_and_cameras(
     path: Option<&Path>,
     given: Option<Vec<Camera>>,
@@ -196,10 +196,9 @@ pub fn scene_and_cameras(
     Ok((scene, cameras))
 }
 
-/// Converts cameras to the scene's coordinates and to the requested size. Without cameras, makes one that frames the
-/// scene.
+/// Converts cameras to the scene's coordinates and to the requested size.
 ///
-/// Names are changed as by [`scene_and_cameras`].
+/// Without cameras, creates one that frames the scene. Cameras are renamed as in [`scene_and_cameras`].
 pub fn cameras_of(
     scene: &Scene,
     given: Option<Vec<Camera>>,
@@ -223,7 +222,7 @@ pub fn cameras_of(
     cameras
 }
 
-/// Scales a camera's picture down to at most `width` pixels wide.
+/// Scales a camera's picture down to at most `width` pixels. Smaller pictures stay unchanged.
 pub fn at_most(camera: &Camera, width: u32) -> Camera {
     if camera.width <= width {
         return camera.clone();
@@ -251,7 +250,7 @@ pub fn device_facts(wanted: Option<&str>) -> Result<DeviceFacts> {
     }
 }
 
-/// Finds a device in the catalogue or in a file. Otherwise, opens the device of this name on this machine.
+/// Finds a device in the catalogue or in a file, or else opens the device of this name on this machine.
 ///
 /// Without a name, opens the default device.
 pub fn target(wanted: Option<&str>) -> Result<Target> {
@@ -279,7 +278,7 @@ pub struct DeviceArgs {
 }
 
 impl DeviceArgs {
-    /// Converts the arguments to the backend's options.
+    /// Converts the arguments to backend options.
     pub fn options(&self) -> Options {
         let validation = if self.validate { Validation::Synchronization } else { Validation::Off };
         Options {
@@ -303,7 +302,7 @@ pub struct BackendArgs {
 }
 
 impl BackendArgs {
-    /// Opens the device.
+    /// Opens the device that the arguments select.
     pub fn open(&self) -> Result<Backend, BackendError> {
         Backend::open(self.backend, &self.device.options())
     }
@@ -328,12 +327,12 @@ pub struct DrawingBackendArgs {
 }
 
 impl DrawingBackendArgs {
-    /// Opens the device.
+    /// Opens the device that the arguments select.
     pub fn open(&self) -> Result<Backend, BackendError> {
         Backend::open(self.backend, &self.device.options())
     }
 
-    /// Returns the options that choose this device, as words of a command line.
+    /// Returns the command-line words that select this device again.
     pub fn words(&self) -> Vec<String> {
         let backend = (self.backend != Api::default())
             .then(|| ["--backend".to_owned(), self.backend.name().to_owned()]);
@@ -373,7 +372,7 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// Loads the cameras of `--cameras`, or the first camera beside the scene.
+    /// Loads the cameras of `--cameras`, or else the first camera of the file beside the scene.
     pub fn cameras(&self, scene: Option<&Path>) -> Result<Option<Vec<Camera>>> {
         super::cameras::load(self.cameras.as_deref(), scene)
     }
@@ -409,9 +408,9 @@ impl EffortArgs {
     }
 }
 
-/// Adds the inputs of a command that draws, so that outputs cannot overwrite them.
+/// Registers the inputs of a command that draws, so that no output can overwrite them.
 ///
-/// These are the scene, or the demo scene, and the cameras.
+/// The inputs are the scene, or the demo scene, and the camera file.
 pub fn claim_inputs(scene: Option<&Path>, cameras: Option<&str>) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
     match scene {

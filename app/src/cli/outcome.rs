@@ -1,4 +1,4 @@
-//! Defines the exit codes of commands, and their last messages.
+//! Defines the exit codes of commands, and prints their last messages.
 
 use crate::io::output::{self, OutputGuard, say};
 use splatgraph_framework::reload::Wanted;
@@ -9,7 +9,7 @@ use std::io::IsTerminal;
 pub enum Outcome {
     /// Success: exit code 0.
     Done,
-    /// A negative result, which was already reported: exit code 1.
+    /// A negative result that was already reported: exit code 1.
     Failed,
 }
 
@@ -24,12 +24,12 @@ impl From<output::guard::Conflict> for Usage {
     }
 }
 
-/// Adds the files from which a plan is built to the inputs, once they are known.
+/// Registers the files from which plans are built as inputs, once they are known.
 pub fn claim_graph_files(guard: &mut OutputGuard, wanted: &[Wanted]) -> Result<(), Usage> {
     wanted.iter().try_for_each(|file| Ok(guard.input("a file of the graph", &file.path)?))
 }
 
-/// Prints the validation messages. They are a failure if validation was requested.
+/// Prints validation messages. They make the command fail if validation was requested.
 pub fn validated(asked: bool, messages: &[String]) -> Outcome {
     for message in messages {
         say(format!("validation: {message}"));
@@ -47,7 +47,7 @@ pub fn validated(asked: bool, messages: &[String]) -> Outcome {
     }
 }
 
-/// Returns true if messages may be coloured.
+/// Returns true if messages on standard error may be coloured.
 pub fn colour() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
 }

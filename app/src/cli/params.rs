@@ -78,9 +78,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Returns the name and the facts of the `wanted` or the default device.
+/// Returns the name and the facts of the `wanted` device, or of the default device.
 ///
-/// Without a default device, the facts are those of the least capable supported device.
+/// Without any device, returns the least capable supported one.
 fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
     match options::target(wanted) {
         Ok(target) => Ok((target.name, target.facts)),
@@ -93,7 +93,7 @@ fn device(wanted: Option<&str>) -> Result<(String, DeviceFacts)> {
     }
 }
 
-/// Formats the parameters in two columns, grouped under the titles of their parts.
+/// Formats the parameters in two columns, under the titles of their groups.
 fn listed(controls: &[Control]) -> String {
     if controls.is_empty() {
         return "\n  it has no parameters".to_owned();

@@ -74,12 +74,12 @@ pub struct Args {
 const FRAMES: u32 = 12;
 /// Default width of the pictures, in pixels.
 const WIDTH: u32 = 480;
-/// Files in the folder of `--output`.
+/// Name of the CSV file, in the folder of `--output`.
 const CSV: &str = "popping.csv";
 const SVG: &str = "popping.svg";
 const PNG: &str = "popping.png";
 
-/// Parses the variant `NAME=VALUE,...`: the parameters of a graph.
+/// Parses parameter values of a graph, `NAME=VALUE,...`.
 fn variant(text: &str) -> Result<Setting, String> {
     let set = text.split(',').map(options::setting).collect::<Result<Vec<_>, _>>()?;
     let name = set.iter().map(|(name, value)| format!("{name}={value}")).collect::<Vec<_>>().join(",");
@@ -110,7 +110,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     measure::check(&cameras)?;
     let name = args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string());
     let subject = Subject { device: &device, name, scene: scene.into(), cameras };
-    // Report mistakes in a graph before drawing the true pictures, which takes the longest.
+    // Report errors in the graphs first: drawing the true pictures takes longest.
     claim_graph_files(&mut guard, &subject.check(&variants)?)?;
     let tracks = study(&subject, &variants, &mut Console::default())?;
     let origin = json!({
@@ -140,7 +140,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &device.close()))
 }
 
-/// Lists the variants to draw: the given graphs and parameters, or all built-in graphs. Duplicates are drawn once.
+/// Lists the variants to draw without duplicates: the given graphs and parameters, or all built-in graphs.
 fn variants(args: &Args) -> Vec<Setting> {
     let graph = |name: &str| Setting::of_graph(name, &[]);
     let mut all: Vec<Setting> = args.pipeline.iter().map(|name| graph(name)).collect();
@@ -159,7 +159,7 @@ fn variants(args: &Args) -> Vec<Setting> {
     kept
 }
 
-/// Returns the cameras of the path: the given ones, or an orbit around the scene if there is only one.
+/// Returns the cameras of the path. A single camera becomes an orbit around the scene.
 fn path(args: &Args, scene: &Scene, mut cameras: Vec<Camera>) -> Result<Vec<Camera>> {
     if args.size.is_none() {
         cameras = cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect();
@@ -172,7 +172,7 @@ fn path(args: &Args, scene: &Scene, mut cameras: Vec<Camera>) -> Result<Vec<Came
     Ok(cameras)
 }
 
-/// Makes the guard of the command line's files. An error means that an output would overwrite an input.
+/// Registers the inputs and the outputs. An error means that an output would overwrite an input.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = options::claim_inputs(args.scene.as_deref(), args.cameras.as_deref())?;
     for graph in &args.pipeline {

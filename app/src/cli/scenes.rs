@@ -1,4 +1,4 @@
-//! Loads the scenes of a picture or a film. There is one, or several that are sorted together.
+//! Loads the scenes of a picture or a film: one, or several that are sorted together.
 
 use super::look_at::point;
 use super::options;
@@ -26,7 +26,7 @@ pub struct ScenesArgs {
 }
 
 impl ScenesArgs {
-    /// Checks the number of `--at` options, and adds the scenes to the inputs.
+    /// Checks the number of `--at` options, and registers the scenes as inputs.
     pub fn claim(&self, guard: &mut OutputGuard) -> Result<(), Usage> {
         if let Some(path) = &self.scene {
             guard.input("the scene", path)?;
@@ -40,16 +40,17 @@ impl ScenesArgs {
         self.more.iter().try_for_each(|path| Ok(guard.input("a further scene", path)?))
     }
 
-    /// Rejects a first scene that cannot fit the device, from its file's header ([`fit::check_header`]).
+    /// Rejects a first scene that is too large for the device, judging by its header ([`fit::check_header`]).
     pub fn check_header(&self, device: &DeviceInfo, pipeline: &str, set: &[(String, String)]) -> Result<()> {
         self.scene.iter().try_for_each(|path| fit::check_header(path, device, pipeline, set))
     }
 
-    /// Loads the scenes, moves all but the first, and joins them. Also returns the demo scene's camera if that scene is
-    /// drawn.
+    /// Loads the scenes, moves all but the first, and joins them.
+    ///
+    /// Also returns the demo scene's camera if that scene is drawn.
     ///
     /// # Errors
-    /// A scene cannot be loaded, all of them together do not fit in memory, or `cancel` became true.
+    /// A scene cannot be loaded, the joined scene does not fit in memory, or `cancel` became true.
     pub fn load(&self, cancel: &AtomicBool) -> Result<(Scene, Option<Camera>)> {
         let (first, _, camera) = options::scene_or_demo(cancel, self.scene.as_deref())?;
         if self.more.is_empty() {

@@ -36,7 +36,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Formats all names in groups.
+/// Formats the names of all built-in files, in groups.
 fn list() -> String {
     let group = |(title, files): (&str, Vec<builtin::File>)| {
         let rows = files.into_iter().map(|file| (file.name.to_owned(), file.summary)).collect();
@@ -45,7 +45,7 @@ fn list() -> String {
     builtin::groups().into_iter().map(group).collect::<Vec<_>>().join("\n\n")
 }
 
-/// Formats the error for an unknown name, with similar names as suggestions.
+/// Formats the error about an unknown name. `near` lists similar names as suggestions.
 fn unknown(name: &str, near: &[&str]) -> String {
     let near: Vec<String> = near.iter().map(|name| format!("`{name}`")).collect();
     let help = match near.is_empty() {

@@ -58,12 +58,12 @@ pub struct Args {
     pub device: DrawingBackendArgs,
 }
 
-/// Name of the page, in the folder of `--output`.
+/// Name of the HTML page, in the folder of `--output`.
 const PAGE: &str = "sweep.html";
 const CSV: &str = "sweep.csv";
 const JSON: &str = "sweep.json";
 
-/// The scene, its cameras, and the parameters of the study.
+/// Inputs of a sweep: scene, cameras and study parameters.
 struct Request {
     name: String,
     scene: Arc<Scene>,
@@ -99,13 +99,13 @@ impl Request {
     }
 }
 
-/// Returns a file name for each camera, without extension.
+/// Returns a file name stem for each camera.
 fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
     names::unique(&options::camera_names(args.scene.as_deref(), given), MAX_NAME_BYTES - 40)
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    // Errors of the command line are reported before a device is opened.
+    // Check the cameras before a device is opened.
     args.drawing.cameras(args.scene.as_deref())?;
     claim_files(args)?;
     let device = args.device.open()?;
@@ -124,12 +124,12 @@ fn save_pictures(shown: &[Shown], output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Returns the path of a picture within the folder of results.
+/// Returns the path of a picture, relative to the folder of results. `count` is the number of splats kept.
 fn picture_of(choice: Option<Choice>, count: u32) -> PathBuf {
     format!("pictures/{}-{count}.png", choice.map_or("all", Choice::stem)).into()
 }
 
-/// Prints a sweep, and writes its files except the pictures.
+/// Prints a sweep and writes its files, except for the pictures.
 fn report(swept: &Swept, shown: &[Shown], output: &Path) -> Result<()> {
     options::write_text(None, &swept.table())?;
     let file = |name: &str| output.join(name);
@@ -144,15 +144,15 @@ fn report(swept: &Swept, shown: &[Shown], output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The result of one view of a sweep, as one of several processes writes it.
+/// Result file of one view of a sweep that several processes share.
 #[derive(Serialize, Deserialize)]
 pub struct Part {
     steps: Vec<Step>,
-    /// The steps of the approach, which is measured with the first view.
+    /// Steps of the approach; measured with the first view only.
     closer: Vec<Closer>,
 }
 
-/// The views of a sweep, which several processes can share.
+/// Views of a sweep, for several processes to share.
 pub struct Views {
     args: Args,
     stems: Vec<String>,
@@ -160,7 +160,7 @@ pub struct Views {
 }
 
 impl Views {
-    /// Checks the arguments, and reads the cameras. The scene is not loaded yet.
+    /// Checks the arguments and reads the cameras. The scene is loaded later.
     pub fn new(args: Args) -> Result<Views> {
         let given = args.drawing.cameras(args.scene.as_deref())?;
         let stems = stems(&args, given.as_deref());
@@ -221,7 +221,7 @@ impl Work for Views {
     }
 }
 
-/// Name of the command, in the descriptions of shared folders.
+/// Command name in the `job.json` of shared folders.
 pub const COMMAND: &str = "sweep";
 
 /// Writes the report of the views that several processes measured. Each picture is in one of `folders`.

@@ -66,7 +66,7 @@ pub fn generator_list() -> String {
     format!("Scenes:\n{}", super::help::two_columns(rows.collect()))
 }
 
-/// Checks the files of the command line, before a scene is generated.
+/// Checks the files of the command line before a scene is generated.
 pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     let mut guard = OutputGuard::default();
     if let Some(path) = &args.enlarge {
@@ -98,7 +98,7 @@ pub(super) fn check_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Returns the extension of the file that is written.
+/// Returns the extension of the output file.
 fn extension(args: &Args) -> &'static str {
     if is_mesh(args) { "glb" } else { "ply" }
 }
@@ -123,13 +123,13 @@ fn write_mesh(output: &Path) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Lists the files of the photographs in a dataset.
+/// Lists the picture files of a generated dataset.
 fn photographs(args: &Args, folder: &Path) -> Vec<PathBuf> {
     let name = |index| folder.join("images").join(format!("view-{index:04}.png"));
     (0..args.views.unwrap_or(24)).map(name).collect()
 }
 
-/// Draws a scene exactly from a circle of cameras around it, and writes pictures and cameras as a COLMAP dataset.
+/// Draws a scene exactly from a circle of cameras, and writes a COLMAP dataset of the pictures and cameras.
 fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
     let scene = options::load_scene(scene)?;
     let (width, height) = args.size.unwrap_or((480, 270));
@@ -184,7 +184,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         grouped(scene.size_breakdown().file_bytes)
     ));
     if let (Some(path), Some(cameras)) = (&args.cameras, cameras) {
-        // In the world's coordinates, as the scene's file is.
+        // COLMAP cameras are in world coordinates, as the scene file is.
         let world = cameras.iter().map(|camera| camera.relative_to(scene.offset().map(|v| -v)));
         options::write_json(path, &serde_json::to_value(world.collect::<Vec<_>>())?)?;
         tell(format!("{}: {} cameras", path.display(), cameras.len()));

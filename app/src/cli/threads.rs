@@ -1,7 +1,7 @@
-//! Fits the pool of worker threads to the system's limits.
+//! Sizes the pool of worker threads to fit the system's limits.
 //!
 //! rayon's pool panics at its first use if one of its threads cannot be started, for example under `ulimit -u` or
-//! `ulimit -v`, and a global pool that could not be built cannot be built again. Therefore, the threads are started
+//! `ulimit -v`. After a failed attempt, the global pool cannot be built again. Therefore, the threads are started
 //! first, and the pool gets those that did start.
 
 use rayon::{ThreadBuilder, ThreadPoolBuilder};
@@ -15,7 +15,7 @@ pub fn build_pool() {
     let wanted =
         wanted.filter(|number| *number > 0).unwrap_or_else(|| available_parallelism().map_or(1, usize::from));
     spare_addresses();
-    // Twice as many for trial: what follows, the driver among it, wants threads and memory too.
+    // Start twice as many and drop half: the graphics driver and the rest of the program need threads and memory too.
     let mut waiting = start(wanted.saturating_mul(2));
     waiting.truncate(waiting.len() / 2);
     let pool = ThreadPoolBuilder::new();
@@ -29,7 +29,7 @@ pub fn build_pool() {
             pool.num_threads(threads).spawn_handler(give).build_global()
         }
     };
-    // Nothing has used the pool yet, so it is the first; and its threads run.
+    // The result cannot be an error: the pool is the first one, and its threads are already running.
     drop(built);
 }
 
@@ -38,16 +38,16 @@ pub fn build_pool() {
 fn spare_addresses() {
     use rustix::process::{Resource, getrlimit};
     if getrlimit(Resource::As).current.is_some() {
-        // SAFETY: the call sets a number of glibc's allocator, under its own lock.
+        // SAFETY: the call sets an integer option of glibc's allocator, under the allocator's own lock.
         unsafe { libc::mallopt(libc::M_ARENA_MAX, 1) };
     }
 }
 
-/// Does nothing: other allocators share their memory among threads.
+/// Does nothing. Other allocators do not reserve address space per thread.
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
 fn spare_addresses() {}
 
-/// Starts up to `wanted` threads. Each waits for its work, and ends if its sender is dropped.
+/// Starts up to `wanted` threads. Each waits for its work, and ends if the sender is dropped.
 fn start(wanted: usize) -> Vec<Sender<ThreadBuilder>> {
     let mut waiting = Vec::new();
     while waiting.len() < wanted {

@@ -92,7 +92,7 @@ const PAGE: &str = "ledger.html";
 const SVG: &str = "ledger.svg";
 const PNG: &str = "ledger.png";
 
-/// The scene, its cameras, and the parameters of the study.
+/// Inputs of a ledger: scene, cameras and study parameters.
 struct Request {
     scene: Arc<Scene>,
     cameras: Vec<Camera>,
@@ -132,13 +132,13 @@ impl Request {
     }
 }
 
-/// Returns a file name for each camera, without extension.
+/// Returns a file name stem for each camera.
 fn stems(args: &Args, given: Option<&[Camera]>) -> Vec<String> {
     names::unique(&options::camera_names(args.scene.as_deref(), given), MAX_NAME_BYTES - 5)
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    // Errors of the command line are reported before a device is opened.
+    // Check the cameras before a device is opened.
     cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
     claim_files(args)?;
     let device = args.device.open()?;
@@ -149,7 +149,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &device.close()))
 }
 
-/// Prints a ledger, and writes its files except ledger.json.
+/// Prints a ledger and writes its files, except for `ledger.json`.
 fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
     ledger.command = std::env::args().map(|word| shell_word(&word)).collect::<Vec<_>>().join(" ");
     let file = |name: &str| output.join(name);
@@ -170,7 +170,7 @@ fn report(mut ledger: Ledger, output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The views of a ledger, which several processes can share.
+/// Views of a ledger, for several processes to share.
 pub struct Views {
     args: Args,
     stems: Vec<String>,
@@ -178,7 +178,7 @@ pub struct Views {
 }
 
 impl Views {
-    /// Checks the arguments, and reads the cameras. The scene is not loaded yet.
+    /// Checks the arguments and reads the cameras. The scene is loaded later.
     pub fn new(args: Args) -> Result<Views> {
         let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
         let stems = stems(&args, given.as_deref());
@@ -233,15 +233,15 @@ impl Work for Views {
     }
 }
 
-/// Name of the command, in the descriptions of shared folders.
+/// Command name in the `job.json` of shared folders.
 pub const COMMAND: &str = "trade";
 
-/// Returns the album of a view that several processes share, given the path of its rows.
+/// Returns the album of a view. `part` is the path of the view's result.
 fn album_of(part: &Path) -> Album {
     Album::beside(&part.with_extension("").join(LEDGER))
 }
 
-/// Writes the ledger of the views that several processes measured. `found` are the paths of the views' results.
+/// Writes the ledger of the views that several processes measured. `found` lists the views' result files.
 ///
 /// # Errors
 /// A file cannot be written.
@@ -297,7 +297,7 @@ pub(super) fn claim_files(args: &Args) -> Result<(), Usage> {
     Ok(())
 }
 
-/// Loads the true picture for every camera from a folder.
+/// Loads the true picture of each camera from a folder.
 fn true_pictures(folder: &Path, cameras: &[Camera], stems: &[String]) -> Result<Vec<Image>> {
     let load = |(camera, stem): (&Camera, &String)| -> Result<Image> {
         let formats = [Format::Npy, Format::Exr, Format::Png];

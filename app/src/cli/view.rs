@@ -116,19 +116,19 @@ pub struct Args {
     frames: Option<u64>,
 }
 
-/// Maximum width and height of a window, in pixels. No display is larger, and window systems allow more.
+/// Maximum width and height of a window, in pixels. Window systems allow more, but no display is larger.
 const LARGEST: u32 = 16_384;
 
-/// Width of a window, in pixels, below which two panels leave no room for a picture.
+/// Window width, in pixels, below which two side panels leave no room for the picture.
 const SMALL: u32 = 900;
 
 impl Args {
-    /// Returns the size of the window's content, in pixels.
+    /// Returns the size of the window's content area, in pixels.
     fn size(&self) -> (u32, u32) {
         self.drawing.size.unwrap_or((1600, 900))
     }
 
-    /// Rejects invalid values, before the scene is loaded.
+    /// Rejects invalid values before the scene is loaded.
     fn check(&self) -> Result<(), Usage> {
         let within = |name: &str, value: f32, range: RangeInclusive<f32>| match range.contains(&value) {
             true => Ok(()),
@@ -174,12 +174,12 @@ enum Theme {
     Light,
 }
 
-/// Parses a position in the picture, given as shares of its width and height.
+/// Parses a position in the picture, as fractions of its width and height.
 fn place(text: &str) -> Result<[f32; 2], String> {
     shares(text).ok_or_else(|| format!("expected two numbers from 0 to 1, found `{text}`"))
 }
 
-/// Parses a box in the picture, given as shares of its width and height.
+/// Parses a box in the picture, as fractions of its width and height.
 fn area(text: &str) -> Result<[f32; 4], String> {
     shares(text).ok_or_else(|| format!("expected four numbers from 0 to 1, found `{text}`"))
 }
@@ -259,13 +259,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
         set,
         cameras,
         size: args.size(),
-        // A script asks for the picture's size.
+        // A screenshot must have exactly the requested size.
         exact_size: args.drawing.size.is_some() && args.screenshot.is_some(),
         backend: args.device.backend,
         device: args.device.options(),
         vsync: !args.no_vsync,
         continuous: args.continuous,
-        // A script asks for the same window each time.
+        // Scripted runs do not restore or save the window layout, so that each opens the same window.
         kept: if args.screenshot.is_some() || args.frames.is_some() { None } else { kept::path() },
         setup: Box::new(move |shell, size| initial.apply(shell, size)),
         events,
@@ -275,7 +275,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(super::outcome::validated(args.device.validate, &messages))
 }
 
-/// Chooses the storage of the splats that fits `--memory` and the device; `None` for the graph's own storage.
+/// Chooses a splat storage that fits `--memory` and the device; `None` keeps the graph's own.
 fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
     let limit = args.memory.memory;
     let scaled = |side: u32| ((side as f32 * args.scale) as u32).max(1);
@@ -297,7 +297,7 @@ fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
             Ok(choice.set)
         }
         Err(error) if limit.is_some() => Err(error.into_error()),
-        // The window shows why the plan has no room.
+        // The window itself shows the error.
         Err(_) => Ok(None),
     }
 }
@@ -314,7 +314,7 @@ fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene,
     Ok(((scene, path), cameras))
 }
 
-/// The state in which the viewer opens, from the command line.
+/// Initial state of the viewer, from the command line.
 struct InitialState {
     background: [f32; 3],
     compare: Option<(Mode, Option<String>, IndexMap<String, String>)>,

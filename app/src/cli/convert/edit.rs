@@ -11,7 +11,7 @@ use splatgraph_framework::expr::{Expr, ExprError, Scope};
 use splatgraph_framework::ir::Value;
 use std::path::PathBuf;
 
-/// Band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
+/// Constant of band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
 const SH_C0: f64 = 0.282_094_791_773_878_14;
 
 /// The changes, applied in the order of these options.
@@ -51,14 +51,14 @@ enum Crop {
     Sphere(DVec3, f64),
 }
 
-/// A condition on splats, with its text for messages.
+/// Condition on splats, with its source text for messages.
 #[derive(Clone, Debug)]
 struct Condition {
     text: String,
     expr: Expr,
 }
 
-/// Parses `KIND:NUMBERS`. Each of the `kinds` has a name, a count of numbers, and an example.
+/// Parses `KIND:NUMBERS`. Each entry of `kinds` is a name, the number of values, and an example.
 fn numbers<'a>(text: &'a str, kinds: &[(&str, usize, &str)]) -> Result<(&'a str, Vec<f64>), String> {
     let parse = || {
         let (kind, rest) = text.split_once(':')?;
@@ -111,7 +111,7 @@ impl Crop {
     }
 }
 
-/// Gives the names in a condition the values of one splat.
+/// Resolves the names in a condition to the values of one splat.
 struct Names<'a> {
     scene: &'a Scene,
     index: usize,
@@ -152,7 +152,7 @@ fn condition(text: &str) -> Result<Condition, String> {
     Ok(Condition { text: text.to_owned(), expr })
 }
 
-/// Formats an error in an expression, with its column in the text and a suggestion.
+/// Formats an error in an expression: the column in `text`, and a suggestion.
 fn place(text: &str, error: &ExprError) -> String {
     let column = text.get(..error.start).map_or(1, |before| before.chars().count() + 1);
     let help = error.help.as_ref().map(|help| format!("; {help}")).unwrap_or_default();
@@ -160,7 +160,7 @@ fn place(text: &str, error: &ExprError) -> String {
 }
 
 impl Condition {
-    /// Returns true if the condition holds for a splat.
+    /// Returns true if the condition holds for the splat at `index`.
     fn holds(&self, scene: &Scene, index: usize) -> Result<bool, Usage> {
         match self.expr.eval(&Names { scene, index }) {
             Ok(Value::Bool(holds)) => Ok(holds),
@@ -173,16 +173,16 @@ impl Condition {
 }
 
 impl EditArgs {
-    /// Iterates over the files of selections.
+    /// Lists the selection files.
     pub fn lists(&self) -> impl Iterator<Item = &PathBuf> {
         self.keep.iter().chain(&self.remove)
     }
 
-    /// Applies the changes. Without any, returns the scene unchanged.
+    /// Applies the changes in order. Without changes, returns the scene as it is.
     ///
     /// # Errors
-    /// A scene or a selection cannot be loaded, a scene does not fit in memory, the condition cannot be evaluated, or no
-    /// splat is left.
+    /// A scene or a selection cannot be loaded, a scene does not fit in memory, the condition cannot be evaluated, or
+    /// no splat is left.
     pub fn apply(&self, mut scene: Scene) -> Result<Scene> {
         if !self.merge.is_empty() {
             let mut all = vec![scene];

@@ -55,7 +55,7 @@ pub struct Args {
     price: PriceArgs,
 }
 
-/// Makes the parser for the name of a format, which is its extension.
+/// Builds the parser for format names, which are file extensions.
 fn formats() -> impl TypedValueParser<Value = SceneFormat> {
     PossibleValuesParser::new(SceneFormat::WRITTEN.map(SceneFormat::extension)).map(|name| {
         let named = |format: &SceneFormat| format.extension() == name;
@@ -69,7 +69,7 @@ pub fn format_list() -> String {
     format!("Formats:\n{}", super::help::two_columns(SceneFormat::WRITTEN.map(row).to_vec()))
 }
 
-/// Checks the files of the command line. Returns the output and its format; `None` without an output.
+/// Checks the files of the command line. Returns the output path and its format; `None` without an output.
 pub(super) fn check_files(args: &Args) -> Result<Option<(&Path, SceneFormat)>, Usage> {
     let mut guard = OutputGuard::default();
     guard.input("the scene", &args.input)?;

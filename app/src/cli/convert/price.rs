@@ -29,7 +29,7 @@ pub struct PriceArgs {
 }
 
 impl PriceArgs {
-    /// Adds the option's files to those of the command.
+    /// Registers the option's files as inputs and outputs of the command.
     pub(super) fn claim(&self, guard: &mut OutputGuard, scene: &Path) -> Result<(), Usage> {
         if self.price {
             cameras::claim(guard, self.cameras.as_deref(), Some(scene))?;
@@ -40,7 +40,7 @@ impl PriceArgs {
     /// Measures the prices of `scene`, which was loaded from `path`, and prints them.
     pub(super) fn run(&self, scene: &Scene, path: &Path) -> Result<Outcome> {
         let given = cameras::load(self.cameras.as_deref(), Some(path))?;
-        // Cameras of the world, as each format may keep the scene's origin or not.
+        // Use world coordinates: a format may or may not keep the scene's origin.
         let cameras =
             given.unwrap_or_else(|| vec![options::framing(scene).relative_to(scene.offset().map(|v| -v))]);
         let sized = |camera: splatgraph_assets::Camera| match self.size {
@@ -73,7 +73,7 @@ fn table(prices: &[Price]) -> String {
             grouped(price.bytes),
             format!("{:.1}", price.bytes_per_splat),
             format!("{:.1}", price.load_ms),
-            // Equal pictures have no finite ratio.
+            // The PSNR of equal pictures is infinite.
             number(price.least_psnr_db.or(Some(f64::INFINITY)), 2),
             number(mean.psnr_db.or(price.least_psnr_db.is_none().then_some(f64::INFINITY)), 2),
             number(mean.ssim, 4),

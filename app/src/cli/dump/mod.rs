@@ -97,7 +97,7 @@ enum Api {
     Metal,
 }
 
-/// Makes the guard of the command line's files. An error means that the output is an input.
+/// Registers the inputs and the output. An error means that the output would overwrite an input.
 pub(super) fn guard(args: &Args) -> Result<OutputGuard, Usage> {
     let mut guard = OutputGuard::default();
     let graphs = [Some(&args.graph), args.diff.as_ref()].into_iter().flatten();
@@ -126,7 +126,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         .into());
     }
     let mut guard = guard(args)?;
-    // Before the plan is built, which takes longer.
+    // Read the times first, because building the plan takes longer.
     let times = args.times.as_deref().map(times::load).transpose()?;
     let (scene, catalog) = match &args.scene {
         Some(path) => {
@@ -167,7 +167,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Adds GPU times to a dump, and warns if they may be of another graph or other parameters.
+/// Adds GPU times to a dump. Warns if the times may belong to another graph or to other parameters.
 fn with_times(dump: Dump, times: &times::Times) -> Result<Dump> {
     let (timed, found) = dump.with_times(&times.passes);
     let missing = timed.passes.iter().filter(|p| p.gpu_ms.is_none() && !p.needs_no_time()).count();
@@ -198,7 +198,7 @@ mod tests {
         args: Args,
     }
 
-    /// Runs `splatgraph dump` with these words and returns the output file's text.
+    /// Runs `splatgraph dump` with these words, and returns the text of the output file.
     fn dumped(folder: &Path, words: &str) -> Result<String> {
         let output = folder.join("out");
         let words = ["dump"].into_iter().chain(words.split(' '));
@@ -218,7 +218,7 @@ mod tests {
         let by_set = compared("splat --diff splat --set-b digit_bits=4 --format json");
         assert_eq!(by_name["passes"], by_set["passes"]);
         assert_eq!(by_name["totals"], by_set["totals"]);
-        // Four digits of 8 bits against eight of 4, three dispatches each.
+        // 4 digits of 8 bits instead of 8 digits of 4 bits, with three dispatches per digit.
         assert_eq!(by_name["passes"]["only_b"].as_array().map(Vec::len), Some(12));
         let same = compared("splat --set digit_bits=4 --diff digit4 --format json");
         assert_eq!((&same["passes"]["changed"], &same["parameters"]), (&json!([]), &json!([])));
@@ -256,7 +256,7 @@ mod tests {
         let (metal, mut vulkan) =
             (json("digit4 --backend metal --format json"), json("digit4 --format json"));
         assert_eq!(vulkan["encoders"], Value::Null);
-        // Encoders hold the passes of a frame, but for the host's.
+        // Encoders hold all passes of a frame except the host's.
         let encoders = metal["encoders"]["frame"].as_array().into_iter().flatten();
         let encoded: usize = encoders.filter_map(|encoder| encoder["passes"].as_array()).map(Vec::len).sum();
         assert_eq!(metal["totals"]["frame_passes"], json!(encoded + 1));

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The fields of [`crate::draw::stats::CameraStats`] that a dump needs.
+/// Fields of [`crate::draw::stats::CameraStats`] that a dump uses.
 #[derive(Deserialize)]
 struct Camera {
     pipeline: String,
@@ -19,16 +19,16 @@ struct Pass {
     gpu_ms: Option<f64>,
 }
 
-/// GPU times of passes, read from a file of statistics.
+/// GPU times of passes, as read from a file of statistics.
 #[derive(Debug, PartialEq)]
 pub struct Times {
     /// Name of the drawn graph.
     pub pipeline: String,
-    /// Names of the passes, each with its median time over the cameras, in milliseconds.
+    /// Pass names, each with its median time over the cameras, in milliseconds.
     pub passes: Vec<(String, f64)>,
 }
 
-/// Reads a file of statistics.
+/// Reads the JSON file that `render --json` wrote.
 pub fn load(path: &Path) -> Result<Times> {
     let text = std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()))?;
     parse(&text).with_context(|| format!("{} has no GPU times", path.display()))

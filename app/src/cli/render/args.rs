@@ -133,7 +133,7 @@ pub fn renderer(text: &str) -> Result<Renderer, String> {
     }
 }
 
-/// Parses the number of frames. It is limited because the times of all frames are kept for the medians.
+/// Parses the number of frames. It is limited because the times of all frames stay in memory for the medians.
 fn repeat(text: &str) -> Result<u32, String> {
     const MOST: u32 = 100_000;
     match text.parse() {
@@ -144,10 +144,10 @@ fn repeat(text: &str) -> Result<u32, String> {
     }
 }
 
-/// The cameras and files of a run, as known before the device is opened.
+/// Cameras and files of a run that are known before the device is opened.
 #[derive(Debug)]
 pub struct Work {
-    /// The cameras of the command line; `None` for the scene's own.
+    /// Cameras from the command line; `None` for the scene's own.
     pub(super) given: Option<Vec<Camera>>,
     pub(super) destination: Option<Destination>,
     /// A unique file name for each camera, without extension.
@@ -187,7 +187,7 @@ pub fn prepare(args: &Args) -> Result<Work> {
         options::refuse_terminal("the picture")?;
     }
     let files: Vec<(&str, &Path)> = args.files().collect();
-    // The longest text around a camera's name: that of a picture, or `keys-NAME.npy`.
+    // Longest text around a camera's name in a file name: `.png`, or the rest of `keys-NAME.npy`.
     let around = files
         .iter()
         .map(|(_, file)| stem(file).len() + "-.npy".len())
@@ -224,7 +224,7 @@ pub fn prepare(args: &Args) -> Result<Work> {
     Ok(Work { given, destination, stems, guard })
 }
 
-/// Rejects options that have no meaning for the chosen renderer.
+/// Rejects options that do not apply to the chosen renderer.
 fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     if let Renderer::Reference = args.backend {
         let more = [
@@ -238,7 +238,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
             let names = NAMES.map(|(name, _)| name).join(", ");
             return Err(Usage(format!("expected an output of the exact renderer, {names}, found `{name}`")));
         }
-        // A preset named after a projection selects it for the exact renderer.
+        // A preset named after a projection is allowed: it selects that projection.
         let is_projection = args.drawing.pipeline.parse::<Projection>().is_ok();
         let pipeline = if is_projection { options::DEFAULT_PIPELINE } else { &args.drawing.pipeline };
         return refuse_graph_options(pipeline, &args.drawing.set, &args.device);
@@ -249,7 +249,7 @@ fn refuse_options_of_others(args: &Args) -> Result<(), Usage> {
     }
 }
 
-/// Rejects the options of graphs and devices, which have no meaning for the exact renderer.
+/// Rejects options of graphs and devices, which do not apply to the exact renderer.
 pub fn refuse_graph_options(
     pipeline: &str,
     set: &[(String, String)],
@@ -285,7 +285,7 @@ impl Args {
         self.jobs.map_or_else(|| 2 * rayon::current_num_threads(), usize::from)
     }
 
-    /// Lists the files of inspections and outputs, each with its option. With several cameras, each has its own file.
+    /// Lists the files of inspections and outputs, each with its option's name.
     pub(super) fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let inspected = self.inspect.iter().filter_map(|request| request.file.as_deref());
         let outputs = self.named().map(|(_, file)| ("--output", file));
@@ -300,7 +300,9 @@ impl Args {
         })
     }
 
-    /// Returns the destination of the picture; `None` if none was given.
+    /// Returns the path of the picture; `None` without an `--output` for it.
+    ///
+    /// Fails if several are given.
     pub(super) fn picture(&self) -> Result<Option<&Path>, Usage> {
         let pictures: Vec<&Path> = self
             .output

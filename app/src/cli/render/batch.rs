@@ -21,11 +21,11 @@ use std::collections::VecDeque;
 use std::path::PathBuf;
 use tracing::info_span;
 
-/// The cameras with frames that are submitted but not yet reported.
+/// Cameras whose frames are in flight, and whose pictures are being written.
 pub struct Batch {
-    /// The destination of pictures; `None` if none is written.
+    /// Destination of the pictures; `None` if no picture is written.
     pub destination: Option<Destination>,
-    /// Outputs besides the picture with their files, and the number of cameras.
+    /// Outputs besides the picture, each with its name and file; and the number of cameras.
     files: (Vec<(String, PathBuf)>, usize),
     stdout: Stdout,
     flying: VecDeque<Flying>,
@@ -41,21 +41,21 @@ struct Flying {
     size: (u32, u32),
 }
 
-/// A camera with finished frames, and the pictures to write.
+/// A camera whose frames are finished, with its pictures to write.
 pub struct Shown {
     /// Statistics of the camera's frames.
     pub stats: CameraStats,
     /// The picture, if one is written.
     pub output: Option<Pixels>,
-    /// Outputs besides the picture.
+    /// Outputs besides the picture, in the order of the command line.
     pub outputs: Vec<Output>,
-    /// Error message in case the picture's format has no colours.
+    /// Error message if the picture's format has no colours.
     pub no_colours: String,
-    /// Name of the picture's file, without extension.
+    /// Stem of the picture's file name.
     pub stem: String,
 }
 
-/// A camera with a written file, and the line to print.
+/// A camera whose files are written, with the line to print.
 struct Told {
     stats: CameraStats,
     line: String,
@@ -79,10 +79,10 @@ impl Batch {
         }
     }
 
-    /// Submits the only frame of a camera. The session must be prepared for its size.
+    /// Submits the only frame of a camera. The session must be prepared for the camera's size.
     ///
     /// # Errors
-    /// The device fails, or a previous picture cannot be written.
+    /// The device fails, or an earlier picture cannot be written.
     pub fn submit(
         &mut self,
         session: &mut Session<Backend>,
@@ -102,7 +102,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Waits for all frames in flight, which must be done before another plan is prepared.
+    /// Waits for all frames in flight. Call this before another plan is prepared.
     ///
     /// # Errors
     /// See [`Batch::submit`].
@@ -113,7 +113,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Waits for the oldest frame, and starts to write its picture.
+    /// Waits for the oldest frame in flight, and starts to write its picture.
     fn land(&mut self, session: &mut Session<Backend>, progress: &Progress) -> Result<()> {
         let Some(Flying { frame, name, stem, size }) = self.flying.pop_front() else { return Ok(()) };
         let result = session.wait(frame)?;
@@ -129,10 +129,10 @@ impl Batch {
         self.save(Shown { stats, output, outputs, no_colours, stem }, progress)
     }
 
-    /// Starts to write a camera's picture, and reports the earlier pictures that are written.
+    /// Starts to write a camera's picture, and reports the earlier pictures that are now written.
     ///
     /// # Errors
-    /// The picture is missing, or a previous one cannot be written.
+    /// The picture is missing, or an earlier one cannot be written.
     pub fn save(&mut self, shown: Shown, progress: &Progress) -> Result<()> {
         let Shown { stats, output, outputs, no_colours, stem } = shown;
         if self.destination.is_some() && output.is_none() {
@@ -156,7 +156,7 @@ impl Batch {
                 (Some(destination), Some(pixels)) => {
                     let image = info_span!("convert the pixels").in_scope(|| image_of(&pixels));
                     let image = image.context(no_colours)?;
-                    // The device can use its memory again.
+                    // Return the readback memory to the device before encoding.
                     drop(pixels);
                     let path = destination.path(&stem);
                     image.save_as(destination.format(), &path)?;
@@ -172,7 +172,7 @@ impl Batch {
         Ok(())
     }
 
-    /// Waits for all pictures. Returns the statistics of all cameras so far, in order.
+    /// Waits until all pictures are written. Returns the statistics of all cameras so far, in order.
     ///
     /// # Errors
     /// A picture cannot be written.

@@ -1,4 +1,4 @@
-//! Chooses the files of a rendering's pictures.
+//! Determines the files to which pictures are written.
 
 use crate::cli::help;
 use crate::cli::outcome::Usage;
@@ -8,18 +8,18 @@ use crate::io::output::is_standard_output;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// A value of `--output`.
+/// Parsed value of `--output`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Output {
     /// File or folder of the picture.
     Picture(PathBuf),
-    /// Name and file of an output besides the picture.
+    /// Name and file of an output besides the picture, such as `depth`.
     Named(String, PathBuf),
 }
 
-/// Parses a value of `--output`: `NAME=FILE`, or the path of the picture.
+/// Parses a value of `--output`: `NAME=FILE` or the path of the picture.
 ///
-/// A name consists of letters, digits and `_`, so `./a=b.png` is the path of a picture.
+/// `NAME` consists of letters, digits and `_`. Therefore, `./a=b.png` is the path of a picture.
 pub fn output(text: OsString) -> Result<Output, String> {
     let is_name =
         |name: &str| !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
@@ -53,20 +53,20 @@ Characters that a file name cannot have become `_`, and cameras of equal names g
 NAME=FILE writes another output of the graph; may be repeated. (`./NAME=FILE` is a picture of that name.) Those of the built-in
 graphs, of which quads (`splat`) give the first three, are defined in docs/splatting.md:";
 
-/// The destination and the format of pictures.
+/// Destination and format of the pictures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Destination {
-    /// The file of one picture; `-` is standard output.
+    /// File of the only picture; `-` is standard output.
     Picture(PathBuf, Format),
     /// A folder with one picture per camera.
     Folder(PathBuf, Format),
 }
 
 impl Destination {
-    /// Determines the destination from `--output` and `--format`; `None` without an output.
+    /// Determines the destination from `--output` and `--format`; `None` without `--output`.
     ///
     /// # Errors
-    /// The extension is unknown, or contradicts the requested format.
+    /// The extension is unknown, or contradicts `--format`.
     pub fn of(output: Option<&Path>, asked: Option<Format>) -> Result<Option<Destination>, Usage> {
         let Some(output) = output else { return Ok(None) };
         if is_standard_output(output) {
@@ -78,7 +78,7 @@ impl Destination {
             }
             return Ok(Some(Destination::Picture(output.to_owned(), format)));
         }
-        // `pictures.jpg` is more likely a mistake than a folder.
+        // A path such as `pictures.jpg` is more likely a mistake than a new folder.
         if let Some(extension) = output.extension().filter(|_| !output.is_dir() && asked.is_none()) {
             return Err(Usage(format!(
                 "expected the extension .png, .exr or .npy, found .{} (for a folder of that name, add --format)",
@@ -88,7 +88,7 @@ impl Destination {
         Ok(Some(Destination::Folder(output.to_owned(), asked.unwrap_or(Format::Png))))
     }
 
-    /// Returns the path of a camera's picture.
+    /// Returns the path of a camera's picture. `stem` is the camera's file name, without extension.
     pub fn path(&self, stem: &str) -> PathBuf {
         match self {
             Destination::Picture(path, _) => path.clone(),
@@ -103,12 +103,12 @@ impl Destination {
     }
 }
 
-/// Returns the name of a file without its extension.
+/// Returns a path's file name without its extension.
 pub fn stem(file: &Path) -> std::borrow::Cow<'_, str> {
     file.file_stem().unwrap_or_default().to_string_lossy()
 }
 
-/// Inserts the camera's file name into a path if there are several cameras: `keys-NAME.npy`.
+/// Inserts the camera's name into a file name if there are several cameras: `keys-NAME.npy`.
 pub fn per_camera(file: &Path, camera: &str, cameras: usize) -> PathBuf {
     if cameras == 1 {
         return file.to_owned();

@@ -1,4 +1,4 @@
-//! Draws views of a scene, on a device or exactly, and writes their pictures.
+//! Draws views of a scene on a device or with the exact renderer, and writes their pictures.
 
 use super::args::{Args, Renderer, Work};
 use super::batch::{Batch, Shown};
@@ -25,24 +25,24 @@ use std::sync::atomic::AtomicBool;
 use std::thread;
 use tracing::info_span;
 
-/// A loaded scene, and its cameras in the scene's coordinates.
+/// Loaded scene, and its cameras in the scene's coordinates.
 #[derive(Clone)]
 pub struct Loaded {
-    /// Scene to draw, shared with the session.
+    /// Scene to draw, shared with the device's session.
     pub scene: Arc<Scene>,
     /// Cameras, in the order of the file names in [`Work`].
     pub cameras: Vec<Camera>,
 }
 
 impl Loaded {
-    /// Loads the scenes and their cameras, at the requested size and with the graph's projection.
+    /// Loads the scenes and their cameras. Cameras get the requested size and the graph's projection.
     fn load(args: &Args, work: &Work, graph: Projection, cancel: &AtomicBool) -> Result<Loaded> {
         let (scene, own) = args.scenes.load(cancel)?;
         let given = work.given.clone().or(own.map(|own| vec![own]));
         let cameras = options::cameras_of(&scene, given, &work.stems, args.drawing.size);
         let looking = args.look.cameras(&scene, args.drawing.size, graph)?;
         let projected = |camera: Camera| -> Result<Camera> {
-            // The exact renderer draws every camera as it is.
+            // The exact renderer draws each camera in its own projection, unless the graph's name selects one.
             let is_free = args.backend == Renderer::Reference && graph.is_pinhole();
             let camera = if is_free { camera } else { projection::convert(&camera, graph, &scene)? };
             Ok(args.look.scaled(camera)?)
@@ -59,28 +59,28 @@ pub struct Drawer {
     with: With,
 }
 
-/// The renderer of the views.
+/// Renderer of the views.
 enum With {
     Device { session: Box<Session<Backend>>, batch: Box<Batch>, guard: OutputGuard },
     Exact { done: Vec<TruthStats> },
 }
 
 impl Drawer {
-    /// Opens the device, and meanwhile loads the scene unless it is given.
+    /// Opens the device and loads the scene at the same time. A given scene is not loaded again.
     ///
     /// # Errors
     /// There is no suitable device, or the scene cannot be loaded.
     pub fn open(args: &Args, work: &Work, loaded: Option<Loaded>) -> Result<Drawer> {
         let pipeline = &args.drawing.pipeline;
         let graph = || match args.backend {
-            // A preset named after a projection selects it for the exact renderer.
+            // A preset named after a projection selects that projection.
             Renderer::Reference => pipeline.parse().unwrap_or_default(),
             Renderer::Device(_) => projection::of_graph(pipeline, &args.drawing.set),
         };
         let load = |cancel: &_| loaded.map_or_else(|| Loaded::load(args, work, graph(), cancel), Ok);
         let stems = work.stems.clone();
         let Renderer::Device(api) = args.backend else {
-            // Mistakes are reported before a large scene is loaded.
+            // Report invalid rules before a large scene is loaded.
             truth::rules(Rules::PUBLISHED, &args.rule).map_err(|error| Usage(error.to_string()))?;
             let loaded = load(&options::NEVER)?;
             let lens = loaded.cameras.iter().find(|camera| !camera.projection.is_pinhole());
@@ -97,7 +97,7 @@ impl Drawer {
             let device =
                 info_span!("open the device").in_scope(|| Backend::open(api, &args.device.options()))?;
             let checked = |set: &[_]| args.scenes.check_header(device.info(), pipeline, set);
-            // A scene that is too large may fit once it is packed. Its error is of the storage that the user knows.
+            // A scene that is too large may fit in a packed storage. If not, report the error of the requested storage.
             info_span!("check the scene's header").in_scope(|| {
                 checked(set).or_else(|error| match Choice::smallest(set) {
                     Some(smallest) => checked(&[set.as_slice(), &[smallest]].concat()).map_err(|_| error),
@@ -118,7 +118,7 @@ impl Drawer {
         let limit = args.memory.memory;
         match session.choose_storage(limit, largest.unwrap_or(DEFAULT_SIZE)) {
             Ok(Some(choice)) if limit.is_some() || choice.set.is_some() => say(choice.to_string()),
-            // Without a limit, the device refuses the plan itself.
+            // Without a limit, the device itself rejects the plan.
             Err(error) if limit.is_some() => return Err(error.into_error()),
             _ => {}
         }
@@ -136,10 +136,10 @@ impl Drawer {
         &self.loaded
     }
 
-    /// Builds the plan for the first view. Returns the session, or `None` for the exact renderer.
+    /// Builds the plan for the first view. Returns the session; `None` for the exact renderer.
     ///
     /// # Errors
-    /// The graph has errors, or the device has no room for the plan.
+    /// The graph has errors, or the plan does not fit the device.
     pub fn prepared(&mut self) -> Result<Option<&Session<Backend>>> {
         let With::Device { session, .. } = &mut self.with else { return Ok(None) };
         if let Some(camera) = self.loaded.cameras.first() {
@@ -148,7 +148,7 @@ impl Drawer {
         Ok(Some(session))
     }
 
-    /// Draws views, given as indices of the cameras, and writes their files.
+    /// Draws the views with these camera indices and writes their files.
     ///
     /// # Errors
     /// A plan cannot be built, the device fails, or a file cannot be written.
@@ -177,7 +177,7 @@ impl Drawer {
         Ok(())
     }
 
-    /// Waits for all pictures. Returns the statistics of all views so far, in order.
+    /// Waits until all pictures are written. Returns the statistics of all views so far, in order.
     ///
     /// # Errors
     /// A picture cannot be written.
@@ -188,11 +188,11 @@ impl Drawer {
         })
     }
 
-    /// Closes the device, meanwhile frees the scene, and returns the device's validation messages.
+    /// Closes the device while another thread frees the scene. Returns the device's validation messages.
     pub fn close(self) -> Vec<String> {
         let Drawer { loaded, with, .. } = self;
         let With::Device { session, .. } = with else { return Vec::new() };
-        // The device's session holds the scene, too.
+        // Drop the session's reference to the scene, so that the drop below frees it.
         let device = session.into_device();
         thread::scope(|scope| {
             scope.spawn(|| info_span!("free the scene").in_scope(|| drop(loaded)));
@@ -201,7 +201,7 @@ impl Drawer {
     }
 }
 
-/// Draws a view on a device. The tuple holds the camera, its file name, and the number of cameras.
+/// Draws a view on a device. The tuple is the camera, its file name stem, and the number of cameras.
 fn draw(
     args: &Args,
     session: &mut Session<Backend>,

@@ -1,4 +1,4 @@
-//! Draws the frames of one camera, several if medians are wanted, and reads resources back.
+//! Draws the frames of one camera, and reads resources back.
 
 use super::kept::Kept;
 use crate::cli::options;
@@ -18,14 +18,14 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// The parsed value `RESOURCE@PASS[=FILE.npy]` of `--inspect`.
+/// Parsed value `RESOURCE@PASS[=FILE.npy]` of `--inspect`.
 #[derive(Clone, Debug)]
 pub struct InspectRequest {
     /// Name of the resource to read back.
     pub resource: String,
-    /// Name of the pass after which the resource is read.
+    /// Name of the pass. The resource is read after this pass has run.
     pub pass: String,
-    /// File to which the contents are written; `None` to print a summary only.
+    /// File for the contents; `None` to print only a summary.
     pub file: Option<PathBuf>,
 }
 
@@ -42,31 +42,33 @@ pub fn inspect_request(text: &str) -> Result<InspectRequest, String> {
     Ok(InspectRequest { resource, pass, file })
 }
 
-/// Frames to draw for each camera, and results to read back.
+/// Frames to draw for each camera, and the results to read back.
 pub struct Wanted<'a> {
-    /// Number of frames that count towards the times.
+    /// Number of frames whose times are measured.
     pub repeat: u32,
-    /// Background colour, display-encoded.
+    /// Background colour, display-encoded RGB.
     pub background: [f32; 3],
-    /// True to read the last frame's picture back.
+    /// True to read back the picture of the last frame.
     pub read_output: bool,
     /// Resources to read back, each after a pass.
     pub inspect: &'a [InspectRequest],
 }
 
-/// The results of one camera.
+/// Results of one camera.
 pub struct Drawn {
     pub stats: CameraStats,
-    /// The picture of the last frame.
+    /// Picture of the last frame; `None` if it was not read back.
     pub output: Option<Pixels>,
-    /// The outputs of the last frame besides the picture.
+    /// Outputs of the last frame besides the picture.
     pub outputs: Vec<Output>,
-    /// For each finding in `stats`, the index of its `--inspect` option. Results of the prologue are read once per
+    /// Index of the `--inspect` option for each finding in `stats`. Results of the prologue are read only once per
     /// load.
     pub requests: Vec<usize>,
 }
 
-/// Draws the frames of one camera with the prepared plan. `loaded` is true if the plan was only just loaded.
+/// Draws the frames of one camera with the prepared plan.
+///
+/// `loaded`: the plan was just loaded, so its prologue has not run yet.
 pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, loaded: bool) -> Result<Drawn> {
     let plan = session.plan().context("no plan after `prepare`")?.clone();
     let resolve = |plan: &Plan, inspect_request: &InspectRequest| {
@@ -86,7 +88,7 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
     let mut land = |session: &mut Session<Backend>, (id, asked, counts): (_, Vec<usize>, _)| -> Result<()> {
         let result = session.wait(id)?;
         let plan = session.plan().context("no plan after a frame")?;
-        // The passes of a plan with less room may be others, and their times mean another plan.
+        // The plan was rebuilt with larger buffers. Discard the earlier times: its passes may differ.
         if std::mem::replace(&mut growths, session.growths()) != session.growths() {
             kept = Kept::default();
         }
@@ -98,14 +100,15 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
         kept.add(result, plan, counts);
         Ok(())
     };
-    // A device that has rested draws at a lower clock: of several frames, those of a warm-up do not count.
+    // An idle device runs at a lower clock. If several frames are measured, they follow warm-up frames that do not
+    // count.
     let begun = Instant::now();
     let mut warm = wanted.repeat == 1;
     let (mut counted, mut first) = (0, true);
     while counted < wanted.repeat {
         counted += u32::from(warm);
         let last = counted == wanted.repeat;
-        // The results of the prologue can only be read in the frame that runs it.
+        // Results of the prologue can be read only in the frame that runs it.
         let due = |target: &Inspect| if inspect::in_prologue(&plan, target) { first && loaded } else { last };
         let asked: Vec<usize> = (0..targets.len()).filter(|&i| due(&targets[i])).collect();
         let outputs_of = |last| outputs::inspections(&plan).into_iter().filter(move |_| last);
@@ -144,7 +147,7 @@ pub fn draw(wanted: &Wanted, session: &mut Session<Backend>, camera: &Camera, lo
     Ok(Drawn { stats, output, outputs, requests })
 }
 
-/// Builds and loads the plan, and shows the progress. Returns true if the plan was loaded now.
+/// Builds and loads the plan, and shows the progress. Returns true if a plan was loaded, false if it already was.
 pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<bool> {
     let mut compiling = Progress::new("making pipelines");
     let mut uploading = None;
@@ -161,7 +164,7 @@ pub fn prepare_plan(session: &mut Session<Backend>, camera: &Camera) -> Result<b
     Ok(loaded)
 }
 
-/// Formats the error that the output of the current plan has a format without colours.
+/// Formats the error that the current plan's output has a format without colours.
 pub fn no_colours(session: &Session<Backend>) -> String {
     let name = session.plan().map_or("", |plan| &plan.resource(plan.output).name);
     format!("the graph's output `{name}` has no colours")

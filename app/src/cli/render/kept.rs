@@ -6,21 +6,21 @@ use splatgraph_framework::ir::Run;
 use splatgraph_framework::plan::Plan;
 use std::time::Instant;
 
-/// The collected results of the frames of one plan.
+/// Results collected from the frames of one plan.
 #[derive(Default)]
 pub struct Kept {
-    /// Times of the passes that run once, from the frame that ran the prologue, if that frame does not count.
+    /// Result of the frame that ran the prologue, if that frame is not measured.
     once: Option<FrameResult>,
     counted: Vec<FrameResult>,
-    /// Times at which the counted frames were done.
+    /// Completion times of the measured frames.
     done: Vec<Instant>,
 }
 
 impl Kept {
-    /// Adds the next frame. Of a frame that does not count, only the times of passes that run once are kept.
+    /// Adds the next frame. If the frame is not measured, keeps only the times of passes that run once.
     pub fn add(&mut self, mut result: FrameResult, plan: &Plan, counts: bool) {
         if counts {
-            // Counts are those of the last frame.
+            // Only the last frame's statistics are reported.
             if let Some(former) = self.counted.last_mut() {
                 former.stats = Vec::new();
             }
@@ -34,12 +34,12 @@ impl Kept {
         }
     }
 
-    /// Takes the picture of the last frame.
+    /// Takes the picture of the last frame; `None` if it was not read back.
     pub fn output(&mut self) -> Option<Pixels> {
         self.counted.last_mut()?.output.take()
     }
 
-    /// Summarises the frames as the statistics of a camera.
+    /// Summarises the measured frames as the statistics of a camera.
     pub fn stats(
         self,
         camera: (&str, (u32, u32)),
@@ -56,11 +56,10 @@ impl Kept {
         CameraStats { busy, frames, record_ms, ..stats }
     }
 
-    /// Computes the share of the time that the device spends drawing, at most 1.
+    /// Computes the fraction of time that the device spends drawing, at most 1.
     ///
-    /// `None` with fewer than four frames, or without timestamps.
-    ///
-    /// The last frame is left out, because its picture is read back.
+    /// `None` with fewer than four frames or without timestamps. The last frame is left out, because it also reads the
+    /// picture back.
     fn busy(&self) -> Option<f64> {
         let (between, times) = match (self.counted.as_slice(), self.done.as_slice()) {
             ([_, between @ .., _], [first, .., end, _]) if between.len() > 1 => (between, (*first, *end)),
@@ -118,7 +117,7 @@ mod tests {
             (4, Some(1.0), 1.0, Some(0.25))
         );
         assert!(stats.line().contains("on device, which rested for 75 % of the time"), "{}", stats.line());
-        // A single frame counts with all of its passes.
+        // If only one frame is drawn, all its passes count.
         let mut kept = Kept::default();
         kept.add(frame(5.0, true), &plan, true);
         let stats = kept.stats(("a", (32, 24)), &plan, &info(), 3, Vec::new());

@@ -24,7 +24,7 @@ pub(super) use frames::prepare_plan;
 pub(super) use views::{COMMAND, Views};
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    // Errors of the command line and of the device are reported before a large scene is loaded.
+    // Report errors of the command line and of the device before loading a large scene.
     let work = info_span!("check the command line").in_scope(|| prepare(args))?;
     if let Some(Destination::Folder(folder, _)) = &work.destination {
         Manifest::refuse(folder)?;

@@ -1,23 +1,23 @@
-//! Keeps printed lines separate from a file that is written to standard output.
+//! Keeps printed lines out of a file that goes to standard output.
 
 use crate::cli::options;
 use crate::io::output::{is_standard_output, note, say};
 use anyhow::Result;
 use std::path::Path;
 
-/// Contents of standard output.
+/// Use of standard output by a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stdout {
-    /// A file and nothing else; lines go to standard error.
+    /// A file and nothing else. Lines go to standard error.
     File,
-    /// Lines that are the only result of the command.
+    /// Lines that are the command's only result.
     Product,
     /// Lines that report on the files that the command writes.
     Notes,
 }
 
 impl Stdout {
-    /// Determines the contents of standard output from the files that a command writes.
+    /// Determines the use of standard output from the files that a command writes.
     pub fn of<'a>(mut files: impl Iterator<Item = &'a Path>) -> Stdout {
         let Some(first) = files.next() else { return Stdout::Product };
         match is_standard_output(first) || files.any(is_standard_output) {

@@ -9,10 +9,10 @@ use anyhow::{Context, Result};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Name of the command, in the descriptions of shared folders.
+/// Command name in the `job.json` of shared folders.
 pub const COMMAND: &str = "render";
 
-/// The views of a rendering into a folder, which several processes can share.
+/// Views of a rendering into a folder, for several processes to share.
 pub struct Views {
     args: Args,
     folder: PathBuf,
@@ -22,10 +22,10 @@ pub struct Views {
 }
 
 impl Views {
-    /// Checks the arguments, and reads the cameras. The scene is not loaded yet.
+    /// Checks the arguments and reads the cameras. The scene is loaded later.
     ///
     /// # Errors
-    /// An option does not apply to a part of the views, or the output is not a folder.
+    /// An option does not apply to a share of the views, or the output is not a folder.
     pub fn new(args: Args) -> Result<Views> {
         let inspects = !args.inspect.is_empty();
         job::refuse(&[
@@ -66,7 +66,8 @@ impl job::Work for Views {
         let cameras = serde_json::to_value(&loaded.cameras)?;
         let Args { rule, background, backend, .. } = &self.args;
         let mut origin = match drawer.prepared()? {
-            // With the chosen storage: a process whose device has less memory draws other pictures.
+            // The chosen storage is part of the description: a device with less memory chooses another, and draws other
+            // pictures.
             Some(session) => job::origin_of(session, &cameras, session.graph())?,
             None => job::origin(loaded.scene.identity(), &cameras)?,
         };

@@ -85,7 +85,7 @@ pub struct Args {
 /// Maximum number of frames of a film.
 const MAX_FRAMES: u32 = 100_000;
 
-/// Default time that the shutter is open, as a share of the time between frames. It is that of a 180-degree shutter.
+/// Default shutter time, as a fraction of the frame time. 0.5 is a 180-degree shutter.
 const SHUTTER: f64 = 0.5;
 
 /// Parses a duration in seconds.
@@ -94,7 +94,7 @@ fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| format!("expected {} to {} seconds", SECONDS.start(), SECONDS.end()))
 }
 
-/// Parses the time that the shutter is open, as a share of the time between frames.
+/// Parses the shutter time, as a fraction of the frame time.
 fn shutter(text: &str) -> Result<f64, String> {
     let share = text.parse().ok().filter(|share: &f64| (0.0..=1.0).contains(share));
     share.ok_or_else(|| "expected 0 to 1, for instance 0.5 for a shutter of 180 degrees".into())
@@ -107,17 +107,17 @@ enum Destination {
     Folder(Sequence),
 }
 
-/// The properties of a film that are known before the device is opened.
+/// Properties of a film that are known before the device is opened.
 #[derive(Debug)]
 pub(super) struct Work {
-    /// The keys of the path, from `--cameras`.
+    /// Keys of the camera path, from `--cameras`.
     keys: Option<Vec<Camera>>,
     frames: u32,
     destination: Destination,
     guard: OutputGuard,
 }
 
-/// Reads the keys, and determines the output's format.
+/// Reads the keys, and determines the output format.
 ///
 /// # Errors
 /// The command line is invalid, for example because the output would overwrite an input.
@@ -194,7 +194,7 @@ fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
     Ok(())
 }
 
-/// Makes the camera's motion, in the scene's coordinates. `own` is the demo scene's camera.
+/// Makes the camera motion, in the scene's coordinates. `own` is the demo scene's camera.
 fn motion(
     args: &Args,
     keys: Option<&[Camera]>,
@@ -264,7 +264,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(outcome::validated(args.device.validate, &session.into_device().close()))
 }
 
-/// A film with its scene and drawing options.
+/// A film to draw, with its scene and drawing options.
 struct Job<'a> {
     args: &'a Args,
     film: &'a Film,
@@ -277,8 +277,9 @@ impl Job<'_> {
         DrawOptions { background: self.args.background, jobs }
     }
 
-    /// Writes the film to one file. Returns the number of frames and their GPU milliseconds; `None` if the reader of a
-    /// pipe closed it.
+    /// Writes the film to one file. Returns the number of frames and their GPU time in milliseconds.
+    ///
+    /// `None` if the reader of the output pipe closed it.
     fn write(
         &self,
         session: &mut Session<Backend>,
@@ -317,7 +318,7 @@ impl Job<'_> {
             }
         });
         match failure {
-            // An error of drawing, not of the file.
+            // Report a failure to draw as itself, not as an error of the file.
             Some(error) => Err(error),
             None => {
                 written?;
@@ -326,7 +327,7 @@ impl Job<'_> {
         }
     }
 
-    /// Draws the frames that a folder lacks.
+    /// Draws the frames that are missing in a folder.
     fn fill(
         &self,
         session: &mut Session<Backend>,
@@ -346,7 +347,7 @@ impl Job<'_> {
         })
     }
 
-    /// Describes the inputs that determine the frames' pixels.
+    /// Records the inputs that determine the frames' pixels, for `film.json`.
     fn record(&self, session: &Session<Backend>, cameras: &[Camera]) -> Result<serde_json::Value> {
         let plan = session.plan().context("no plan after `prepare`")?;
         let (width, height) = self.size;
@@ -366,7 +367,7 @@ impl Job<'_> {
         Ok(record)
     }
 
-    /// Formats a report of the drawn frames and their rate.
+    /// Formats a report of the drawn frames and the frame rate.
     fn summary(&self, drawn: usize, seconds: f64, ms: Option<f64>) -> String {
         let ((width, height), frames) = (self.size, self.film.frames);
         let path = &self.args.output;

@@ -1,7 +1,7 @@
 //! Numbers the pictures of a film in a folder, and finds the missing ones.
 //!
-//! `film.json` records the inputs that determine the pictures' pixels. Each picture is either complete or absent, so
-//! pictures in a folder with an equal record need not be drawn again.
+//! `film.json` records the inputs that determine the pictures' pixels. Each picture is either complete or absent.
+//! Therefore, pictures in a folder with an equal record need not be drawn again.
 
 use crate::io::image::{Format, Image, ImageError};
 use crate::io::output;
@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// A folder of numbered pictures.
+/// Folder of numbered pictures.
 #[derive(Clone, Debug)]
 pub struct Sequence {
     folder: PathBuf,
@@ -39,7 +39,7 @@ impl Sequence {
         image.save_as(self.format, &self.picture(frame))
     }
 
-    /// Lists the frames without a picture, and writes the record if there is none.
+    /// Lists the frames without a picture. Writes the record if there is none.
     ///
     /// # Errors
     /// The folder holds frames of another film, or the record cannot be read or written.
