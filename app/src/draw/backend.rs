@@ -23,14 +23,14 @@ pub use splatgraph_metal::dump::add_encoders as add_metal_encoders;
 pub use splatgraph_runtime::{Window, abandoned_compilers};
 pub use splatgraph_vulkan::sync;
 
-/// Returns the dump of a plan with Vulkan's barriers, which are finer than Metal's commands.
+/// Dumps a plan with its Vulkan barriers, which are finer than Metal's commands.
 ///
-/// If no valid barriers are found, the dump has a warning instead, and loading the plan fails.
+/// If no valid barriers are found, the dump contains a warning instead. Loading such a plan fails.
 pub fn dump(plan: &Plan) -> Dump {
     sync::dump::add_barriers(dump::dump(plan), plan, sync::barriers(plan).as_ref())
 }
 
-/// A graphics API.
+/// A graphics API, as named by `--backend`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Api {
     /// Vulkan 1.3, on every system with a driver.
@@ -50,7 +50,7 @@ impl Api {
     #[cfg(not(target_vendor = "apple"))]
     pub const ALL: [Api; 2] = [Api::Vulkan, Api::Null];
 
-    /// Returns the API's name, as `--backend` takes it.
+    /// Returns the API's name as a value of `--backend`.
     pub fn name(self) -> &'static str {
         match self {
             Api::Vulkan => "vulkan",
@@ -63,7 +63,8 @@ impl Api {
     /// Finds an API by its name.
     ///
     /// # Errors
-    /// The name is unknown. The error lists the valid names, and why `metal` is not one of them.
+    /// The name is unknown. The error lists the valid names, and explains why `metal` is not available on other
+    /// systems.
     pub fn parse(name: &str) -> Result<Api, String> {
         Api::find(name).ok_or_else(|| Api::refusal(name, &[]))
     }
@@ -73,12 +74,12 @@ impl Api {
         Api::ALL.into_iter().find(|api| api.name() == name)
     }
 
-    /// Makes the error message for a name that is neither an API nor one of `others`.
+    /// Formats the error about a name that is neither an API nor one of `others`.
     pub fn refusal(name: &str, others: &[&str]) -> String {
         refusal(name, &[&Api::ALL.map(Api::name), others].concat())
     }
 
-    /// Finds an API by its name, for comparisons of pictures: not [`Api::Null`], which draws none.
+    /// Finds an API that can draw pictures by its name. [`Api::Null`] is rejected.
     ///
     /// # Errors
     /// The name is unknown. The error lists the APIs that draw.
@@ -104,7 +105,7 @@ impl Api {
     }
 }
 
-/// Makes the error message for an API that is not in `names`, with the reason if it is known.
+/// Formats the error about an API that is not in `names`, with the reason if it is known.
 fn refusal(name: &str, names: &[&str]) -> String {
     let why = match name {
         "metal" => ": Metal is on Apple's systems alone",
@@ -114,7 +115,7 @@ fn refusal(name: &str, names: &[&str]) -> String {
     format!("expected {}, found {name}{why}", alternatives(names))
 }
 
-/// Joins names for a sentence: `vulkan, null or reference`.
+/// Joins names as alternatives: `vulkan, null or reference`.
 fn alternatives(names: &[&str]) -> String {
     match names {
         [first @ .., last] if !first.is_empty() => format!("{} or {last}", first.join(", ")),
@@ -141,35 +142,35 @@ pub enum Backend {
     /// A Metal device.
     #[cfg(target_vendor = "apple")]
     Metal(Metal),
-    /// A device that executes nothing, with the journal of its calls, which the application does not read.
+    /// A device that executes nothing. The application does not read the journal of its calls.
     Null(Null, Journal),
 }
 
-/// Prepares plans for one [`Backend`].
+/// Loader of one [`Backend`]: prepares plans on another thread.
 pub enum Loader {
-    /// The loader of a Vulkan device.
+    /// Loader of a Vulkan device.
     Vulkan(<Vulkan as Device>::Loader),
-    /// The loader of a Metal device.
+    /// Loader of a Metal device.
     #[cfg(target_vendor = "apple")]
     Metal(<Metal as Device>::Loader),
-    /// The loader of the null device.
+    /// Loader of the null device.
     Null(<Null as Device>::Loader),
 }
 
 /// A plan prepared for one [`Backend`].
 pub enum Ready {
-    /// A plan for a Vulkan device.
+    /// Plan for a Vulkan device.
     Vulkan(ReadyOf<Vulkan>),
-    /// A plan for a Metal device.
+    /// Plan for a Metal device.
     #[cfg(target_vendor = "apple")]
     Metal(ReadyOf<Metal>),
-    /// A plan for the null device.
+    /// Plan for the null device.
     Null(ReadyOf<Null>),
 }
 
 type ReadyOf<D> = <<D as Device>::Loader as splatgraph_api::Loader>::Ready;
 
-/// Evaluates `$call` with the device of a backend, whatever its API.
+/// Evaluates `$call` on the device of any backend.
 macro_rules! each {
     ($backend:expr, $device:ident => $call:expr) => {
         match $backend {
@@ -196,8 +197,9 @@ impl Backend {
         }
     }
 
-    /// Opens a device that presents its frames in `window`, whose current size is `size` pixels. Call it on the main
-    /// thread.
+    /// Opens a device that presents its frames in `window`. Call it on the main thread.
+    ///
+    /// `size` is the window's current size, in pixels.
     ///
     /// # Errors
     /// See [`Backend::open`]; [`BackendError::Unavailable`] if the device cannot present in the window.
@@ -233,7 +235,7 @@ impl Backend {
         }
     }
 
-    /// Closes the device, and returns the remaining validation messages, including those about closing it.
+    /// Closes the device, and returns its remaining validation messages, including messages about closing it.
     pub fn close(self) -> Vec<String> {
         each!(self, device => device.close())
     }
@@ -253,7 +255,7 @@ fn null(options: &Options, window: Option<(u32, u32)>) -> Result<Backend, Backen
     }
     let devices = Null::devices()?;
     splatgraph_runtime::choose(&devices.iter().collect::<Vec<_>>(), options.device.as_deref())?;
-    // It never hangs, but on a busy machine its threads may wait for a processor.
+    // The null device never hangs, but on a busy machine its threads may wait for a processor.
     const PATIENCE: Duration = Duration::from_secs(60);
     let config = Config { window, patience: PATIENCE, compile_patience: PATIENCE, ..Config::default() };
     let (device, journal) = splatgraph_null::open(&config);

@@ -16,19 +16,19 @@ pub const DEFAULT_PIPELINE: &str = "auto";
 /// Path (`pipelines/splat.ron`, `shaders/sort/scatter.comp`) and text of each file, sorted by path.
 pub const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/builtin.rs"));
 
-/// Makes a source map of the files on disk and the built-in ones.
+/// Makes a source map of the files on disk and the built-in files.
 pub fn source_map() -> SourceMap {
     SourceMap::new(Library { builtin: FILES, ..Library::default() })
 }
 
 /// Lists the names of the built-in graphs that draw a scene, sorted.
 ///
-/// Graphs for includes, which have no output, and graphs in subfolders, which draw for the program itself, are left out.
+/// Excludes parts, which have no output, and graphs in subfolders, which the program itself uses.
 pub fn names() -> Vec<&'static str> {
     let draws = |text: &str| match Document::parse(text) {
         Ok(Document::Graph(graph)) => graph.output.is_some(),
         Ok(Document::Preset(_) | Document::Choice(_)) => true,
-        // It is listed, and its use reports the error.
+        // List a graph with errors: using it reports them.
         Err(_) => true,
     };
     let graph = |(path, text): &(&'static str, &str)| {
@@ -46,14 +46,14 @@ pub fn filters() -> Vec<&'static str> {
     FILES.iter().filter_map(name).collect()
 }
 
-/// Lists the names of the built-in graphs with the output `output` besides the picture, sorted.
+/// Lists the names of the built-in graphs that have an output named `output` besides the picture, sorted.
 pub fn giving(output: &str) -> Vec<&'static str> {
     let gives = |text: &str| matches!(Document::parse(text), Ok(Document::Graph(graph)) if graph.outputs.contains_key(output));
     let files = FILES.iter().filter(|(path, text)| path.starts_with("pipelines/") && gives(text));
     files.map(|(path, _)| name_of(path)).collect()
 }
 
-/// A built-in file, with what a list shows of it.
+/// A built-in file, as lists show it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct File {
     /// Name in graphs and commands: `splat`, `parts/sort`, `sort/scatter.comp`.
@@ -134,14 +134,14 @@ fn summary(path: &str, text: &str) -> String {
     comment.split_once(". ").map_or(comment.as_str(), |(first, _)| first).trim_end_matches('.').to_owned()
 }
 
-/// A built-in graph, with what a list shows of it.
+/// A built-in graph, as lists show it.
 #[derive(Clone, Debug)]
 pub struct Preset {
     /// Name for `--pipeline`.
     pub name: &'static str,
-    /// Description in one line.
+    /// Summary in one line.
     pub summary: String,
-    /// The parameters, with their values for a nominal scene.
+    /// Parameters, with their values for a nominal scene.
     pub params: Vec<Control>,
 }
 

@@ -11,13 +11,13 @@ use splatgraph_assets::{Bounds, Camera, NEAR};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The block's name among a plan's frame uniforms.
+/// Name of the block among a plan's frame uniforms.
 pub const CAMERA: &str = "frame.camera";
 
 /// Size of the block, in bytes.
 pub const CAMERA_BYTES: u64 = size_of::<Block>() as u64;
 
-/// The block `Camera` of `shaders/camera.glsl`, in the layout std140.
+/// Uniform block `Camera` of `shaders/camera.glsl`, in std140 layout.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Block {
@@ -28,18 +28,18 @@ struct Block {
     focal: [f32; 4],
     /// Width and height in pixels, and their inverses.
     viewport: [f32; 4],
-    /// Near plane, the scene's depth range, and its greatest distance from the camera.
+    /// Near plane; nearest and farthest depth of the scene's box; greatest distance of the box from the camera.
     depth: [f32; 4],
     background: [f32; 4],
-    /// Remainder of the position that f32 cannot represent.
+    /// Part of the position below f32 precision: the f64 position minus `position`.
     position_low: [f32; 4],
     frame: u32,
     padding: [u32; 3],
-    /// Point from which positions in the camera's frame are computed.
+    /// Reference point for positions in camera space; see [`origin`]. In world coordinates.
     origin: [f32; 4],
-    /// Remainder of the origin that f32 cannot represent.
+    /// Part of the origin below f32 precision.
     origin_low: [f32; 4],
-    /// Vector from the camera to the origin, first in the world's axes, then in the camera's.
+    /// Vector from the camera to the origin: `to_origin` in world axes, `view_origin` in camera axes.
     to_origin: [f32; 4],
     view_origin: [f32; 4],
     /// Padding for future members, which keeps the block's size constant.
@@ -48,7 +48,7 @@ struct Block {
 
 const _: () = assert!(size_of::<Block>() == 256);
 
-/// Focal length in pixels above which rounding relative to the camera could move a splat by a thousandth of a pixel.
+/// Focal length, in pixels, above which rounding relative to the camera can move a splat by 0.001 pixels.
 const LONG_FOCAL: f64 = 16_384.0;
 
 /// Byte offset of the frame number in the block.
@@ -56,8 +56,7 @@ pub const FRAME_NUMBER: u32 = std::mem::offset_of!(Block, frame) as u32;
 
 /// Makes the uniform blocks of a frame, by name.
 ///
-/// `bounds` is the scene's box, `background` the display-encoded colour behind the splats, and `frame` the frame's number,
-/// which counts up from 0.
+/// `bounds` is the scene's box. `background` is display-encoded. `frame` counts the frames from 0.
 pub fn frame_uniforms(
     camera: &Camera,
     bounds: &Bounds,
@@ -68,7 +67,8 @@ pub fn frame_uniforms(
     [(CAMERA.to_owned(), uniform(camera, depth, distance, background, frame))].into()
 }
 
-/// Computes a range that contains the view depths of the scene's box as f32. Both ends are at least [`NEAR`].
+/// Computes a range that contains the f32 view depths of all points in the scene's box. Both ends are at least
+/// [`NEAR`].
 ///
 /// A depth is a sum of four terms, each rounded to 24 bits. The range includes depths that this rounding moves out of
 /// the box.
@@ -93,7 +93,7 @@ fn farthest(camera: &Camera, bounds: &Bounds) -> f64 {
 
 /// Packs the block. `depth` is the scene's depth range, and `distance` its greatest distance from the camera.
 fn uniform(camera: &Camera, depth: [f64; 2], distance: f64, background: [f32; 3], frame: u32) -> Vec<u8> {
-    // A point `p` of the world is at `rows * p + translation` in the camera's frame.
+    // World to camera: `rows * p + translation`.
     let rows = camera.axes();
     let translation = rows.map(|row| -(0..3).map(|i| row[i] * camera.position[i]).sum::<f64>());
     let column = |c: usize| [rows[0][c] as f32, rows[1][c] as f32, rows[2][c] as f32, 0.0];
@@ -104,7 +104,7 @@ fn uniform(camera: &Camera, depth: [f64; 2], distance: f64, background: [f32; 3]
     let origin = origin(camera, depth).map(Double::of);
     let [origin_x, origin_y, origin_z] = origin.map(|v| v.high);
     let [origin_low_x, origin_low_y, origin_low_z] = origin.map(|v| v.low);
-    // Of the origin as shaders read it.
+    // Use the origin as shaders see it: the sum of two floats.
     let to_origin: [f64; 3] = std::array::from_fn(|axis| origin[axis].value() - position[axis].value());
     let [to_x, to_y, to_z] = to_origin.map(|v| v as f32);
     let [view_x, view_y, view_z] = rows.map(|row| (0..3).map(|i| row[i] * to_origin[i]).sum::<f64>() as f32);
@@ -129,7 +129,7 @@ fn uniform(camera: &Camera, depth: [f64; 2], distance: f64, background: [f32; 3]
     bytemuck::bytes_of(&block).to_vec()
 }
 
-/// A number as the sum of two floats: its value in f32, and the remainder.
+/// A number as the unevaluated sum of two f32: the rounded value and the remainder.
 #[derive(Clone, Copy)]
 struct Double {
     high: f32,
@@ -147,15 +147,15 @@ impl Double {
     }
 }
 
-/// Chooses the point from which positions in the camera's frame are computed. `depth` is the scene's depth range.
+/// Chooses the reference point for positions in camera space. `depth` is the scene's depth range.
 ///
-/// A position that is computed from the camera is rounded by 6e-8 of its distance, which is fx * 6e-8 pixels on the
-/// image at any distance. With a long focal length, this can be several pixels. A position that is computed from a
-/// point inside the scene is rounded by its distance from that point.
+/// A position relative to the camera is rounded by 6e-8 of its distance. On the picture, this is fx * 6e-8 pixels at
+/// any distance: several pixels for a long focal length. A position relative to a point inside the scene is rounded by
+/// 6e-8 of its distance from that point.
 fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
     let [near, far] = depth;
     let is_telephoto = camera.fx.max(camera.fy) > LONG_FOCAL;
-    // A nearer splat would be rounded by more than from the camera.
+    // For splats near the camera, rounding relative to the scene's middle would be larger.
     if !is_telephoto || near < 0.25 * far || !far.is_finite() {
         return camera.position;
     }
@@ -163,10 +163,10 @@ fn origin(camera: &Camera, depth: [f64; 2]) -> [f64; 3] {
     std::array::from_fn(|axis| camera.position[axis] + 0.5 * (near + far) * forward[axis])
 }
 
-/// Finds the cameras file that belongs to a scene, at the paths that the reference implementation uses.
+/// Finds the camera file that belongs to a scene, at the paths that the reference implementation uses.
 ///
-/// It is `NAME.cameras.json` (also for `NAME.compressed.ply`), or `cameras.json` in the scene's folder. For
-/// `point_cloud/iteration_N/point_cloud.ply`, it may also be up to three folders higher.
+/// The paths are `NAME.cameras.json` (also for `NAME.compressed.ply`) and `cameras.json` in the scene's folder. For
+/// `point_cloud/iteration_N/point_cloud.ply`, up to three parent folders are searched as well.
 pub fn beside(scene: &Path) -> Option<PathBuf> {
     let name = scene.file_name()?.to_string_lossy();
     let plain =
@@ -183,7 +183,7 @@ pub fn beside(scene: &Path) -> Option<PathBuf> {
 mod tests {
     use super::*;
 
-    /// Makes a camera at (1, 2, 3) that looks along x; its right is -z, its down is y.
+    /// Makes a camera at (1, 2, 3) that looks along +x. Its right is -z, and its down is +y.
     fn sideways() -> Camera {
         Camera {
             id: 0,
@@ -206,7 +206,7 @@ mod tests {
     #[test]
     fn the_matrix_takes_a_point_of_the_world_into_the_cameras_frame() {
         let f = floats(&uniform(&sideways(), [0.0; 2], 0.0, [0.0; 3], 0));
-        // (5, 3, 1) is 4 ahead, 1 below and 2 to the right.
+        // The point (5, 3, 1) is 4 ahead of the camera, 1 below and 2 to the right.
         let point = [5.0, 3.0, 1.0, 1.0];
         let at = |row: usize| (0..4).map(|column| f[4 * column + row] * point[column]).sum::<f32>();
         assert_eq!([at(0), at(1), at(2), at(3)], [2.0, 1.0, 4.0, 1.0]);
@@ -237,7 +237,7 @@ mod tests {
         let origin: Vec<f64> = point(44).iter().zip(point(48)).map(|(high, low)| high + low).collect();
         assert!((origin[0] - 0.1).abs() < 1e-7, "{origin:?}");
         assert_eq!((point(52), point(56)), ([1e6, 0.0, 0.0], [0.0, 0.0, 1e6]));
-        // One that surrounds the camera has none of its own.
+        // If the scene surrounds the camera, the origin is the camera's position.
         let f = floats(&uniform(&camera, [0.2, 1_000_001.0], 1_000_001.0, [0.0; 3], 0));
         assert_eq!(f[44..47], f[16..19]);
     }

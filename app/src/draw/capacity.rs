@@ -1,17 +1,17 @@
 //! Detects incomplete frames, and raises the capacity of their lists.
 //!
-//! A pass may write a list whose length only the device knows. Its capacity is then a constant parameter of the graph
-//! that `grows` with a statistic: the number of entries that the passes needed. If the statistic of a frame exceeds the
-//! parameter, the frame contains only the entries that fitted. [`overflows`] detects this from the frame's statistics.
-//! [`Capacities`] stores the minimum values of such parameters, so that the next plan has capacity for the same frame
-//! plus a quarter.
+//! A pass may write a list whose length only the device knows. The list's capacity is a constant parameter of the graph
+//! that `grows` with a statistic: the number of entries that the passes needed. If a frame's statistic exceeds the
+//! parameter, the list overflowed, and the frame contains only the entries that fitted. [`overflows`] detects this from
+//! the frame's statistics. [`Capacities`] stores the minimum values of such parameters, so that the next plan has
+//! capacity for the same frame plus a quarter.
 
 use splatgraph_assets::grouped;
 use splatgraph_framework::ir::{Domain, Value};
 use splatgraph_framework::plan::Plan;
 use std::fmt;
 
-/// A frame's overflow of a list: the capacity and the need.
+/// Overflow of a list in a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Overflow {
     /// Name of the parameter that is the list's capacity.
@@ -25,7 +25,7 @@ pub struct Overflow {
 }
 
 impl Overflow {
-    /// Returns the parameter's new value: the need plus a quarter, within the range.
+    /// Returns the new capacity: the need plus a quarter, limited to the parameter's range.
     pub fn target(&self) -> i64 {
         self.needed.saturating_add(self.needed / 4).min(self.most)
     }
@@ -38,7 +38,7 @@ impl fmt::Display for Overflow {
     }
 }
 
-/// Lists the overflows of a frame of `plan`, from its statistics.
+/// Lists the overflows in a frame of `plan`. `stats` are the frame's statistics by name.
 pub fn overflows(plan: &Plan, stats: &[(String, u32)]) -> Vec<Overflow> {
     let of = |param: &splatgraph_framework::ir::Param| {
         let (_, needed) = stats.iter().find(|(name, _)| Some(name) == param.grows.as_ref())?;
@@ -55,16 +55,16 @@ pub fn overflows(plan: &Plan, stats: &[(String, u32)]) -> Vec<Overflow> {
     plan.params.iter().filter_map(of).collect()
 }
 
-/// Minimum values of growing parameters, set by the needs of earlier frames.
+/// Minimum values of growing parameters, raised when earlier frames overflowed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Capacities(Vec<(String, i64)>);
 
 impl Capacities {
-    /// Raises the minimum for a list that overflowed. Returns false if it is already high enough, or cannot rise.
+    /// Raises the minimum for a list that overflowed. Returns false if it is already sufficient or cannot be raised.
     pub fn raise(&mut self, short: &Overflow) -> bool {
         let target = short.target();
         match self.0.iter_mut().find(|(name, _)| *name == short.parameter) {
-            // Frames behind the first short one ask again.
+            // Several frames in flight may report the same overflow; the first report raised the minimum.
             Some((_, least)) if *least >= short.needed.min(short.most) => false,
             Some((_, least)) => {
                 *least = target;

@@ -1,9 +1,9 @@
 //! Draws pictures together with the order in which their splats were drawn.
 //!
-//! A wrong picture usually comes from a wrong order, so studies capture both. The order is the contents of the buffer
-//! that a graph binds as `Order`, as its last reader sees them. The distance between two orders is Kendall's tau: the
-//! number of pairs of splats that they order differently, which is also the number of swaps of neighbours that turn one
-//! into the other.
+//! A wrong picture usually comes from a wrong order, so studies capture both. The order is read from the buffer that a
+//! graph binds as `Order`, after its last reader. The distance between two orders is Kendall's tau distance: the number
+//! of pairs of splats that they order differently. It equals the number of swaps of neighbours that turn one order into
+//! the other.
 
 use crate::draw::session::{FrameOptions, Session, SessionError, image_of};
 use crate::io::image::Image;
@@ -13,14 +13,14 @@ use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
 use splatgraph_reference::inversions;
 
-/// A picture with the order of its splats.
+/// A picture, with the order of its splats.
 #[derive(Clone, Debug)]
 pub struct Capture {
     /// The picture, not clamped.
     pub image: Image,
-    /// Indices of the visible splats, near to far in the graph's order; `None` if the graph has no readable order.
+    /// Indices of the visible splats, near to far; `None` if the order cannot be read back from the graph.
     pub order: Option<Vec<u32>>,
-    /// The graph's counts, such as `visible` and `drawn`.
+    /// Statistics of the graph, such as `visible` and `drawn`.
     pub counts: Vec<(String, u32)>,
 }
 
@@ -31,7 +31,7 @@ pub enum CaptureError {
     // Not transparent: a graph's errors are found among the causes, and printed with their source text.
     #[error("{0}")]
     Session(#[from] SessionError),
-    /// The graph's output has a format without colours, which is named here.
+    /// The graph's output has this format, which has no colours.
     #[error("the graph's output `{0}` has no colours")]
     NoColours(String),
 }
@@ -57,8 +57,10 @@ pub fn take<D: Device>(session: &mut Session<D>, camera: &Camera) -> Result<Capt
     Ok(Capture { image, order, counts: result.stats })
 }
 
-/// Finds the buffer with the order of the splats, and the last pass that binds it as such. `None` if a later pass uses
-/// the buffer: it may overwrite it before the end of the frame, when contents are read.
+/// Finds the buffer with the order of the splats, and the last pass that binds it as `Order`.
+///
+/// `None` if a later pass uses the buffer: it may overwrite the order before contents are read, at the end of the
+/// frame.
 fn order_of(plan: &Plan) -> Option<Inspect> {
     let steps = || plan.frame.iter().rev().copied();
     let order = |pass: PassId| plan.pass(pass).bindings.iter().find(|binding| binding.name == "Order");
@@ -67,13 +69,14 @@ fn order_of(plan: &Plan) -> Option<Inspect> {
     (steps().find(binds) == Some(after)).then_some(Inspect { resource, after })
 }
 
-/// Counts the pairs of splats in `given` that `truth` orders differently. `None` if `truth` lacks a splat, or an order
-/// contains one twice.
+/// Counts the pairs of splats in `given` that `truth` orders differently.
+///
+/// `None` if `truth` lacks a splat of `given`, or if an order contains a splat twice.
 pub fn wrong_pairs(truth: &[u32], given: &[u32]) -> Option<u64> {
     inversions(&only(truth, given), given)
 }
 
-/// Counts the pairs of splats, out of those in both orders, that swap places.
+/// Counts the pairs of splats that change places between two orders. Splats in only one order are ignored.
 ///
 /// `None` if an order contains a splat twice.
 pub fn order_changes(before: &[u32], after: &[u32]) -> Option<u64> {
@@ -81,7 +84,7 @@ pub fn order_changes(before: &[u32], after: &[u32]) -> Option<u64> {
     inversions(&kept, &only(after, &kept))
 }
 
-/// Returns the splats of `order` that `of` contains as well, in their order.
+/// Filters `order`: keeps the splats that `of` contains.
 pub fn only(order: &[u32], of: &[u32]) -> Vec<u32> {
     let mut held = vec![false; order.iter().max().map_or(0, |most| *most as usize + 1)];
     for index in of {
@@ -102,7 +105,7 @@ mod tests {
         assert_eq!(wrong_pairs(&[4, 3, 2, 1, 0], &[4, 2]), Some(0));
         assert_eq!(wrong_pairs(&[1, 2], &[1, 9]), None, "9 has no place in the truth");
         assert_eq!(wrong_pairs(&[1, 2], &[1, 1]), None);
-        // 7 leaves and 8 comes: only 1, 2 and 3 can change places, and one pair does.
+        // 7 disappears and 8 appears. Among the common splats 1, 2 and 3, one pair changes places.
         assert_eq!(order_changes(&[1, 7, 2, 3], &[2, 1, 8, 3]), Some(1));
         assert_eq!(order_changes(&[1, 2, 3], &[3, 2, 1]), Some(3));
         assert_eq!(order_changes(&[], &[1]), Some(0));

@@ -1,8 +1,8 @@
-//! Collects the facts and imports of graphs: of the scene, the device and the viewport.
+//! Collects facts and imports for graphs, from the scene, the device and the viewport.
 //!
-//! A plan is built from numbers alone, so it needs neither a scene nor a GPU: a nominal scene and [`portable_device`]
-//! can replace them. That device has the smallest limits that the built-in graphs run on. A graph that builds for it in
-//! all of [`SUBGROUP_SIZES`] builds for every device with at least these limits.
+//! A plan depends only on numbers, so neither a scene nor a GPU is needed: a nominal scene and [`portable_device`] can
+//! replace them. That device has the smallest limits on which the built-in graphs run. A graph that builds for it with
+//! all [`SUBGROUP_SIZES`] builds for every device with at least these limits.
 
 use crate::draw::camera::{CAMERA, CAMERA_BYTES};
 use crate::draw::keys;
@@ -12,20 +12,20 @@ use splatgraph_framework::ir::{Attribute, Catalog, DeviceFacts, Facts, Features,
 /// Default width and height of a picture, in pixels.
 pub const DEFAULT_SIZE: (u32, u32) = (960, 540);
 
-/// The facts of a scene.
+/// Facts of a scene, as graphs see them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SceneFacts {
     /// Number of splats.
     pub count: u64,
-    /// Highest band of spherical harmonics that is not all zero.
+    /// Highest band of spherical harmonics with a nonzero coefficient.
     pub sh_degree: u32,
-    /// Degree of the stored spherical harmonics.
+    /// Degree of the spherical harmonics in the file.
     pub stored_sh_degree: u32,
     /// Width of depth keys that sort all splats correctly in every view, in bits; see [`keys::of_scene`].
     pub key_bits: u32,
-    /// Low-pass filter of the training, from the file's tags.
+    /// Low-pass filter used in training, from the file's tags.
     pub low_pass: Filter,
-    /// Distance by which splats are sorted, from the file's tags.
+    /// Distance by which splats are sorted (view depth or distance from the camera), from the file's tags.
     pub key_of: SortKey,
     /// True if positions exceed the precision of f32; see [`Scene::is_wide`].
     pub wide: bool,
@@ -40,7 +40,7 @@ pub struct SceneFacts {
 }
 
 impl SceneFacts {
-    /// The facts of a nominal scene, for plans without a scene.
+    /// Facts of the nominal scene, for plans that are built without a scene.
     pub const NOMINAL: SceneFacts = SceneFacts {
         count: 1_000_000,
         sh_degree: 3,
@@ -102,7 +102,7 @@ pub fn without_scene(device: &DeviceFacts, (width, height): (u32, u32)) -> Facts
     }
 }
 
-/// Maximum number of storage buffers in a shader of the built-in graphs, with spherical harmonics of degree 3.
+/// Maximum number of storage buffers in a shader of the built-in graphs, for harmonics of degree 3.
 ///
 /// Vulkan guarantees only 4 per stage (`maxPerStageDescriptorStorageBuffers`).
 pub const MAX_STORAGE_BUFFERS: usize = 20;
@@ -120,7 +120,7 @@ pub const PORTABLE_FEATURES: Features = Features::SUBGROUP_BASIC
     .union(Features::SUBGROUP_BALLOT)
     .union(Features::SUBGROUP_SHUFFLE);
 
-/// Returns the facts of the smallest device that the built-in graphs run on.
+/// Returns the facts of the smallest device on which the built-in graphs run.
 ///
 /// Storage range, workgroup count and shared memory are the minima that Vulkan 1.3 guarantees. Three requirements
 /// exceed its guarantees: 256 invocations per workgroup (guaranteed: 128), [`MAX_STORAGE_BUFFERS`] storage buffers per
@@ -169,7 +169,7 @@ pub fn nominal_catalog() -> Catalog {
         opacity: 1.0,
         sh: [0.0; 48],
     };
-    // Attributes depend on the degree alone: one splat will do.
+    // Strides depend only on the degree, so one splat is enough.
     let scene = Scene::generate(1, SceneFacts::NOMINAL.stored_sh_degree, splat);
     catalog_of(&scene, SceneFacts::NOMINAL.count)
 }

@@ -1,9 +1,9 @@
 //! Draws films: pictures of a moving camera at equal steps of time, with motion blur.
 //!
-//! A [`Film`] computes the camera at any time. A picture is the mean of its samples: pictures at times that are spread
-//! evenly over the interval in which the shutter is open. The mean is computed in linear light, which is what a sensor
-//! integrates: a bright point leaves a bright streak. With one sample, it is the picture as drawn. [`draw`] keeps
-//! frames in flight, and passes finished pictures to threads that encode them.
+//! A [`Film`] computes the camera at any time. Each picture is the mean of its samples, whose times are spread evenly
+//! over the interval in which the shutter is open. The mean is computed in linear light, as a sensor integrates it, so
+//! a bright point leaves a bright streak. With one sample, the picture stays as drawn. [`draw`] keeps frames in flight,
+//! and passes finished pictures to threads that encode them.
 
 use crate::draw::camera_path::CameraPath;
 use crate::draw::orbit::Orbit;
@@ -25,7 +25,7 @@ pub enum Motion {
     Orbit(Orbit),
 }
 
-/// The motion and timing of a film, without the scene.
+/// Motion and timing of a film.
 #[derive(Clone, Debug)]
 pub struct Film {
     /// Motion of the camera.
@@ -34,12 +34,12 @@ pub struct Film {
     pub frames: u32,
     /// Number of pictures that are averaged for each frame.
     pub samples: u32,
-    /// Time that the shutter is open, as a share of the time between two frames. With 0, there is no motion blur.
+    /// Shutter time, as a fraction of the frame time. At 0, there is no motion blur.
     pub shutter: f64,
 }
 
 impl Film {
-    /// Computes the cameras of a frame's samples, centred on the time of the frame.
+    /// Computes the cameras of a frame's samples. Their times are centred on the frame's time.
     pub fn cameras(&self, frame: u32) -> Vec<Camera> {
         let at = |sample: u32| {
             let share = (f64::from(sample) + 0.5) / f64::from(self.samples) - 0.5;
@@ -66,7 +66,7 @@ pub struct DrawOptions {
     pub jobs: usize,
 }
 
-/// Draws frames of a film, and returns the sum of all samples' GPU times in milliseconds; `None` without timestamps.
+/// Draws frames of a film, and returns the GPU time of all samples in milliseconds; `None` without timestamps.
 ///
 /// `encode` runs on other threads. `done` receives its results in the order of the frames. The session must be prepared
 /// for the size of the pictures.
@@ -109,9 +109,10 @@ pub fn draw<D: Device, T: Send + 'static>(
     developing.finish()
 }
 
-/// Pictures that are submitted but not yet encoded, with the sum of the samples so far.
+/// Pictures in progress: frames in flight, the sum of the samples so far, and pictures being encoded.
 struct Developing<T, E, F> {
-    /// Frames in flight, each with its frame of the film. For the last sample of a frame, also the number of samples.
+    /// Frames in flight, each with its frame number in the film. The last sample of a frame also has the number of
+    /// samples.
     flying: VecDeque<(FrameId, u32, Option<usize>)>,
     exposure: Exposure,
     pictures: Pictures<T>,
@@ -126,7 +127,7 @@ where
     E: Fn(u32, Image) -> Result<T> + Clone + Send + 'static,
     F: FnMut(T) -> Result<()>,
 {
-    /// Waits for the oldest frame in flight, and starts to encode the picture if this was its last sample.
+    /// Waits for the oldest frame in flight. If it was the last sample of a picture, starts to encode the picture.
     fn land<D: Device>(&mut self, session: &mut Session<D>) -> Result<()> {
         let Some((id, frame, last)) = self.flying.pop_front() else { return Ok(()) };
         let result = session.wait(id)?;
@@ -147,7 +148,7 @@ where
         finished.into_iter().try_for_each(&mut self.done)
     }
 
-    /// Waits for all pictures, and returns the sum of the GPU milliseconds.
+    /// Waits for all pictures, and returns the GPU time of all samples in milliseconds.
     fn finish(mut self) -> Result<Option<f64>> {
         while let Some(outcome) = self.pictures.wait()? {
             (self.done)(outcome)?;
@@ -160,7 +161,7 @@ fn colours(pixels: &Pixels) -> Result<Image> {
     image_of(pixels).context("the graph's output has no colours")
 }
 
-/// The sum of a frame's samples, in linear light.
+/// Sum of a frame's samples, in linear light.
 #[derive(Default)]
 struct Exposure {
     size: (usize, usize),
@@ -220,7 +221,7 @@ mod tests {
     fn samples_lie_evenly_in_the_opening_around_the_time_of_the_frame() {
         let film = Film { motion: Motion::Path(path(false)), frames: 9, samples: 4, shutter: 0.5 };
         assert_eq!(places(&film, 3), [2.8125, 2.9375, 3.0625, 3.1875]);
-        // Before its start and after its end, an open path stands.
+        // An open path rests at its ends, so the cameras before the start and after the end stay there.
         assert_eq!(places(&film, 0), [0.0, 0.0, 0.0625, 0.1875]);
         assert_eq!(places(&film, 8), [7.8125, 7.9375, 8.0, 8.0]);
         let still = Film { samples: 1, ..film };
@@ -246,7 +247,7 @@ mod tests {
         exposure.add(&Image { width: 2, height: 1, rgb: vec![[0.0, 0.25, 1.5], [1.0, -0.1, 0.02]] });
         exposure.add(&Image { width: 2, height: 1, rgb: vec![[1.0, 0.25, 1.5], [1.0, -0.1, 0.02]] });
         let image = exposure.developed();
-        // Half of the light of white is the sRGB value 0.735357.
+        // Half the light of white has the sRGB value 0.735357.
         for (found, expected) in image.rgb.as_flattened().iter().zip([0.735_357, 0.25, 1.5, 1.0, -0.1, 0.02])
         {
             assert!((found - expected).abs() < 1e-5, "{found} {expected}");

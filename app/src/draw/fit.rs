@@ -1,10 +1,11 @@
-//! Checks whether a device can draw a scene with a graph, and how many splats it could draw.
+//! Checks whether a scene fits a device when drawn with a graph, and how many splats would fit.
 //!
 //! Two limits stop large scenes: the maximum size of a storage buffer, 128 MiB on the smallest devices, and the
-//! device's memory. A graph is first built for the device itself. If that fails, it is built for the same device
-//! without a limit on storage buffers, which shows how large the buffers would be. The sizes at two numbers of splats
-//! show how the buffers grow, which gives an estimate of the number that fits. The estimate is then tried, and some
-//! larger numbers. The result is a lower bound: a few more splats might fit.
+//! device's memory. The graph is first built for the device itself. If that fails, it is built for the same device
+//! without the buffer limit, to find how large the buffers would be.
+//!
+//! Buffer sizes at two numbers of splats show how the buffers grow, and give an estimate of the number that fits. The
+//! estimate and some larger numbers are then tried. The result is a lower bound: a few more splats might fit.
 
 use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, Planner};
@@ -27,13 +28,13 @@ pub struct Wanted<'a> {
     pub set: &'a [(String, String)],
     /// Facts of the scene, with its number of splats.
     pub scene: facts::SceneFacts,
-    /// The imports of a graph that draws the scene.
+    /// Imports of a graph that draws the scene.
     pub catalog: &'a Catalog,
     /// Width and height of a picture, in pixels.
     pub size: (u32, u32),
 }
 
-/// A device that a scene should fit.
+/// A device whose limits a scene should fit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Target {
     /// The device's name.
@@ -55,23 +56,23 @@ impl Target {
 /// Memory that a graph needs for a scene, compared with the limits of a device.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Fit {
-    /// The device with the limits.
+    /// Device that has the limits.
     pub device: Target,
     /// True if every buffer and the total memory fit the device.
     pub fits: bool,
     /// Number of splats in the scene.
     pub splats: u64,
-    /// Bytes of the resources that stay on the device; memory that resources share counts once.
+    /// Bytes of the resources that stay on the device. Memory shared by several resources counts once.
     pub needed_bytes: u64,
-    /// Bytes of the resources that are freed after the first frame. Host memory holds them if the device has no room.
+    /// Bytes of the resources that are freed after the first frame. They may be in host memory if the device is full.
     pub loading_bytes: u64,
     /// Name and bytes of the largest storage buffer.
     pub largest: Option<(String, u64)>,
     /// Names and bytes of the storage buffers that exceed the device's maximum binding size.
     pub too_large: Vec<(String, u64)>,
-    /// A number of splats that fits, if the scene's does not; slightly more may fit.
+    /// A number of splats that fits, if the scene's number does not; slightly more may fit.
     ///
-    /// `None` if the graph's buffers do not grow with the number of splats.
+    /// `None` if the scene fits, or if the graph's buffers do not grow with the number of splats.
     pub most_splats: Option<u64>,
 }
 
@@ -104,47 +105,47 @@ impl Needs {
     }
 }
 
-/// Counts the bytes of a plan's resources that stay on the device after the first frame.
+/// Counts the bytes of a plan's resources that stay allocated after the first frame.
 pub fn resident_bytes(plan: &Plan) -> u64 {
     Needs::of(plan).total
 }
 
-/// Returns true if a scene of `count` splats, drawn at `size`, may exceed the device's free memory or its maximum
-/// buffer size.
+/// Estimates whether a scene of `count` splats may exceed the device's free memory or maximum buffer size.
 ///
-/// If false, the built-in graphs fit with their default parameters, and no plan has to be built to find out.
+/// `size` is the picture's, in pixels. If the result is false, the built-in graphs fit with their default parameters,
+/// and no plan needs to be built.
 pub fn may_exceed(count: u64, size: (u32, u32), device: &DeviceFacts, heap: &Heap) -> bool {
     let free = available(heap).unwrap_or(u64::MAX);
     count.saturating_mul(LARGEST) > device.max_storage_bytes || usual_bytes(count, size) > free
 }
 
-/// Returns true if a scene of `count` splats, drawn at `size`, [may exceed](may_exceed) the least capable
-/// supported device.
+/// Returns true if a scene of `count` splats [may exceed](may_exceed) the least capable supported device.
 pub fn may_exceed_any(count: u64, size: (u32, u32)) -> bool {
     let heap = Heap { bytes: SMALLEST_MEMORY, available: None };
     may_exceed(count, size, &Target::nominal().facts, &heap)
 }
 
-/// Generous estimate of the bytes per splat of a single buffer: twice the largest buffer of the built-in graphs.
+/// Upper estimate of the bytes per splat of a single buffer: twice the largest in the built-in graphs.
 const LARGEST: u64 = 96;
 
-/// Free memory of the least capable device, in bytes.
+/// Assumed free memory of the least capable device, in bytes.
 const SMALLEST_MEMORY: u64 = 512 << 20;
 
-/// Estimates the bytes that stay on the device, generously: at least those of every built-in graph.
+/// Estimates the bytes that stay on the device: an upper bound for every built-in graph.
 fn usual_bytes(count: u64, (width, height): (u32, u32)) -> u64 {
     let splats = count.saturating_mul(640);
     let pixels = u64::from(width) * u64::from(height) * 64;
     splats.saturating_add(pixels).saturating_add(48 << 20)
 }
 
-/// Returns the available bytes of the device's memory, or all bytes if that is unknown; `None` if both are unknown.
+/// Returns the free bytes of the device's memory, or its total if that is unknown; `None` if both are.
 pub fn available(heap: &Heap) -> Option<u64> {
     heap.available.or(Some(heap.bytes).filter(|bytes| *bytes > 0))
 }
 
-/// Builds a plan, and compares its needs with the device's limits. The plan is returned even if it exceeds them.
-/// `built` is the plan if it was built for the device before.
+/// Builds a plan, and compares its memory needs with the device's limits.
+///
+/// Returns the plan even if it exceeds the limits. `built` is the plan, if it has already been built for the device.
 ///
 /// # Errors
 /// The graph or its shaders have errors that do not depend on the scene's size.
@@ -158,7 +159,7 @@ pub fn fit(
     let plan = built.map_or_else(|| build(planner, wanted, &device.facts, count), Ok);
     let (plan, built) = match plan {
         Ok(plan) => (plan, true),
-        // The first error is the one to report, unless larger buffers are all that is missing.
+        // If the plan builds without the buffer limit, only the size was wrong. Otherwise, report the first errors.
         Err(errors) => match build(planner, wanted, &boundless(&device.facts), count) {
             Ok(plan) => (plan, false),
             Err(_) => return Err(errors),
@@ -200,12 +201,12 @@ fn build(
     planner.plan(wanted.graph, wanted.set, &facts::facts(&scene, device, wanted.size), &catalog)
 }
 
-/// Finds a number of splats that fits, rounded down. It is a lower bound.
+/// Finds a number of splats that fits, rounded down: a lower bound.
 fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) -> Option<u64> {
     let (count, half) = (wanted.scene.count, wanted.scene.count / 2);
     let fewer = Needs::of(&build(planner, wanted, &boundless(&device.facts), half.max(1)).ok()?);
     let room = |bytes: u64, fewer: u64, limit: u64| {
-        // Bytes per splat, and those that do not grow.
+        // Bytes per splat, and bytes that do not depend on the number of splats.
         let slope = bytes.checked_sub(fewer).filter(|more| *more > 0)? as f64 / (count - half) as f64;
         let fixed = (bytes as f64 - slope * count as f64).max(0.0);
         Some(((limit as f64 - fixed) / slope).max(0.0) as u64)
@@ -221,7 +222,7 @@ fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) 
         })
     };
     let round = |count: u64| if count > 10_000 { count / 1000 * 1000 } else { count };
-    // Blocks of threads and digits of keys round the sizes up, so the estimate is tried.
+    // Sizes are rounded up to thread blocks and key digits, so the estimate is verified by building plans.
     for _ in 0..4 {
         most = round(most);
         if most == 0 {
@@ -235,10 +236,9 @@ fn most(planner: &mut Planner, wanted: &Wanted, device: &Target, needs: &Needs) 
     None
 }
 
-/// Searches for larger numbers of splats that fit, between `fit`, which does, and `none`, which does not.
+/// Searches for larger numbers of splats that fit. `fit` is known to fit, and `none` is known not to.
 ///
-/// This is needed because the estimate cannot account for a graph that chooses smaller formats when larger ones do not
-/// fit.
+/// The estimate alone is too low for a graph that chooses smaller formats when larger formats do not fit.
 fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Option<u64> {
     let mut found = None;
     for _ in 0..8 {
@@ -254,8 +254,8 @@ fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Optio
 
 /// Rejects a scene that cannot fit the device from its file's header, before its splats are loaded.
 ///
-/// The header does not tell which bands of the harmonics are used, so only band 0 is counted. For a scene that is
-/// small relative to the device, no plan is built.
+/// The header does not show which bands of harmonics are used, so only band 0 is counted. If the scene is small for the
+/// device, no plan is built.
 ///
 /// # Errors
 /// The header is invalid, or the scene is too large.
@@ -278,7 +278,7 @@ pub fn check_header(
         ..facts::SceneFacts::NOMINAL
     };
     let wanted = Wanted { graph, set, scene, catalog: &catalog, size: facts::DEFAULT_SIZE };
-    // Errors of the graph are reported when it is built for the loaded scene.
+    // Errors of the graph are reported later, when it is built for the loaded scene.
     match fit(&mut Planner::default(), &wanted, &target, None) {
         Ok((_, fit)) if !fit.fits => anyhow::bail!("{}: {}", path.display(), fit.to_string().trim_end()),
         _ => Ok(()),
@@ -293,7 +293,7 @@ fn loading(bytes: u64) -> String {
 }
 
 impl fmt::Display for Fit {
-    /// Writes the device, whether the scene fits, and the number of splats that would fit.
+    /// Formats the device, whether the scene fits, and the number of splats that would fit.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Target { name, facts, heap } = &self.device;
         let limit = facts.max_storage_bytes;
@@ -402,7 +402,7 @@ mod tests {
                 let (needs, estimate) = (Needs::of(&plan), usual_bytes(count, size));
                 assert!(needs.total <= estimate, "{graph}, {count} splats: {} of {estimate}", needs.total);
                 let buffer = needs.storage.values().max().copied().unwrap_or(0);
-                // Lists of bins and pairs have a size of their own.
+                // Bin and pair lists have a minimum size.
                 assert!(buffer <= (LARGEST * count).max(100 << 20), "{graph}, {count} splats: {buffer}");
                 largest = largest.max(needs.total as f64 / estimate as f64);
             }

@@ -1,9 +1,8 @@
 //! Draws frames of several sessions interleaved, and summarises their times.
 //!
-//! A device changes its clock with its temperature and its load. Sessions that are compared therefore draw one frame
-//! each, one after the other, repeatedly, so that a drift affects all of them alike. The frames are divided into
-//! rounds; the medians of the rounds show the noise. The device draws only one frame at a time: the next is submitted
-//! when it is done.
+//! A device changes its clock with its temperature and its load. Therefore, sessions to compare draw one frame each,
+//! alternately, so that a drift affects all of them equally. The frames are divided into rounds; the medians of the
+//! rounds show the noise. Only one frame is in flight at a time.
 
 use crate::draw::session::{FrameOptions, Session, SessionError};
 use crate::draw::stats::median;
@@ -17,23 +16,23 @@ use std::time::{Duration, Instant};
 /// Numbers of rounds and frames to draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Effort {
-    /// Number of rounds. The medians of the rounds show the spread.
+    /// Number of rounds. The spread is computed from their medians.
     pub rounds: u32,
-    /// Frames of each session per round, interleaved.
+    /// Frames of each session per round.
     pub frames: u32,
 }
 
-/// The numbers of rounds and frames that the user asked for.
+/// Numbers of rounds and frames that the user requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Frames {
-    /// Number of rounds; a maximum for studies that end once the time is precise enough.
+    /// Number of rounds. For a study that ends once the time is precise enough, the maximum.
     pub rounds: u32,
-    /// Frames of each session per round; `None` to choose from the frame time.
+    /// Frames of each session per round; `None` chooses the number by the frame time.
     pub frames: Option<u32>,
 }
 
 impl Frames {
-    /// Chooses the numbers for a session that is prepared at the camera's size.
+    /// Chooses the rounds and frames for a session that is prepared at the camera's size.
     ///
     /// If the user gave no number of frames, a round has the default number divided by `part`.
     ///
@@ -53,9 +52,9 @@ impl Frames {
     }
 }
 
-/// A frame with its times on the host.
+/// A frame, with its times on the host.
 pub struct Timed {
-    /// Results of the frame from the device.
+    /// Results of the frame, from the device.
     pub result: FrameResult,
     /// Host time until the frame was submitted, in milliseconds.
     pub submit_ms: f64,
@@ -70,13 +69,13 @@ impl Timed {
     }
 }
 
-/// Lists the passes with times in a plan's frame, in order of execution. Passes that run once are left out.
+/// Lists the passes of a frame that have times, in order of execution. Passes that run once are omitted.
 pub fn timed_passes(plan: &Plan, frame: &Timed) -> Vec<PassId> {
     let ran = |id: &PassId| frame.result.pass_ms.iter().any(|(pass, _)| pass == id);
     plan.frame.iter().copied().filter(ran).collect()
 }
 
-/// Lists the phases that passes belong to, each once, in the order of the passes.
+/// Lists the phases of the passes without duplicates, in the order of the passes.
 pub fn phases<'a>(plan: &'a Plan, passes: &[PassId]) -> Vec<&'a str> {
     let mut names: Vec<&str> = Vec::new();
     for id in passes {
@@ -88,12 +87,12 @@ pub fn phases<'a>(plan: &'a Plan, passes: &[PassId]) -> Vec<&'a str> {
     names
 }
 
-/// Computes the median of a value over frames; `None` if it is missing in one of them.
+/// Computes the median of a value over frames; `None` if a frame lacks the value.
 pub fn median_of(frames: &[Timed], value: impl Fn(&Timed) -> Option<f64>) -> Option<f64> {
     median(frames.iter().map(value).collect::<Option<Vec<_>>>()?)
 }
 
-/// Computes the median milliseconds of frames on the GPU; `None` without timestamps.
+/// Computes the median GPU time of frames, in milliseconds; `None` without timestamps.
 pub fn gpu_ms(frames: &[Timed]) -> Option<f64> {
     median_of(frames, |frame| frame.result.total_ms)
 }
@@ -101,12 +100,12 @@ pub fn gpu_ms(frames: &[Timed]) -> Option<f64> {
 /// The frames of a session, grouped by round.
 pub type Rounds = Vec<Vec<Timed>>;
 
-/// Timestamps to take in a frame.
+/// Timestamps to record in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Timestamps {
-    /// The whole frame, and each pass.
+    /// Timestamps of the frame and of each pass.
     Passes,
-    /// Only the whole frame, because timestamps of passes cost device time.
+    /// Timestamps of the frame only: timestamps of passes take GPU time.
     Frame,
 }
 
@@ -132,9 +131,9 @@ fn draw<D: Device>(
     Ok(Timed { result, submit_ms, wall_ms: ms() })
 }
 
-/// Draws frames of several sessions interleaved; the sessions are prepared at the camera's size.
+/// Draws frames of several sessions interleaved. The sessions must be prepared at the camera's size.
 ///
-/// Returns the rounds of each session, in the order of the sessions.
+/// Returns the rounds of each session, in the order of `sessions`.
 ///
 /// # Errors
 /// The device fails.
@@ -157,11 +156,12 @@ pub fn rounds<D: Device>(
     Ok(all)
 }
 
-/// Minimum duration of warm-up frames, which do not count: a device that was idle runs at a lower clock.
+/// Minimum duration of the warm-up. An idle device runs at a lower clock, so warm-up frames are not measured.
 pub const WARM_UP: Duration = Duration::from_millis(200);
 
-/// Draws interleaved frames for [`WARM_UP`] without measuring them. Returns the sum of the milliseconds of each
-/// session's last frame.
+/// Draws interleaved frames for at least [`WARM_UP`] without measuring them.
+///
+/// Returns the host time of one frame of each session together, in milliseconds.
 ///
 /// # Errors
 /// The device fails.
@@ -173,14 +173,14 @@ pub fn warm_up<D: Device>(sessions: &mut [&mut Session<D>], camera: &Camera) -> 
         let turn_begun = Instant::now();
         rounds(sessions, camera, turn, Timestamps::Passes)?;
         turns += 1;
-        // Two at least: a graph may draw with the order of the previous frame.
+        // Draw at least two frames each: a graph may use the order of the previous frame.
         if turns >= 2 && begun.elapsed() >= WARM_UP {
             return Ok(1e3 * turn_begun.elapsed().as_secs_f64());
         }
     }
 }
 
-/// Computes the share of the host's frame time that the device spends drawing, at most 1.
+/// Computes the fraction of the host's frame time that the device spends drawing, at most 1.
 ///
 /// `None` without timestamps or frames.
 pub fn busy(frames: &[Timed]) -> Option<f64> {
@@ -192,7 +192,7 @@ pub fn busy(frames: &[Timed]) -> Option<f64> {
 /// Target length of a round.
 const ROUND: Duration = Duration::from_millis(200);
 
-/// Returns the number of frames that fill a round if each takes `wall_ms` milliseconds.
+/// Returns the number of frames that fill a round, at `wall_ms` milliseconds per frame.
 pub fn frames_of(wall_ms: f64) -> u32 {
     ((1e3 * ROUND.as_secs_f64() / wall_ms) as u32).clamp(1, 30)
 }
@@ -200,14 +200,14 @@ pub fn frames_of(wall_ms: f64) -> u32 {
 /// A measured quantity with its spread.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Figure {
-    /// The median of the rounds' medians.
+    /// Median of the rounds' medians.
     pub median: f64,
-    /// Difference between the largest and the smallest of the rounds' medians.
+    /// Largest minus smallest of the rounds' medians.
     pub spread: f64,
 }
 
 impl Figure {
-    /// Summarises rounds of values; `None` without values, or if one is missing.
+    /// Summarises rounds of values; `None` if there are no values or one is missing.
     pub fn of(rounds: impl IntoIterator<Item = Vec<Option<f64>>>) -> Option<Figure> {
         let medians = rounds.into_iter().map(|round| median(round.into_iter().collect::<Option<Vec<_>>>()?));
         let medians = medians.collect::<Option<Vec<f64>>>()?;
@@ -216,7 +216,7 @@ impl Figure {
         Some(Figure { median: median(medians)?, spread: most - least })
     }
 
-    /// Averages the medians, and takes the largest spread; `None` without figures, or if one is missing.
+    /// Averages the medians, and takes the largest spread; `None` if there are no figures or one is missing.
     pub fn mean(figures: impl IntoIterator<Item = Option<Figure>>) -> Option<Figure> {
         let figures = figures.into_iter().collect::<Option<Vec<Figure>>>()?;
         let sum: f64 = figures.iter().map(|figure| figure.median).sum();

@@ -1,11 +1,11 @@
 //! Computes the width that a depth key needs.
 //!
-//! A key never decreases with depth, so only splats with equal keys can be in the wrong order: the sort leaves them in
-//! the order of the file. Only pairs that overlap on the screen matter. The keys are computed with the operations of
-//! shaders/depth_key.glsl; a test compares the two.
+//! A key never decreases with depth. Therefore, only splats with equal keys can be in the wrong order: a stable sort
+//! leaves them in file order. Only pairs that overlap on the screen matter. The keys are computed with the same
+//! operations as in shaders/depth_key.glsl; a test compares the two.
 //!
-//! [`of_scene`] computes the width that orders every view of a scene exactly, which graphs see as the fact
-//! `scene.key_bits`; [`needs`] finds the width for given views.
+//! [`of_scene`] computes the width that orders every view of a scene exactly, which graphs read as the fact
+//! `scene.key_bits`. [`needs`] finds the width for given views.
 
 use crate::draw::camera::{ROUNDING, depth_range};
 use crate::draw::orbit;
@@ -15,7 +15,7 @@ use splatgraph_assets::{Bounds, Camera, NEAR, Scene};
 use splatgraph_reference::{Rules, Visible, visible};
 use std::ops::Range;
 
-/// A mapping of depth to keys, a value of the graphs' parameter `key_map`.
+/// Mapping of depths to keys: a value of the graphs' parameter `key_map`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mapping {
@@ -23,9 +23,9 @@ pub enum Mapping {
     FloatBits,
     /// Equal steps of depth.
     Linear,
-    /// Approximately equal ratios of depth.
+    /// Equal steps of the logarithm of depth, approximately.
     Logarithmic,
-    /// Approximately equal numbers of the frame's splats.
+    /// Equal numbers of the frame's splats per key, approximately.
     Equalised,
 }
 
@@ -33,11 +33,11 @@ pub enum Mapping {
 pub const WIDTHS: std::ops::RangeInclusive<u32> = 8..=32;
 
 impl Mapping {
-    /// All mappings, the cheapest to compute first.
+    /// All mappings, from cheapest to compute to most expensive.
     pub const ALL: [Mapping; 4] =
         [Mapping::FloatBits, Mapping::Linear, Mapping::Logarithmic, Mapping::Equalised];
 
-    /// Returns the parameter's value.
+    /// Returns the name as a value of `key_map`.
     pub fn name(self) -> &'static str {
         match self {
             Mapping::FloatBits => "float_bits",
@@ -48,22 +48,23 @@ impl Mapping {
     }
 }
 
-/// The function from depths to keys in one frame.
+/// Function that maps depths to keys in one frame.
 pub struct Keys {
     map: Mapping,
     range: (f32, f32),
     bits: u32,
-    /// First key of each class of depths, and the end of the last class. Used only for equalised keys.
+    /// First key of each depth class, and the end of the last class. Empty unless the keys are equalised.
     starts: Vec<u32>,
 }
 
-/// Number of bits of a depth's class, for equalised keys; see shaders/depth_classes.glsl.
+/// Number of bits of a depth class, for equalised keys; see shaders/depth_classes.glsl.
 const CLASS_BITS: u32 = 11;
 
 impl Keys {
-    /// Prepares keys of `bits` bits. The pair is the depth range of the scene's box, not below the near plane.
+    /// Prepares keys of `bits` bits for depths from `near` to `far`.
     ///
-    /// `depths` are the depths of the frame's visible splats.
+    /// The range is that of the scene's box, clamped at the near plane. `depths` are the depths of the frame's visible
+    /// splats.
     pub fn new(map: Mapping, (near, far): (f32, f32), bits: u32, depths: impl Iterator<Item = f32>) -> Keys {
         let mut keys = Keys { map, range: (near, far.max(near)), bits, starts: Vec::new() };
         if map == Mapping::Equalised {
@@ -80,7 +81,7 @@ impl Keys {
         keys
     }
 
-    /// Computes the position of a depth in the range, as a share of 2^32, like `depth_place` in the shader.
+    /// Computes the position of a depth in the range, in units of 2^-32, like `depth_place` in the shader.
     fn place(&self, z: f32) -> u32 {
         let (near, far) = self.range;
         let range = far.to_bits() - near.to_bits();
@@ -109,19 +110,19 @@ impl Keys {
             }
             Mapping::Linear => {
                 let share = (z_held - near) * (1.0 / (far - near).max(1e-30));
-                // The cast saturates as the shader's product never does: it stays below 2^bits.
+                // The product stays below 2^bits, so the cast never saturates; the shader's cast does not either.
                 (share.min(0.999_999_94) * (bits as f32).exp2()) as u32
             }
         }
     }
 }
 
-/// Returns the upper 32 bits of the 64-bit product.
+/// Returns the upper 32 bits of the 64-bit product `a * b`.
 fn high(a: u32, b: u32) -> u32 {
     ((u64::from(a) * u64::from(b)) >> 32) as u32
 }
 
-/// Computes the key of a splat that `count` of `all` splats precede, like `key_after` in shaders/equalise.comp.
+/// Computes the key of a splat with `count` of `all` splats in front of it, like `key_after` in shaders/equalise.comp.
 fn key_after(count: u32, all: u32, bits: u32) -> u32 {
     if all == 0 {
         return 0;
@@ -130,9 +131,9 @@ fn key_after(count: u32, all: u32, bits: u32) -> u32 {
     high(count << up, factor(all << up, bits)).min((1 << bits) - 1)
 }
 
-/// Computes 2^bits divided by a range of 2^31 or more, in units of 2^-32.
+/// Computes 2^bits divided by a range of at least 2^31, in units of 2^-32.
 ///
-/// The result is rounded, but it is the same for every key, so the order does not change.
+/// The same rounded factor scales all keys, so rounding does not change their order.
 fn factor(range: u32, bits: u32) -> u32 {
     let factor = (bits as f32).exp2() * (4_294_967_296.0 / (range as f32 + 1.0));
     factor.min(4_294_967_040.0) as u32
@@ -145,7 +146,7 @@ fn fixed_log2(z: f32) -> u32 {
     ((bits >> 23) << 24) + (m >> 8) + (high(high(m, !m), 1_477_468_750) >> 8)
 }
 
-/// Scales `x` from 0..range to `bits` bits. Returns it unchanged if the range already fits.
+/// Scales `x` from 0..range to `bits` bits. If the range already fits, returns `x`.
 fn stretch(x: u32, range: u32, bits: u32) -> u32 {
     if bits >= 32 || range >> bits == 0 {
         return x;
@@ -154,7 +155,7 @@ fn stretch(x: u32, range: u32, bits: u32) -> u32 {
     high(x << up, factor(range << up, bits)).min((1 << bits) - 1)
 }
 
-/// The data of a view that determine which splats overlap, and their order.
+/// Data of a view that determine the order of splats, and which splats overlap.
 pub struct View<'a> {
     /// The visible splats, near to far.
     pub visible: &'a [Visible],
@@ -164,30 +165,30 @@ pub struct View<'a> {
     pub range: (f32, f32),
 }
 
-/// The key width that a mapping needs.
+/// Key width that a mapping needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Need {
     /// Mapping of depth to keys.
     pub map: Mapping,
-    /// Width of the key in bits; `None` if even 32 are not enough.
+    /// Width of the key in bits; `None` if 32 bits are not enough.
     pub bits: Option<u32>,
 }
 
-/// Finds, for each mapping, the smallest width that leaves at most `errors` wrong pairs in each view.
+/// Finds the smallest key width of each mapping that leaves at most `errors` wrong pairs in each view.
 ///
 /// A wrong pair is two splats that overlap on the screen and are drawn in the wrong order.
 pub fn needs(views: &[View], errors: u64) -> Vec<Need> {
     Mapping::ALL.into_par_iter().map(|map| Need { map, bits: need(views, map, errors) }).collect()
 }
 
-/// Finds the smallest sufficient width of a mapping; `None` if even 32 bits are not enough.
+/// Finds the smallest sufficient key width of a mapping; `None` if 32 bits are not enough.
 fn need(views: &[View], map: Mapping, errors: u64) -> Option<u32> {
     let enough = |bits: &u32| views.iter().all(|view| wrong_pairs(view, map, *bits, errors) <= errors);
-    // From wide to narrow: wide keys have few ties, and the first width with too many ends the search.
+    // Start with the widest key: wide keys have few ties, and the first insufficient width ends the search.
     WIDTHS.rev().take_while(enough).last()
 }
 
-/// A scene's splats, projected into several views.
+/// Splats of a scene, projected into several views.
 pub struct Seen<'a> {
     scene: &'a Scene,
     cameras: &'a [Camera],
@@ -202,10 +203,9 @@ impl Seen<'_> {
         Seen { scene, cameras, visible }
     }
 
-    /// Projects only the splats that are visible by the published rules. The order of the other splats does not matter.
+    /// Projects the splats that are visible under the published rules, and ignores the others.
     ///
-    /// [`of_scene`] includes the others, because a graph's parameter `alpha_floor` can be lower than the published
-    /// floor.
+    /// [`of_scene`] includes the others, because a graph's parameter `alpha_floor` can be below the published floor.
     pub fn shown<'a>(scene: &'a Scene, cameras: &'a [Camera]) -> Seen<'a> {
         let mut seen = Seen::new(scene, cameras);
         for (visible, _) in &mut seen.visible {
@@ -225,7 +225,7 @@ impl Seen<'_> {
     }
 }
 
-/// Makes `count` cameras around the middle of a scene. The first is the given one.
+/// Makes `count` cameras in a circle around the middle of a scene. The first is `first`.
 pub fn around(scene: &Scene, first: &Camera, count: u32) -> Vec<Camera> {
     let center = scene.robust_bounds().center();
     let turned = |at: u32| Camera {
@@ -235,12 +235,12 @@ pub fn around(scene: &Scene, first: &Camera, count: u32) -> Vec<Camera> {
     (0..count).map(turned).collect()
 }
 
-/// Computes the width, 8 to 32 bits, at which keys with [`Mapping::FloatBits`] order every view of a scene exactly.
+/// Computes the width, 8 to 32 bits, at which [`Mapping::FloatBits`] orders every view of a scene exactly.
 ///
 /// Keys are exact if their range contains at most 2^width floats. In a view, depths range from some `near` to at most
-/// `near` plus the diagonal of the scene's box. Floats become sparser with their value, so no such range has more
-/// floats than the one that starts at the near plane. Rounding of the depths ([`depth_range`]) extends the range only
-/// slightly for cameras whose distance from the origin is at most a thousand times the scene's size.
+/// `near` plus the diagonal of the scene's box. Floats become sparser with increasing value, so the range that starts
+/// at the near plane contains the most floats. Rounding of the depths ([`depth_range`]) extends the range only slightly
+/// for cameras whose distance from the origin is at most a thousand times the scene's size.
 pub fn of_scene(bounds: &Bounds) -> u32 {
     let side = |i: usize| f64::from(bounds.max[i]) - f64::from(bounds.min[i]);
     let diagonal = (0..3).map(|i| side(i) * side(i)).sum::<f64>().sqrt();
@@ -253,14 +253,13 @@ pub fn of_scene(bounds: &Bounds) -> u32 {
 
 /// Maximum number of tiles and pairs to examine for one width in one view.
 ///
-/// Thousands of splats with equal keys, at one position or on a plane, would otherwise take quadratic time.
+/// The limit prevents quadratic time for thousands of splats with equal keys, at one position or on a plane.
 const MOST_WORK: u64 = 20_000_000;
 
-/// Counts the pairs that overlap on the screen and are drawn in the wrong order. Stops once there are more than
-/// `limit`.
+/// Counts the pairs that overlap on the screen and are drawn in the wrong order. Stops above `limit`.
 ///
-/// Pairs count as overlapping if they touch a common tile, which includes a few that share no pixel. If counting takes
-/// more than [`MOST_WORK`], the result exceeds the limit, so that keys become too wide rather than too narrow.
+/// Pairs count as overlapping if they touch a common tile; a few of these share no pixel. If counting takes more than
+/// [`MOST_WORK`], the result exceeds the limit, so that keys become too wide rather than too narrow.
 fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     let of = Keys::new(map, view.range, bits, view.visible.iter().map(|splat| splat.depth as f32));
     let keys: Vec<u32> = view.visible.par_iter().map(|splat| of.of(splat.depth as f32)).collect();
@@ -280,7 +279,7 @@ fn wrong_pairs(view: &View, map: Mapping, bits: u32, limit: u64) -> u64 {
     ties.count
 }
 
-/// The count of wrong pairs among splats with equal keys.
+/// Counter of wrong pairs among splats with equal keys.
 struct Ties<'a, 'b> {
     view: &'a View<'b>,
     limit: u64,
@@ -289,7 +288,7 @@ struct Ties<'a, 'b> {
 }
 
 impl Ties<'_, '_> {
-    /// Adds units of work; too much work counts as too many pairs. Returns true once there are too many.
+    /// Adds units of work. Returns true once there are too many units or wrong pairs.
     fn work(&mut self, units: u64) -> bool {
         self.work += units;
         if self.work > MOST_WORK {
@@ -303,9 +302,9 @@ impl Ties<'_, '_> {
         (y0..y1).flat_map(move |y| (x0..x1).map(move |x| (x, y, (y * across + x) as usize)))
     }
 
-    /// Searches a run of equal keys for one wrong pair: a splat behind another that comes later in the file.
+    /// Searches a run of equal keys for one wrong pair: the farther splat comes first in the file.
     ///
-    /// `greatest` has, for each tile, the last run that touched it, and the greatest index in that run.
+    /// `greatest` holds, for each tile, the last run that touched it, and the greatest index in that run.
     fn find_one(&mut self, run: Range<usize>, greatest: &mut [Option<(usize, u32)>]) {
         for at in run.clone() {
             let index = self.view.visible[at].index;
@@ -327,7 +326,7 @@ impl Ties<'_, '_> {
         }
     }
 
-    /// Counts the wrong pairs of a run of equal keys. The lists in `in_tile` are empty before and after.
+    /// Counts the wrong pairs in a run of equal keys. The lists in `in_tile` must be empty, and are emptied again.
     fn count_all(&mut self, run: Range<usize>, in_tile: &mut [Vec<usize>]) {
         let mut touched = Vec::new();
         'run: for at in run {
@@ -338,7 +337,7 @@ impl Ties<'_, '_> {
                 }
                 for &nearer in &in_tile[tile] {
                     let other = &self.view.visible[nearer];
-                    // A pair is counted in the first tile that both touch.
+                    // Count a pair only in the first tile that both splats touch.
                     let first = (splat.tiles[0].max(other.tiles[0]), splat.tiles[1].max(other.tiles[1]));
                     self.count += u64::from(other.index > splat.index && first == (x, y));
                 }
@@ -355,7 +354,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Splats at depths, each nearer one later in the file, so that every tie is an error where they overlap.
+    /// Makes splats at these depths, each nearer than the previous one in file order. Every tie is then a wrong pair.
     fn reversed(depths: &[f64], tiles: impl Fn(usize) -> [u32; 4]) -> Vec<Visible> {
         let last = depths.len() - 1;
         let splat = |(at, depth): (usize, &f64)| Visible {
@@ -378,7 +377,7 @@ mod tests {
         let depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
         let visible = reversed(&depths, |_| [0, 0, 1, 1]);
         assert_eq!(bits(&visible, Mapping::Linear, 0), Some(9));
-        // At 10 to 11, floats are in equal steps, too.
+        // From 10 to 11, floats have equal steps as well.
         assert_eq!(bits(&visible, Mapping::FloatBits, 0), Some(9));
     }
 
@@ -388,9 +387,9 @@ mod tests {
         let mut depths: Vec<f64> = (0..64).map(|i| 1.0 + f64::from(i) / 64.0).collect();
         depths.push(2e7);
         let visible = reversed(&depths, |_| [0, 0, 1, 1]);
-        // A step is 1 / (64 * 2e7) = 2^-30.3 of the range.
+        // One step is 1 / (64 * 2e7) = 2^-30.3 of the range.
         assert_eq!(bits(&visible, Mapping::Linear, 0), Some(31));
-        // From 1 to 2e7 are 24.25 octaves of 2^23 floats, and a step is 2^17 of them: 1552 steps.
+        // The range 1 to 2e7 has 24.25 octaves of 2^23 floats. A step is 2^17 floats, so there are 1552 steps.
         assert_eq!(bits(&visible, Mapping::FloatBits, 0), Some(11));
         let logarithmic = bits(&visible, Mapping::Logarithmic, 0).unwrap();
         assert!((11..=12).contains(&logarithmic), "{logarithmic}");
@@ -404,7 +403,7 @@ mod tests {
         let behind: Vec<Visible> =
             (0..10_000).map(|index| Visible { index: 9_999 - index, ..same[0] }).collect();
         assert_eq!(bits(&behind, Mapping::FloatBits, 0), None);
-        // To count their pairs would take too much.
+        // Counting all pairs would exceed the limit on work.
         assert_eq!(bits(&same, Mapping::FloatBits, 1), None);
     }
 
@@ -415,7 +414,7 @@ mod tests {
             let (x, y) = ((at % 4) as u32, (at / 4 % 4) as u32);
             [x, y, x + 1, y + 1]
         });
-        // The next one in the same tile is 16 steps away: 5 bits would do, and 8 are the least.
+        // The next splat in the same tile is 16 steps away. 5 bits would be enough, but 8 is the minimum width.
         assert_eq!(bits(&apart, Mapping::Linear, 0), Some(8));
         let mut in_order = reversed(&depths, |_| [0, 0, 1, 1]);
         in_order.iter_mut().enumerate().for_each(|(at, splat)| splat.index = at as u32);
@@ -427,7 +426,7 @@ mod tests {
         let depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
         // A pair of two large splats shares four tiles and counts once.
         let visible = reversed(&depths, |_| [0, 0, 2, 2]);
-        // With 8 bits, about every two neighbours have one key.
+        // With 8 bits, pairs of neighbours share a key.
         let view = View { visible: &visible, tiles: [4, 4], range: (10.0, 10.0 + 511.0 / 512.0) };
         let wrong = wrong_pairs(&view, Mapping::Linear, 8, u64::MAX);
         assert_eq!(wrong, 256);
@@ -450,7 +449,7 @@ mod tests {
 
     #[test]
     fn equalised_keys_go_where_the_splats_are() {
-        // 512 depths from 10 to 11, an outlier at 2e7: 10 bits do, of which linear keys take 33.
+        // 512 depths from 10 to 11 and an outlier at 2e7: 10 bits are enough, but linear keys need 33.
         let mut depths: Vec<f64> = (0..512).map(|i| 10.0 + f64::from(i) / 512.0).collect();
         depths.push(2e7);
         let visible = reversed(&depths, |_| [0, 0, 1, 1]);
@@ -463,7 +462,7 @@ mod tests {
     #[test]
     fn the_width_of_a_scene_grows_with_the_octaves_from_the_near_plane_through_its_box() {
         let cube = |side: f32| of_scene(&Bounds { min: [-0.5 * side; 3], max: [0.5 * side; 3] });
-        // A diagonal of 1.7 is 3.2 octaves from 0.2 on, one of 17 is 6.4, one of 17,000 is 16.4.
+        // From the near plane 0.2, a diagonal of 1.7 spans 3.2 octaves, 17 spans 6.4, and 17,000 spans 16.4.
         assert_eq!([1.0, 10.0, 1e4, 1e8].map(cube), [25, 26, 28, 28]);
         assert_eq!(of_scene(&Bounds { min: [0.5; 3], max: [0.5; 3] }), 17, "a point has the rounding alone");
         assert_eq!(of_scene(&Bounds { min: [-1e38; 3], max: [1e38; 3] }), 31);
@@ -485,7 +484,7 @@ mod tests {
                     low + share[i] * (high - low)
                 })
             };
-            // Near, within and far from the box.
+            // Cameras near, inside and far from the box.
             let position: [f64; 3] = std::array::from_fn(|i| f64::from(corner[i]) + eye[i] * eye[0].abs() / 300.0);
             let target = at(to);
             prop_assume!((0..3).any(|i| (target[i] - position[i]).abs() > 1e-3));
@@ -496,7 +495,7 @@ mod tests {
             for share in shares {
                 let z = camera.to_view(at(share))[2] as f32;
                 prop_assume!(z > NEAR as f32);
-                // Up to the ends of the range, where no depth of the box is clamped.
+                // The range includes all depths of the box, so none is clamped.
                 prop_assert!(near <= z && z <= far, "{z} is not in {near} to {far}");
                 prop_assert!(keys.of(z) < keys.of(z.next_up()) || z == far, "{bits} bits, {z} in {near} to {far}");
             }
@@ -506,7 +505,7 @@ mod tests {
         fn keys_never_decrease_with_depth(a in 0.2f32..1e6, b in 0.2f32..1e6, width in 8u32..=32, far in 1f32..1e6) {
             let (a, b) = (a.min(b), a.max(b));
             for map in Mapping::ALL {
-                // Any depths may be in the frame.
+                // The other depths in the frame are arbitrary.
                 let keys = Keys::new(map, (0.2, far), width, [a, 0.3, 7.0, 7.1].into_iter());
                 let (first, second) = (keys.of(a), keys.of(b));
                 prop_assert!(first <= second, "{map:?}: {first} {second}");

@@ -1,4 +1,4 @@
-//! Moves cameras around a point, and turns them towards it.
+//! Moves cameras around a point, and turns cameras towards a point.
 //!
 //! Rotations without an axis are about the camera's own vertical axis: captured scenes have no up direction, but each
 //! of their cameras has one. An [`Orbit`] has its own axis.
@@ -7,16 +7,15 @@ use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::Camera;
 use std::f64::consts::TAU;
 
-/// Moves a camera around a point by an angle, about its own vertical axis. The point stays at its position in the
-/// picture.
+/// Moves a camera around a point by an angle, about the camera's vertical axis.
 ///
-/// A positive angle, in degrees, moves the camera to its left.
+/// The point stays at its position in the picture. A positive angle, in degrees, moves the camera to its left.
 pub fn turned(camera: &Camera, around: [f64; 3], degrees: f64) -> Camera {
     let axis = DVec3::from(camera.axes()[1]).normalize_or(DVec3::Y);
     moved_by(camera, around, DQuat::from_axis_angle(axis, degrees.to_radians()))
 }
 
-/// Moves a camera around a point by a rotation in the world. The point stays at its position in the picture.
+/// Moves a camera around a point by a world-space rotation. The point stays at its position in the picture.
 fn moved_by(camera: &Camera, around: [f64; 3], turn: DQuat) -> Camera {
     let around = DVec3::from(around);
     let position = around + turn * (DVec3::from(camera.position) - around);
@@ -26,16 +25,16 @@ fn moved_by(camera: &Camera, around: [f64; 3], turn: DQuat) -> Camera {
 /// A circular motion of a camera around an axis through a point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Orbit {
-    /// The camera at the start.
+    /// Camera at the start.
     pub start: Camera,
-    /// Point on the axis, which stays at its position in the picture.
+    /// Point on the axis. It stays at its position in the picture.
     pub around: [f64; 3],
-    /// Direction of the axis, of any length; a zero vector stands for up, -y.
+    /// Direction of the axis, of any length. A zero vector means up, -y.
     pub axis: [f64; 3],
 }
 
 impl Orbit {
-    /// Makes a level circle that begins at `start`, around the point of its viewing axis that is nearest to `middle`.
+    /// Makes a level circle that starts at `start`, around the point of its viewing axis nearest to `middle`.
     ///
     /// If `middle` is behind the camera, the circle is around `middle` itself.
     pub fn before(start: Camera, middle: [f64; 3]) -> Orbit {
@@ -45,7 +44,7 @@ impl Orbit {
         Orbit { start, around, axis: [0.0, -1.0, 0.0] }
     }
 
-    /// Computes the camera after `turns` turns; 1 is the whole circle.
+    /// Computes the camera after `turns` turns; 1 is a full circle.
     pub fn at(&self, turns: f64) -> Camera {
         let axis = DVec3::from(self.axis).normalize_or(DVec3::NEG_Y);
         moved_by(&self.start, self.around, DQuat::from_axis_angle(axis, TAU * turns))
@@ -55,12 +54,12 @@ impl Orbit {
 /// Computes the angle of the rotation between two cameras, in degrees from 0 to 180.
 pub fn turn_between(from: &Camera, to: &Camera) -> f64 {
     let axes = |camera: &Camera| DMat3::from_cols_array_2d(&camera.axes());
-    // The quaternion's imaginary part keeps the digits of small angles, which the cosine loses.
+    // The vector part of the quaternion is accurate for small angles; an arc cosine is not.
     let turn = DQuat::from_mat3(&(axes(to) * axes(from).transpose()));
     2.0 * turn.xyz().length().atan2(turn.w.abs()).to_degrees()
 }
 
-/// Turns a camera towards a point and zooms in, for pictures of another size. The roll of the camera stays.
+/// Turns a camera towards a point and zooms by a factor, for pictures of the given size in pixels. Keeps the roll.
 pub fn facing(camera: &Camera, target: [f64; 3], zoom: f64, (width, height): (u32, u32)) -> Camera {
     let [right, down, forward] = camera.axes().map(DVec3::from);
     let position = DVec3::from(camera.position);

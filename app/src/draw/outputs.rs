@@ -55,10 +55,10 @@ pub struct Output {
     pub words: Words,
 }
 
-/// A drawn frame with its outputs.
+/// A drawn frame, with its outputs.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// Picture: display-encoded, over the background, not clamped.
+    /// Picture over the background: display-encoded, not clamped.
     pub colour: Image,
     /// Outputs requested with [`Session::set_outputs`], in the order of the graph.
     pub outputs: Vec<Output>,
@@ -66,10 +66,9 @@ pub struct Frame {
     pub counts: Vec<(String, u32)>,
 }
 
-/// Draws a frame at the camera's size, and reads its picture and its outputs back. Builds and loads the plan if
-/// necessary.
+/// Draws a frame at the camera's size, and reads back its picture and outputs.
 ///
-/// The background is display-encoded.
+/// Builds and loads the plan if necessary. The background is display-encoded.
 ///
 /// # Errors
 /// The graph has errors or lacks an output, the device fails, or the picture has no colours.
@@ -90,7 +89,7 @@ pub fn draw<D: Device>(
     Ok(Frame { colour, outputs: read(plan, &result.inspected), counts: result.stats })
 }
 
-/// Lists the plan's outputs as inspections after the frame's last pass, in the order of the plan.
+/// Lists the plan's outputs as inspections after the frame's last pass, in plan order.
 pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     let mut ids = (0..plan.passes.len() as u32).map(PassId);
     let after = ids.rfind(|id| plan.pass(*id).work == Work::Export);
@@ -98,12 +97,12 @@ pub fn inspections(plan: &Plan) -> Vec<Inspect> {
     after.into_iter().flat_map(output).collect()
 }
 
-/// Converts the bytes of the [`inspections`] of a frame to outputs.
+/// Converts the bytes of a frame's [`inspections`] to outputs.
 pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
     let outputs = plan.outputs.iter().zip(inspections(plan)).zip(inspected);
     let output = |((output, target), bytes): ((&splatgraph_framework::ir::Output, Inspect), &Vec<u8>)| {
         let Finding { mut shape, mut words, .. } = Finding::new(plan, &target, bytes, &[]);
-        // Formats of images have one channel or four.
+        // Image formats have one or four channels. Drop the unused fourth.
         if let ([.., channels @ 4], Words::Float(values)) = (&mut shape[..], &mut words) {
             *channels = 3;
             *values = values.chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect();
@@ -113,10 +112,10 @@ pub fn read(plan: &Plan, inspected: &[Vec<u8>]) -> Vec<Output> {
     outputs.map(output).collect()
 }
 
-/// Checks that an output of this name can be written in a format.
+/// Checks that the output named `name` can be written in a format.
 ///
 /// # Errors
-/// It cannot be. The error lists the formats that are possible.
+/// The format is not possible. The error lists the possible formats.
 pub fn check_format(name: &str, format: Format) -> Result<(), String> {
     let expected = match (name, format) {
         ("contributors" | "index", Format::Png | Format::Exr) => {
@@ -131,12 +130,12 @@ pub fn check_format(name: &str, format: Format) -> Result<(), String> {
 }
 
 impl Output {
-    /// Writes the values as an array or a float image. Normals and shares can also be written as a picture.
+    /// Writes the values as an array or a float image, or normals and fractions as a picture.
     ///
-    /// A normal is normalised and becomes the colour (n + 1) / 2.
+    /// In a picture, a normal is normalised and becomes the colour (n + 1) / 2.
     ///
     /// # Errors
-    /// [`check_format`] refuses the format, or the file cannot be written.
+    /// [`check_format`] rejects the format, or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
         let (format, values) = match (Format::of(path), &self.words) {
             (Some(format @ (Format::Png | Format::Exr)), Words::Float(values)) => (format, values),

@@ -1,38 +1,38 @@
-//! Finds the splats of a pixel, and outlines a splat on the picture.
+//! Finds the splats that contribute to a pixel, and outlines a splat on the picture.
 //!
 //! [`pick`] lists every splat that is blended at a pixel, near to far, with its share of the colour.
-//! [`Picked::selected`] is the splat that the user means: first the one with the largest share, then, with
-//! [`Picked::step`], its neighbours in depth.
+//! [`Picked::selected`] is the splat that the user means: first the splat with the largest share; [`Picked::step`] then
+//! selects its neighbours in depth.
 //!
-//! The rules are [`Rules::of`] the scene, in f64, whichever graph draws: the published rasteriser's, unless the scene's
+//! Whichever graph draws, the rules are [`Rules::of`] the scene, in f64: the published rasteriser's, unless the scene's
 //! file has tags. A graph with other rules (another `low_pass`, a `cutoff`, culling, an inexact order) draws a
 //! different picture, so its shares differ.
 //!
-//! A position on the picture is in pixels from its top left corner, right and down: the middle of the first pixel is
+//! Positions on the picture are in pixels from its top left corner, right and down. The middle of the first pixel is
 //! (0.5, 0.5).
 
 use super::splat_set::Masked;
 use splatgraph_assets::{Camera, Scene};
 use splatgraph_reference::{Fragment, Projected, Rules, Splats, fragments, project};
 
-/// The ellipse on which a splat's alpha falls to the alpha floor, 1/255. The splat has fragments only inside it.
+/// Ellipse on which a splat's alpha falls to the alpha floor, 1/255. The splat has fragments only inside it.
 ///
 /// Its semi-axes are `sqrt(2 ln(255 opacity))` standard deviations long, 3.3 for an opaque splat. The rasteriser
-/// evaluates a splat only in the tiles within 3 deviations, so the last 0.3 may be cut off at the border of a tile. (An
-/// ellipse of 3 deviations would be too large for a splat with an opacity below 0.35, and contain pixels without a
-/// fragment of it.)
+/// evaluates a splat only in the tiles within 3 deviations, so the last 0.3 may be cut off at the border of a tile. An
+/// ellipse of 3 deviations would be too large for a splat with an opacity below 0.35: it would contain pixels without a
+/// fragment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outline {
-    /// Centre, in pixels from the picture's top left corner; may be outside of the picture.
+    /// Centre, in pixels from the picture's top left corner; may be outside the picture.
     pub center: [f64; 2],
-    /// Half the length of the longer and of the shorter axis, in pixels.
+    /// Half the length of the longer and the shorter axis, in pixels.
     pub half_axes: [f64; 2],
     /// Angle from the picture's right to the longer axis, in radians, from -pi/2 to pi/2. Positive angles turn down.
     pub angle: f64,
 }
 
 impl Outline {
-    /// Computes a point of the ellipse. `at` is its parameter, in radians from the longer axis.
+    /// Computes a point of the ellipse, in pixels. `at` is the angle parameter, in radians from the longer axis.
     pub fn point(&self, at: f64) -> [f64; 2] {
         let (sin, cos) = self.angle.sin_cos();
         let [x, y] = [self.half_axes[0] * at.cos(), self.half_axes[1] * at.sin()];
@@ -41,14 +41,14 @@ impl Outline {
 
     fn of(splat: &Projected, rules: &Rules) -> Option<Outline> {
         let radius = (2.0 * (splat.opacity / rules.alpha_floor).ln()).sqrt();
-        // NaN where even the centre is below the floor.
+        // The radius is NaN if even the centre is below the alpha floor.
         if !(radius > 0.0 && radius.is_finite()) {
             return None;
         }
         let [xx, xy, yy] = splat.covariance;
         let (middle, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
         let longer = middle + half;
-        // The difference `middle - half` has no digits left for a needle.
+        // For a needle, `middle - half` would lose all digits to cancellation.
         let shorter = splat.determinant / longer;
         Some(Outline {
             center: splat.center.map(|v| v + 0.5),
@@ -61,56 +61,56 @@ impl Outline {
 /// A splat that is blended at a picked pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PickedSplat {
-    /// Index in the scene: the order of the file, without the splats that were dropped on load.
+    /// Index in the scene: position in the file, not counting splats that were dropped on load.
     pub index: u32,
     /// View depth, in world units.
     pub depth: f64,
     /// Alpha at the pixel, capped at 0.99.
     pub alpha: f64,
-    /// Transmittance of the splats before this one.
+    /// Transmittance in front of this splat.
     pub transmittance: f64,
-    /// Share of the pixel: alpha times transmittance.
+    /// Share of the pixel's colour: alpha times transmittance.
     pub weight: f64,
-    /// Colour as seen from this camera, display-encoded, not clamped.
+    /// Colour as seen from this camera; display-encoded, not clamped.
     pub color: [f64; 3],
-    /// Opacity at the centre.
+    /// Opacity at the splat's centre, 0 to 1.
     pub opacity: f64,
-    /// Centre in the world's coordinates, as in the file.
+    /// Centre in world coordinates, as in the file.
     pub position: [f64; 3],
     /// Standard deviation along each axis, in world units.
     pub scale: [f64; 3],
-    /// Unit quaternion w, x, y, z that turns the axes into the world.
+    /// Unit quaternion w, x, y, z from the splat's axes to the world's.
     pub rotation: [f64; 4],
-    /// 2D covariance with the low-pass filter, as xx, xy, yy, in square pixels.
+    /// 2D covariance including the low-pass filter: xx, xy, yy, in square pixels.
     pub covariance: [f64; 3],
-    /// Outline on the picture; `None` where [`outline`] returns none.
+    /// Outline on the picture; `None` if [`outline`] returns none.
     pub outline: Option<Outline>,
 }
 
-/// The splats that are blended at a pixel, one of them selected.
+/// The splats that are blended at a pixel, with a selected one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picked {
     /// The camera of the picture, in the scene's coordinates.
     pub camera: Camera,
     /// Column and row of the pixel.
     pub pixel: [u32; 2],
-    /// The splats, near to far.
+    /// Splats, near to far.
     pub splats: Vec<PickedSplat>,
-    /// The background's share of the pixel.
+    /// Background's share of the pixel.
     pub transmittance: f64,
-    /// Mean view depth, weighted by the splats' shares; `None` without splats.
+    /// Mean view depth in world units, weighted by the splats' shares; `None` without splats.
     pub depth: Option<f64>,
     /// Index of the selected splat in `splats`; `None` without splats.
     pub selected: Option<usize>,
 }
 
 impl Picked {
-    /// Returns the selected splat.
+    /// Returns the selected splat; `None` without splats.
     pub fn splat(&self) -> Option<&PickedSplat> {
         self.splats.get(self.selected?)
     }
 
-    /// Selects the splat that is `places` farther in the list, or nearer if negative; wraps around.
+    /// Moves the selection by `places` splats: farther if positive, nearer if negative. It wraps around.
     pub fn step(&mut self, places: i64) {
         if let Some(selected) = &mut self.selected {
             *selected = (*selected as i64 + places).rem_euclid(self.splats.len() as i64) as usize;
@@ -118,10 +118,11 @@ impl Picked {
     }
 }
 
-/// Lists the splats that are blended at a pixel, without hidden ones, and selects the one with the largest share.
+/// Lists the splats that are blended at a pixel, without hidden splats, and selects the largest share.
 ///
-/// `camera` is in the scene's coordinates, with the size of the picture. Returns `None` for a pixel outside of the
-/// picture, and once `cancelled`, which several threads call, returns true. A million splats take 0.1 s on two cores.
+/// `camera` is in the scene's coordinates, with the size of the picture. `cancelled` is called from several threads.
+/// Returns `None` for a pixel outside the picture, or once `cancelled` returns true. A million splats take 0.1 s on two
+/// cores.
 pub fn pick(
     masked: &Masked,
     camera: &Camera,
@@ -157,9 +158,9 @@ pub fn pick(
     Some(Picked { camera: camera.clone(), pixel, splats, transmittance, depth, selected })
 }
 
-/// Computes the outline of a splat from a camera in the scene's coordinates.
+/// Computes the outline of a splat. `camera` is in the scene's coordinates.
 ///
-/// `None` for a splat that is culled, fainter than 1/255 or outside of the picture, and for an index beyond the scene's
+/// `None` for a splat that is culled, fainter than 1/255 or outside the picture, and for an index beyond the scene's
 /// splats.
 pub fn outline(scene: &Scene, camera: &Camera, index: u32) -> Option<Outline> {
     if index >= scene.count() {
@@ -180,7 +181,8 @@ mod tests {
         pick(&Masked::whole(scene), camera, pixel, &|| false)
     }
 
-    /// Makes a scene of one splat ahead of [`ahead`], long, oblique, and faint enough for its tiles to hold its outline.
+    /// Makes a scene of one splat in front of [`ahead`]: long, oblique, and so faint that its tiles contain its
+    /// outline.
     fn needle() -> Scene {
         let mut sh = [0.0; 48];
         sh[..3].copy_from_slice(&[1.0, 0.5, -0.5]);
@@ -248,7 +250,7 @@ mod tests {
         let rest = pick(&masked, &camera, [32, 24], &|| false).unwrap();
         let indices = |picked: &Picked| picked.splats.iter().map(|splat| splat.index).collect::<Vec<_>>();
         let expected: Vec<u32> = indices(&all).into_iter().filter(|index| !hidden.contains(*index)).collect();
-        // What was behind the hidden splat may reach the pixel now.
+        // Splats behind the hidden one may now reach the pixel.
         assert!(indices(&rest).starts_with(&expected) && !expected.is_empty());
     }
 

@@ -10,10 +10,10 @@ use splatgraph_assets::memory;
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, channel};
 
-/// Unfinished pictures may take the available memory divided by this number.
+/// Unfinished pictures may use 1 / `MEMORY_SHARE` of the available memory.
 const MEMORY_SHARE: u64 = 4;
 
-/// Bytes of memory per pixel for encoding, besides the pixels themselves: RGB in f32, 8 bits, and the encoded file.
+/// Bytes per pixel for encoding, besides the pixels themselves: RGB in f32, RGB in 8 bits, and the file.
 const ENCODING_BYTES: u64 = 12 + 3 + 3;
 
 /// Estimates the memory that encoding a picture takes, in bytes.
@@ -21,7 +21,7 @@ pub fn encoding_bytes(pixels: &Pixels) -> u64 {
     pixels.bytes.len() as u64 + ENCODING_BYTES * u64::from(pixels.width) * u64::from(pixels.height)
 }
 
-/// Pictures that are drawn but not yet written, oldest first.
+/// Queue of pictures that are drawn but not yet written, oldest first.
 pub struct Pictures<T> {
     jobs: usize,
     unfinished: VecDeque<Receiver<Result<T>>>,
@@ -33,10 +33,12 @@ impl<T: Send + 'static> Pictures<T> {
         Pictures { jobs: jobs.max(1), unfinished: VecDeque::new() }
     }
 
-    /// Starts `work`, which needs `bytes` bytes, and returns the results of the pictures that had to be finished first.
+    /// Starts `work`, which needs `bytes` bytes of memory.
+    ///
+    /// First waits for older pictures if the queue or the memory is full, and returns their results.
     ///
     /// # Errors
-    /// One of these pictures failed; the error is the first one's.
+    /// One of these pictures failed. The error is from the oldest one that failed.
     pub fn start(&mut self, bytes: u64, work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<Vec<T>> {
         let room = memory::available().map_or(u64::MAX, |available| available / MEMORY_SHARE / bytes.max(1));
         let most = self.jobs.min(usize::try_from(room).unwrap_or(usize::MAX)).max(1);
@@ -45,9 +47,9 @@ impl<T: Send + 'static> Pictures<T> {
             finished.extend(self.wait()?);
         }
         let (sender, receiver) = channel();
-        // Nobody waits for a picture after an error.
+        // After an error, nobody receives the result.
         let work = move || _ = sender.send(work());
-        // A pool of this thread alone runs nothing while the thread draws.
+        // If this thread is the pool's only one, the pool runs nothing while this thread draws.
         if rayon::current_thread_index().is_some() {
             work();
         } else {
@@ -57,7 +59,7 @@ impl<T: Send + 'static> Pictures<T> {
         Ok(finished)
     }
 
-    /// Waits for the oldest unfinished picture, and returns its result; `None` if there is none.
+    /// Waits for the oldest unfinished picture, and returns its result; `None` if the queue is empty.
     ///
     /// # Errors
     /// The picture's work failed.
@@ -70,7 +72,7 @@ impl<T: Send + 'static> Pictures<T> {
     }
 }
 
-/// Waits for the pictures in progress, even after an error. Otherwise, the process could end in the middle of a file.
+/// Waits for the pictures in progress, even after an error, so that the process does not end in the middle of a file.
 impl<T> Drop for Pictures<T> {
     fn drop(&mut self) {
         self.unfinished.drain(..).for_each(|picture| _ = picture.recv());
@@ -93,7 +95,7 @@ mod tests {
             let (running, most) = (running.clone(), most.clone());
             let work = move || {
                 most.fetch_max(running.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
-                // Later ones are done sooner.
+                // Later pictures finish sooner.
                 std::thread::sleep(std::time::Duration::from_millis(3 - index % 3));
                 running.fetch_sub(1, Ordering::SeqCst);
                 Ok(index)
@@ -112,7 +114,7 @@ mod tests {
         let (mut pictures, met) = (Pictures::new(2), Arc::new(Barrier::new(2)));
         let other = met.clone();
         pictures.start(1, move || Ok(other.wait().is_leader())).unwrap();
-        // Would wait for ever if `start` did the work.
+        // This would block forever if `start` ran the work itself.
         met.wait();
         assert!(pictures.wait().unwrap().is_some());
     }

@@ -15,12 +15,12 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
-/// Settings of planners: the shader compiler, the store of compiled shaders, and the folders that graphs may use.
+/// Settings of planners: shader compiler, store of compiled shaders, and folders that graphs may use.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
-    /// Program that compiles shaders. `None` compiles them in this process, which a broken shader can crash.
+    /// Program that compiles shaders; `None` compiles in this process, which an invalid shader can crash.
     pub worker: Option<Worker>,
-    /// Store that keeps compiled shaders between runs; `None` compiles them in every run.
+    /// Store that keeps compiled shaders between runs; `None` compiles all shaders in every run.
     pub store: Option<Arc<dyn SpirvStore>>,
     /// Additional folders from which graphs may use files.
     pub include_roots: Vec<PathBuf>,
@@ -28,9 +28,9 @@ pub struct Settings {
 
 static SETTINGS: OnceLock<Settings> = OnceLock::new();
 
-/// Sets the settings of all planners made by [`Planner::default`]. Only the first call has an effect.
+/// Sets the settings of all planners from [`Planner::default`]. Only the first call has an effect.
 pub fn configure(settings: Settings) {
-    // A second call comes from a second test in one process, with the same settings.
+    // Only tests call this twice, with equal settings.
     let _ = SETTINGS.set(settings);
 }
 
@@ -39,13 +39,13 @@ pub fn include_roots() -> &'static [PathBuf] {
     SETTINGS.get().map_or(&[], |settings| &settings.include_roots)
 }
 
-/// Builds plans, with a cache of compiled shaders.
+/// Builds plans, and caches compiled shaders.
 pub struct Planner {
-    /// True to let resources share memory; see [`Request::share_memory`].
+    /// True to let resources with disjoint lifetimes share memory; see [`Request::share_memory`].
     pub share_memory: bool,
     /// Minimum values of growing parameters; see [`Request::capacities`].
     pub capacities: Capacities,
-    /// Names of the outputs that plans produce besides the picture.
+    /// Outputs that plans must produce besides the picture, by name.
     pub outputs: Vec<String>,
     files: SourceMap,
     compiler: Glslang,
@@ -81,17 +81,20 @@ impl Planner {
         }
     }
 
-    /// Returns the number of shaders that were compiled, rather than taken from a cache.
+    /// Returns the number of shaders that were compiled, not taken from a cache.
     pub fn compiled(&self) -> usize {
         self.compiler.compiled_count()
     }
 
-    /// Sets a cancellation token. A build ends early once `cancel` is set.
+    /// Sets the cancellation token of later builds. A build fails soon after the token is set.
     pub fn set_cancel(&mut self, cancel: Cancel) {
         self.compiler.set_cancel(cancel);
     }
 
-    /// Builds the plan of `graph`, a preset's name or a path. In `set`, later values override earlier ones.
+    /// Builds the plan of `graph`, a preset's name or a path. Later values in `set` override earlier ones.
+    ///
+    /// # Errors
+    /// The graph or its shaders have errors.
     pub fn plan(
         &mut self,
         graph: &str,
@@ -113,20 +116,21 @@ impl Planner {
 
     /// Renders the warnings about a plan with the source text; empty if there are none.
     ///
-    /// The plan must have been built since [`Planner::forget_files`].
+    /// The plan must have been built after the last [`Planner::forget_files`].
     pub fn warnings(&self, plan: &Plan, colour: bool) -> String {
         let found: Vec<Diagnostic> = plan.warnings.iter().map(|w| w.diagnostic.clone()).collect();
         render_warnings(&self.files, &found, colour)
     }
 
-    /// Lists the warnings of a plan as plain data; see [`Planner::warnings`].
+    /// Lists the warnings about a plan as plain data; see [`Planner::warnings`].
     pub fn plain_warnings(&self, plan: &Plan) -> Vec<PlainDiagnostic> {
         let plain = |found| PlainDiagnostic::new(&self.files, found, Severity::Warning);
         plan.warnings.iter().map(|warning| plain(&warning.diagnostic)).collect()
     }
 
-    /// Lists the parameters of `graph` with the values of `set`; growing parameters have at least the value in
-    /// [`Planner::capacities`].
+    /// Lists the parameters of `graph`, with the values of `set`.
+    ///
+    /// Growing parameters have at least the value in [`Planner::capacities`].
     pub fn controls(
         &mut self,
         graph: &str,
@@ -141,7 +145,7 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// Returns the graphs that `graph` passes over on a device with these facts.
+    /// Returns the graphs of a choice that a device with these facts cannot run.
     ///
     /// If no graph is left, also returns the unmet requirements.
     pub fn standing(
@@ -155,7 +159,7 @@ impl Planner {
         lower::standing(&request, &mut self.files).map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// Drops the files in memory, so that the next plan reads them again. Unchanged shaders are not recompiled.
+    /// Drops the cached files, so that the next plan reads them again. Unchanged shaders are not recompiled.
     pub fn forget_files(&mut self) {
         self.files = files(&self.settings, &self.unsaved);
     }
@@ -166,7 +170,7 @@ impl Planner {
         self.forget_files();
     }
 
-    /// Lists the names that a graph's expressions can use, with their values.
+    /// Lists the names, with their values, that a graph's expressions can use.
     pub fn expression_names(
         &mut self,
         graph: &str,
@@ -179,20 +183,23 @@ impl Planner {
             .map_err(|found| GraphErrors::new(&self.files, &found))
     }
 
-    /// Returns the text of a graph.
+    /// Returns the text of a graph; `None` if it cannot be read.
     pub fn graph_text(&mut self, graph: &str) -> Option<String> {
         let file = self.files.find(None, graph, Kind::Graph).ok()?;
         Some(self.files.text(file).to_owned())
     }
 
-    /// Finds a shader that a graph names. Returns its path, as in [`PlainDiagnostic::file`], and its text.
+    /// Finds a shader that a graph names: its path, as in [`PlainDiagnostic::file`], and its text. `None` if it cannot
+    /// be read.
     pub fn shader(&mut self, graph: &str, name: &str) -> Option<(String, String)> {
         let graph = self.files.find(None, graph, Kind::Graph).ok()?;
         let file = self.files.find(Some(graph), name, Kind::Shader).ok()?;
         Some(self.path_and_text(file))
     }
 
-    /// Finds a file that `from` names, or a graph by its name or path. The id is valid until [`Planner::forget_files`].
+    /// Finds a file that `from` names, or a graph by its name or path.
+    ///
+    /// The id is valid until [`Planner::forget_files`]. `None` if the file cannot be read.
     pub fn file(&mut self, from: Option<FileId>, name: &str, kind: Kind) -> Option<FileId> {
         self.files.find(from, name, kind).ok()
     }
@@ -202,13 +209,13 @@ impl Planner {
         (self.files.path(file).to_owned(), self.files.text(file).to_owned())
     }
 
-    /// Lists the files that the plans built since [`Planner::forget_files`] depend on.
+    /// Lists the files on which the plans since the last [`Planner::forget_files`] depend.
     pub fn wanted(&self) -> Vec<Wanted> {
         self.files.wanted()
     }
 }
 
-/// Adds a suggestion to the error for a missing output: the built-in graphs that have it.
+/// Adds a suggestion to the error about a missing output: the built-in graphs that have the output.
 fn name_graphs_with(output: &str, errors: &mut [Diagnostic]) {
     let graphs = builtin::giving(output).join(", ");
     for error in errors.iter_mut().filter(|error| !graphs.is_empty() && error.message == no_output(output)) {
@@ -216,7 +223,7 @@ fn name_graphs_with(output: &str, errors: &mut [Diagnostic]) {
     }
 }
 
-/// Lists the settings that have no effect in a plan: the parameter, and the reason as a sentence.
+/// Lists the settings that have no effect in a plan, each with the reason as a sentence.
 pub fn without_effect(plan: &Plan, set: &[(String, String)]) -> Vec<(String, String)> {
     let mut found: Vec<(String, String)> = Vec::new();
     for (name, _) in set {
@@ -234,7 +241,7 @@ fn files(settings: &Settings, unsaved: &BTreeMap<PathBuf, String>) -> SourceMap 
     SourceMap::new(Library { builtin: builtin::FILES, include_roots, unsaved, ..Library::default() })
 }
 
-/// The errors of a graph and its shaders, rendered with the source text.
+/// Errors of a graph and its shaders, rendered with the source text.
 #[derive(Debug)]
 pub struct GraphErrors {
     /// The errors, at least one.
@@ -266,13 +273,13 @@ impl fmt::Display for GraphErrors {
 
 impl std::error::Error for GraphErrors {}
 
-/// Severity of a diagnostic: whether the graph can be drawn in spite of it.
+/// Severity of a diagnostic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
     /// The graph has no plan and cannot be drawn.
     Error,
-    /// The graph can be drawn.
+    /// The graph can be drawn in spite of the problem.
     Warning,
 }
 
@@ -281,21 +288,21 @@ pub enum Severity {
 pub struct PlainDiagnostic {
     /// Path of the file, as the user or an include wrote it.
     pub file: String,
-    /// Line of the first character.
+    /// Line of the first marked character.
     pub line: u32,
-    /// Column of the first character, counted from 1.
+    /// Column of the first marked character.
     pub column: u32,
-    /// Line of the character after the last.
+    /// Line of the character after the last marked one.
     pub end_line: u32,
-    /// Column of the character after the last.
+    /// Column of the character after the last marked one.
     pub end_column: u32,
     /// Error or warning.
     pub severity: Severity,
-    /// The message, one sentence.
+    /// Message, one sentence.
     pub message: String,
-    /// Text of the label under the marked source text; may be empty.
+    /// Label of the marked source text; may be empty.
     pub label: String,
-    /// Suggestions for fixing the error.
+    /// Suggestions to correct the problem.
     pub help: Vec<String>,
 }
 

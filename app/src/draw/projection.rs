@@ -1,18 +1,18 @@
-//! Finds the projection that a graph draws, and makes the cameras for it.
+//! Finds the projection that a graph draws, and converts cameras to it.
 //!
-//! A graph has its projection as a constant, its parameter `projection`, because shaders are compiled for it. A camera
-//! has a projection as well: it is part of files, and the exact renderer draws it. Pinhole cameras are converted to the
-//! graph's projection; another camera needs a graph with its own.
+//! A graph's projection is a constant, its parameter `projection`, because shaders are compiled for it. A camera has a
+//! projection as well: files store it, and the exact renderer draws it. Pinhole cameras are converted to the graph's
+//! projection; any other camera needs a graph with the same projection.
 
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::Planner;
 use splatgraph_assets::{Camera, Projection, Scene};
 use splatgraph_framework::ir::{Param, Value};
 
-/// Name of the graphs' parameter.
+/// Name of the projection parameter in graphs.
 const PARAMETER: &str = "projection";
 
-/// An error of a camera that the graph does not draw.
+/// Error about a camera that the graph cannot draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected a graph for {camera} cameras, found one for {graph} cameras{}", advice(*.camera))]
 pub struct ProjectionError {
@@ -26,7 +26,7 @@ fn advice(camera: Projection) -> String {
     if camera.is_pinhole() { String::new() } else { format!(": use --pipeline {camera}") }
 }
 
-/// Returns the projection among a graph's parameters; pinhole without the parameter.
+/// Returns the projection among a graph's parameters; pinhole if there is no such parameter.
 pub fn of_params<'a>(params: impl IntoIterator<Item = &'a Param>) -> Projection {
     let value = params.into_iter().find(|param| param.name == PARAMETER).map(|param| &param.value);
     match value {
@@ -35,11 +35,10 @@ pub fn of_params<'a>(params: impl IntoIterator<Item = &'a Param>) -> Projection 
     }
 }
 
-/// Returns the projection of a graph with the parameters in `set`, before a scene is loaded. `pipeline` is a preset's
-/// name or a path.
+/// Returns the projection of a graph with the parameters in `set`, before a scene is loaded.
 ///
-/// It is pinhole for a graph with errors, which building its plan reports. All graphs of a choice have the same
-/// projection, so the device does not matter.
+/// `pipeline` is a preset's name or a path. Returns pinhole for a graph with errors; building its plan reports them.
+/// All graphs of a choice have the same projection, so the device does not matter.
 pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Projection {
     let device = facts::portable_device(facts::USUAL_SUBGROUP_SIZE);
     let facts = facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE);
@@ -50,7 +49,7 @@ pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Projection {
 /// Converts a camera to a graph's projection.
 ///
 /// # Errors
-/// The camera is not a pinhole, and has another projection than the graph.
+/// The camera is not a pinhole camera, and its projection differs from the graph's.
 pub fn convert(camera: &Camera, graph: Projection, scene: &Scene) -> Result<Camera, ProjectionError> {
     let converted = camera.projected(graph, scene);
     match converted.projection == graph {
@@ -59,10 +58,10 @@ pub fn convert(camera: &Camera, graph: Projection, scene: &Scene) -> Result<Came
     }
 }
 
-/// Converts the cameras of a command to the projection of its graph, which has the parameters in `set`.
+/// Converts a command's cameras to the projection of its graph. `set` are the graph's parameters.
 ///
 /// # Errors
-/// A camera has another projection than the graph.
+/// A camera is not a pinhole camera, and its projection differs from the graph's.
 pub fn convert_all(
     cameras: Vec<Camera>,
     pipeline: &str,

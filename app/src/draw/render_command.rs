@@ -1,23 +1,23 @@
-//! Writes the `splatgraph render` command that draws a picture again.
+//! Formats the `splatgraph render` command that reproduces a picture.
 //!
-//! The command contains the camera itself, as JSON, in the world's coordinates. Its numbers have enough digits to
-//! restore every bit, so that the picture is the same.
+//! The command contains the camera as JSON, in world coordinates. Its numbers have enough digits to restore every bit,
+//! so the picture is the same.
 
 use crate::draw::planner;
 use crate::io::output::shell_word;
 use splatgraph_assets::Camera;
 use std::path::Path;
 
-/// The inputs of a picture.
+/// Inputs of a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct RenderCommand<'a, S> {
-    /// The scene's file.
+    /// Path of the scene file.
     pub scene: &'a Path,
-    /// The camera in the world's coordinates, with the size of the picture.
+    /// Camera in world coordinates, with the size of the picture.
     pub camera: &'a Camera,
-    /// The graph: the name of a built-in one, or a path.
+    /// Graph: the name of a built-in graph, or a path.
     pub graph: &'a str,
-    /// Names and values of the parameters that are set.
+    /// Parameter values, as pairs of name and value.
     pub set: S,
     /// Background colour, display-encoded.
     pub background: [f32; 3],
@@ -29,12 +29,12 @@ impl<'a, S: IntoIterator<Item = (&'a str, &'a str)>> RenderCommand<'a, S> {
     /// Formats the command for a POSIX shell.
     pub fn line(self) -> String {
         let RenderCommand { scene, camera, graph, set, background, output } = self;
-        // A list of one, as a `cameras.json` has it.
+        // `cameras.json` is a list, here of one camera.
         let camera_json = serde_json::to_string(&[camera]).unwrap_or_default();
         let mut words = vec!["splatgraph".to_owned(), "render".to_owned(), file(scene)];
         let mut add = |option: &str, value: String| words.extend([option.to_owned(), value]);
         add("--cameras", camera_json);
-        // The camera has this size already; it is there to be changed.
+        // The camera already has this size; the option is there for the user to edit.
         add("--size", format!("{}x{}", camera.width, camera.height));
         add("--pipeline", graph.to_owned());
         set.into_iter().for_each(|(name, value)| add("--set", format!("{name}={value}")));

@@ -1,39 +1,39 @@
 //! Finds the splats in a region of the picture.
 //!
-//! [`Reach::Through`] takes the splats with their centres in the region, at any depth. [`Reach::Front`] takes the
-//! splats that contribute most to at least one pixel of the region, wherever their centres are. As in
-//! [`super::pick`], the rules are those of the published rasteriser or of the file's tags, in f64. A splat that they
-//! cull, or whose opacity is below 1/255, is in no region.
+//! [`Reach::Through`] selects the splats with their centres in the region, at any depth. [`Reach::Front`] selects the
+//! splats that contribute most to at least one pixel of the region, wherever their centres are. As in [`super::pick`],
+//! the rules are the published rasteriser's or those in the file's tags, in f64. A splat that the rules cull, or whose
+//! opacity is below 1/255, is in no region.
 
 use super::splat_set::{Masked, SplatSet};
 use rayon::prelude::*;
 use splatgraph_assets::Camera;
 use splatgraph_reference::{Rules, Splats, largest, project};
 
-/// Number of splats after which a search asks whether it is cancelled.
+/// Number of splats between checks for cancellation.
 const CHUNK: u32 = 8192;
 
 /// A region of a picture. Positions are in pixels from its top left corner, right and down.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Region {
-    /// The rectangle with these two opposite corners.
+    /// Rectangle between two opposite corners.
     Box([[f64; 2]; 2]),
-    /// All points within the radius of a line through these points.
+    /// Points within a distance of a line.
     Brush {
-        /// Points of the line; a single one makes a disc.
+        /// Points of the line; a single point makes a disc.
         line: Vec<[f64; 2]>,
         /// Radius, in pixels.
         radius: f64,
     },
 }
 
-/// Depth to which a region takes splats.
+/// Depth to which a region selects splats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Reach {
-    /// All splats with their centres in the region.
+    /// Selects all splats with their centres in the region.
     #[default]
     Through,
-    /// The splats that contribute most to a pixel of the region.
+    /// Selects the splats that contribute most to a pixel of the region.
     Front,
 }
 
@@ -54,7 +54,7 @@ impl Region {
         }
     }
 
-    /// Returns the pixels around the region in a picture: left, top, and the exclusive right and bottom.
+    /// Returns the pixel box of the region in a picture: left, top, right, bottom; right and bottom are exclusive.
     fn bounds(&self, (width, height): (u32, u32)) -> [u32; 4] {
         let (points, margin): (&[[f64; 2]], f64) = match self {
             Region::Box(corners) => (corners, 0.0),
@@ -72,7 +72,7 @@ impl Region {
     }
 }
 
-/// Computes the distance of a point from the line between two points.
+/// Computes the distance of a point to the segment between two points.
 fn distance(point: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
     let [x, y] = [point[0] - from[0], point[1] - from[1]];
     let [u, v] = [to[0] - from[0], to[1] - from[1]];
@@ -81,10 +81,10 @@ fn distance(point: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
     (x - along * u).hypot(y - along * v)
 }
 
-/// Finds the splats in a region of the picture of a scene without its hidden splats.
+/// Finds the splats in a region of the picture. Hidden splats are left out.
 ///
-/// `camera` is in the scene's coordinates, with the size of the picture. `None` once `cancelled`, which several threads
-/// call, returns true.
+/// `camera` is in the scene's coordinates, with the size of the picture. `cancelled` is called from several threads.
+/// Returns `None` once it returns true.
 pub fn select(
     masked: &Masked,
     camera: &Camera,
@@ -107,7 +107,7 @@ pub fn select(
     }
 }
 
-/// Finds the visible splats with their centres in a region and in the picture.
+/// Finds the visible splats whose centres are in the region and in the picture.
 fn centres(
     masked: &Masked,
     camera: &Camera,

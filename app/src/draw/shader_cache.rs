@@ -1,9 +1,9 @@
 //! Keeps compiled shaders in a folder, so that the program does not compile them again after a restart.
 //!
-//! The folder lies in the user's cache folder, and can be shared and deleted: several processes may read and write it
-//! at the same time, and each file is either complete or absent. A file that is damaged, or from another build of the
-//! program, is ignored and replaced. To detect hash collisions, each file contains its whole key (the texts, the
-//! defines, the program's build) besides the SPIR-V.
+//! The folder is in the user's cache folder, and can be shared and deleted. Several processes may read and write it at
+//! the same time: each file is either complete or absent. A file that is damaged or from another build of the program
+//! is ignored and replaced. To detect hash collisions, each file contains its whole key (texts, defines, build of the
+//! program) besides the SPIR-V.
 
 use crate::io::folders;
 use splatgraph_framework::shader::SpirvStore;
@@ -16,25 +16,25 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Environment variable that disables the cache if set to `off`.
 pub const VARIABLE: &str = "SPLATGRAPH_SHADER_CACHE";
-/// Maximum size of all files, in bytes. The oldest files are deleted to stay below it.
+/// Maximum total size of the cache, in bytes. The oldest files are deleted to stay below it.
 const MOST_BYTES: u64 = 64 << 20;
-/// Maximum size of a file that is read, in bytes. The shader of the longest text allowed stays below it.
+/// Maximum size of a file to read, in bytes. The shader of the longest allowed text is smaller.
 const MOST_FILE_BYTES: u64 = 16 << 20;
-/// Magic number of a file; changes with the layout.
+/// Magic number at the start of a file. It changes with the file's layout.
 const MAGIC: &[u8; 8] = b"sgspv001";
 
 /// A folder of compiled shaders.
 #[derive(Debug)]
 pub struct ShaderCache {
     folder: PathBuf,
-    /// Identifies the build of the program, and thereby of the compiler.
+    /// Identity of the program's build, which includes the compiler.
     build: Vec<u8>,
 }
 
 impl ShaderCache {
     /// Opens the user's cache for the compiler in `program`.
     ///
-    /// `None` if there is no cache folder, [`VARIABLE`] is `off`, or the time of the program's last change is unknown.
+    /// `None` if there is no cache folder, [`VARIABLE`] is `off`, or the program's modification time is unknown.
     pub fn of_user(program: &Path) -> Option<ShaderCache> {
         if std::env::var_os(VARIABLE).is_some_and(|value| value == "off") {
             return None;
@@ -51,7 +51,7 @@ impl ShaderCache {
         self.folder.join(format!("{:016x}.spv", hasher.finish()))
     }
 
-    /// Returns the bytes that precede the SPIR-V in the file for `key`.
+    /// Returns the file header for `key`: all bytes before the SPIR-V.
     fn head(&self, key: &[u8]) -> Vec<u8> {
         let lengths = [self.build.len() as u64, key.len() as u64].map(u64::to_le_bytes);
         [&MAGIC[..], &lengths[0], &lengths[1], &self.build, key].concat()
@@ -79,7 +79,7 @@ impl ShaderCache {
         Ok(())
     }
 
-    /// Removes the oldest files until the total size is within the maximum.
+    /// Removes the oldest files until the total size is at most [`MOST_BYTES`].
     fn prune(&self) {
         let mut files: Vec<(SystemTime, u64, PathBuf)> = found(&self.folder);
         let mut bytes: u64 = files.iter().map(|(_, bytes, _)| bytes).sum();
@@ -91,14 +91,14 @@ impl ShaderCache {
             if bytes <= MOST_BYTES / 2 {
                 break;
             }
-            // Another process may have removed it.
+            // Another process may have removed the file.
             let _ = fs::remove_file(path);
             bytes -= length;
         }
     }
 }
 
-/// Lists the files of a folder with their ages and lengths.
+/// Lists the files of a folder with modification time, size in bytes, and path.
 fn found(folder: &Path) -> Vec<(SystemTime, u64, PathBuf)> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let file = |entry: fs::DirEntry| {
@@ -114,7 +114,7 @@ impl SpirvStore for ShaderCache {
     }
 
     fn store(&self, key: &[u8], spirv: &[u32]) {
-        // A cache that cannot be written is an empty one.
+        // A cache that cannot be written just stays empty.
         let _ = self.write(key, spirv);
     }
 }
@@ -140,7 +140,7 @@ mod tests {
         assert_eq!(one.load(b"other"), None);
         let other = ShaderCache { build: b"two".to_vec(), ..cache(folder.path()) };
         assert_eq!(other.load(b"key"), None);
-        // Even at the place that a hash gives to both.
+        // Simulate a hash collision: both keys have the same path.
         fs::copy(one.path(b"key"), one.path(b"other")).unwrap();
         assert_eq!(one.load(b"other"), None);
     }

@@ -1,7 +1,7 @@
-//! Implements sets of a scene's splats, and their files.
+//! Implements sets of a scene's splats, and selection files.
 //!
-//! The viewer selects and hides splats in sets. A file of a set is JSON: the number of the scene's splats, which tells
-//! whether the file belongs to a scene, and the indices. `convert --keep` and `--remove` read it.
+//! The viewer selects and hides splats in sets. A selection file is JSON: the number of the scene's splats, to detect
+//! files of another scene, and the indices. `convert --keep` and `--remove` read it.
 
 use serde::{Deserialize, Serialize};
 use splatgraph_assets::{Mesh, Scene};
@@ -12,17 +12,17 @@ use std::path::Path;
 /// A set of splats, by their indices in the scene.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SplatSet {
-    /// A bit for each splat. The last word is not zero, so that equal sets have equal words.
+    /// One bit per splat. The last word is not zero, so that equal sets have equal words.
     words: Vec<u64>,
 }
 
-/// A selection file, as JSON.
+/// JSON contents of a selection file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SelectionFile {
-    /// Number of the scene's splats.
+    /// Number of splats in the scene.
     splats: u32,
-    /// Indices of the set's splats.
+    /// Indices of the splats in the set.
     indices: Vec<u32>,
 }
 
@@ -36,7 +36,7 @@ impl SplatSet {
         SplatSet { words }
     }
 
-    /// Returns true if the set has the splat.
+    /// Returns true if the set contains the splat.
     pub fn contains(&self, index: u32) -> bool {
         self.words.get(index as usize / 64).is_some_and(|word| word >> (index % 64) & 1 == 1)
     }
@@ -46,12 +46,12 @@ impl SplatSet {
         self.words.iter().map(|word| word.count_ones()).sum()
     }
 
-    /// Returns true if the set has no splat.
+    /// Returns true if the set is empty.
     pub fn is_empty(&self) -> bool {
         self.words.is_empty()
     }
 
-    /// Returns the number of splats that a scene needs to have all splats of the set: the largest index plus 1.
+    /// Returns the number of splats that a scene must have to contain the set: the largest index plus 1.
     pub fn end(&self) -> u32 {
         let last = self.words.last().map_or(0, |word| 64 - word.leading_zeros());
         self.words.len().saturating_sub(1) as u32 * 64 + last
@@ -62,14 +62,14 @@ impl SplatSet {
         (0..self.end()).filter(|index| self.contains(*index)).collect()
     }
 
-    /// Returns the splats that are in this set or the other.
+    /// Returns the union of two sets.
     pub fn with(&self, other: &SplatSet) -> SplatSet {
         let word = |set: &SplatSet, at: usize| set.words.get(at).copied().unwrap_or(0);
         let count = self.words.len().max(other.words.len());
         SplatSet { words: (0..count).map(|at| word(self, at) | word(other, at)).collect() }
     }
 
-    /// Returns the splats that are in this set and not in the other.
+    /// Returns the splats of this set that are not in `other`.
     pub fn without(&self, other: &SplatSet) -> SplatSet {
         let others = other.words.iter().copied().chain(std::iter::repeat(0));
         let mut words: Vec<u64> = self.words.iter().zip(others).map(|(own, other)| own & !other).collect();
@@ -79,7 +79,7 @@ impl SplatSet {
         SplatSet { words }
     }
 
-    /// Formats the set as the text of a file, for a scene of `count` splats.
+    /// Formats the set as the text of a selection file. `count` is the number of splats in the scene.
     ///
     /// # Errors
     /// The text does not fit in memory.
@@ -87,10 +87,10 @@ impl SplatSet {
         serde_json::to_string(&SelectionFile { splats: count, indices: self.indices() })
     }
 
-    /// Reads the file of a set for a scene of `count` splats.
+    /// Reads a selection file. `count` is the number of splats in the scene.
     ///
     /// # Errors
-    /// The file cannot be read, is of another scene, or lists a splat that the scene lacks.
+    /// The file cannot be read, belongs to another scene, or lists a splat that the scene lacks.
     pub fn read(path: &Path, count: u32) -> Result<SplatSet, String> {
         let of_file = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
         let text = fs::read_to_string(path).map_err(|error| of_file(&error))?;
@@ -120,19 +120,19 @@ impl FromIterator<u32> for SplatSet {
     }
 }
 
-/// The set without splats.
+/// The empty set.
 static NONE: SplatSet = SplatSet { words: Vec::new() };
 
-/// A scene without its hidden splats. Indices are the scene's: hidden splats are there, with an opacity of 0.
+/// A scene without its hidden splats. They keep their indices, but count as splats with opacity 0.
 pub struct Masked<'a> {
-    /// The scene.
+    /// Scene with all splats.
     pub scene: &'a Scene,
-    /// The hidden splats.
+    /// Splats to leave out.
     pub hidden: &'a SplatSet,
 }
 
 impl<'a> Masked<'a> {
-    /// Returns the scene with all its splats.
+    /// Returns the scene with no splat hidden.
     pub fn whole(scene: &'a Scene) -> Masked<'a> {
         Masked { scene, hidden: &NONE }
     }

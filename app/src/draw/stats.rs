@@ -11,63 +11,64 @@ use splatgraph_framework::ir::{Fallback, PassId, Reason, Run, Value};
 use splatgraph_framework::plan::Plan;
 use std::collections::BTreeMap;
 
-/// The statistics of one camera.
+/// Statistics of one camera.
 #[derive(Clone, Debug, Serialize)]
 pub struct CameraStats {
-    /// The camera's name.
+    /// Name of the camera.
     pub camera: String,
     /// Width of the picture, in pixels.
     pub width: u32,
     /// Height of the picture, in pixels.
     pub height: u32,
-    /// The name of the graph that was drawn.
+    /// Name of the graph that was drawn.
     pub pipeline: String,
-    /// The graphs and presets that the pipeline is based on, the graph last; empty if it is a graph itself.
+    /// Graphs and presets on which the pipeline is based, the graph last; empty if the pipeline is a graph itself.
     pub based_on: Vec<String>,
-    /// The graphs of a choice that were passed over because of unmet requirements, in order.
+    /// Graphs of a choice that the device cannot run, in the order of the choice.
     pub fallbacks: Vec<Fallback>,
-    /// The device's name.
+    /// Name of the device.
     pub device: String,
-    /// The device's driver, with its version.
+    /// Driver of the device, with its version.
     pub driver: String,
-    /// All parameters of the graph with their values, in the order of the file.
+    /// Values of all parameters of the graph, in the order of the file.
     pub parameters: Map<String, Json>,
-    /// Reasons for the parameter values that come from an expression over facts or other parameters, by parameter.
+    /// Reasons for parameter values that come from expressions over facts or other parameters, by parameter.
     pub reasons: BTreeMap<String, Reason>,
-    /// Counts: `loaded`, the splats of the scene, and the graph's statistics of the last frame, such as `visible` and
+    /// Counts by name: `loaded`, the splats of the scene, and the statistics of the last frame, such as `visible` and
     /// `drawn`.
     pub counts: Map<String, Json>,
-    /// The passes, in order of execution.
+    /// Times of the passes, in order of execution.
     pub passes: Vec<PassTime>,
-    /// Milliseconds per phase, the sum over its passes; `null` if the device has no timestamps.
+    /// Milliseconds per phase, summed over its passes; `null` if the device has no timestamps.
     pub phases: Map<String, Json>,
-    /// Milliseconds from a frame's first command to its last. Frames that ran the prologue count only if there are no
-    /// others.
+    /// GPU time from a frame's first command to its last, in milliseconds; `None` without timestamps.
+    ///
+    /// Frames that ran the prologue count only if there are no others.
     pub gpu_ms: Option<f64>,
     /// Host time to record and submit a frame, in milliseconds.
     pub record_ms: f64,
-    /// Share of the time that the device spends drawing, at most 1; `None` if unknown. An idle device lowers its clock.
+    /// Fraction of time that the device spends drawing, at most 1; `None` if unknown. An idle device lowers its clock.
     pub busy: Option<f64>,
     /// Number of frames whose times are summarised.
     pub frames: usize,
-    /// Device memory by name, in bytes.
+    /// Device memory by allocation.
     pub buffers: Vec<BufferSize>,
-    /// The contents that `--inspect` read back.
+    /// Contents that `--inspect` read back.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub inspected: Vec<crate::draw::inspect::Finding>,
 }
 
-/// Value of [`CameraStats::busy`] below which the device idles so often that its clock may fall.
+/// Value of [`CameraStats::busy`] below which the device idles so much that its clock may fall.
 pub const BUSY: f64 = 0.5;
 
-/// The time of a pass.
+/// Time of a pass.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PassTime {
-    /// The pass's name, as in the plan's dump.
+    /// Name of the pass, as in the plan's dump.
     pub name: String,
     /// Phase that the pass belongs to.
     pub phase: String,
-    /// Milliseconds; `None` if the device has no timestamps.
+    /// GPU time in milliseconds; `None` if the device has no timestamps.
     pub gpu_ms: Option<f64>,
     #[serde(skip)]
     run: Run,
@@ -76,14 +77,14 @@ pub struct PassTime {
 /// An allocation of device memory.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BufferSize {
-    /// Name of the resource, or the backend's purpose for the memory.
+    /// Name of the resource, or the purpose of a backend's own allocation.
     pub name: String,
     /// Size of the allocation, in bytes.
     pub bytes: u64,
 }
 
 impl CameraStats {
-    /// Summarises the frames of a camera. There is at least one, and they are in the order of submission.
+    /// Summarises the frames of a camera: at least one, in the order of submission.
     pub fn new(
         camera: (&str, (u32, u32)),
         plan: &Plan,
@@ -122,12 +123,12 @@ impl CameraStats {
         }
     }
 
-    /// Returns the count of this name; `None` if there is none.
+    /// Returns the count named `name`; `None` if there is none.
     pub fn count(&self, name: &str) -> Option<u64> {
         self.counts.get(name)?.as_u64()
     }
 
-    /// Formats a line for the user: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
+    /// Formats a summary line: `153,746 of 200,000 splats visible, 1.234 ms on ... (key 0.2, sort 0.6, draw 0.4)`.
     pub fn line(&self) -> String {
         let mut line = grouped(self.count("loaded").unwrap_or(0)) + " splats";
         if let Some(visible) = self.count("visible") {
@@ -158,7 +159,7 @@ impl CameraStats {
     }
 }
 
-/// Formats the statistic `unordered`, unless it is 0: `12 pairs in the order of the file`.
+/// Formats the statistic `unordered`: `12 pairs in the order of the file`. `None` if it is 0.
 ///
 /// Tiles leave pairs of a splat and a bin unsorted if too many pairs of the bin have nearly the same depth.
 pub(crate) fn unordered(pairs: u64) -> Option<String> {
@@ -180,7 +181,7 @@ pub(crate) fn json(value: &Value) -> Json {
     }
 }
 
-/// Computes the median; for an even number of values, the mean of the middle two. `None` without values.
+/// Computes the median, or the mean of the middle two of an even number of values. `None` without values.
 pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let n = values.len();
@@ -191,7 +192,7 @@ pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     }
 }
 
-/// Finds the smallest of the ascending `values` that is at least as large as the share `q` of them.
+/// Computes a quantile of ascending values: the smallest value that is at least as large as a fraction `q` of them.
 #[cfg(feature = "window")]
 pub(crate) fn quantile(values: &[f64], q: f64) -> Option<f64> {
     let rank = (q * values.len() as f64).ceil() as usize;

@@ -1,9 +1,9 @@
-//! Chooses the storage of a scene's splats: the most accurate one that fits a given memory.
+//! Chooses the storage of a scene's splats: the most accurate one that fits in the available memory.
 //!
-//! A graph that can pack splats has the parameters `sh_storage` and `storage`. Their settings form a ladder, from the
-//! most accurate to the smallest. For each of them in order, the plan is built and its resident bytes are counted, until
-//! one fits. Settings that the graph lacks are skipped, and so are settings with buffers that the device does not
-//! support. If the user sets one of these parameters, there is nothing to choose.
+//! A graph that can pack splats has the parameters `sh_storage` and `storage`. Their values form a ladder, from the
+//! most accurate to the smallest. The plan of each rung is built in order, and its resident bytes are counted, until
+//! one fits. Rungs are skipped if the graph lacks the parameter value, or if the device does not support the buffers.
+//! If the user sets one of these parameters, there is nothing to choose.
 
 use crate::draw::fit;
 use serde_json::{Value as Json, json};
@@ -13,14 +13,14 @@ use splatgraph_framework::plan::Plan;
 use std::error::Error;
 use std::fmt;
 
-/// A step of the ladder: the value of a storage parameter.
+/// Rung of the ladder: a value of a storage parameter.
 struct Rung {
     set: (&'static str, &'static str),
-    /// PSNR against separate storage, in decibels: the lower of the two captures' in docs/accuracy-tables.md.
+    /// PSNR against separate storage, in decibels: the lower value of the two captures in docs/accuracy-tables.md.
     psnr: u32,
 }
 
-/// The settings to try after the graph's own, from the most accurate to the smallest.
+/// Rungs to try after the graph's own storage, from the most accurate to the smallest.
 const LADDER: [Rung; 4] = [
     Rung { set: ("sh_storage", "q8"), psnr: 79 },
     Rung { set: ("storage", "b64"), psnr: 70 },
@@ -28,34 +28,34 @@ const LADDER: [Rung; 4] = [
     Rung { set: ("storage", "b24"), psnr: 45 },
 ];
 
-/// The parameters that leave nothing to choose if the user sets one of them.
+/// Parameters that decide the storage. If the user sets one, there is nothing to choose.
 const PARAMETERS: [&str; 4] = ["storage", "sh_storage", "covariance", "position_storage"];
 
-/// The storage that was chosen, and the settings that were tried before it.
+/// Storage that was chosen, and the settings that were tried before it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// The setting to add to the user's; `None` for the graph's own storage.
+    /// Setting to add to the user's; `None` for the graph's own storage.
     pub set: Option<(String, String)>,
-    /// The settings that were tried, each with its resident bytes. The last one is the chosen one.
+    /// Tried settings with their resident bytes. The last one is chosen.
     tried: Vec<(String, u64)>,
     psnr: Option<u32>,
     memory: u64,
 }
 
-/// Reasons why no storage can be chosen.
+/// Error while choosing a storage.
 #[derive(Debug, thiserror::Error)]
 pub enum StorageError<E: Error + 'static> {
     /// No plan can be built.
     #[error(transparent)]
     Plan(E),
-    /// Even the smallest storage needs more memory than there is.
+    /// Even the smallest storage exceeds the available memory.
     #[error(
         "expected a plan of at most {memory} bytes, found that the smallest storage ({setting}) needs {needed} bytes: fewer splats or a smaller picture may fit"
     )]
     TooLarge {
-        /// The available memory, in bytes.
+        /// Available memory, in bytes.
         memory: u64,
-        /// The setting that needs the least memory.
+        /// Setting that needs the least memory.
         setting: String,
         /// Resident bytes with that setting.
         needed: u64,
@@ -63,7 +63,7 @@ pub enum StorageError<E: Error + 'static> {
 }
 
 impl<E: Error + Send + Sync + 'static> StorageError<E> {
-    /// Converts the error to one of a command. Errors of the graph keep their type.
+    /// Converts the error for a command to report. Errors of the graph keep their type.
     pub fn into_error(self) -> anyhow::Error {
         match self {
             StorageError::Plan(error) => error.into(),
@@ -73,16 +73,16 @@ impl<E: Error + Send + Sync + 'static> StorageError<E> {
 }
 
 impl Choice {
-    /// Returns the setting with the smallest storage; `None` if the parameters `set` leave nothing to choose.
+    /// Returns the setting with the smallest storage; `None` if the user's parameters `set` leave no choice.
     pub fn smallest(set: &[(String, String)]) -> Option<(String, String)> {
         let last = LADDER.last().filter(|_| !decided(set))?;
         Some((last.set.0.to_owned(), last.set.1.to_owned()))
     }
 
-    /// Chooses the most accurate storage with which a plan keeps at most `memory` bytes on the device.
+    /// Chooses the most accurate storage whose plan keeps at most `memory` bytes on the device.
     ///
-    /// Bytes that are freed after the first frame do not count. `set` has the user's parameters. `plan` builds the plan
-    /// with the parameters that it is given. Also returns the plan of the choice.
+    /// Bytes that are freed after the first frame do not count. `set` are the user's parameters. `plan` builds a plan
+    /// from a list of parameters. Also returns the plan of the choice.
     ///
     /// # Errors
     /// No plan can be built, or all plans need too much memory.
@@ -115,25 +115,25 @@ impl Choice {
         }
     }
 
-    /// Returns the memory and the tried settings with their resident bytes as JSON. The chosen setting is last.
+    /// Converts to JSON: the memory, and the tried settings with their resident bytes. The chosen setting is last.
     pub fn json(&self) -> Json {
         let row = |(setting, needed): &(String, u64)| json!({ "setting": setting, "bytes": needed });
         json!({ "memory": self.memory, "tried": self.tried.iter().map(row).collect::<Vec<_>>() })
     }
 }
 
-/// Returns true if the user's parameters `set` leave nothing to choose.
+/// Returns true if the user's parameters `set` leave no choice.
 fn decided(set: &[(String, String)]) -> bool {
     set.iter().any(|(name, _)| PARAMETERS.contains(&name.as_str()))
 }
 
-/// Formats a setting for messages; `None` is the graph's own storage.
+/// Formats a setting for messages. `None` is the graph's own storage.
 fn name(set: Option<&(String, String)>) -> String {
     set.map_or_else(|| "the graph's own storage".to_owned(), |(name, value)| format!("{name}={value}"))
 }
 
 impl fmt::Display for Choice {
-    /// Writes a line with the chosen setting and its bytes, and with the settings that need too much.
+    /// Formats a line with the chosen setting and its bytes, and the settings that need too much memory.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Some(((chosen, needed), larger)) = self.tried.split_last() else { return Ok(()) };
         let memory = display(self.memory);
@@ -149,7 +149,7 @@ impl fmt::Display for Choice {
     }
 }
 
-/// Parses a size of memory: a number of bytes, or a number with a unit, such as `8GiB` or `500MB`.
+/// Parses a memory size: a number of bytes, or a number with a unit, such as `8GiB` or `500MB`.
 ///
 /// # Errors
 /// The text is not a size, or the size is less than a byte.
@@ -202,7 +202,7 @@ mod tests {
             chosen.push(choice.set);
         }
         let settings = LADDER.map(|rung| Some((rung.set.0.to_owned(), rung.set.1.to_owned())));
-        // The first is chosen twice: without a limit, and with just as much as it needs.
+        // The first setting is chosen twice: without a limit, and with a limit of exactly its bytes.
         assert_eq!(chosen[0], chosen[1]);
         assert_eq!(chosen[2..], settings);
         match choose("tiled_cpu", &[], memory) {

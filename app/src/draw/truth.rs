@@ -1,4 +1,4 @@
-//! Draws the exact picture of a scene on the CPU, with which every other picture is compared.
+//! Draws the exact picture of a scene on the CPU, as the reference for all comparisons.
 //!
 //! The renderer is `splatgraph-reference`: f64, and the rules of the published rasteriser. Each rule can be changed by
 //! its name, to show its effect on the picture.
@@ -14,10 +14,10 @@ use std::fmt;
 use std::sync::Mutex;
 use std::time::Instant;
 
-/// The statistics of an exact picture.
+/// Statistics of an exact picture.
 #[derive(Clone, Debug, Serialize)]
 pub struct TruthStats {
-    /// The camera's name.
+    /// Name of the camera.
     pub camera: String,
     /// Width of the picture, in pixels.
     pub width: u32,
@@ -33,9 +33,9 @@ pub struct TruthStats {
     pub mean_contributors: f64,
     /// Largest number of splats blended at a pixel.
     pub most_contributors: u32,
-    /// The share of pixels whose transmittance is below 1.
+    /// Fraction of pixels with a transmittance below 1.
     pub covered: f64,
-    /// Milliseconds that drawing took on the host.
+    /// Host time to draw the picture, in milliseconds.
     pub cpu_ms: f64,
 }
 
@@ -51,10 +51,10 @@ impl fmt::Display for TruthStats {
     }
 }
 
-/// An exact picture with its statistics.
+/// An exact picture, with its statistics.
 #[derive(Clone, Debug)]
 pub struct Truth {
-    /// Colours and the other outputs of each pixel.
+    /// Colours and other outputs of each pixel.
     pub picture: Picture,
     /// Statistics of the picture.
     pub stats: TruthStats,
@@ -66,7 +66,7 @@ impl Truth {
         let begun = Instant::now();
         let progress = Mutex::new(Progress::new("drawing exactly"));
         let picture = render(scene, camera, background.map(f64::from), rules, &|done, of| {
-            // Called from many threads: while one reports, the others need not.
+            // Called on many threads. If one of them is reporting, the others skip their report.
             if let Ok(mut progress) = progress.try_lock() {
                 progress.set(done as u64, of as u64, &camera.img_name);
             }
@@ -88,13 +88,14 @@ impl Truth {
         Truth { picture, stats }
     }
 
-    /// Returns the picture as an image, with its colours rounded to f32.
+    /// Converts the picture to an image, with colours rounded to f32.
     pub fn image(&self) -> Image {
         image_of(&self.picture)
     }
 
-    /// Returns the output with this name, with floats rounded to f32. `None` if the name is not in
-    /// [`NAMES`](crate::draw::outputs::NAMES).
+    /// Returns the output named `name`, with values rounded to f32.
+    ///
+    /// `None` if the name is not in [`NAMES`](crate::draw::outputs::NAMES).
     pub fn output(&self, name: &str) -> Option<Output> {
         let picture = &self.picture;
         let rounded = |values: &[f64]| Words::Float(values.iter().map(|v| *v as f32).collect());
@@ -116,7 +117,7 @@ impl Truth {
     }
 }
 
-/// Rounds the colours of an exact picture to f32. Colours beyond the range of f32 become its largest number.
+/// Rounds the colours of an exact picture to f32. Values beyond the range of f32 are clamped to it.
 pub fn image_of(picture: &Picture) -> Image {
     let limit = f64::from(f32::MAX);
     let rounded = |channel: f64| channel.clamp(-limit, limit) as f32;
@@ -124,7 +125,7 @@ pub fn image_of(picture: &Picture) -> Image {
     Image { width: picture.width as usize, height: picture.height as usize, rgb }
 }
 
-/// Applies changes `NAME=VALUE` to rules, such as [`Rules::PUBLISHED`] or a scene's [`Rules::of`].
+/// Applies changes, as pairs of name and value, to rules such as [`Rules::PUBLISHED`] or [`Rules::of`] a scene.
 ///
 /// # Errors
 /// A name is not in [`RULES`], or a value is invalid for its rule.
@@ -133,7 +134,7 @@ pub fn rules(mut rules: Rules, changes: &[(String, String)]) -> Result<Rules, Ru
     Ok(rules)
 }
 
-/// Lists the rules for the help text: the name, and the values, with the published value and its source.
+/// Lists the rules for the help text: names, and values with the published value and its source.
 pub fn rule_list() -> Vec<(String, String)> {
     let row = |rule: &splatgraph_reference::RuleInfo| {
         (rule.name.to_string(), format!("{}; published: {} ({})", rule.values, rule.published, rule.source))
@@ -155,7 +156,7 @@ mod tests {
         let image = truth.image();
         assert_eq!((image.width, image.height), (40, 30));
         assert!(truth.stats.covered > 0.0 && truth.stats.most_contributors > 1, "{}", truth.stats);
-        // Where nothing is, the background is.
+        // Where there are no splats, the picture is the background.
         let empty =
             truth.picture.transmittance.iter().position(|t| *t == 1.0).expect("a pixel without splats");
         assert_eq!((image.rgb[empty], truth.picture.contributors[empty]), ([0.0, 0.0, 1.0], 0));

@@ -13,7 +13,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use splatgraph_assets::{Camera, Projection};
 
-/// Change below which a component counts as constant, in the component's unit.
+/// Change below which a component counts as constant: world units, radians, or logarithm of the focal length.
 const STILL: f64 = 1e-9;
 /// Maximum slope: a multiple of the straight line's slope, plus a constant.
 ///
@@ -24,16 +24,16 @@ const STEEPEST: (f64, f64) = (3.0, 1.0);
 const UNEVEN: f64 = 1e-3;
 /// Minimum and maximum number of bisections of a segment. The maximum is reached near a point where the curve stops.
 const BISECTIONS: (u32, u32) = (4, 24);
-/// Length below which an interval is not bisected, as a share of the distances between all keys.
+/// Length below which an interval is not bisected, as a fraction of the summed distances between keys.
 const TINY: f64 = 1e-7;
-/// Length below which an interval is not bisected, because it is noise, as a multiple of a view's rounding error.
+/// Length below which an interval is noise and is not bisected, in rounding errors of a view.
 const NOISE: f64 = 1e3;
 
 /// Position, rotation and zoom of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct View {
     position: DVec3,
-    /// Rotation from the camera's axes to the world's, of length 1.
+    /// Unit quaternion from the camera's axes to the world's.
     rotation: DQuat,
     /// Natural logarithms of the horizontal and the vertical focal length, relative to the picture's height; the third
     /// component is 0.
@@ -50,7 +50,7 @@ impl View {
         }
     }
 
-    /// Makes the camera of this view for pictures of a given size, in pixels.
+    /// Makes the camera of this view for pictures of `width` by `height` pixels.
     pub(super) fn camera(&self, width: u32, height: u32) -> Camera {
         let focal = |zoom: f64| zoom.exp() * f64::from(height);
         Camera {
@@ -68,14 +68,14 @@ impl View {
 
     /// Computes the distance between two views, in radians.
     ///
-    /// A rotation counts as its angle, a translation by `radian` world units as 1, and a change of the focal length by
-    /// a factor of e as 1.
+    /// A rotation counts as its angle. A translation by `radian` world units counts as 1, as does a change of the focal
+    /// length by a factor of e.
     pub(super) fn distance(&self, to: &View, radian: f64) -> f64 {
         let way = (to.position - self.position).length() / radian;
         let between = self.rotation.inverse() * to.rotation;
-        // A quaternion and its negative are one rotation.
+        // A quaternion and its negative are the same rotation.
         let turn = 2.0 * log(if between.w < 0.0 { -between } else { between }).length();
-        // The mean of both directions.
+        // Root mean square of the horizontal and the vertical zoom.
         let zoom = (to.zoom - self.zoom).length() * std::f64::consts::FRAC_1_SQRT_2;
         DVec3::new(way, turn, zoom).length()
     }
@@ -90,7 +90,7 @@ impl View {
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     from: View,
-    /// Second key. The sign of its quaternion is chosen so that the rotation between the keys is the shorter one.
+    /// Second key. Its quaternion's sign is chosen so that the rotation between the keys is at most 180 degrees.
     to: View,
     /// Slopes of the position at both ends.
     position: [DVec3; 2],
@@ -117,7 +117,7 @@ impl Segment {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Curve {
     segments: Vec<Segment>,
-    /// Pairs of a length from the start and the position there: a segment's index plus its parameter. Both ascend.
+    /// Ascending pairs: length from the start, and position there (segment index plus parameter).
     table: Vec<(f64, f64)>,
     /// Length from the start to each key.
     pub(super) keys: Vec<f64>,
@@ -127,7 +127,7 @@ impl Curve {
     /// Makes the curve through these views, back to the first if it is closed.
     pub(super) fn new(views: &[View], closed: bool, radian: f64) -> Curve {
         let noise = NOISE * views.iter().map(|view| view.rounding(radian)).fold(0.0, f64::max);
-        // Equal keys in a row are one knot.
+        // Consecutive equal keys share one knot.
         let (mut knots, mut knot_of): (Vec<View>, Vec<usize>) = (Vec::new(), Vec::new());
         for view in views {
             if knots.last().is_none_or(|last| last.distance(view, radian) > noise) {
@@ -152,7 +152,7 @@ impl Curve {
         };
         let position = slopes(&|(from, to)| to.position - from.position, radian);
         let zoom = slopes(&|(from, to)| to.zoom - from.zoom, 1.0);
-        // Logarithms of quaternions are half of the angle.
+        // The logarithm of a unit quaternion is half the rotation vector, so its unit is half a radian.
         let turns = slopes(&|(from, to)| log(from.rotation.inverse() * to.rotation), 0.5);
         let segment = |(at, (from, to)): (usize, &(View, View))| {
             let step = log(from.rotation.inverse() * to.rotation);
@@ -174,7 +174,7 @@ impl Curve {
         curve
     }
 
-    /// Adds a part of a segment to the table, bisected until its parameter advances at an even speed.
+    /// Adds part of a segment to the table. Bisects it until the parameter advances at a nearly constant speed.
     fn measure(&mut self, at: usize, ends: [(f64, View); 2], radian: f64, tiny: f64, bisections: u32) {
         let [(start, from), (end, to)] = ends;
         let middle = 0.5 * (start + end);
@@ -201,7 +201,7 @@ impl Curve {
 
     /// Computes the view at a length from the start; `None` for a curve of length 0.
     pub(super) fn at(&self, length: f64) -> Option<View> {
-        // The first entry beyond, or the last one, and the one before it.
+        // Find the table entries on both sides of `length`.
         let beyond =
             self.table.partition_point(|(start, _)| *start <= length).min(self.table.len().saturating_sub(1));
         let (to, from) = (self.table.get(beyond)?, self.table.get(beyond.checked_sub(1)?)?);
@@ -214,9 +214,9 @@ impl Curve {
 
 /// Computes the slopes of a component at both ends of each segment, with respect to the segment's parameter.
 ///
-/// `steps` are the component's differences along the segments, `distances` the nonzero distances between the keys, and
-/// `unit` is the step of this component that counts as a distance of 1. A segment is straight at an end without a
-/// neighbour.
+/// `steps` are the component's differences along the segments. `distances` are the nonzero distances between the keys.
+/// `unit` is the step of this component that counts as a distance of 1. At an end without a neighbour, a segment is
+/// straight.
 fn slopes(steps: &[DVec3], distances: &[f64], closed: bool, unit: f64) -> Vec<[DVec3; 2]> {
     let count = steps.len();
     let beside = |at: usize, other: Option<usize>| {
@@ -234,7 +234,7 @@ fn slopes(steps: &[DVec3], distances: &[f64], closed: bool, unit: f64) -> Vec<[D
     (0..count).map(ends).collect()
 }
 
-/// Interpolates by a cubic with these slopes at both ends.
+/// Evaluates a cubic Hermite segment at `u`, from 0 to 1.
 fn hermite(from: DVec3, to: DVec3, [start, end]: [DVec3; 2], u: f64) -> DVec3 {
     let (square, cube) = (u * u, u * u * u);
     from * (2.0 * cube - 3.0 * square + 1.0)
@@ -247,7 +247,7 @@ fn hermite(from: DVec3, to: DVec3, [start, end]: [DVec3; 2], u: f64) -> DVec3 {
 fn log(q: DQuat) -> DVec3 {
     let (vector, w) = (DVec3::new(q.x, q.y, q.z), q.w);
     let sine = vector.length();
-    // The quaternion -1 has no axis, and is a full turn.
+    // The quaternion -1 has no axis; it is a full turn, so no rotation.
     if sine > 0.0 { vector / sine * sine.atan2(w) } else { DVec3::ZERO }
 }
 
@@ -259,8 +259,9 @@ fn exp(v: DVec3) -> DQuat {
     DQuat::from_xyzw(vector.x, vector.y, vector.z, cosine)
 }
 
-/// Interpolates between unit quaternions along the great circle. Takes the longer arc if the signs require it, because
-/// squad needs both arcs.
+/// Interpolates between unit quaternions along the great circle.
+///
+/// Takes the longer arc if the signs of the quaternions require it: squad needs both arcs.
 fn slerp(from: DQuat, to: DQuat, t: f64) -> DQuat {
     from * exp(t * log(from.inverse() * to))
 }

@@ -21,11 +21,11 @@ pub const SECONDS: RangeInclusive<f64> = 0.1..=86_400.0;
 /// Duration of a new path, in seconds.
 pub const DEFAULT_SECONDS: f64 = 10.0;
 
-/// A camera that cannot be a key.
+/// Error about a camera that cannot be a key.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected a sound camera as key {index}: {fault}")]
 pub struct KeyError {
-    /// Index of the key.
+    /// Index of the key in the list.
     pub index: usize,
     /// Reason why the camera is unusable; see [`Camera::fault`].
     pub fault: String,
@@ -42,9 +42,9 @@ pub struct CameraPath {
 }
 
 impl CameraPath {
-    /// Makes an open path without keys, of [`DEFAULT_SECONDS`].
+    /// Creates an open path without keys, with a duration of [`DEFAULT_SECONDS`].
     ///
-    /// `radian` is the distance in world units that takes as long as a rotation by one radian: see
+    /// `radian` is the distance, in world units, that takes as long as a rotation by one radian; see
     /// [`length_of_radian`]. A value that is not positive counts as 1.
     pub fn new(radian: f64) -> CameraPath {
         let mut path = CameraPath {
@@ -66,7 +66,7 @@ impl CameraPath {
     /// Replaces all keys.
     ///
     /// # Errors
-    /// A camera is unusable; the previous keys stay.
+    /// A camera is unusable; see [`Camera::fault`]. The previous keys stay.
     pub fn set_keys(&mut self, keys: Vec<Camera>) -> Result<(), KeyError> {
         keys.iter().enumerate().try_for_each(|(index, key)| check(index, key))?;
         self.keys = keys;
@@ -74,10 +74,10 @@ impl CameraPath {
         Ok(())
     }
 
-    /// Inserts a key before the one at `index`, or at the end if the list is shorter.
+    /// Inserts a key before the key at `index`, or at the end if the list is shorter.
     ///
     /// # Errors
-    /// The camera is unusable.
+    /// The camera is unusable; see [`Camera::fault`].
     pub fn insert(&mut self, index: usize, key: Camera) -> Result<(), KeyError> {
         let index = index.min(self.keys.len());
         check(index, &key)?;
@@ -128,7 +128,7 @@ impl CameraPath {
 
     /// Sets the distance in world units that takes as long as a rotation by one radian; see [`CameraPath::new`].
     pub fn set_radian(&mut self, radian: f64) {
-        // The limits of a camera's position, and as far below 1.
+        // Camera positions are limited to 1e18 world units.
         self.radian = if radian > 0.0 { radian.clamp(1e-18, 1e18) } else { 1.0 };
         self.update();
     }
@@ -148,7 +148,7 @@ impl CameraPath {
         let part = seconds / self.seconds;
         let part = match self.closed {
             _ if part.is_nan() => 0.0,
-            // Infinite times have no place on a circle.
+            // A closed path has no camera at an infinite time; use the first.
             true => Some(part.rem_euclid(1.0)).filter(|part| part.is_finite()).unwrap_or(0.0),
             false => part.clamp(0.0, 1.0),
         };
@@ -156,10 +156,9 @@ impl CameraPath {
         Some(view.map_or_else(|| first.clone(), |view| view.camera(first.width, first.height)))
     }
 
-    /// Computes the camera of frame `frame` out of `count` at equal steps of time; an open path begins at the first
-    /// frame and ends at the last.
+    /// Computes the camera of frame `frame` out of `count` frames at equal steps of time; `None` without keys.
     ///
-    /// `frame` counts from 0, and may lie between two frames. `None` without keys.
+    /// `frame` counts from 0, and may be fractional. An open path begins at the first frame and ends at the last.
     pub fn at_frame(&self, frame: f64, count: u32) -> Option<Camera> {
         let steps = if self.closed { count } else { count.saturating_sub(1) };
         self.at(self.seconds * frame / f64::from(steps.max(1)))
@@ -175,11 +174,9 @@ fn check(index: usize, key: &Camera) -> Result<(), KeyError> {
     key.fault().map_or(Ok(()), |fault| Err(KeyError { index, fault }))
 }
 
-/// Computes a value of `radian` for [`CameraPath::new`] that suits a scene: half the extent of its robust box, in world
-/// units.
+/// Computes a `radian` for [`CameraPath::new`] that suits a scene: half the extent of its robust box, in world units.
 ///
-/// At a viewing distance of that length, a translation by it moves the picture about as much as a rotation by one
-/// radian.
+/// At that viewing distance, a translation by `radian` moves the picture about as much as a rotation by one radian.
 pub fn length_of_radian(scene: &Scene) -> f64 {
     0.5 * scene.robust_bounds().extent()
 }
@@ -189,7 +186,7 @@ pub fn length_of_radian(scene: &Scene) -> f64 {
 pub struct Playback {
     position: f64,
     playing: bool,
-    /// True until the first frame, whose elapsed time does not count.
+    /// True until the first frame. The time before that frame does not advance the path.
     starting: bool,
 }
 
@@ -217,7 +214,7 @@ impl Playback {
         self.playing = false;
     }
 
-    /// Seeks to a time in seconds, within the path's duration; NaN is ignored. Playing continues from there.
+    /// Seeks to a time in seconds, clamped to the path's duration; NaN is ignored. A playing path continues from there.
     pub fn seek(&mut self, seconds: f64, path: &CameraPath) {
         if !seconds.is_nan() {
             self.position = seconds.clamp(0.0, path.seconds());
@@ -226,7 +223,7 @@ impl Playback {
 
     /// Advances by the seconds since the last frame, and returns the camera; `None` unless the path is playing.
     ///
-    /// The first frame shows the current position. An open path stops at its last camera; a closed one repeats.
+    /// The first call shows the current position. An open path stops at its last camera; a closed path repeats.
     pub fn advance(&mut self, seconds: f64, path: &CameraPath) -> Option<Camera> {
         if !self.playing {
             return None;
@@ -239,7 +236,7 @@ impl Playback {
             (self.position, self.playing) = (path.seconds(), false);
         }
         let camera = path.at(self.position);
-        // The keys may have been removed.
+        // All keys may have been removed.
         self.playing &= camera.is_some();
         camera
     }

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 
 const SIZE: (u32, u32) = (320, 180);
 
-/// Makes a camera by position, rotation vector and horizontal focal length.
+/// Makes a camera from a position, a rotation vector in radians, and a horizontal focal length in pixels.
 fn key(position: [f64; 3], turn: [f64; 3], focal: f64) -> Camera {
     let rotation = DMat3::from_quat(DQuat::from_scaled_axis(turn.into()));
     Camera {
@@ -21,7 +21,7 @@ fn key(position: [f64; 3], turn: [f64; 3], focal: f64) -> Camera {
     }
 }
 
-/// Makes keys on a wide, uneven way with turns and zooms.
+/// Makes unevenly spaced keys that also turn and zoom.
 fn keys() -> Vec<Camera> {
     vec![
         key([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 200.0),
@@ -39,11 +39,11 @@ fn path(keys: Vec<Camera>, closed: bool) -> CameraPath {
     path
 }
 
-/// Measures the way, the turn and the zoom between two cameras; the way in units of 2.
+/// Measures the translation (in units of 2), the rotation and the zoom between two cameras.
 fn apart(a: &Camera, b: &Camera) -> [f64; 3] {
     let way = (DVec3::from(a.position) - DVec3::from(b.position)).length() / 2.0;
     let [a_axes, b_axes] = [a, b].map(|camera| DMat3::from_cols_array_2d(&camera.axes()));
-    // The rotation between them moves its columns by chords; the sum of their squares is 8 sin^2(angle / 2).
+    // A rotation moves each axis by a chord. The squares of the three chords sum to 8 sin^2(angle / 2).
     let chords: f64 = (a_axes - b_axes).to_cols_array().iter().map(|v| v * v).sum();
     let turn = 2.0 * (chords / 8.0).sqrt().min(1.0).asin();
     let zoom = ((a.fx / b.fx).ln().powi(2) / 2.0 + (a.fy / b.fy).ln().powi(2) / 2.0).sqrt();
@@ -142,7 +142,7 @@ fn a_turn_in_place_takes_the_time_of_its_angle_and_stays_in_place() {
     ];
     let path = path(keys, false);
     let times = path.key_seconds();
-    // Ways of 6 and 3 units of 2, and a turn of 1.5.
+    // The segments measure 6 / 2, 1.5 (the turn) and 3 / 2.
     for (time, expected) in times.iter().zip([0.0, 5.0, 7.5, 10.0]) {
         assert!((time - expected).abs() < 1e-3, "{times:?}");
     }
@@ -165,7 +165,7 @@ fn two_keys_make_a_straight_way_with_an_even_turn_and_an_even_zoom_in_logarithms
             key([1.0 + 2.0 * part, 2.0, 3.0 + 4.0 * part], [0.0, angle, 0.0], 100.0 * 4f64.powf(part));
         assert!(distance(&camera, &expected) < 1e-4, "{camera:?}, not {expected:?}");
     }
-    // Before and after an open path, its ends.
+    // Outside its duration, an open path shows its end cameras.
     for (time, end) in [(-1.0, 0), (f64::NEG_INFINITY, 0), (11.0, 1), (f64::INFINITY, 1), (f64::NAN, 0)] {
         assert!(distance(&path.at(time).unwrap(), &ends[end]) < 1e-9, "at {time}");
     }
@@ -214,7 +214,7 @@ fn equal_keys_in_a_row_count_as_one() {
             assert_eq!(path.at(f64::from(step) / 5.0), expected.at(f64::from(step) / 5.0));
         }
     }
-    // A closed path whose last key is the first.
+    // A closed path whose last key equals its first.
     let mut round = keys();
     round.push(round[0].clone());
     let (path, expected) = (path(round, true), path(keys(), true));
@@ -319,7 +319,7 @@ fn a_played_path_runs_by_the_seconds_of_frames_and_an_open_one_ends() {
     let mut play = Playback::default();
     assert_eq!(play.advance(1.0, &path), None);
     play.play(&path);
-    // The time before the first frame is not the player's.
+    // The time before the first frame does not advance the path.
     assert_eq!(play.advance(60.0, &path), path.at(0.0));
     assert_eq!(play.advance(2.5, &path), path.at(2.5));
     play.pause();
@@ -353,7 +353,7 @@ fn a_closed_path_is_played_round_and_round_and_one_without_keys_not_at_all() {
     assert!(!play.is_playing());
 }
 
-/// Draws numbers that break things among usual ones.
+/// Generates extreme numbers among ordinary ones.
 fn wild() -> impl Strategy<Value = f64> {
     let extremes = [0.0, -0.0, 1e-300, 1e-9, 1.0, 1e9, 1e17, -1e17];
     prop_oneof![2 => -10.0..10.0, 1 => prop::sample::select(extremes.to_vec())]
@@ -372,7 +372,7 @@ proptest! {
         few in prop::collection::vec(wild_key(), 1..5), picks in prop::collection::vec(0..5usize, 0..6),
         closed: bool, radian in prop_oneof![3 => 0.1..10.0f64, 1 => prop::sample::select(vec![0.0, -1.0, f64::NAN, 1e-300, 1e300])],
     ) {
-        // Keys that return, some of them at once.
+        // Keys recur, some of them consecutively.
         let keys: Vec<Camera> = few.iter().chain(picks.iter().map(|pick| &few[pick % few.len()])).cloned().collect();
         let mut path = CameraPath::new(radian);
         path.set_keys(keys.clone()).unwrap();

@@ -1,11 +1,12 @@
-//! Interprets the contents of a resource, as numbers, a histogram or a picture.
+//! Interprets the contents of a resource as numbers, a histogram or a picture.
 //!
-//! The words of a buffer have no type, and are shown as integers or floats. Images have the type of their format.
+//! The words of a buffer have no type; they can be read as integers or floats. The texels of an image have the type of
+//! its format.
 
 use crate::io::image::Image;
 use std::ops::Range;
 
-/// The words of a resource.
+/// Contents of a resource, as 32-bit words.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Words {
     /// Words of a buffer, or of an image of integers.
@@ -14,24 +15,24 @@ pub enum Words {
     Float(Vec<f32>),
 }
 
-/// The type as which a buffer's words are read.
+/// Type as which a buffer's words are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ReadAs {
     /// Unsigned integers.
     #[default]
     Uint,
-    /// Single-precision floats with the bits of the words.
+    /// Floats with the bits of the words.
     Float,
 }
 
 /// A histogram of values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
-    /// Minimum and maximum finite value.
+    /// Smallest and largest finite value.
     pub range: [f64; 2],
-    /// Number of values in each bin; the bins divide the range equally.
+    /// Number of values in each bin. The bins divide the range equally.
     pub counts: Vec<u64>,
-    /// Number of values that are infinite or not numbers.
+    /// Number of infinite and NaN values.
     pub not_finite: u64,
 }
 
@@ -49,7 +50,7 @@ impl Words {
         self.len() == 0
     }
 
-    /// Converts a word to a number; `None` beyond the end.
+    /// Converts the word at `index` to a number; `None` beyond the end.
     pub fn number(&self, index: usize, read: ReadAs) -> Option<f64> {
         Some(match (self, read) {
             (Words::Uint(words), ReadAs::Uint) => (*words.get(index)?).into(),
@@ -58,7 +59,7 @@ impl Words {
         })
     }
 
-    /// Formats a word; `None` beyond the end.
+    /// Formats the word at `index`; `None` beyond the end.
     pub fn text(&self, index: usize, read: ReadAs) -> Option<String> {
         Some(match (self, read) {
             (Words::Uint(words), ReadAs::Uint) => words.get(index)?.to_string(),
@@ -66,7 +67,7 @@ impl Words {
         })
     }
 
-    /// Counts every `stride`th word of `range` in `bins` bins, which divide the range of the values equally.
+    /// Counts every `stride`th word of `range` in `bins` equal bins over the range of the values.
     pub fn histogram(&self, range: Range<usize>, stride: usize, read: ReadAs, bins: usize) -> Histogram {
         let range = range.start.min(self.len())..range.end.min(self.len());
         let numbers = || range.clone().step_by(stride.max(1)).filter_map(|index| self.number(index, read));
@@ -86,9 +87,9 @@ impl Words {
         Histogram { range, counts, not_finite: numbers().count() as u64 - found }
     }
 
-    /// Converts an image of shape `[height, width, channels]` to a picture: its colours, or its single channel in grey.
+    /// Converts an image of shape `[height, width, channels]` to a picture in colour, or in grey for one channel.
     ///
-    /// Values between 0 and 1 are unchanged; a wider range is scaled to 0..1.
+    /// Values between 0 and 1 are unchanged; a wider range is scaled to 0 to 1. `None` for other shapes.
     pub fn picture(&self, shape: &[u64]) -> Option<Image> {
         let (height, width, channels) = match *shape {
             [height, width] => (height as usize, width as usize, 1),
@@ -131,7 +132,7 @@ mod tests {
         let evens = words.histogram(0..4, 2, ReadAs::Uint, 2);
         assert_eq!(evens.counts, [1, 1]);
         assert_eq!(words.histogram(4..5, 1, ReadAs::Uint, 2).range, [0.0, 0.0]);
-        // Equal values fall into the first part.
+        // If all values are equal, they fall into the first bin.
         assert_eq!(Words::Uint(vec![5; 3]).histogram(0..3, 1, ReadAs::Uint, 3).counts, [3, 0, 0]);
     }
 

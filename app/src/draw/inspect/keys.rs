@@ -1,26 +1,26 @@
-//! Checks whether sorted keys ascend. Only keys in use count, and only bits that the sort reads.
+//! Checks whether sorted keys ascend. Only keys in use and only bits that the sort reads are compared.
 //!
-//! In `splat` and `tiled_cpu` the keys are depths, one for each visible splat. In `tiled` they are pairs of a bin and a
-//! depth, whose lowest bits (`tie_bits`) the radix sort does not read: a later pass orders keys that agree in the other
-//! bits.
+//! In `splat` and `tiled_cpu`, the keys are depths, one for each visible splat. In `tiled`, a key is a bin and a depth.
+//! The radix sort does not read its lowest bits (`tie_bits`): a later pass orders keys that agree in the other bits.
 
 use serde::Serialize;
 use splatgraph_framework::ir::{Pass, Work};
 use splatgraph_framework::plan::Plan;
 use std::fmt;
 
-/// Byte offset of the number of keys to sort in `args`, and of needed pairs in `pair_args` (shaders/args.glsl).
+/// Byte offset of the number of keys to sort (in `args`) and of needed pairs (in `pair_args`); see shaders/args.glsl.
 const KEYS_BYTE: u64 = 12;
 const PAIRS_BYTE: u64 = 32;
 
-/// Returns true for the name of a resource with sort keys: `keys`, `order.keys#1` or `pair_keys`, but not their
-/// previous contents.
+/// Returns true if a resource of this name holds sort keys.
+///
+/// For example, `keys`, `order.keys#1` and `pair_keys`, but not `last(keys)`.
 pub fn holds_keys(name: &str) -> bool {
     let last = name.rsplit_once('.').map_or(name, |(_, last)| last);
     (last.starts_with("keys") || without_half(last).ends_with("_keys")) && !name.starts_with("last(")
 }
 
-/// Finds the sorted keys: the last pass of a frame that writes a resource with keys, and that resource.
+/// Finds the last pass of a frame that writes sort keys. Returns the names of the resource and the pass.
 pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
     plan.frame.iter().rev().find_map(|id| {
         let pass = plan.pass(*id);
@@ -33,12 +33,12 @@ pub fn sorted_keys(plan: &Plan) -> Option<(String, String)> {
     })
 }
 
-/// The order of sorted keys.
+/// Result of checking the order of sorted keys.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct KeyOrder {
-    /// Number of examined keys: the keys that the frame sorted, or all if that number is unknown.
+    /// Number of compared keys: as many as the frame sorted, or all if that number is unknown.
     pub keys: u64,
-    /// Number of lowest bits that are not compared, because the sort leaves them to a later pass.
+    /// Number of lowest bits that are not compared: the sort leaves them to a later pass.
     #[serde(skip_serializing_if = "is_zero")]
     pub ignored_bits: u32,
     /// True if no key is smaller than the previous one.
@@ -69,7 +69,7 @@ impl fmt::Display for KeyOrder {
 }
 
 impl KeyOrder {
-    /// Examines the first `count` keys without their lowest `ignored_bits`, or all keys if the count is unknown.
+    /// Checks the first `count` keys, or all if `count` is unknown. Ignores their lowest `ignored_bits`.
     pub(super) fn of(keys: &[u32], count: Option<u64>, ignored_bits: u32) -> KeyOrder {
         let count = count.map_or(keys.len(), |n| keys.len().min(n as usize));
         let compared = |i: usize| keys[i].checked_shr(ignored_bits).unwrap_or(0);
@@ -91,8 +91,8 @@ fn is_zero(bits: &u32) -> bool {
 
 /// Returns the number of keys that a frame sorted, from its statistics; `None` if no statistic contains it.
 ///
-/// It is word 3 of the buffer that the pass binds as `Args`. If only the number of needed pairs is read back, that
-/// number is used: a frame without capacity for all of them is drawn again. In other graphs there is a key for each
+/// The number is word 3 of the buffer that the pass binds as `Args`. If only the number of needed pairs is read back,
+/// that number is used: a frame without capacity for all pairs is drawn again. In other graphs, there is a key for each
 /// visible splat.
 pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option<u64> {
     let value = |name: &str| stats.iter().find(|(other, _)| other == name).map(|(_, value)| (*value).into());
@@ -107,16 +107,16 @@ pub(super) fn count(plan: &Plan, pass: &Pass, stats: &[(String, u32)]) -> Option
     at(KEYS_BYTE).or_else(|| if pairs { at(PAIRS_BYTE) } else { value("visible") })
 }
 
-/// Returns the lowest bit of the keys that a sort reads.
+/// Returns the lowest key bit that a sort reads.
 ///
-/// It is the smallest push constant `shift` among the iterations of a pass.
+/// This is the smallest push constant `shift` among the iterations of the pass.
 pub(super) fn lowest_bit(plan: &Plan, pass: &Pass) -> u32 {
     let iterations =
         plan.passes.iter().filter(|other| without_index(&other.name) == without_index(&pass.name));
     iterations.filter_map(|pass| pushed(plan, pass, "shift")).min().unwrap_or(0)
 }
 
-/// Reads a push constant of a dispatch.
+/// Reads a push constant of a dispatch; `None` if the pass does not have it.
 fn pushed(plan: &Plan, pass: &Pass, member: &str) -> Option<u32> {
     let Work::Dispatch { shader, .. } = &pass.work else { return None };
     let block = plan.shader(*shader).reflection.push.as_ref()?;
@@ -130,7 +130,7 @@ pub(super) fn without_index(name: &str) -> &str {
     name.split_once('[').map_or(name, |(stem, _)| stem)
 }
 
-/// Removes the half: `keys#1` becomes `keys`.
+/// Removes the index of a ping-pong buffer: `keys#1` becomes `keys`.
 pub(super) fn without_half(name: &str) -> &str {
     name.split_once('#').map_or(name, |(stem, _)| stem)
 }
@@ -172,7 +172,7 @@ mod tests {
                 (&resource, &after)
             );
         }
-        // Without a sort, the button says so of the keys as they were made.
+        // Without a sort, the check covers the keys as the splats were compacted.
         let unsorted = Some(("order.keys#0".to_owned(), "order.compact".to_owned()));
         assert_eq!(sorted_keys(&plan("unsorted", 32)), unsorted);
     }
@@ -181,7 +181,7 @@ mod tests {
     fn pair_keys_are_judged_over_the_pairs_and_without_the_bits_that_the_sort_leaves_alone() {
         let plan = plan("tiled", 32);
         let target = resolve(&plan, "keys", "scatter").expect("short names");
-        // Ascending above the lowest 5 of 32 bits; the last is not a pair of this frame.
+        // Keys that ascend above the lowest 5 of 32 bits. The last one is not a pair of this frame.
         let keys = [5 << 5 | 7, 5 << 5, 9 << 5 | 1, 9 << 5, 0];
         let bytes: Vec<u8> = keys.iter().flat_map(|key: &u32| key.to_le_bytes()).collect();
         let stats = [("visible".to_owned(), 2), ("entries_needed".to_owned(), 4)];

@@ -1,9 +1,9 @@
 //! Reads the contents of a buffer or an image after a pass.
 //!
-//! A target is written `RESOURCE@PASS`, with the names of the plan's dump. Short forms are allowed: `keys` is the half
-//! of the ping-pong pair `keys#0`, `keys#1` that the pass writes; `sort.scatter`, or just `scatter`, is the last of
-//! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers. Depth keys must ascend over the
-//! visible splats, and the finding reports whether they do.
+//! A target is written `RESOURCE@PASS`, with names as in the plan's dump. Short forms are allowed. `keys` is the half
+//! of the ping-pong pair `keys#0`, `keys#1` that the pass writes. `sort.scatter`, or just `scatter`, is the last of
+//! `sort.scatter[0]`, `sort.scatter[1]`, ... Words are shown as unsigned integers. If the resource holds depth keys,
+//! the finding reports whether they ascend over the visible splats.
 
 mod contents;
 mod keys;
@@ -21,17 +21,18 @@ pub use contents::{Histogram, ReadAs, Words};
 pub use keys::{KeyOrder, holds_keys, sorted_keys};
 use keys::{without_half, without_index};
 
-/// Number of words that the text shows at each end.
+/// Number of words to show at each end of the contents.
 const SHOWN: usize = 8;
 
-/// An inspection names a resource or a pass that the plan lacks. The text is the message.
+/// Error about a resource or a pass that the plan lacks. Holds the message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct InspectError(String);
 
-/// Resolves `RESOURCE@PASS` in a plan.
+/// Resolves `RESOURCE@PASS` in a plan. If several passes match, prefers the last one that uses the resource.
 ///
-/// If the name matches several passes, the last one that uses the resource is taken.
+/// # Errors
+/// The plan has no such resource or pass.
 pub fn resolve(plan: &Plan, resource: &str, pass: &str) -> Result<Inspect, InspectError> {
     let passes = find_passes(plan, pass)?;
     let target = |after: &PassId| {
@@ -49,13 +50,13 @@ pub fn in_prologue(plan: &Plan, target: &Inspect) -> bool {
     plan.pass(target.after).run == Run::Once
 }
 
-/// Removes the includes and the index: `sort.scatter[2]` becomes `scatter`.
+/// Removes the names of includes and the index: `sort.scatter[2]` becomes `scatter`.
 fn last_part(name: &str) -> &str {
     let stem = without_index(name);
     stem.rsplit_once('.').map_or(stem, |(_, last)| last)
 }
 
-/// Lists the passes that a name may refer to, the last first. The list is never empty.
+/// Lists the passes that match a name, last pass first. The list is not empty.
 fn find_passes(plan: &Plan, name: &str) -> Result<Vec<PassId>, InspectError> {
     let passes = plan.order();
     let part = |full: fn(&str) -> &str| -> Vec<PassId> {
@@ -115,19 +116,19 @@ fn find_resource(plan: &Plan, name: &str, pass: &Pass) -> Result<ResourceId, Ins
     }
 }
 
-/// The contents of a resource after a pass.
+/// Contents of a resource after a pass.
 #[derive(Clone, Debug, Serialize)]
 pub struct Finding {
-    /// The resource's full name.
+    /// Full name of the resource.
     pub resource: String,
-    /// The pass's name.
+    /// Name of the pass.
     pub pass: String,
-    /// `[count, words per element]` of a buffer, `[height, width, channels]` of an image; a trailing 1 is left out.
+    /// `[count, words per element]` for a buffer, `[height, width, channels]` for an image; a trailing 1 is omitted.
     pub shape: Vec<u64>,
-    /// Order of the keys; only for resources with keys, see [`holds_keys`].
+    /// Order of the keys; `None` unless the resource has keys (see [`holds_keys`]).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<KeyOrder>,
-    /// Number of keys that the frame sorted, if known.
+    /// Number of keys that the frame sorted; `None` if unknown.
     #[serde(skip)]
     pub counted: Option<u64>,
     /// True for an image, false for a buffer.
@@ -139,7 +140,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// Makes a finding from the bytes of a resource, and the statistics of the frame that wrote them.
+    /// Interprets the bytes of a resource. `stats` are the statistics of the frame that wrote them.
     pub fn new(plan: &Plan, target: &Inspect, bytes: &[u8], stats: &[(String, u32)]) -> Finding {
         let resource = plan.resource(target.resource);
         let (shape, words) = words(resource, bytes);
@@ -156,7 +157,10 @@ impl Finding {
         Finding { resource: resource.name.clone(), pass, shape, order, counted, is_image, words }
     }
 
-    /// Saves the words as a NumPy array: uint32 for buffers, float32 for images of floats.
+    /// Saves the words as a NumPy array: uint32 for buffers and integer images, float32 for float images.
+    ///
+    /// # Errors
+    /// The file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), ImageError> {
         match &self.words {
             Words::Uint(words) => save_words(path, &self.shape, words),
@@ -243,7 +247,7 @@ mod tests {
         }
     }
 
-    /// Makes a plan of two scatters that ping-pong, and a pass that reads the result.
+    /// Makes a plan with two ping-pong scatter passes, and a pass that reads the result.
     fn plan() -> Plan {
         let buffer = |name: &str, stride| Resource {
             name: name.into(),
@@ -293,7 +297,7 @@ mod tests {
         assert!(
             error("keys", "draw").starts_with("`keys` is keys#0 or keys#1, and `draw` does not say which")
         );
-        // In the plan's list of passes, but not among its steps.
+        // The pass `both` is in the plan's list of passes, but no step runs it.
         assert!(error("keys", "both").starts_with("no pass `both` runs"));
     }
 

@@ -1,13 +1,13 @@
 //! Draws frames with a device, a scene and a plan.
 //!
-//! A [`Session`] owns all three. [`Session::prepare`] builds the plan for a picture size and loads it with the scene;
+//! A [`Session`] owns all three. [`Session::prepare`] builds the plan for a picture size and loads it with the scene.
 //! [`Session::submit`] draws a frame from a camera, and [`Session::wait`] returns its results. Up to
-//! [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be submitted before the first is waited for.
+//! [`FRAMES_IN_FLIGHT`](splatgraph_api::FRAMES_IN_FLIGHT) frames may be in flight.
 //!
 //! All results are of complete frames. If a list overflowed in a frame (see [`capacity`]), [`Session::wait`] builds a
-//! plan with more capacity and draws the frame again. It also repeats the frames that were in flight behind it, so that
-//! all results come from the current plan. A repeated frame has the inputs of the original. The graph's histories are
-//! not restored: `last(...)` then contains the same camera, or the next one in flight. The larger capacity is kept
+//! plan with more capacity and draws the frame again. It also repeats the later frames in flight, so that all results
+//! come from the current plan. A repeated frame has the same inputs. The graph's histories are not restored:
+//! `last(...)` then contains a frame of the same camera, or of the next one in flight. The larger capacity is kept
 //! until [`Session::set_graph`], for pictures of all sizes, unless the default for another size is larger.
 
 use crate::draw::camera;
@@ -35,7 +35,7 @@ use std::io::Write;
 use std::sync::Arc;
 use tracing::info_span;
 
-/// An error of a session.
+/// Error of a session.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// The graph or its shaders have errors.
@@ -44,13 +44,13 @@ pub enum SessionError {
     /// The device rejected the plan, or failed.
     #[error(transparent)]
     Backend(#[from] BackendError),
-    /// The graph draws another projection than the camera's.
+    /// The camera has another projection than the graph.
     #[error(transparent)]
     Projection(#[from] ProjectionError),
     /// A frame was submitted before [`Session::prepare`].
     #[error("no plan: `prepare` must be called before `submit`")]
     NotPrepared,
-    /// A frame needs more capacity than the range of its parameter allows.
+    /// A frame needs more capacity than the parameter's range allows.
     #[error(
         "expected a frame that needs at most {most} {parameter}, the end of the parameter's range, found one that needs {needed}"
     )]
@@ -62,7 +62,7 @@ pub enum SessionError {
         /// Number of entries that the frame needs.
         needed: i64,
     },
-    /// A frame needs a plan with more capacity, which cannot be built or loaded.
+    /// A frame needs more capacity, but the larger plan cannot be built or loaded.
     #[error(
         "expected a device with room for {room} {parameter}, of which a frame needs {needed}, found none:\n{error}"
     )]
@@ -81,7 +81,7 @@ pub enum SessionError {
     Inspect(#[from] InspectError),
 }
 
-/// Draws a scene on a device with a plan; see the module's documentation.
+/// Draws a scene on a device with a plan; see the [module documentation](self).
 pub struct Session<D> {
     device: D,
     scene: Arc<Scene>,
@@ -90,18 +90,18 @@ pub struct Session<D> {
     planner: Planner,
     /// True once the graph's warnings have been printed.
     warned: bool,
-    /// The fallbacks that were reported last.
+    /// Fallbacks that were reported last.
     told: Vec<Fallback>,
     /// Settings without an effect that were already reported.
     told_settings: BTreeSet<String>,
     loaded: Option<(Arc<Plan>, (u32, u32))>,
     frame: u32,
-    /// Frames that may have to be repeated, in the order of submission.
+    /// Frames in flight in the order of submission, with the inputs to repeat them.
     flying: Vec<Flight>,
     growths: u32,
 }
 
-/// A submitted frame that has not been waited for, with the inputs to repeat it.
+/// A submitted frame without a result yet, with the inputs to repeat it.
 struct Flight {
     id: FrameId,
     camera: Camera,
@@ -111,7 +111,7 @@ struct Flight {
     growths: u32,
 }
 
-/// Maximum number of frames whose inputs are kept. A device keeps the results of as many.
+/// Maximum number of frames whose inputs are kept. A device keeps the results of the same number.
 const MOST_FLYING: usize = 64;
 
 /// Options of a frame: background, results to read back, and timestamps.
@@ -119,7 +119,7 @@ const MOST_FLYING: usize = 64;
 pub struct FrameOptions {
     /// Background colour, display-encoded.
     pub background: [f32; 3],
-    /// True to read the picture back.
+    /// True to read back the picture.
     pub read_output: bool,
     /// Resources to read back, each after a pass.
     pub inspect: Vec<Inspect>,
@@ -128,9 +128,9 @@ pub struct FrameOptions {
 }
 
 impl<D: Device> Session<D> {
-    /// Creates a session that draws `scene` with a graph and the parameters in `set`.
+    /// Creates a session that draws `scene` with a graph. No plan is built yet.
     ///
-    /// `pipeline` is a preset's name or a path. No plan is built yet.
+    /// `pipeline` is a preset's name or a path; `set` are the graph's parameters.
     pub fn new(
         device: D,
         scene: impl Into<Arc<Scene>>,
@@ -153,18 +153,18 @@ impl<D: Device> Session<D> {
         }
     }
 
-    /// Creates another session on the same device, with the same scene and another graph.
+    /// Opens another session on the same device and scene, with another graph.
     ///
     /// # Errors
-    /// The device has no room for another context.
+    /// The device cannot open another context, for example because its memory is full.
     pub fn beside(&self, pipeline: &str, set: &[(String, String)]) -> Result<Session<D>, SessionError> {
         self.beside_with(self.scene.clone(), pipeline, set)
     }
 
-    /// Creates another session on the same device, with another scene.
+    /// Opens another session on the same device, with another scene.
     ///
     /// # Errors
-    /// The device has no room for another context.
+    /// The device cannot open another context, for example because its memory is full.
     pub fn beside_with(
         &self,
         scene: impl Into<Arc<Scene>>,
@@ -176,16 +176,16 @@ impl<D: Device> Session<D> {
 
     /// Gives every resource its own memory, so that its contents can be read after any pass.
     ///
-    /// This applies to plans that are prepared later.
+    /// Takes effect with the next plan.
     pub fn keep_contents(&mut self) {
         self.planner.share_memory = false;
     }
 
-    /// Requests outputs of the graph besides its picture, such as `depth`; the next [`Session::prepare`] builds a plan
-    /// that produces them.
+    /// Requests outputs of the graph besides its picture, such as `depth`. Takes effect with the next
+    /// [`Session::prepare`].
     ///
-    /// Initially none are requested, and a plan does no work for them. [`outputs::draw`](crate::draw::outputs::draw)
-    /// reads them.
+    /// Initially none are requested, and plans do no work for them. [`outputs::draw`](crate::draw::outputs::draw) reads
+    /// the outputs.
     pub fn set_outputs(&mut self, names: &[String]) {
         if self.planner.outputs != names {
             self.planner.outputs = names.to_vec();
@@ -193,10 +193,10 @@ impl<D: Device> Session<D> {
         }
     }
 
-    /// Changes the graph and its parameters; the next [`Session::prepare`] builds its plan.
+    /// Changes the graph and its parameters. Takes effect with the next [`Session::prepare`].
     ///
-    /// Frames in flight are discarded, and growing parameters are reset to their defaults, so that a measurement does
-    /// not depend on earlier ones.
+    /// Discards frames in flight, and resets growing parameters to their defaults, so that a measurement does not
+    /// depend on earlier ones.
     pub fn set_graph(&mut self, pipeline: &str, set: &[(String, String)]) {
         self.pipeline = pipeline.to_owned();
         self.set = set.to_vec();
@@ -204,11 +204,10 @@ impl<D: Device> Session<D> {
         self.planner.capacities = Capacities::default();
     }
 
-    /// Changes the graph like [`Session::set_graph`], if it can be read and its parameters are valid; otherwise nothing
-    /// changes.
+    /// Changes the graph like [`Session::set_graph`], after checking the graph and its parameters.
     ///
     /// # Errors
-    /// The graph cannot be read, or a value is invalid.
+    /// The graph cannot be read, or a value is invalid. The session is then unchanged.
     pub fn change_graph(
         &mut self,
         pipeline: &str,
@@ -220,9 +219,9 @@ impl<D: Device> Session<D> {
         Ok(())
     }
 
-    /// Changes the scene; the next [`Session::prepare`] builds a plan for it.
+    /// Changes the scene. Takes effect with the next [`Session::prepare`].
     ///
-    /// Frames in flight are discarded, as by [`Session::set_graph`].
+    /// Discards frames in flight, like [`Session::set_graph`].
     pub fn set_scene(&mut self, scene: impl Into<Arc<Scene>>) {
         self.scene = scene.into();
         self.forget_plan();
@@ -254,7 +253,7 @@ impl<D: Device> Session<D> {
         Ok(self.planner.controls(pipeline, set, &facts, &catalog)?)
     }
 
-    /// Returns the facts and the imports of graphs for a picture size.
+    /// Returns the facts and the imports for a picture size.
     fn facts(&self, size: (u32, u32)) -> (Facts, Catalog) {
         let facts = facts::facts(&SceneFacts::of(&self.scene), &self.device.info().facts, size);
         (facts, facts::catalog(&self.scene))
@@ -269,8 +268,9 @@ impl<D: Device> Session<D> {
         self.plan_of(&pipeline, &set, size)
     }
 
-    /// Builds the plan of another graph for a picture size, without loading it. Shaders that graphs share are compiled
-    /// once.
+    /// Builds the plan of another graph for a picture size, without loading it.
+    ///
+    /// A shader that several graphs use is compiled once.
     ///
     /// # Errors
     /// The graph or its shaders have errors.
@@ -287,10 +287,10 @@ impl<D: Device> Session<D> {
         Ok(plan?)
     }
 
-    /// Sets the graph's storage to the most accurate one that fits the device's memory, for pictures of this size.
+    /// Chooses the most accurate storage that fits in the device's memory, for pictures of this size.
     ///
-    /// The plan may use at most `limit` bytes, and at most the device's free memory. `None` if there is no limit, and
-    /// the scene is small for the device or the device's memory is unknown.
+    /// The plan may use at most `limit` bytes, and at most the device's free memory. Returns `None` without a limit if
+    /// the scene is small for the device or the device's memory is unknown; the storage is then unchanged.
     ///
     /// # Errors
     /// The graph has errors, or no storage fits.
@@ -314,17 +314,17 @@ impl<D: Device> Session<D> {
         Ok(Some(choice))
     }
 
-    /// Returns the name of the graph and its parameters.
+    /// Returns the graph's name or path, and its parameters.
     pub fn graph(&self) -> (&str, &[(String, String)]) {
         (&self.pipeline, &self.set)
     }
 
-    /// Returns the device, with its loaded plan.
+    /// Returns the device, with the loaded plan.
     pub fn device(&mut self) -> &mut D {
         &mut self.device
     }
 
-    /// Returns the device and drops the rest, so that the device can be closed.
+    /// Returns the device and drops everything else, so that the device can be closed.
     pub fn into_device(self) -> D {
         self.device
     }
@@ -334,23 +334,24 @@ impl<D: Device> Session<D> {
         &self.scene
     }
 
-    /// Returns the scene, for another session.
+    /// Returns a shared reference to the scene, for another session.
     pub fn shared_scene(&self) -> Arc<Scene> {
         self.scene.clone()
     }
 
-    /// Lists the files that the plans were built from.
+    /// Lists the files from which the plans were built.
     pub fn files(&self) -> Vec<Wanted> {
         self.planner.wanted()
     }
 
-    /// Returns the plan of the last [`Session::prepare`].
+    /// Returns the plan of the last [`Session::prepare`]; `None` before it.
     pub fn plan(&self) -> Option<&Plan> {
         self.loaded.as_ref().map(|(plan, _)| plan.as_ref())
     }
 
-    /// Returns how often a plan was rebuilt for more capacity. Measurements from before such a rebuild are of another
-    /// plan.
+    /// Returns how often a plan was rebuilt with more capacity.
+    ///
+    /// Measurements before and after a rebuild are of different plans.
     pub fn growths(&self) -> u32 {
         self.growths
     }
@@ -362,9 +363,8 @@ impl<D: Device> Session<D> {
 
     /// Builds and loads the plan for pictures of this size, unless it is already loaded.
     ///
-    /// Returns true if the plan was loaded now; the next frame then runs its prologue. The first time, warnings about
-    /// the graph are printed to standard error, with a line for each graph of a choice whose requirements the device
-    /// does not meet.
+    /// Returns true if it loaded a plan; the next frame then runs the prologue. The first call prints warnings about
+    /// the graph to standard error, and a line for each graph of a choice that the device cannot run.
     pub fn prepare(
         &mut self,
         size: (u32, u32),
@@ -377,7 +377,7 @@ impl<D: Device> Session<D> {
         Ok(true)
     }
 
-    /// Builds and loads the plan. With `share`, it reuses the results of the current plan's `Once` passes.
+    /// Builds and loads the plan. If `share`, reuses the results of the current plan's `Once` passes.
     fn load(
         &mut self,
         size: (u32, u32),
@@ -388,7 +388,7 @@ impl<D: Device> Session<D> {
         let plan = info_span!("build the plan")
             .in_scope(|| self.planner.plan(&self.pipeline, &self.set, &facts, &catalog))?;
         if !plan.warnings.is_empty() && !std::mem::replace(&mut self.warned, true) {
-            // A warning that cannot be written is no reason to stop.
+            // Failing to write a warning is not an error.
             let _ = std::io::stderr().write_all(self.planner.warnings(&plan, false).as_bytes());
         }
         if plan.fallbacks != self.told {
@@ -405,10 +405,10 @@ impl<D: Device> Session<D> {
         Ok(())
     }
 
-    /// Lists the settings that have no effect in the current plan, as lines for the user with the reasons. An unused
-    /// mesh is listed, too. Each line is returned once.
+    /// Lists the settings that have no effect in the current plan, as lines with reasons. Returns each line once.
     ///
-    /// Meant for settings made by the user: measurements set parameters without knowing whether they have an effect.
+    /// An unused mesh is listed as well. Only settings that the user made should be reported: measurements set
+    /// parameters without knowing whether they have an effect.
     pub fn settings_without_effect(&mut self) -> Vec<String> {
         let Some((plan, _)) = &self.loaded else { return Vec::new() };
         let found = planner::without_effect(plan, &self.set).into_iter();
@@ -440,7 +440,7 @@ impl<D: Device> Session<D> {
         Ok(id)
     }
 
-    /// Submits a frame with the current plan, and keeps its inputs.
+    /// Submits a frame with the current plan, and returns it with its inputs.
     fn fly(&mut self, camera: Camera, request: FrameOptions, number: u32) -> Result<Flight, SessionError> {
         let Some((plan, size)) = &self.loaded else { return Err(SessionError::NotPrepared) };
         debug_assert_eq!(*size, (camera.width, camera.height));
@@ -460,8 +460,8 @@ impl<D: Device> Session<D> {
 
     /// Waits for a frame and returns its results, drawn with the current plan.
     ///
-    /// An incomplete frame is repeated with capacity for its need plus a quarter: see the module's documentation. Wait
-    /// for all frames before another size is prepared.
+    /// Repeats an incomplete frame with more capacity: its need plus a quarter; see the [module documentation](self).
+    /// Wait for all frames before another size is prepared.
     ///
     /// # Errors
     /// The device fails, or a frame needs more capacity than a parameter's range or the device allows. The plan then
@@ -480,7 +480,7 @@ impl<D: Device> Session<D> {
             let inspects_once = |flight: &Flight| {
                 flight.request.inspect.iter().any(|target| inspect::in_prologue(&flight.plan, target))
             };
-            // Passes whose results are reused do not run, so that nothing can be read after them.
+            // Passes with reused results do not run, so nothing can be read after them.
             let share = !self.flying.iter().chain([&drawn]).any(inspects_once);
             self.grow(&short, (drawn.camera.width, drawn.camera.height), share)?;
             let former = (drawn.plan.clone(), result);
@@ -490,7 +490,7 @@ impl<D: Device> Session<D> {
         }
     }
 
-    /// Waits for a frame, and adds it to the timeline if its plan is given.
+    /// Waits for a frame. If its plan is given, adds the frame to the timeline.
     fn land(&mut self, id: FrameId, plan: Option<&Plan>) -> Result<FrameResult, BackendError> {
         let result = info_span!("wait for a frame").in_scope(|| self.device.wait(id))?;
         if let Some(plan) = plan {
@@ -506,7 +506,7 @@ impl<D: Device> Session<D> {
         Ok(result)
     }
 
-    /// Builds and loads a plan with the capacity that a frame lacked, unless the current plan already has it.
+    /// Builds and loads a plan with capacity for an overflowed frame, unless the current plan already has it.
     fn grow(&mut self, short: &[Overflow], size: (u32, u32), share: bool) -> Result<(), SessionError> {
         if let Some(Overflow { parameter, needed, most, .. }) = short.iter().find(|s| s.needed > s.most) {
             return Err(SessionError::Full { parameter: parameter.clone(), most: *most, needed: *needed });
@@ -564,7 +564,7 @@ fn timed(plan: &Plan, result: &FrameResult) -> Vec<timeline::Pass> {
     timed.collect()
 }
 
-/// Supplies a scene's attributes for upload; `None` for a graph that draws without a scene.
+/// Supplies a scene's attributes for upload. `None` is for a graph that draws without a scene.
 pub(crate) struct Upload<'a>(pub Option<&'a Scene>);
 
 impl SceneData for Upload<'_> {
@@ -580,7 +580,7 @@ impl SceneData for Upload<'_> {
     }
 }
 
-/// Converts a device's pixels to an image without alpha; `None` for a format without colours.
+/// Converts a device's pixels to an RGB image; `None` for a format without colours.
 pub fn image_of(pixels: &Pixels) -> Option<Image> {
     let (width, height) = (pixels.width as usize, pixels.height as usize);
     let rgb: Vec<[f32; 3]> = match pixels.format {
