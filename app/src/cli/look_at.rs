@@ -143,7 +143,7 @@ impl LookAtArgs {
         Ok(Orbit { start, around: target.into(), axis: up.into() })
     }
 
-    /// Makes the first camera from three points in world coordinates: eye, target, and up direction.
+    /// Makes the first camera from the eye, the target and the up direction, in the scene's coordinates.
     fn start(
         &self,
         [eye, target, up]: [DVec3; 3],
