@@ -124,6 +124,45 @@ fn a_film_on_standard_output_is_a_y4m_and_a_reader_that_leaves_is_no_error() {
 }
 
 #[test]
+fn a_path_through_cameras_with_one_lens_keeps_it_and_needs_a_graph_that_draws_it() {
+    let place = Place::demo(5000);
+    let with = |lenses: [&str; 2]| {
+        let text = fs::read_to_string(place.at("cameras.json")).expect("cameras");
+        let mut cameras: Vec<serde_json::Value> = serde_json::from_str(&text).expect("a list");
+        cameras.truncate(2);
+        for (camera, lens) in cameras.iter_mut().zip(lenses) {
+            camera["projection"] = lens.into();
+            // Units of a plan are world units, not radians.
+            let scale = if lens == "orthographic" { 0.2 } else { 0.5 };
+            for side in ["fx", "fy"] {
+                camera[side] = (camera[side].as_f64().expect("a focal length") * scale).into();
+            }
+        }
+        serde_json::to_string(&cameras).expect("JSON")
+    };
+    let film = "video scene.ply --cameras=lens.json --seconds=0.2 --fps=10 --size=48x27 -o";
+    for lens in ["fisheye", "orthographic", "equirectangular"] {
+        fs::write(place.at("lens.json"), with([lens; 2])).expect("written");
+        place.done(&format!("{film} {lens} -p {lens}"));
+        for index in 0..2 {
+            let still = format!("{lens}-{index}.png");
+            place.done(&format!("render scene.ply -c lens.json#{index} --size=48x27 -p {lens} -o {still}"));
+            let far = difference(&frame(&place, lens, index), &place.image(&still));
+            assert!(far < 2.5, "{still}: {far}");
+        }
+        let error = format!(
+            "expected a graph for {lens} cameras, found one for pinhole cameras: use --pipeline {lens}"
+        );
+        place.refuses(film, &[("film.gif", 1, &error)]);
+    }
+    fs::write(place.at("lens.json"), with(["fisheye", "pinhole"])).expect("written");
+    place.refuses(
+        film,
+        &[("film.gif -p fisheye", 1, "a path needs one lens: expected cameras of one projection, found ")],
+    );
+}
+
+#[test]
 fn an_orbit_has_as_many_frames_as_it_says_and_mistakes_are_told() {
     let place = Place::demo(5000);
     place.done("video scene.ply --orbit=5 --eye=0,-1,-4 --size=32x18 -o turn");

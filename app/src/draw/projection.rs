@@ -6,6 +6,7 @@
 
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::Planner;
+use crate::io::output::one_line;
 use splatgraph_assets::{Camera, Projection, Scene};
 use splatgraph_framework::ir::{Param, Value};
 
@@ -20,6 +21,15 @@ pub struct ProjectionError {
     pub graph: Projection,
     /// Projection of the camera.
     pub camera: Projection,
+}
+
+/// Cameras that have no projection in common.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected cameras of one projection, found {} and {}", named(.0), named(.1))]
+pub struct MixedProjections((String, Projection), (String, Projection));
+
+fn named((name, projection): &(String, Projection)) -> String {
+    format!("{} ({projection})", one_line(name))
 }
 
 fn advice(camera: Projection) -> String {
@@ -46,16 +56,41 @@ pub fn of_graph(pipeline: &str, set: &[(String, String)]) -> Projection {
     controls.map_or(Projection::Pinhole, |controls| of_params(controls.iter().map(|control| &control.param)))
 }
 
+/// Returns the projection that all cameras have; pinhole without cameras.
+///
+/// # Errors
+/// Two cameras have different projections. Cameras without a name are named by their index.
+pub fn shared(cameras: &[Camera]) -> Result<Projection, MixedProjections> {
+    let Some(first) = cameras.first() else { return Ok(Projection::Pinhole) };
+    let named = |(index, camera): (usize, &Camera)| {
+        let name = &camera.img_name;
+        let name = if name.is_empty() { format!("camera {index}") } else { name.clone() };
+        (name, camera.projection)
+    };
+    match cameras.iter().enumerate().find(|(_, camera)| camera.projection != first.projection) {
+        Some(other) => Err(MixedProjections(named((0, first)), named(other))),
+        None => Ok(first.projection),
+    }
+}
+
+/// Checks that a graph can draw cameras of a projection, before a scene is loaded; see [`convert`].
+///
+/// # Errors
+/// The cameras are no pinholes, and have another projection than the graph.
+pub fn check(camera: Projection, graph: Projection) -> Result<(), ProjectionError> {
+    match camera.is_pinhole() || camera == graph {
+        true => Ok(()),
+        false => Err(ProjectionError { graph, camera }),
+    }
+}
+
 /// Converts a camera to a graph's projection.
 ///
 /// # Errors
 /// The camera is not a pinhole camera, and its projection differs from the graph's.
 pub fn convert(camera: &Camera, graph: Projection, scene: &Scene) -> Result<Camera, ProjectionError> {
-    let converted = camera.projected(graph, scene);
-    match converted.projection == graph {
-        true => Ok(converted),
-        false => Err(ProjectionError { graph, camera: camera.projection }),
-    }
+    check(camera.projection, graph)?;
+    Ok(camera.projected(graph, scene))
 }
 
 /// Converts a command's cameras to the projection of its graph. `set` are the graph's parameters.
@@ -107,6 +142,24 @@ mod tests {
         assert_eq!(
             error,
             "expected a graph for fisheye cameras, found one for pinhole cameras: use --pipeline fisheye"
+        );
+    }
+
+    #[test]
+    fn cameras_share_a_projection_or_two_that_differ_are_named() {
+        let camera = |name: &str, projection| Camera {
+            img_name: name.into(),
+            projection,
+            ..Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (40, 30))
+        };
+        let [left, right] = ["left.png", ""].map(|name| camera(name, Projection::Fisheye));
+        assert_eq!(shared(&[]), Ok(Projection::Pinhole));
+        assert_eq!(shared(&[left.clone(), right.clone()]), Ok(Projection::Fisheye));
+        let plan = camera("", Projection::Orthographic);
+        let error = shared(&[left, right, plan]).unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "expected cameras of one projection, found left.png (fisheye) and camera 2 (orthographic)"
         );
     }
 }

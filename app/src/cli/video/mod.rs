@@ -9,7 +9,7 @@ use super::outcome::{self, Outcome, Usage, claim_graph_files};
 use super::render::prepare_plan;
 use super::scenes::ScenesArgs;
 use crate::draw::backend::Backend;
-use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, SECONDS};
+use crate::draw::camera_path::{self, CameraPath, DEFAULT_SECONDS, KeyError, SECONDS};
 use crate::draw::film::{self, DrawOptions, Film, Motion};
 use crate::draw::orbit::Orbit;
 use crate::draw::projection;
@@ -37,7 +37,7 @@ pub const EXAMPLES: &str = "Examples:
 /// Draw a film of a camera that moves through a scene
 ///
 /// With --cameras, the camera moves smoothly through them at constant speed, where rotation counts as distance. Without, it goes
-/// once around the scene. The viewer plays the same path: K records a key, and the Cameras tool writes the keys to a file.
+/// once around the scene. Cameras with one projection keep it: fisheyes need `--pipeline fisheye`. The viewer plays the same path: K records a key, and the Cameras tool writes the keys to a file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -181,10 +181,19 @@ fn frames(args: &Args) -> Result<u32, Usage> {
     }
 }
 
+impl Args {
+    /// Returns the projection of the graph.
+    fn projection(&self) -> Projection {
+        projection::of_graph(&self.drawing.pipeline, &self.drawing.set)
+    }
+}
+
 fn check_keys(args: &Args, keys: &[Camera]) -> Result<()> {
     if keys.len() < 2 {
         bail!(Usage(format!("expected two cameras or more for a path, found {}", keys.len())));
     }
+    let lens = projection::shared(keys).map_err(KeyError::from)?;
+    projection::check(lens, args.projection())?;
     let (width, height) = (keys[0].width, keys[0].height);
     if args.drawing.size.is_none() && width.max(height) > MAX_SIDE {
         bail!(
@@ -234,8 +243,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Ok(device)
     };
     let (device, (scene, own)) = options::open_and_load(open, |cancel| args.scenes.load(cancel))?;
-    let graph = projection::of_graph(&args.drawing.pipeline, &args.drawing.set);
-    let motion = motion(args, keys.as_deref(), &scene, own, graph)?;
+    let motion = motion(args, keys.as_deref(), &scene, own, args.projection())?;
     let film = Film { motion, frames, samples: args.samples, shutter: args.shutter.unwrap_or(SHUTTER) };
     let mut session = Session::new(device, scene, &args.drawing.pipeline, &args.drawing.set);
     let cameras: Vec<Camera> =

@@ -36,7 +36,7 @@ pub(super) struct View {
     /// Unit quaternion from the camera's axes to the world's.
     rotation: DQuat,
     /// Natural logarithms of the horizontal and the vertical focal length, relative to the picture's height; the third
-    /// component is 0.
+    /// component is 0. An equirectangular view has no zoom: it shows all directions.
     zoom: DVec3,
 }
 
@@ -46,12 +46,16 @@ impl View {
         View {
             position: camera.position.into(),
             rotation: DQuat::from_mat3(&DMat3::from_cols_array_2d(&camera.axes())).normalize(),
-            zoom: DVec3::new((camera.fx / height).ln(), (camera.fy / height).ln(), 0.0),
+            zoom: match camera.projection {
+                Projection::Equirectangular => DVec3::ZERO,
+                _ => DVec3::new((camera.fx / height).ln(), (camera.fy / height).ln(), 0.0),
+            },
         }
     }
 
-    /// Makes the camera of this view for pictures of `width` by `height` pixels.
-    pub(super) fn camera(&self, width: u32, height: u32) -> Camera {
+    /// Makes the camera of this view with a projection, for pictures of the size of another camera's.
+    pub(super) fn camera(&self, sized: &Camera, projection: Projection) -> Camera {
+        let (width, height) = (sized.width, sized.height);
         let focal = |zoom: f64| zoom.exp() * f64::from(height);
         Camera {
             id: 0,
@@ -62,7 +66,7 @@ impl View {
             rotation: DMat3::from_quat(self.rotation).transpose().to_cols_array_2d(),
             fx: focal(self.zoom.x),
             fy: focal(self.zoom.y),
-            projection: Projection::Pinhole,
+            projection,
         }
     }
 

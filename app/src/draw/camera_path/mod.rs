@@ -5,14 +5,16 @@
 //! zoom, so that a rotation in place also takes time. [`Playback`] is the state of a player.
 //!
 //! Keys are in the world's coordinates, and a path is saved as a `cameras.json` of its keys. Consecutive equal keys
-//! count as one. Between opposite rotations, the path takes one of the two shortest ways, the same in every run.
+//! count as one. The path has the projection that all keys share; between keys with several projections, which a
+//! viewer may record, the cameras are pinholes. Between opposite rotations, the path takes one of the two shortest ways, the same in every run.
 
 mod curve;
 #[cfg(test)]
 mod tests;
 
+use crate::draw::projection::{self, MixedProjections};
 use curve::{Curve, View};
-use splatgraph_assets::{Camera, Scene};
+use splatgraph_assets::{Camera, Projection, Scene};
 use std::ops::RangeInclusive;
 
 /// Range of a path's duration, in seconds.
@@ -23,12 +25,18 @@ pub const DEFAULT_SECONDS: f64 = 10.0;
 
 /// Error about a camera that cannot be a key.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("expected a sound camera as key {index}: {fault}")]
-pub struct KeyError {
-    /// Index of the key in the list.
-    pub index: usize,
-    /// Reason why the camera is unusable; see [`Camera::fault`].
-    pub fault: String,
+pub enum KeyError {
+    /// The camera is unusable.
+    #[error("expected a sound camera as key {index}: {fault}")]
+    Unsound {
+        /// Index of the key in the list.
+        index: usize,
+        /// Reason why the camera is unusable; see [`Camera::fault`].
+        fault: String,
+    },
+    /// The cameras of a file have several projections.
+    #[error("a path needs one lens: {0}")]
+    Mixed(#[from] MixedProjections),
 }
 
 /// A smooth path of a camera; see the module's documentation.
@@ -38,6 +46,7 @@ pub struct CameraPath {
     closed: bool,
     seconds: f64,
     radian: f64,
+    projection: Projection,
     curve: Curve,
 }
 
@@ -52,6 +61,7 @@ impl CameraPath {
             closed: false,
             seconds: DEFAULT_SECONDS,
             radian: 1.0,
+            projection: Projection::Pinhole,
             curve: Curve::default(),
         };
         path.set_radian(radian);
@@ -66,9 +76,10 @@ impl CameraPath {
     /// Replaces all keys.
     ///
     /// # Errors
-    /// A camera is unusable; see [`Camera::fault`]. The previous keys stay.
+    /// A camera is unusable (see [`Camera::fault`]), or the cameras have several projections. The previous keys stay.
     pub fn set_keys(&mut self, keys: Vec<Camera>) -> Result<(), KeyError> {
         keys.iter().enumerate().try_for_each(|(index, key)| check(index, key))?;
+        projection::shared(&keys)?;
         self.keys = keys;
         self.update();
         Ok(())
@@ -153,7 +164,7 @@ impl CameraPath {
             false => part.clamp(0.0, 1.0),
         };
         let view = self.curve.at(part * self.curve.length());
-        Some(view.map_or_else(|| first.clone(), |view| view.camera(first.width, first.height)))
+        Some(view.map_or_else(|| first.clone(), |view| view.camera(first, self.projection)))
     }
 
     /// Computes the camera of frame `frame` out of `count` frames at equal steps of time; `None` without keys.
@@ -166,12 +177,13 @@ impl CameraPath {
 
     fn update(&mut self) {
         let views: Vec<View> = self.keys.iter().map(View::of).collect();
+        self.projection = projection::shared(&self.keys).unwrap_or_default();
         self.curve = Curve::new(&views, self.closed, self.radian);
     }
 }
 
 fn check(index: usize, key: &Camera) -> Result<(), KeyError> {
-    key.fault().map_or(Ok(()), |fault| Err(KeyError { index, fault }))
+    key.fault().map_or(Ok(()), |fault| Err(KeyError::Unsound { index, fault }))
 }
 
 /// Computes a `radian` for [`CameraPath::new`] that suits a scene: half the extent of its robust box, in world units.

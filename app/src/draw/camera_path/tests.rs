@@ -314,6 +314,51 @@ fn the_zoom_is_the_keys_own_also_for_pictures_of_several_sizes() {
 }
 
 #[test]
+fn the_lens_is_the_one_that_all_keys_share() {
+    let with = |projection| {
+        let each = |key: Camera| Camera { projection, ..key };
+        keys().into_iter().map(each).collect::<Vec<_>>()
+    };
+    let pinholes = path(keys(), true);
+    for projection in Projection::ALL {
+        let path = path(with(projection), true);
+        for step in 0..20 {
+            let camera = path.at(f64::from(step) / 2.0).unwrap();
+            assert_eq!(camera.projection, projection);
+            assert_sound(&camera, projection.name());
+            if projection != Projection::Equirectangular {
+                let pinhole = pinholes.at(f64::from(step) / 2.0).unwrap();
+                assert_eq!(Camera { projection: Projection::Pinhole, ..camera }, pinhole);
+            }
+        }
+    }
+    let mut mixed = with(Projection::Fisheye);
+    mixed[3].projection = Projection::Orthographic;
+    mixed[3].img_name = "plan".into();
+    let mut path = path(keys(), false);
+    let error = path.set_keys(mixed).unwrap_err().to_string();
+    let text = "a path needs one lens: expected cameras of one projection, found camera 0 (fisheye) and plan (orthographic)";
+    assert_eq!((error.as_str(), path.keys()), (text, &keys()[..]));
+    // A viewer records a file's camera beside its own.
+    path.insert(9, with(Projection::Fisheye).remove(2)).unwrap();
+    assert_eq!(path.at(5.0).unwrap().projection, Projection::Pinhole);
+}
+
+#[test]
+fn the_focal_length_of_a_panorama_takes_no_time() {
+    let at = |x: f64, focal: f64| Camera {
+        projection: Projection::Equirectangular,
+        ..key([x, 0.0, 0.0], [0.0; 3], focal)
+    };
+    let path = path(vec![at(0.0, 1.0), at(2.0, 500.0), at(4.0, 1.0)], false);
+    assert!((path.key_seconds()[1] - 5.0).abs() < 1e-3, "{:?}", path.key_seconds());
+    assert!(
+        distance(&path.at(2.5).unwrap(), &Camera { position: [1.0, 0.0, 0.0], ..path.at(2.5).unwrap() })
+            < 1e-3
+    );
+}
+
+#[test]
 fn a_played_path_runs_by_the_seconds_of_frames_and_an_open_one_ends() {
     let path = path(keys(), false);
     let mut play = Playback::default();
