@@ -1,4 +1,4 @@
-//! Finds plans whose frames may differ for equal inputs: plans that keep a history, or read the frame number.
+//! Detects plans whose frames may differ for equal inputs: plans with a history, or that read the frame number.
 
 use crate::draw::camera::{CAMERA, FRAME_NUMBER};
 use splatgraph_framework::ir::{Pass, ReflectedKind, Shader, Source, Work};
@@ -50,7 +50,7 @@ mod tests {
         plan.unwrap_or_else(|errors| panic!("{}", errors.text(false)))
     }
 
-    /// Returns the answer for a pass that computes a number from the block.
+    /// Returns [`is_animated`] for a graph with a shader that computes `expression`, which may read `Camera`.
     fn of(expression: &str) -> bool {
         let folder = tempfile::tempdir().expect("a folder");
         let shader = format!(

@@ -10,14 +10,14 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// The user's saved views. A view's unique name is its camera's `img_name`.
+/// The user's saved views. A view's name is its camera's `img_name`, and is unique.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Views {
     list: Vec<Camera>,
 }
 
 impl Views {
-    /// Returns the views, in the world's coordinates.
+    /// Returns the saved views, in the world's coordinates.
     pub fn list(&self) -> &[Camera] {
         &self.list
     }
@@ -37,14 +37,14 @@ impl Views {
         }
     }
 
-    /// Removes the view at this index, if it exists.
+    /// Removes the view at this index, if there is one.
     pub fn remove(&mut self, index: usize) {
         if index < self.list.len() {
             self.list.remove(index);
         }
     }
 
-    /// Makes a name that no view has, except the one at `own`.
+    /// Makes a name that no view other than `own` has.
     fn free_name(&self, name: &str, own: Option<usize>) -> String {
         let name = Some(name.trim()).filter(|name| !name.is_empty()).unwrap_or("view");
         let taken = |name: &str| {
@@ -61,13 +61,13 @@ impl Views {
     }
 }
 
-/// An error while writing a file of cameras.
+/// An error of [`CameraFiles::save`].
 #[derive(Debug, thiserror::Error)]
 pub enum SaveError {
     /// The list of cameras is empty.
     #[error("expected at least one camera to save, found none")]
     Empty,
-    /// The file's extension is not that of a cameras file.
+    /// The file's extension is not `.json`.
     #[error("expected a file name with the extension .json, found {}", .0.display())]
     Extension(PathBuf),
     /// The file exists, and this window did not write it.
@@ -78,10 +78,10 @@ pub enum SaveError {
     Output(#[from] OutputError),
 }
 
-/// The window's writer of camera files; it overwrites only files that it wrote itself.
+/// Writes camera files; overwrites only files that this window wrote itself.
 #[derive(Clone, Debug, Default)]
 pub struct CameraFiles {
-    /// Text of each file that was written, by absolute path.
+    /// Text of each file that this window wrote, by absolute path.
     written: BTreeMap<PathBuf, String>,
 }
 
@@ -103,7 +103,7 @@ impl CameraFiles {
             Err(error) if error.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(failed(error).into()),
             Ok(found) => {
-                // Another program may have replaced it in the meantime.
+                // Another program may have replaced the file since this window wrote it.
                 let own = |text: &String| {
                     found.is_file()
                         && found.len() == text.len() as u64
@@ -174,7 +174,7 @@ mod tests {
         files.save(&[camera(1.0)], &at("own.json")).unwrap();
         files.save(&[camera(2.0)], &at("own.json")).unwrap();
         assert_eq!(Camera::load(at("own.json")).unwrap(), [camera(2.0)]);
-        // Another program replaced it, by a text of the same length, too.
+        // Another program replaces the file with a text of the same length.
         let text = fs::read_to_string(at("own.json")).unwrap().replace("64", "65");
         fs::write(at("own.json"), &text).unwrap();
         fs::write(at("other.json"), "mine").unwrap();
@@ -192,7 +192,7 @@ mod tests {
         }
         assert_eq!(fs::read_to_string(at("own.json")).unwrap(), text);
         assert_eq!(fs::read_to_string(at("other.json")).unwrap(), "mine");
-        // One that was removed is new again.
+        // A removed file can be written again.
         fs::remove_file(at("own.json")).unwrap();
         files.save(&[camera(4.0)], &at("own.json")).unwrap();
     }

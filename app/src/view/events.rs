@@ -5,7 +5,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
 
-/// The renderer that an event is about.
+/// Renderer that an event concerns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RendererId {
@@ -27,56 +27,56 @@ impl fmt::Display for RendererId {
     }
 }
 
-/// An event in the viewer, for the log and for `--events`.
+/// An event in the viewer, for the log in the window and for `--events`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
     /// A new plan replaced the previous one; see [`Swap`].
     Swapped {
-        /// Renderer of the plan.
+        /// Renderer whose plan was replaced.
         renderer: RendererId,
-        /// The plan and the times of its build.
+        /// Reason for the new plan and the times of its build.
         #[serde(flatten)]
         swap: Swap,
     },
     /// A plan could not be built; the previous one stays.
     Failed {
-        /// Renderer of the plan.
+        /// Renderer whose build failed.
         renderer: RendererId,
-        /// The errors, without colours.
+        /// Error messages, without colours.
         text: String,
     },
-    /// After a failure, a plan was built or a frame drawn again.
+    /// A plan was built, or a frame drawn, for the first time after a failure.
     Mended {
-        /// Renderer of the plan.
+        /// Renderer that works again.
         renderer: RendererId,
     },
     /// Parameters were dropped because the new graph does not have them.
     Dropped {
-        /// Renderer of the graph.
+        /// Renderer with the new graph.
         renderer: RendererId,
-        /// Names of the parameters.
+        /// Names of the dropped parameters.
         parameters: Vec<String>,
     },
     /// A scene was loaded.
     Scene {
-        /// File of the scene.
+        /// Path of the scene.
         path: PathBuf,
-        /// Number of splats.
+        /// Number of splats in the scene.
         splats: u32,
         /// Loading time, in milliseconds.
         load_ms: f64,
     },
     /// A scene could not be loaded; the previous one stays.
     SceneFailed {
-        /// File of the scene.
+        /// Path of the scene.
         path: PathBuf,
         /// Cause of the failure.
         error: String,
     },
     /// Cameras were loaded.
     Cameras {
-        /// File of the cameras.
+        /// Path of the cameras.
         path: PathBuf,
         /// Number of cameras.
         count: usize,
@@ -100,40 +100,40 @@ pub enum Event {
     },
     /// Splats were selected or hidden.
     Marked {
-        /// Number of selected splats.
+        /// Number of selected splats after the change.
         selected: u32,
-        /// Number of hidden splats.
+        /// Number of hidden splats after the change.
         hidden: u32,
     },
     /// Splats were written to a file.
     Exported {
         /// Path of the written file.
         path: PathBuf,
-        /// Number of splats.
+        /// Number of splats in the file.
         splats: u32,
         /// Size of the file, in bytes.
         bytes: u64,
         /// Properties of the scene that the file lacks.
         lost: Vec<String>,
     },
-    /// The device, or its window, was lost. Everything on it is gone; the scene stays in host memory.
+    /// The device or its window surface was lost, with everything on the device. The scene stays in host memory.
     DeviceLost {
         /// Error of the device.
         error: String,
     },
-    /// A device was opened to replace the lost one.
+    /// A device was opened as a replacement for the lost one.
     DeviceOpened {
         /// Name of the device.
         name: String,
         /// Number of attempts until the device was opened.
         attempts: u32,
     },
-    /// A request that cannot be fulfilled; everything else continues.
+    /// A request could not be fulfilled; the viewer continues unchanged.
     Problem {
-        /// Description of the problem.
+        /// Error message, with its context.
         text: String,
     },
-    /// The device has been running one pass for more than a second; pictures are delayed until it is done.
+    /// The device has been running one pass for more than a second; pictures are delayed until the pass ends.
     Slow {
         /// Name of the pass, with its plan.
         place: String,
@@ -144,7 +144,7 @@ pub enum Event {
         psnr: f64,
         /// SSIM; `None` for pictures smaller than its window.
         ssim: Option<f64>,
-        /// Largest difference of a colour channel; 1 is white.
+        /// Largest difference in a colour channel, from 0 to 1.
         worst: f64,
     },
     /// The window's content has a new size or scale.
@@ -176,15 +176,15 @@ pub enum Event {
     },
     /// The window shows a frame.
     Frame {
-        /// Number of the frame, from 1.
+        /// Number of the frame in this session, from 1.
         number: u64,
-        /// True while something is being built, loaded or compared; the frame then shows the previous state.
+        /// True while something is being built, loaded or compared; the frame may then show the previous state.
         busy: bool,
     },
 }
 
 impl Event {
-    /// Converts an event of a renderer to an event of the viewer.
+    /// Converts a renderer's event to a viewer's event.
     pub fn of(renderer: RendererId, event: RendererEvent) -> Event {
         match event {
             RendererEvent::Swapped(swap) => Event::Swapped { renderer, swap },
@@ -194,7 +194,7 @@ impl Event {
         }
     }
 
-    /// Returns true for events that appear in the window's log.
+    /// Returns true if the event appears in the window's log; other events only go to `--events`.
     pub fn is_for_people(&self) -> bool {
         use Event::{Control, ControlGone, Frame, Window};
         !matches!(self, Window { .. } | Control { .. } | ControlGone { .. } | Frame { .. })
@@ -224,7 +224,7 @@ impl fmt::Display for Event {
                 write!(f, "{}: {splats} splats in {load_ms:.0} ms", path.display())
             }
             Event::SceneFailed { path, error } | Event::FileFailed { path, error } => {
-                // Most errors begin with the file's name.
+                // Most error messages already begin with the file's name.
                 let name = path.display().to_string();
                 if error.contains(&name) { f.write_str(error) } else { write!(f, "{name}: {error}") }
             }

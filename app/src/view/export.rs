@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A file that was written.
+/// Summary of a file that was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
     /// Number of splats.
@@ -25,21 +25,21 @@ pub struct Written {
     pub lost: Vec<String>,
 }
 
-/// Writer of files on another thread.
+/// Writer that runs on another thread.
 pub struct Exporter {
     work: Latest<Result<Written, String>>,
     path: PathBuf,
-    /// Progress of the file, in percent; 0 if unknown.
+    /// Progress of the write, in percent; 0 if unknown.
     percent: Arc<AtomicU64>,
 }
 
 impl Exporter {
-    /// Creates an idle exporter. `wake` is called when a file is written.
+    /// Creates an idle exporter. It calls `wake` when a file is written or has failed.
     pub fn new(wake: Wake) -> Exporter {
         Exporter { work: Latest::new("write", wake), path: PathBuf::new(), percent: Arc::default() }
     }
 
-    /// Starts to write the splats of a scene to a new file.
+    /// Starts to write `splats` of a scene to a new file.
     ///
     /// # Errors
     /// Another file is being written, there is no splat, the file exists or cannot be created, its extension is
@@ -93,7 +93,7 @@ impl Exporter {
         self.busy().then(|| format!("writing {}{percent}", self.path.display()))
     }
 
-    /// Takes the result of a file.
+    /// Takes the result of the finished write; `None` while it runs, or without one.
     pub fn take(&mut self) -> Option<(PathBuf, Result<Written, String>)> {
         if !self.busy() {
             return None;
@@ -114,7 +114,7 @@ impl Drop for Exporter {
     }
 }
 
-/// Returns true if a file of this name lists indices.
+/// Returns true if the extension selects a list of indices.
 fn is_list(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
 }

@@ -2,8 +2,8 @@
 //!
 //! Every finished frame adds a `Sample` with the plan that it was measured with. The newest [`WINDOW`] are kept across
 //! changes of the plan, so that the plot shows the effect of a change. The table covers the frames of the newest
-//! measured plan, without prologues. It takes its names from that plan, since the plan on the screen may already be
-//! another.
+//! measured plan, without prologues. Its names come from that plan, since the plan on the screen may already be a newer
+//! one.
 
 use crate::draw::stats::quantile;
 use splatgraph_api::FrameResult;
@@ -24,7 +24,7 @@ struct Sample {
     prologue: bool,
     total_ms: Option<f64>,
     record_ms: f64,
-    /// Milliseconds per phase, in order of execution, without passes of the prologue.
+    /// Milliseconds per phase, in order of execution, excluding passes of the prologue.
     phases: Vec<(String, Option<f64>)>,
     passes: Vec<(PassId, Option<f64>)>,
 }
@@ -34,7 +34,7 @@ struct Sample {
 pub struct Quantiles {
     /// Median, in milliseconds.
     pub median: f64,
-    /// The 99th percentile; with fewer than a hundred frames, the maximum.
+    /// The 99th percentile; with fewer than 100 frames, the maximum.
     pub p99: f64,
 }
 
@@ -48,11 +48,11 @@ impl Quantiles {
 /// A row of the table: a phase, or one of its passes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// Name of the pass or the phase.
+    /// Name of the phase or of the pass.
     pub name: String,
-    /// Phase of a pass; `None` for a phase.
+    /// Phase that a pass belongs to; `None` if the row is a phase.
     pub phase: Option<String>,
-    /// Milliseconds; `None` if the device has no timestamps.
+    /// Times over the covered frames; `None` if the device has no timestamps.
     pub ms: Option<Quantiles>,
 }
 
@@ -103,7 +103,7 @@ impl History {
         });
     }
 
-    /// Returns the number of frames so far, including frames no longer recorded.
+    /// Returns the number of frames so far, including frames that are no longer recorded.
     pub fn frames(&self) -> u64 {
         self.frames
     }
@@ -118,28 +118,28 @@ impl History {
         self.plan().is_some_and(|measured| Arc::ptr_eq(measured, plan))
     }
 
-    /// Returns the number of frames that the table covers.
+    /// Returns the number of frames that the table covers; see [`History::table`].
     pub fn steady_frames(&self) -> usize {
         self.steady().count()
     }
 
-    /// Computes the milliseconds from a frame's first command to its last.
+    /// Computes the quantiles of GPU time from a frame's first command to its last; `None` without timestamps.
     pub fn total(&self) -> Option<Quantiles> {
         Quantiles::of(&mut self.steady().filter_map(|s| s.total_ms).collect::<Vec<_>>())
     }
 
     /// Lists the GPU times of the newest `count` frames, in milliseconds, oldest first, across all plans.
     ///
-    /// Frames without a time are left out.
+    /// Frames without a measured time are left out.
     pub fn recent(&self, count: usize) -> Vec<f64> {
         let skipped = self.samples.len().saturating_sub(count);
         self.samples.iter().skip(skipped).filter_map(|sample| sample.total_ms).collect()
     }
 
-    /// Computes the median time of a frame outside of its passes, in milliseconds.
+    /// Computes the median GPU time of a frame outside its passes, in milliseconds; `None` without timestamps.
     ///
-    /// CPU drivers write the timestamps of compute passes only when the whole submission ends: nearly the whole frame
-    /// is then outside of its passes.
+    /// CPU drivers write the timestamps of compute passes only when the whole submission ends; then nearly the whole
+    /// frame is unattributed.
     pub fn unattributed(&self) -> Option<f64> {
         let rest = |sample: &Sample| {
             let passes: Option<f64> = sample.phases.iter().map(|(_, ms)| *ms).sum();
@@ -150,7 +150,7 @@ impl History {
         quantile(&rests, 0.5)
     }
 
-    /// Returns true if passes account for less than half of a frame, so that their times are unreliable.
+    /// Returns true if passes account for less than half of the frame time, so that their times are unreliable.
     pub fn is_mostly_unattributed(&self) -> bool {
         match (self.unattributed(), self.total()) {
             (Some(rest), Some(total)) => rest > 0.5 * total.median,
@@ -158,12 +158,12 @@ impl History {
         }
     }
 
-    /// Computes the host time to record and submit a frame, in milliseconds.
+    /// Computes the quantiles of host time to record and submit a frame; `None` without frames.
     pub fn record(&self) -> Option<Quantiles> {
         Quantiles::of(&mut self.steady().map(|s| s.record_ms).collect::<Vec<_>>())
     }
 
-    /// Lists the phases, each with its passes, in the order of their first run.
+    /// Lists the phases, each followed by its passes, in the order of their first run.
     pub fn table(&self) -> Vec<Row> {
         let Some(last) = self.steady().last() else { return Vec::new() };
         let mut rows = Vec::new();
@@ -177,7 +177,7 @@ impl History {
                 if pass.phase != *phase || pass.run == Run::Once {
                     continue;
                 }
-                // Frames of one plan run the same passes.
+                // All frames of a plan run the same passes.
                 let of_pass =
                     |s: &Sample| s.passes.get(index).filter(|(i, _)| *i == id).and_then(|(_, ms)| *ms);
                 let ms = Quantiles::of(&mut self.steady().filter_map(of_pass).collect::<Vec<_>>());
@@ -208,7 +208,7 @@ impl History {
         pairs.filter(|(a, b)| !Arc::ptr_eq(&a.plan, &b.plan)).map(|(_, b)| b.number as f64).collect()
     }
 
-    /// Computes the median milliseconds per pass of `plan`, by name; empty before its first frame.
+    /// Computes the median milliseconds per pass of `plan`, by name; empty if the newest frame is from another plan.
     pub fn medians(&self, plan: &Arc<Plan>) -> Vec<(String, f64)> {
         if !self.is_of(plan) {
             return Vec::new();
@@ -217,7 +217,7 @@ impl History {
         passes.filter_map(|row| Some((row.name, row.ms?.median))).collect()
     }
 
-    /// Iterates over the frames of the newest recorded plan, without those that ran the prologue.
+    /// Iterates over the frames of the newest recorded plan, except frames that ran the prologue.
     fn steady(&self) -> impl DoubleEndedIterator<Item = &Sample> {
         let newest = self.plan();
         self.samples.iter().filter(move |sample| {
@@ -226,7 +226,7 @@ impl History {
     }
 }
 
-/// Groups points into a line per name, in the order of first appearance.
+/// Groups values by name into one line each, in the order of first appearance.
 fn collect<'a>(
     samples: impl IntoIterator<Item = &'a Sample>,
     named: impl Fn(&Sample) -> Vec<(String, Option<f64>)>,
@@ -250,7 +250,7 @@ mod tests {
     use super::*;
     use crate::view::tests;
 
-    /// Makes a frame of the test plan with these times.
+    /// Makes a frame whose passes took these times, in milliseconds.
     fn frame(times: &[f64]) -> FrameResult {
         FrameResult {
             pass_ms: times.iter().enumerate().map(|(i, ms)| (PassId(i as u32), Some(*ms))).collect(),
@@ -299,7 +299,7 @@ mod tests {
         let short = tests::plan(&[("x", "draw")]);
         let mut history = History::default();
         history.push(&long, &frame(&[1.0, 2.0, 3.0]));
-        // The plan on the screen is the short one already; no frame of it is finished.
+        // The short plan is already on the screen, but none of its frames is finished.
         let names: Vec<String> = history.table().into_iter().map(|row| row.name).collect();
         assert_eq!(names, ["sort", "a", "b", "draw", "c"]);
         assert_eq!(history.pass_series("sort").len(), 2);

@@ -12,7 +12,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// Version of the format; files of other versions are not read.
+/// Version of the file format; files of other versions are not read.
 const VERSION: u32 = 1;
 
 #[derive(Serialize, Deserialize)]
@@ -23,7 +23,7 @@ struct Kept {
     arrangement: Arrangement,
 }
 
-/// Returns the file's path; `None` if the system defines no folder for application state.
+/// Returns the path of the state file; `None` if the system defines no folder for application state.
 pub fn path() -> Option<PathBuf> {
     Some(folders::state()?.join("splatgraph/window.json"))
 }
@@ -31,7 +31,7 @@ pub fn path() -> Option<PathBuf> {
 /// Restores the panels; returns the theme, or `None` if there is no file.
 ///
 /// # Errors
-/// The file exists and cannot be used; the panels are then unchanged.
+/// The file exists but cannot be used; the panels are then unchanged.
 pub fn restore(path: &Path, panels: &mut Panels) -> Result<Option<Theme>, String> {
     let text = match fs::read_to_string(path) {
         Ok(text) => text,
@@ -48,7 +48,7 @@ pub fn restore(path: &Path, panels: &mut Panels) -> Result<Option<Theme>, String
     Ok(Some(if kept.light { Theme::Light } else { Theme::Dark }))
 }
 
-/// Writes the file, unless its content would not change.
+/// Writes the state file, unless its content would not change.
 ///
 /// # Errors
 /// The file cannot be written; the previous one stays.

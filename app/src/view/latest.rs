@@ -1,7 +1,7 @@
-//! Runs work on another thread. A new request cancels the last.
+//! Runs work on another thread. A new request cancels the previous one.
 //!
-//! A search can thus follow the pointer, and a scene the user's selection. Work of one worker never overlaps: two copies
-//! of a scene may not fit in memory. Work that was cancelled while it waited is skipped.
+//! A search can thus follow the pointer, or a scene the user's selection. Two requests of one worker never run at once,
+//! because two copies of a scene may not fit in memory. A request cancelled while it waits for its turn is skipped.
 
 use super::renderer::Wake;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,19 +25,19 @@ pub struct Latest<T> {
     /// Name of the thread.
     name: &'static str,
     request: Option<Request<T>>,
-    /// Locked while work runs.
+    /// Held while work runs, so that requests run one at a time.
     turn: Arc<Mutex<()>>,
     wake: Wake,
 }
 
 impl<T: Send + 'static> Latest<T> {
-    /// Creates an idle worker. `wake` is called when a result is there; `name` is the thread's.
+    /// Creates an idle worker. `name` names its threads; `wake` is called when a result is ready.
     pub fn new(name: &'static str, wake: Wake) -> Latest<T> {
         Latest { name, request: None, turn: Arc::default(), wake }
     }
 
-    /// Starts `work`, and cancels the previous request. The work gets a function that returns true once it is
-    /// cancelled; it returns `None` if it has no result.
+    /// Starts `work`, and cancels the previous request. Its argument returns true once the request is cancelled. `work`
+    /// returns `None` if it has no result.
     ///
     /// # Errors
     /// The system cannot start a thread.
@@ -50,11 +50,11 @@ impl<T: Send + 'static> Latest<T> {
         let request = Request { result, cancelled: Arc::default() };
         let (cancelled, turn, wake) = (request.cancelled.clone(), self.turn.clone(), self.wake.clone());
         let work = move || {
-            // Work that panicked leaves nothing behind.
+            // The mutex guards no data, so a panic in earlier work leaves nothing inconsistent.
             let _turn = turn.lock().unwrap_or_else(PoisonError::into_inner);
             let is_cancelled = || cancelled.load(Ordering::Relaxed);
             let result = if is_cancelled() { None } else { work(&is_cancelled) };
-            // Nobody receives the result of work that was cancelled at the last moment.
+            // If the request was cancelled just now, its receiver is gone and the send fails.
             if result.is_some_and(|result| done.send(result).is_ok()) {
                 wake();
             }
@@ -75,7 +75,7 @@ impl<T: Send + 'static> Latest<T> {
         self.request.is_some()
     }
 
-    /// Takes the result of the newest request, once it is there.
+    /// Takes the result of the newest request; `None` while it runs, or if it has none.
     pub fn take(&mut self) -> Option<T> {
         let result = self.request.as_ref()?.result.try_recv();
         if !matches!(result, Err(TryRecvError::Empty)) {
@@ -119,7 +119,7 @@ mod tests {
         for number in 0..30 {
             let ends = ends.clone();
             let work = move |cancelled: &(dyn Fn() -> bool + Sync)| {
-                // All but the last go on until the next request cancels them.
+                // All requests but the last run until the next one cancels them.
                 while number < 29 && !cancelled() {
                     std::thread::sleep(Duration::from_millis(1));
                 }

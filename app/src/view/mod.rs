@@ -4,7 +4,7 @@
 //!
 //! - [`renderer`]: a device with a graph, whose plan is rebuilt in the background when files, parameters or inputs
 //!   change;
-//! - [`opening`]: reading of scenes and cameras on other threads;
+//! - [`opening`]: scenes and cameras that are read on other threads;
 //! - [`animation`]: plans that are drawn even if no input changes;
 //! - [`latest`]: work on another thread; a new request cancels the last;
 //! - [`export`]: scenes that are written on another thread;
@@ -12,7 +12,7 @@
 //! - [`viewport`]: a renderer of the scene with its frame times ([`history`]) and its inspection;
 //! - [`viewer`]: the scene, the camera ([`navigation`]), and one or two viewports;
 //! - [`undo`]: the steps that can be undone;
-//! - [`wheel`]: a mouse's wheel, or two fingers on a touchpad;
+//! - [`wheel`]: the difference between a mouse's wheel and two fingers on a touchpad;
 //! - [`panels`]: the user interface around the pictures;
 //! - [`paint`] and [`shell`]: the graph of the window itself, which draws the pictures and the user interface over
 //!   them;

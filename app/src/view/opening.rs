@@ -1,7 +1,7 @@
 //! Reads scenes and cameras on other threads. The last request of each kind wins.
 //!
-//! A request cancels the previous one, so that a slow file never replaces one that was opened later. A load is
-//! cancelled at its next report of progress; until then its thread continues, and its result is dropped.
+//! A request cancels the previous one of its kind, so that a slow file never replaces one that was opened later. A
+//! cancelled load ends at its next report of progress, and its result is dropped.
 
 use super::events::RendererId;
 use super::renderer::Wake;
@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Instant;
 
-/// A file that was read, or failed to be read.
+/// The result of reading a file.
 pub struct Opened {
     /// Path of the file.
     pub path: PathBuf,
@@ -25,13 +25,13 @@ pub struct Opened {
     pub load_ms: f64,
     /// Sequence number of the request, from 1.
     pub number: u64,
-    /// Content of the file, or the error.
+    /// Content of the file, or the error of reading it.
     pub content: Content,
 }
 
 /// The content of a file.
 pub enum Content {
-    /// A scene for a viewport, and the cameras that belong to it, with their file.
+    /// A scene for a viewport; and the cameras found beside it, with the path of their file.
     Scene(RendererId, Result<Box<Scene>, String>, Option<(PathBuf, Result<Vec<Camera>, String>)>),
     /// Cameras, in the world's coordinates.
     Cameras(CameraRole, Result<Vec<Camera>, String>),
@@ -48,7 +48,7 @@ pub enum CameraRole {
     Path,
 }
 
-/// A file that is being read. Dropping the request cancels it.
+/// A file that is being read. Dropping it cancels the read.
 struct Request {
     number: u64,
     path: PathBuf,
@@ -61,7 +61,7 @@ impl Drop for Request {
     }
 }
 
-/// The reader of files on other threads, with its current requests.
+/// Reader of files on other threads, with its requests in progress.
 pub struct Opening {
     next: u64,
     /// Requests for the scenes of A and B.
@@ -73,7 +73,7 @@ pub struct Opening {
 }
 
 impl Opening {
-    /// Creates a reader that calls `wake` when a file has been read.
+    /// Creates a reader that calls `wake` whenever a file has been read or has failed.
     pub fn new(wake: Wake) -> Opening {
         Opening {
             next: 1,
@@ -84,7 +84,7 @@ impl Opening {
         }
     }
 
-    /// Returns the scene that is being read for a viewport.
+    /// Returns the path of the scene that is being read for a viewport.
     pub fn scene(&self, id: RendererId) -> Option<&Path> {
         self.scenes[index(id)].as_ref().map(|request| request.path.as_path())
     }
@@ -94,7 +94,7 @@ impl Opening {
         self.scenes.iter().chain(&self.cameras).any(Option::is_some)
     }
 
-    /// Cancels the scene that is being read for a viewport.
+    /// Cancels reading of a viewport's scene.
     pub fn cancel_scene(&mut self, id: RendererId) {
         self.scenes[index(id)] = None;
     }
@@ -113,7 +113,7 @@ impl Opening {
             };
             let scene = load::scene(path, &progress).map(Box::new).map_err(|error| error.to_string());
             if let Ok(scene) = &scene {
-                // Computed here, off the frame's thread, and cached.
+                // Computed here rather than on the frame's thread; the scene caches it.
                 scene.identity();
             }
             let cameras = scene.as_ref().ok().and_then(|_| camera::beside(path));
@@ -135,7 +135,7 @@ impl Opening {
         Ok(())
     }
 
-    /// Restarts each scene that is being read, for the other viewport.
+    /// Restarts each scene that is being read, for the other viewport: A and B were exchanged.
     ///
     /// # Errors
     /// The system cannot start a thread.
@@ -151,7 +151,7 @@ impl Opening {
         Ok(())
     }
 
-    /// Takes the next file that has been read; `None` if there is none. Results of cancelled requests are dropped.
+    /// Takes the next result; `None` if there is none. Results of cancelled requests are dropped.
     pub fn take(&mut self) -> Option<Opened> {
         loop {
             let opened = self.finished.1.try_recv().ok()?;
@@ -164,7 +164,7 @@ impl Opening {
         }
     }
 
-    /// Reads a file on another thread. If reading panics, `failed` converts the message to the content.
+    /// Reads a file on another thread. If `read` panics, `failed` converts the panic's message to content.
     fn start(
         &mut self,
         path: &Path,
@@ -177,7 +177,7 @@ impl Opening {
         let (path, done, wake) = (path.to_owned(), self.finished.0.clone(), self.wake.clone());
         let work = move || {
             let begun = Instant::now();
-            // A panic is a defect of this program, and no reason to end it.
+            // A panic is a bug in the reader, but must not end the program.
             let content = catch_unwind(AssertUnwindSafe(|| read(&path, &cancelled)));
             if cancelled.load(Ordering::Relaxed) {
                 return;
@@ -185,7 +185,7 @@ impl Opening {
             let content =
                 content.unwrap_or_else(|payload| failed(format!("internal error: {}", message(&*payload))));
             let load_ms = begun.elapsed().as_secs_f64() * 1e3;
-            // The viewer may be closed by now.
+            // If the viewer was closed meanwhile, nobody receives the result.
             let _ = done.send(Opened { path, load_ms, number, content });
             wake();
         };
@@ -194,7 +194,7 @@ impl Opening {
     }
 }
 
-/// Returns the index of a viewport's scene. The window has no scene, and counts as A.
+/// Returns the index of a viewport's scene. The window has no scene, so it maps to A.
 pub(super) fn index(id: RendererId) -> usize {
     usize::from(id == RendererId::B)
 }
@@ -243,7 +243,7 @@ mod tests {
         assert_eq!(opened.path, fast);
         assert!(matches!(opened.content, Content::Scene(_, Ok(scene), None) if scene.count() == 100));
         assert!(!opening.busy());
-        // Nor does the slow one come later.
+        // The slow scene does not arrive later either.
         std::thread::sleep(Duration::from_millis(300));
         assert!(opening.take().is_none());
     }
@@ -265,7 +265,7 @@ mod tests {
                 panic!("{} is a scene", path.display());
             };
             assert!(error.contains(expected), "{error}");
-            // A folder can hold cameras.
+            // A folder is searched for cameras before it is rejected.
             let expected = if path.is_dir() { "found none of them" } else { expected };
             opening.open_cameras(CameraRole::Selectable, &path).unwrap();
             let Content::Cameras(CameraRole::Selectable, Err(error)) = waited(&mut opening).content else {

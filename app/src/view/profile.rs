@@ -27,7 +27,7 @@ pub fn start() {
     capture::start();
 }
 
-/// Marks the end of a frame in Tracy.
+/// Marks the end of a frame in Tracy; does nothing without it.
 pub fn frame() {
     #[cfg(feature = "tracy")]
     if let Some(client) = tracy_client::Client::running() {
@@ -35,7 +35,7 @@ pub fn frame() {
     }
 }
 
-/// Name of the tool that captures a frame of the window on request; `None` without one.
+/// Name of the tool that captures a frame of the window on request; `None` if none is compiled in.
 pub const CAPTURES: Option<&str> = if cfg!(feature = "renderdoc") {
     Some("RenderDoc")
 } else if cfg!(target_vendor = "apple") {
@@ -72,7 +72,7 @@ pub struct GpuTrack {
 }
 
 impl GpuTrack {
-    /// Adds the passes of a finished frame. `name` is the renderer's.
+    /// Adds the passes of a finished frame. `name` is the track's, used on the first call.
     pub fn push(&mut self, name: &str, plan: &Plan, result: &FrameResult) {
         #[cfg(feature = "tracy")]
         if let Some(client) = tracy_client::Client::running() {
@@ -89,11 +89,11 @@ mod tracy {
     use std::time::Instant;
     use tracy_client::{Client, GpuContext, GpuContextType};
 
-    /// A GPU context whose clock is the host's, in nanoseconds since its creation.
+    /// A GPU context whose clock counts nanoseconds of host time since its creation.
     pub struct Track {
         context: Option<GpuContext>,
         begun: Instant,
-        /// End of the last span, in nanoseconds.
+        /// End of the last span, in nanoseconds of the context's clock.
         end: i64,
     }
 
@@ -111,7 +111,7 @@ mod tracy {
             let mut at = (now - nanoseconds(all)).max(self.end);
             for &(id, ms) in &result.pass_ms {
                 let (pass, Some(ms)) = (plan.pass(id), ms) else { continue };
-                // Tracy limits the spans in flight; further ones are dropped.
+                // Tracy limits the number of spans in flight; further spans are dropped.
                 let Ok(mut span) =
                     context.span_alloc(&pass.name, &pass.phase, &pass.origin.file, pass.origin.line)
                 else {

@@ -1,4 +1,4 @@
-//! Reopens the device after its loss.
+//! Opens another device after the device was lost.
 //!
 //! A driver ends a device when a pass runs for too long, or when the GPU is reset or unplugged; a window's surface can
 //! also be lost. A [`Recovery`] draws the frames of a [`Shell`] and detects a loss: everything on the device is
@@ -6,7 +6,7 @@
 //! histories are lost.
 //!
 //! If the new device is lost soon after, the graph is the likely cause. It is not built again until something changes,
-//! to prevent a third loss.
+//! which prevents a third loss.
 
 use super::events::Event;
 use super::shell::{Frame, FrameRequest, Shell};
@@ -14,42 +14,42 @@ use egui::RawInput;
 use splatgraph_api::{BackendError, Device};
 use std::time::{Duration, Instant};
 
-/// Interval of attempts to open a device.
+/// Interval between attempts to open a device.
 const INTERVAL: Duration = Duration::from_millis(500);
 
 /// Maximum number of attempts to open a device.
 const ATTEMPTS: u32 = 20;
 
-/// Maximum wait for a build that still uses the lost device.
+/// Maximum wait for a build that still holds the lost device.
 const BUILDS: Duration = Duration::from_secs(5);
 
-/// Maximum time between two losses that count as having the same cause.
+/// Maximum time between two losses that are assumed to have the same cause.
 const SOON: Duration = Duration::from_secs(30);
 
 /// A function that opens two devices for a window of this size: the window's and the scene's. The flag turns vsync on.
 pub type Open<D> = Box<dyn FnMut((u32, u32), bool) -> Result<(D, D), BackendError>>;
 
-/// The device could not be opened again.
+/// A device was lost, and no other could be opened.
 #[derive(Debug, thiserror::Error)]
 #[error("{loss}; no device can be opened in its place: {error}")]
 pub struct Unrecovered {
-    /// Error that ended the device.
+    /// Error that lost the device.
     pub loss: BackendError,
-    /// Error of the last attempt to open another.
+    /// Error of the last attempt to open another device.
     pub error: BackendError,
 }
 
-/// A loss without a new device yet.
+/// A loss for which no new device is open yet.
 struct Loss {
     error: BackendError,
     since: Instant,
     attempts: u32,
     next: Instant,
-    /// True if another device had been lost shortly before.
+    /// True if the previous device was lost less than [`SOON`] before.
     again: bool,
 }
 
-/// The state of reopening a device after its loss; see the module's documentation.
+/// Opener of devices, and the state of a loss; see the module's documentation.
 pub struct Recovery<D> {
     open: Open<D>,
     loss: Option<Loss>,
@@ -71,7 +71,7 @@ impl<D: Device> Recovery<D> {
         (self.open)(size, vsync)
     }
 
-    /// Returns the error of a loss without a new device yet.
+    /// Returns the error that lost the device; `None` while there is a device.
     pub fn loss(&self) -> Option<&BackendError> {
         self.loss.as_ref().map(|loss| &loss.error)
     }
@@ -79,7 +79,7 @@ impl<D: Device> Recovery<D> {
     /// Draws a frame of the shell; `None` while there is no device.
     ///
     /// # Errors
-    /// No device could be opened in `ATTEMPTS` attempts.
+    /// No device could be opened within `ATTEMPTS` attempts.
     pub fn frame(
         &mut self,
         shell: &mut Shell<D>,
@@ -105,10 +105,10 @@ impl<D: Device> Recovery<D> {
         self.loss = Some(Loss { error, since: now, attempts: 0, next: now, again });
     }
 
-    /// Tries to open another device if one was lost; returns true if there is a device.
+    /// Tries to open another device if one was lost; returns true if there is a device now.
     fn reopen(&mut self, shell: &mut Shell<D>, size: (u32, u32)) -> Result<bool, Box<Unrecovered>> {
         let Some(loss) = &mut self.loss else { return Ok(true) };
-        // A build holds the previous device, and some window systems allow one at a time.
+        // A running build holds the previous device, and some window systems allow only one.
         let released = shell.is_released() || loss.since.elapsed() > BUILDS;
         if !released || Instant::now() < loss.next {
             return Ok(false);

@@ -8,9 +8,9 @@
 //! changed. A [`Frame`] contains the time of the next one. The shell's owner sleeps until then, or until an event, and
 //! polls for finished frames ([`Shell::collect`]) while some are in flight.
 //!
-//! On a CPU, the scene has its own device ([`crate::draw::backend::Backend::open_beside`]), so that the window is drawn
-//! while a picture takes long. On a GPU, both share one queue, in which frames of the window would wait behind a
-//! picture: during a long picture, none are submitted.
+//! On a CPU, the scene has its own device ([`crate::draw::backend::Backend::open_beside`]), so that the window stays
+//! responsive during a long picture. On a GPU, both share one queue, in which frames of the window would wait behind a
+//! picture; during a long picture, none are submitted.
 
 use super::events::{Event, RendererId};
 use super::history::History;
@@ -29,10 +29,10 @@ use splatgraph_framework::plan::Plan;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Interval between frames while a build or a load shows its progress.
+/// Interval between frames while progress of a build or load is shown.
 const PROGRESS: Duration = Duration::from_millis(250);
 
-/// Minimum interval between frames for animations of the user interface on a CPU, which is busy with the scene.
+/// Minimum interval between animation frames of the user interface on a CPU, which also draws the scene.
 const ANIMATION: Duration = Duration::from_millis(33);
 
 /// Pause after a frame that drew nothing, if the next frame is due immediately.
@@ -56,27 +56,27 @@ pub struct FrameRequest {
     pub redraw: bool,
 }
 
-/// The results of a frame.
+/// Results of a window frame.
 pub struct Frame {
     /// Output for the window system: clipboard, pointer shape.
     pub platform: egui::PlatformOutput,
-    /// Requests to the window.
+    /// Requests to the window, in the order of the user's input.
     pub commands: Vec<Command>,
     /// True if the window was drawn; false if nothing changed, or its own graph is not built yet.
     pub drawn: bool,
-    /// Time of the next frame; `None` if only an event causes one. Frames in flight do not count: see
+    /// Time of the next frame; `None` to wait for an event. Completion of frames in flight is not included: see
     /// [`Shell::in_flight`].
     pub next: Option<Instant>,
-    /// Pixels of the window, if this frame, or an earlier one that took long, was to be read back.
+    /// Pixels of the window, if this frame or an earlier one was to be read back and its picture is ready.
     pub picture: Option<Pixels>,
-    /// Error that ended the device or its window. Nothing is drawn until [`Shell::release`] and [`Shell::give`] are
-    /// called.
+    /// Error that lost the device or its window surface. Nothing is drawn until [`Shell::release`] and [`Shell::give`]
+    /// were called.
     pub lost: Option<BackendError>,
 }
 
 /// The viewer with its panels and the window's graph.
 pub struct Shell<D: Device> {
-    /// The scene and its viewports.
+    /// Scene, camera and viewports.
     pub viewer: Viewer<D>,
     /// Panels around the pictures.
     pub panels: Panels,
@@ -88,11 +88,11 @@ pub struct Shell<D: Device> {
     events: Vec<Event>,
     /// Content of the window's newest frame, without the user interface.
     shown: Option<Content>,
-    /// True if a frame of the window is due that its device could not accept yet.
+    /// True if a frame of the window is due, but its device could not accept it yet.
     owed: bool,
-    /// True if a frame of the window in flight is read back.
+    /// True if a frame in flight is to be read back.
     reading: bool,
-    /// Size of the window's newest frame.
+    /// Size of the window's newest frame, in pixels.
     presented: (u32, u32),
     /// Number of events reported so far.
     reported: u64,
@@ -100,7 +100,7 @@ pub struct Shell<D: Device> {
     seen: u64,
 }
 
-/// Numbers and arrangement of the pictures in the window, which tell whether it must be drawn again.
+/// Numbers and arrangement of the pictures in the window; a change requires drawing the window again.
 #[derive(PartialEq)]
 struct Content {
     pictures: [Option<u64>; 2],
@@ -124,7 +124,7 @@ impl<D: Device> Shell<D> {
         let ctx = Context::default();
         ctx.set_theme(egui::Theme::Dark);
         theme::install(&ctx);
-        // A press on the picture gives the keys back to the camera, not only a click.
+        // Pressing on the picture, not only clicking it, returns keyboard focus to the camera.
         ctx.options_mut(|options| {
             options.input_options.surrender_focus_on = egui::SurrenderFocusOn::Presses;
         });
@@ -159,7 +159,7 @@ impl<D: Device> Shell<D> {
         &self.canvas
     }
 
-    /// Returns the window's renderer, for changes of its patience.
+    /// Returns the window's renderer, to change how long it waits for a frame.
     pub fn window_mut(&mut self) -> &mut Renderer<D> {
         &mut self.canvas
     }
@@ -169,14 +169,14 @@ impl<D: Device> Shell<D> {
         self.canvas.device_mut()
     }
 
-    /// Returns the failure of the window's own graph, if it has no plan: then nothing can be shown.
+    /// Returns the failure of the window's graph, if it has no plan: nothing can be shown then.
     pub fn is_blind(&self) -> Option<&Failure> {
         if self.canvas.plan().is_some() { None } else { self.canvas.failure() }
     }
 
-    /// Describes the errors that keep the requested state from being shown, without colours; empty if there are none.
+    /// Describes the errors that prevent showing the requested state, without colours; `None` if there are none.
     ///
-    /// These are the problems of A, of B if it is shown, of A's inspection, and of the window itself.
+    /// Covers problems of A, of B if it is shown, of A's inspection, and of the window itself.
     pub fn problem(&self) -> Option<String> {
         let Viewer { a, b, compare, .. } = &self.viewer;
         let b = b.as_ref().filter(|_| *compare != Mode::A);
@@ -204,15 +204,15 @@ impl<D: Device> Shell<D> {
         let output = self.ctx.run_ui(input, |ui| {
             let (panels, viewer) = (&mut self.panels, &mut self.viewer);
             let shown = panels.show(ui, viewer, &self.history, problem.as_deref());
-            // The closure may run twice, the first time only for the layout.
+            // egui may run the closure twice, the first time only for the layout.
             view = shown.view;
             commands.extend(shown.commands);
             if first {
-                // Only a second pass knows the sizes of the panels, and thus of the picture to build a plan for.
+                // Panel sizes, and thus the size of the picture, are only known in a second pass.
                 ui.ctx().request_discard("the panels take their sizes");
             }
             if viewer.is_animated() || viewer.is_moving() || viewer.navigation.camera(1, 1) != before {
-                // What moves goes on; and egui measures the time between two frames only if the second was requested.
+                // A motion needs another frame. egui measures the time between frames only if the second was requested.
                 ui.ctx().request_repaint();
             }
         });
@@ -223,7 +223,7 @@ impl<D: Device> Shell<D> {
         let Rect { min, max } = view;
         let (left, top) = (pixel(min.x), pixel(min.y));
         let view = [left, top, pixel(max.x).saturating_sub(left), pixel(max.y).saturating_sub(top)];
-        // Another swapchain waits for all frames in flight: with it, this thread would.
+        // Recreating the swapchain waits for all frames in flight, which would block this thread.
         let resized = request.present && request.size != self.presented;
         let drains = resized && !self.viewer.to_host && self.in_flight().is_some();
         self.viewer.rests = drains;
@@ -244,23 +244,23 @@ impl<D: Device> Shell<D> {
         Frame { platform: output.platform_output, commands, drawn, next, picture, lost }
     }
 
-    /// Returns the time of the next frame, after one that began at `begun`; `repaint` is the delay that egui requests.
+    /// Returns the time of the next frame after one that began at `begun`. `repaint` is the delay that egui requests.
     fn next(&self, begun: Instant, drawn: bool, repaint: Duration) -> Option<Instant> {
         if self.changes() != self.seen {
-            // The panels show the state from before.
+            // Something changed after the panels were drawn.
             return Some(begun);
         }
         let least = match drawn {
             _ if self.canvas.reads_block() => ANIMATION,
-            // The display paces it.
+            // Presentation limits the frame rate.
             true => Duration::ZERO,
             false => UNDRAWN,
         };
         let repaint = match self.viewer.is_animated() {
-            // The end of the picture in flight is waited for.
+            // The end of the picture in flight triggers the next frame.
             true if self.viewer.waits() || self.viewer.to_host && self.viewer.newest().is_some() => None,
             true => Some(begun + least),
-            // Egui's longest times are too far away.
+            // egui means "never" by a delay that overflows `Instant`.
             false => begun.checked_add(repaint.max(least)),
         };
         let busy = self.viewer.busy() || self.canvas.busy();
@@ -270,12 +270,12 @@ impl<D: Device> Shell<D> {
         all.into_iter().flatten().min()
     }
 
-    /// Returns the number of changes that panels show.
+    /// Returns a counter of changes that panels show.
     fn changes(&self) -> u64 {
         self.viewer.changes() + self.canvas.changes() + self.reported
     }
 
-    /// Takes the results of finished frames. Returns true if they require another frame.
+    /// Takes the results of finished frames; returns true if another frame should be drawn now.
     pub fn collect(&mut self) -> bool {
         self.collect_all();
         let waits = self.owed || self.reading || self.viewer.waits() || self.viewer.is_animated();
@@ -297,14 +297,14 @@ impl<D: Device> Shell<D> {
         renderer::frames::collect(&mut [&mut self.canvas], patience)
     }
 
-    /// Returns true if a frame of the window can be submitted without a long wait behind a picture.
+    /// Returns true if a frame of the window can be submitted without waiting long behind a picture.
     fn is_free(&mut self) -> bool {
         let behind = |since: Instant| since.elapsed() >= QUEUE;
         let apart = self.viewer.to_host;
         self.collect_window(self.canvas.patience) && (apart || !self.viewer.newest().is_some_and(behind))
     }
 
-    /// Draws the window, if it would look different.
+    /// Draws the window, if its content changed.
     fn paint(
         &mut self,
         request: FrameRequest,
@@ -326,7 +326,7 @@ impl<D: Device> Shell<D> {
             a: a.map(|(shown, _)| shown),
             b: b.map(|(shown, _)| shown),
         };
-        // A new plan may start with another picture; and a graph of the user's may keep none.
+        // A new plan has an empty history, and a user's graph may have none: repaint the whole window.
         let keeps = |plan: &Arc<Plan>| plan.resource(plan.output).history.is_some();
         if self.canvas.is_first_next() || !self.canvas.plan().is_some_and(keeps) {
             self.painter.forget();
@@ -355,7 +355,7 @@ impl<D: Device> Shell<D> {
             drawn = self.canvas.submit(inputs);
             if reads && matches!(drawn, Ok(true)) {
                 self.reading = true;
-                // Later, it comes with another frame.
+                // If the wait times out, a later frame returns the picture.
                 match self.canvas.finish(self.canvas.patience) {
                     Ok(()) | Err(BackendError::Stuck { .. }) => {}
                     Err(error) => drawn = Err(error),
@@ -389,19 +389,19 @@ impl<D: Device> Shell<D> {
         (drawn, picture)
     }
 
-    /// Takes the events since the last call.
+    /// Takes the events reported since the last call.
     pub fn take_events(&mut self) -> Vec<Event> {
         std::mem::take(&mut self.events)
     }
 
-    /// Reports an event from outside the shell.
+    /// Reports an event that occurred outside the shell.
     pub fn report(&mut self, event: Event) {
         self.panels.log_event(&event);
         self.reported += 1;
         self.events.push(event);
     }
 
-    /// Waits for the frames in flight.
+    /// Waits up to `within` for each device's frames in flight.
     ///
     /// # Errors
     /// See [`Renderer::finish`].
@@ -410,7 +410,7 @@ impl<D: Device> Shell<D> {
         self.canvas.finish(within)
     }
 
-    /// Waits for running builds until `end` at the latest; returns true if none is left.
+    /// Waits for running builds until `end` at the latest; returns true if none is running.
     pub fn is_idle(&mut self, end: Instant) -> bool {
         loop {
             let idle = self.viewer.is_idle() && self.canvas.is_idle();
@@ -428,19 +428,19 @@ impl<D: Device> Shell<D> {
         self.viewer.stalled().or_else(|| self.canvas.stalled())
     }
 
-    /// Drops the device and everything on it.
+    /// Drops the devices and everything on them, after a loss.
     pub fn release(&mut self) {
         self.viewer.release();
         self.canvas.release();
     }
 
-    /// Returns true if no build uses the dropped device.
+    /// Returns true once no build holds a dropped device.
     pub fn is_released(&mut self) -> bool {
         let viewer = self.viewer.is_released();
         self.canvas.is_released() && viewer
     }
 
-    /// Continues on another device. `canvas` draws the window, as in [`Shell::new`], and `device` the scene.
+    /// Continues on new devices: `canvas` draws the window, as in [`Shell::new`]; `device` draws the scene.
     ///
     /// # Errors
     /// See [`Viewer::give`].

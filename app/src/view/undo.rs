@@ -2,8 +2,8 @@
 //! resolution.
 //!
 //! After each frame, the viewer's [`Settings`] are compared with the previous frame's. A change becomes a step once no
-//! button is held. Changes that the program makes by itself, such as dropping a parameter that a new graph lacks,
-//! become part of the previous step.
+//! mouse button is held. Changes by the program itself, such as dropping a parameter that a new graph lacks, become
+//! part of the previous step.
 
 use super::events::RendererId;
 use super::paint::Mode;
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 /// Maximum number of steps.
 const STEPS: usize = 200;
 
-/// Graph and parameters of a viewport.
+/// Graph and parameters of one viewport.
 #[derive(Clone, Debug, PartialEq)]
 struct Side {
     graph: String,
@@ -28,7 +28,7 @@ struct Side {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     scene: PathBuf,
-    /// File of B's scene, if B has its own.
+    /// Path of B's scene, if B has its own.
     other: Option<PathBuf>,
     /// Selected and hidden splats of A's and of B's scene.
     marks: [Marks; 2],
@@ -74,7 +74,7 @@ impl Settings {
     fn apply<D: Device>(&self, viewer: &mut Viewer<D>) {
         let mut now = Settings::of(viewer);
         if now.scene != self.scene && now.other.as_ref() == Some(&self.scene) {
-            // They were exchanged: nothing is to be read again.
+            // The scenes were exchanged, so neither has to be loaded again.
             viewer.exchange();
             now = Settings::of(viewer);
         }
@@ -113,7 +113,7 @@ impl Settings {
         }
     }
 
-    /// Describes the difference from other settings: `digit_bits`, `graph`, `2 parameters`.
+    /// Describes the difference from other settings, such as `digit_bits`, `graph splat` or `5 settings`.
     fn difference(&self, other: &Settings) -> String {
         let mut parts: Vec<String> = Vec::new();
         if self.scene != other.scene || self.other != other.other {
@@ -207,7 +207,7 @@ impl History {
 
     fn go<D: Device>(&mut self, to: Settings, text: String, viewer: &mut Viewer<D>) -> String {
         to.apply(viewer);
-        // What could not be applied, such as B without a device, is no step of its own.
+        // Settings that could not be applied, such as B without a device, must not appear as a new step.
         self.now = Some(Settings::of(viewer));
         text
     }

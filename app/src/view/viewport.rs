@@ -1,10 +1,10 @@
 //! Draws one of the two pictures of the scene, and records its times and inspections.
 //!
 //! A frame is drawn if it would differ from the last one (another plan, size, camera or live parameter), if something
-//! is to be read from it, or if the last one failed or lost its results. An idle scene therefore costs nothing. A plan
-//! whose frames may differ for equal inputs is drawn continuously.
+//! is to be read from it, or if the last one failed or lost its results. An idle scene is not drawn. A plan whose
+//! frames may differ for equal inputs is drawn continuously.
 //!
-//! The window's graph reads the picture on the device; if the window has its own device, the picture reaches it through
+//! The window's graph reads the picture on the device. If the window has its own device, the picture is copied through
 //! host memory.
 
 use super::animation::is_animated;
@@ -35,19 +35,19 @@ pub struct Inspection {
     pub pass: String,
     /// True to read the resource in every frame, not only on request.
     pub follow: bool,
-    /// The last finding, or the reason that there is none.
+    /// Latest finding, or the reason why there is none; `None` before the first reading.
     pub found: Option<Result<Finding, String>>,
     asked: bool,
 }
 
 impl Inspection {
-    /// Creates an inspection that reads once.
+    /// Creates an inspection that reads the resource once.
     pub fn new(resource: &str, pass: &str) -> Inspection {
         let (resource, pass) = (resource.to_owned(), pass.to_owned());
         Inspection { resource, pass, follow: false, found: None, asked: true }
     }
 
-    /// Requests another reading.
+    /// Requests another reading in the next frame.
     pub fn ask(&mut self) {
         self.asked = true;
     }
@@ -67,7 +67,7 @@ enum Reading {
     Done(Result<Pixels, String>),
 }
 
-/// The inputs of a viewport's picture besides its graph.
+/// Inputs of a viewport's picture, except its graph.
 pub(super) struct View<'a> {
     pub scene: &'a Scene,
     pub camera: &'a Camera,
@@ -75,7 +75,7 @@ pub(super) struct View<'a> {
     pub background: [f32; 3],
     /// True to draw a frame even if nothing changed.
     pub continuous: bool,
-    /// True if the window uses another device.
+    /// True if the picture goes to the window through host memory.
     pub to_host: bool,
 }
 
@@ -92,13 +92,13 @@ impl PartialEq for Drawn {
     }
 }
 
-/// The picture that the window shows, with its origin.
+/// The picture that the window shows, and its origin.
 struct Exhibit {
     shown: Shown,
     /// Number of the picture, unique among all viewports.
     number: u64,
     plan: Arc<Plan>,
-    /// Value of [`Renderer::subject`] for the picture.
+    /// Value of [`Renderer::subject`] when the picture was drawn.
     subject: u64,
 }
 
@@ -110,7 +110,7 @@ pub struct Viewport<D: Device> {
     pub history: History,
     /// The inspection; while there is one, resources do not share memory.
     pub inspection: Option<Inspection>,
-    /// The graph's statistics of the newest finished frame.
+    /// Names and values of the graph's statistics in the newest finished frame.
     pub stats: Vec<(String, u32)>,
     /// Lists that overflowed in the newest finished frame.
     pub short: Vec<Overflow>,
@@ -118,11 +118,11 @@ pub struct Viewport<D: Device> {
     reading: Reading,
     /// The inputs of the newest submitted frame.
     drawn: Option<Drawn>,
-    /// The picture in the window.
+    /// Picture that the window shows; `None` before the first.
     exhibit: Option<Exhibit>,
     /// True if frames of the plan may differ for equal inputs.
     animated: bool,
-    /// True if a frame is due that could not be submitted.
+    /// True if a frame is due, but could not be submitted.
     waits: bool,
     readings: u64,
     track: GpuTrack,
@@ -151,8 +151,8 @@ impl<D: Device> Viewport<D> {
         self.stats.iter().find(|(stat, _)| stat == name).map(|(_, value)| *value)
     }
 
-    /// Describes the fallback that is drawn because the device does not meet the graph's requirements; `None` without
-    /// one.
+    /// Describes the fallback that is drawn because the device does not meet the graph's requirements; `None` if the
+    /// graph itself is drawn.
     pub fn fallback(&self) -> Option<String> {
         let lacking = Fallback::lacking(&self.renderer.plan()?.fallbacks);
         let all: Vec<String> = lacking.map(ToString::to_string).collect();
@@ -163,26 +163,27 @@ impl<D: Device> Viewport<D> {
     pub fn decisions(&self) -> Option<String> {
         let plan = self.renderer.plan()?;
         let decisions = plan.decisions();
-        // A plan without decisions is what its name says.
+        // Without decisions, the graph's name is description enough.
         (!decisions.is_empty()).then(|| {
             let named = plan.based_on.iter().map(|base| format!("{base}: "));
             named.collect::<String>() + &decisions.join("; ")
         })
     }
 
-    /// Describes the newest finished frame if it was incomplete: `drawn in part: 1,234 of 5,678 entries`. `None` if the
-    /// frame is not shown.
+    /// Describes the newest finished frame if a list overflowed: `drawn in part: 1,234 of 5,678 entries`.
+    ///
+    /// `None` for a complete frame, or if the window does not show the frame.
     pub fn in_part(&self) -> Option<String> {
         if self.is_held_back() { None } else { self.part() }
     }
 
-    /// Describes the newest finished frame if a list overflowed.
+    /// Describes the newest finished frame if a list overflowed, shown or not.
     fn part(&self) -> Option<String> {
         let short: Vec<String> = self.short.iter().map(Overflow::to_string).collect();
         (!short.is_empty()).then(|| format!("drawn in part: {}", short.join(", ")))
     }
 
-    /// Describes the newest finished frame if it was incomplete and the next ones will be, for lack of capacity.
+    /// Describes the newest finished frame if it was incomplete, and capacity cannot grow to complete the next ones.
     pub fn stays_in_part(&self) -> Option<String> {
         let ended = self.short.iter().any(|short| short.room >= short.most);
         let reason = match self.renderer.crowded() {
@@ -193,23 +194,24 @@ impl<D: Device> Viewport<D> {
         Some(format!("the picture is {}{reason}", self.part()?))
     }
 
-    /// Reports how many pairs the newest finished frame left unsorted, if any: see `stats::unordered`.
+    /// Reports how many pairs the newest finished frame left unsorted; `None` if all were sorted. See
+    /// `stats::unordered`.
     pub fn unordered(&self) -> Option<String> {
         let (_, pairs) = self.stats.iter().find(|(name, _)| name == "unordered")?;
         stats::unordered((*pairs).into())
     }
 
-    /// Requests that the next frame's picture is read back; see [`Viewport::take_picture`].
+    /// Requests a read-back of the next frame's picture; see [`Viewport::take_picture`].
     pub fn want_picture(&mut self) {
         self.reading = Reading::Wanted;
     }
 
-    /// Returns true if a picture was requested, but no frame that reads it back was submitted yet.
+    /// Returns true if a picture was requested, and no submitted frame reads it back yet.
     pub(super) fn wants_picture(&self) -> bool {
         matches!(self.reading, Reading::Wanted)
     }
 
-    /// Takes the requested picture once it has been read back, or the error.
+    /// Takes the requested picture, or the error, once it has been read back.
     pub fn take_picture(&mut self) -> Option<Result<Pixels, String>> {
         match std::mem::take(&mut self.reading) {
             Reading::Done(picture) => Some(picture),
@@ -220,7 +222,7 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Returns true once the requested picture can be taken.
+    /// Returns true if [`Viewport::take_picture`] would return the requested picture or an error.
     pub fn has_picture(&self) -> bool {
         matches!(self.reading, Reading::Done(_))
     }
@@ -230,29 +232,29 @@ impl<D: Device> Viewport<D> {
         self.reading = Reading::Idle;
     }
 
-    /// Inspects a resource after a pass, by their names.
+    /// Inspects a resource after a pass, both by name; keeps [`Inspection::follow`] of the previous inspection.
     pub fn look_at(&mut self, resource: &str, pass: &str) {
         let follow = self.inspection.as_ref().is_some_and(|inspection| inspection.follow);
         self.inspection = Some(Inspection { follow, ..Inspection::new(resource, pass) });
     }
 
-    /// Returns the number of readings; a new number means a new finding.
+    /// Returns the number of readings so far; it changes with every new finding.
     pub fn readings(&self) -> u64 {
         self.readings
     }
 
-    /// Returns the picture for the window, with a unique number.
+    /// Returns the picture that the window shows, and its unique number.
     pub fn picture(&self) -> Option<(Shown, u64)> {
         self.exhibit.as_ref().map(|exhibit| (exhibit.shown.clone(), exhibit.number))
     }
 
-    /// Returns true if the window shows no picture of this scene and graph yet: no frame has ended, or all overflowed.
+    /// Returns true if the window does not show this scene and graph yet: no frame has ended, or all overflowed.
     pub fn is_held_back(&self) -> bool {
         self.renderer.plan().is_some()
             && self.exhibit.as_ref().map(|exhibit| exhibit.subject) != Some(self.renderer.subject())
     }
 
-    /// Returns true while a picture of the current plan is on its way.
+    /// Returns true until the window shows a picture of the current plan, unless an error prevents it.
     pub(super) fn is_coming(&self) -> bool {
         let is_shown = |plan| self.exhibit.as_ref().is_some_and(|exhibit| Arc::ptr_eq(&exhibit.plan, plan));
         self.renderer.trouble().is_none() && self.renderer.plan().is_some_and(|plan| !is_shown(plan))
@@ -263,25 +265,24 @@ impl<D: Device> Viewport<D> {
         self.animated
     }
 
-    /// Returns true if a frame is due that could not be submitted.
+    /// Returns true if a frame is due, but could not be submitted.
     pub(super) fn waits(&self) -> bool {
         self.waits
     }
 
     /// Returns true if a frame of the current plan can be shown.
     ///
-    /// An incomplete frame is shown only if there is no more capacity, or if the window already shows this scene and
-    /// graph.
+    /// An incomplete frame is shown only if capacity cannot grow, or if the window already shows this scene and graph.
     fn can_show(&self) -> bool {
         !self.is_held_back() || self.renderer.is_at_best()
     }
 
-    /// Draws a frame if one is due and can be drawn now; the renderer records errors.
+    /// Draws a frame if one is due and can be drawn now. Errors are reported to the renderer.
     pub(super) fn draw(&mut self, view: &View) {
         self.collect(view.to_host);
         self.waits = false;
         let (width, height) = self.renderer.size();
-        // The camera of a scene shows nothing of use in the previous one.
+        // A camera of the new scene would not show anything useful in the previous one.
         let can_draw = width > 0 && height > 0 && self.renderer.draws(view.scene);
         let Some(plan) = self.renderer.plan().cloned().filter(|_| can_draw) else { return };
         let graph = projection::of_params(&plan.params);
@@ -329,22 +330,22 @@ impl<D: Device> Viewport<D> {
         self.collect(view.to_host);
     }
 
-    /// Makes `shown`, drawn by `plan`, the picture in the window.
+    /// Shows this picture, drawn by `plan`, in the window.
     fn exhibit(&mut self, shown: Shown, plan: Arc<Plan>) {
         static NUMBERS: AtomicU64 = AtomicU64::new(0);
         let number = NUMBERS.fetch_add(1, Ordering::Relaxed);
         self.exhibit = Some(Exhibit { shown, number, plan, subject: self.renderer.subject() });
     }
 
-    /// Drops everything on the device, which is lost.
+    /// Drops everything on the lost device.
     pub(super) fn release(&mut self) {
         self.renderer.release();
         (self.drawn, self.exhibit) = (None, None);
         self.collect(false);
     }
 
-    /// Submits a frame. If that fails, retries without the inspection and the read-back, so that they cannot prevent
-    /// the frame.
+    /// Submits a frame. If that fails, retries without the inspection and without the read-back, so that neither
+    /// prevents the frame.
     fn submit(&mut self, inputs: &mut FrameInputs, to_host: bool) -> Result<bool, BackendError> {
         loop {
             let error = match self.renderer.submit(inputs.clone()) {
@@ -364,7 +365,7 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Records which read-backs a submitted frame contains.
+    /// Records that the requested read-back and inspection are in flight.
     fn note(&mut self, inputs: &FrameInputs) {
         if inputs.read_output && matches!(self.reading, Reading::Wanted) {
             self.reading = Reading::InFlight(self.renderer.submitted());
@@ -381,7 +382,7 @@ impl<D: Device> Viewport<D> {
         let inspection = self.inspection.as_mut().filter(|i| i.asked || i.follow)?;
         match inspect::resolve(&plan, &inspection.resource, &inspection.pass) {
             Ok(target) if inspect::in_prologue(&plan, &target) && !first => {
-                // The prologue runs once per load, so the plan is loaded again.
+                // The prologue runs once per load, so the plan must be loaded again.
                 if inspection.asked && !self.renderer.busy() {
                     self.renderer.want(Cause::Prologue, Instant::now());
                 }
@@ -396,7 +397,7 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Returns true if a reading of the inspection was requested, so that a frame is due for it.
+    /// Returns true if a reading of the inspection was requested, which makes a frame due.
     fn asks(&self) -> bool {
         self.inspection.as_ref().is_some_and(|inspection| inspection.asked)
     }
@@ -413,10 +414,10 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Takes the results of finished frames, and their pictures if the window reads them from host memory.
+    /// Takes the results of finished frames. If `to_host`, their pictures become the window's.
     pub(super) fn collect(&mut self, to_host: bool) {
         if self.renderer.take_forgot() {
-            // What the frames without results were to read is read again.
+            // Repeat the reads that were lost with these frames.
             if matches!(self.reading, Reading::InFlight(_)) {
                 self.reading = Reading::Wanted;
             }
@@ -439,12 +440,12 @@ impl<D: Device> Viewport<D> {
         }
     }
 
-    /// Takes a picture that was read back, for its requester and for the window.
+    /// Takes a picture that was read back: for the request, and for the window if `to_host`.
     fn take_output(&mut self, picture: Pixels, done: &FinishedFrame, to_host: bool) {
         if matches!(self.reading, Reading::InFlight(number) if number <= done.number) {
             self.reading = match self.part() {
                 None => Reading::Done(Ok(picture.clone())),
-                // A plan with more capacity is on its way.
+                // A plan with more capacity is being built.
                 Some(_) if self.renderer.busy() => Reading::Wanted,
                 Some(text) => Reading::Done(Err(format!("the picture is {text}"))),
             };

@@ -12,7 +12,7 @@ use egui::{Event, InputState, MouseWheelUnit, Vec2};
 pub struct Scrolled {
     /// Notches of a wheel, or the equivalent zoom of a pinch; positive zooms in.
     pub notches: f64,
-    /// Motion of two fingers, in points: right and down, in the direction in which the content moves.
+    /// Motion of two fingers, in points: positive is right and down, as the content should move.
     pub swiped: [f64; 2],
 }
 
@@ -29,15 +29,15 @@ impl Wheel {
         for event in &input.events {
             let Event::MouseWheel { unit, delta, modifiers, .. } = event else { continue };
             self.is_touchpad = *unit == MouseWheelUnit::Point;
-            // With Ctrl (Cmd on macOS), egui makes a zoom of it.
+            // With Ctrl (Cmd on macOS), egui reports a zoom instead.
             if self.is_touchpad && !modifiers.command {
                 swiped += *delta;
             }
         }
-        // A factor of pinching, or of scrolling with Ctrl.
+        // Factor of a pinch, or of scrolling with Ctrl.
         let zoomed = f64::from(input.zoom_delta()).ln() / ZOOM_PER_NOTCH;
         let smooth = input.smooth_scroll_delta();
-        // A turn of the wheel is spread over some frames. With Shift, egui scrolls to the side.
+        // egui spreads a notch over several frames. With Shift, it scrolls horizontally.
         let points = if input.modifiers.shift { smooth.x + smooth.y } else { smooth.y };
         let turned = if self.is_touchpad { 0.0 } else { f64::from(points / line) };
         Scrolled { notches: turned + zoomed, swiped: [swiped.x.into(), swiped.y.into()] }
@@ -49,7 +49,7 @@ mod tests {
     use super::*;
     use egui::{Context, Modifiers, MouseWheelSource, RawInput, TouchPhase, vec2};
 
-    /// Runs frames with these events, and sums the scrolling of all of them.
+    /// Runs frames with these events, and sums their scrolling.
     fn sum(wheel: &mut Wheel, events: &[Event], modifiers: Modifiers) -> Scrolled {
         let ctx = Context::default();
         let mut sum = Scrolled::default();
