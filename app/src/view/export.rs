@@ -1,7 +1,7 @@
 //! Writes splats to a new file on another thread: as a scene, in the format of the file's extension, or as a list of
 //! their indices.
-//!
-//! One file is written at a time. Its name must not exist when writing starts. Dropping the exporter waits for the file.
+//! Only one file is written at a time. Its name must not exist when writing starts. Dropping the exporter waits for the
+//! file.
 
 use super::latest::Latest;
 use super::renderer::Wake;

@@ -1,4 +1,4 @@
-//! Manages a renderer's device, its loss, and its replacement.
+//! Gives access to a renderer's device, releases it after a loss, and replaces it.
 
 use super::Renderer;
 use super::events::{Cause, Failure};
@@ -13,24 +13,24 @@ impl<D: Device> Renderer<D> {
         self.device.device()
     }
 
-    /// Returns the device for changes that do not affect a plan; `None` while it is lost.
+    /// Returns the device, for changes that do not affect a plan; `None` while it is lost.
     pub fn device_mut(&mut self) -> Option<&mut D> {
         self.device.device_mut()
     }
 
-    /// Describes the device, even after its loss.
+    /// Returns the device's description, which stays available after a loss.
     pub fn info(&self) -> &DeviceInfo {
         &self.info
     }
 
-    /// Returns true if polling an older frame blocks until newer ones are done.
+    /// Returns true if polling an older frame blocks until newer frames are finished.
     ///
     /// Mesa's Vulkan driver on the CPU waits for all submissions to the device before it returns a timestamp.
     pub(in crate::view) fn reads_block(&self) -> bool {
         self.info.kind == "cpu"
     }
 
-    /// Returns the error that ended the device or its window, if any.
+    /// Returns the error that lost the device or its window surface; `None` while the device works.
     pub fn lost(&self) -> Option<&BackendError> {
         match &self.device {
             DeviceState::Lost { error, .. } => Some(error),
@@ -38,8 +38,8 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Drops the device with its plan and its frames in flight, whose results are lost. Graph, settings and failures
-    /// stay.
+    /// Drops the lost device with its plan and its frames in flight, whose results are lost. Graph, settings and
+    /// failures stay.
     pub fn release(&mut self) {
         self.device = DeviceState::Released;
         self.epoch += 1;
@@ -55,13 +55,13 @@ impl<D: Device> Renderer<D> {
         self.want(Cause::Device, Instant::now());
     }
 
-    /// Returns true if no build uses the dropped device.
+    /// Returns true once no build holds the released device.
     pub fn is_released(&mut self) -> bool {
         self.take_builds();
         self.device.device().is_none() && self.jobs.is_empty()
     }
 
-    /// Continues on another device, after [`Renderer::release`].
+    /// Continues on another device after [`Renderer::release`], and builds the plan again.
     pub fn give(&mut self, device: D) {
         self.info = device.info().clone();
         self.device = DeviceState::Drawing(device);

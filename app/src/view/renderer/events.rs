@@ -1,4 +1,4 @@
-//! Defines the causes and results of building a plan.
+//! Defines the causes of building a plan, and the events that report the results.
 
 use crate::draw::planner::GraphErrors;
 use serde::{Serialize, Serializer};
@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// A cause of a build.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// There was no plan.
+    /// There is no plan yet.
     Start,
     /// This file changed.
     File(PathBuf),
@@ -27,9 +27,9 @@ pub enum Cause {
     Prologue,
     /// The device was lost and opened again.
     Device,
-    /// A frame overflowed a list; this parameter sets the list's capacity.
+    /// A frame overflowed a list; this parameter sets the list's capacity, and was raised.
     Room(String),
-    /// The last attempt failed for lack of something that may be available now, such as memory.
+    /// The last build failed for lack of something that may be available now, such as memory.
     Retry,
 }
 
@@ -68,7 +68,7 @@ impl Causes {
         self.0.iter()
     }
 
-    /// Adds the causes of later changes that are built together with these.
+    /// Adds the causes of later changes, which are built together with these.
     pub(super) fn add(&mut self, later: Causes) {
         for cause in later.0 {
             if !self.contains(&cause) {
@@ -77,7 +77,7 @@ impl Causes {
         }
     }
 
-    /// Returns true if overflowed lists are the only causes.
+    /// Returns true if overflowed lists are the only causes, and there is at least one.
     pub(super) fn is_room_alone(&self) -> bool {
         !self.0.is_empty() && self.0.iter().all(|cause| matches!(cause, Cause::Room(_)))
     }
@@ -115,23 +115,24 @@ impl Serialize for Causes {
     }
 }
 
-/// A reason for which a build failed.
+/// A reason why a build failed.
 #[derive(Debug)]
 pub enum Failure {
     /// The graph or its shaders have errors.
     Graph(GraphErrors),
-    /// The device refused the plan.
+    /// The device rejected the plan.
     Backend(BackendError),
-    /// The build panicked, which is a bug of this program.
+    /// The build panicked, which is a bug in this program.
     Panicked(String),
-    /// The build took long, and was cancelled for a newer request.
+    /// The build took long and was cancelled in favour of a newer request.
     Cancelled,
-    /// The device was lost repeatedly with this graph, which therefore waits for a change.
+    /// The device was lost repeatedly with this graph, which is not built again before something changes. Text of the
+    /// loss.
     Held(String),
 }
 
 impl Failure {
-    /// Formats the failure for a terminal, with ANSI colours if requested.
+    /// Formats the failure as text, with ANSI colours if `colour`.
     pub fn text(&self, colour: bool) -> String {
         match self {
             Failure::Graph(errors) => errors.text(colour).trim_end().to_owned(),
@@ -158,7 +159,7 @@ impl Failure {
     }
 }
 
-/// A plan that replaced another, with the times of its build.
+/// The replacement of a plan, with the times of its build.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Swap {
     /// Name of the graph.
@@ -167,11 +168,11 @@ pub struct Swap {
     pub causes: Causes,
     /// Number of passes in the new plan's frame.
     pub passes: usize,
-    /// Milliseconds to read, compile and solve.
+    /// Milliseconds to read the graph, compile its shaders, and solve the plan.
     pub plan_ms: f64,
     /// Milliseconds to prepare the device: memory, pipelines, uploads.
     pub prepare_ms: f64,
-    /// Milliseconds from the change, or its notification by the system, to the end of the plan's first frame on the
+    /// Milliseconds from the change, or the system's notification of it, to the end of the plan's first frame on the
     /// device.
     pub latency_ms: f64,
 }
@@ -190,13 +191,13 @@ impl Swap {
 /// An event of a renderer.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RendererEvent {
-    /// A new plan draws the frames.
+    /// A new plan replaced the previous one.
     Swapped(Swap),
     /// The build or a frame failed; the previous plan and picture stay. The text is without colours.
     Failed(String),
-    /// The graph is drawn again after a failure.
+    /// A plan was built, or a frame drawn, for the first time after a failure.
     Mended,
-    /// Settings were dropped because the graph does not have these parameters.
+    /// Settings of these parameters were dropped, because the graph does not have them.
     Dropped(Vec<String>),
 }
 

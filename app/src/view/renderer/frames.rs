@@ -8,15 +8,15 @@ use splatgraph_api::{BackendError, Device, FRAMES_IN_FLIGHT, FrameInputs, Recove
 use splatgraph_framework::plan::Plan;
 use std::time::{Duration, Instant};
 
-/// First pause between polls of an unfinished frame, which bounds the delay that polling adds.
+/// First pause between polls of an unfinished frame; it doubles up to [`LONGEST_PAUSE`].
 const FIRST_PAUSE: Duration = Duration::from_micros(50);
 const LONGEST_PAUSE: Duration = Duration::from_micros(400);
 
 impl<D: Device> Renderer<D> {
-    /// Draws a frame; returns true if one was submitted. The live parameters in `inputs` are replaced.
+    /// Submits a frame; returns true if it was submitted. The live parameters in `inputs` are replaced.
     ///
-    /// No frame is submitted without a plan, before the next attempt after a [`Renderer::trouble`], or if the device
-    /// does not finish an older frame within the patience.
+    /// Returns false without a plan, before the next attempt after a [`Renderer::trouble`], or if the device does not
+    /// finish an older frame within [`Renderer::patience`].
     ///
     /// # Errors
     /// The device fails. The caller passes the error to [`Renderer::report`], unless it retries with other inputs.
@@ -54,7 +54,7 @@ impl<D: Device> Renderer<D> {
             result: None,
         });
         if is_first {
-            // Waits once per swap, so that its latency is exact.
+            // Wait for the first frame of a plan, so that the measured latency of the swap is exact.
             let end = Instant::now() + self.patience;
             while !self.in_flight.is_empty()
                 && self.wait_for_oldest(end.saturating_duration_since(Instant::now()))?
@@ -63,22 +63,22 @@ impl<D: Device> Renderer<D> {
         Ok(true)
     }
 
-    /// Packs the live parameters of a plan.
+    /// Packs the values of a plan's live parameters for the device.
     pub(in crate::view) fn live(&self, plan: &Plan) -> Vec<u8> {
         plan.live_bytes_of(self.controls.iter().map(|control| &control.param))
     }
 
-    /// Records an error of [`Renderer::submit`], and schedules the next attempt.
+    /// Records an error of [`Renderer::submit`], and schedules the next attempt to draw.
     pub fn report(&mut self, error: BackendError) {
         self.changes += 1;
         self.redraw = true;
         self.device.fail(error, self.now + RETRY);
     }
 
-    /// Waits for the frames in flight.
+    /// Waits up to `within` for the frames in flight.
     ///
     /// # Errors
-    /// [`BackendError::Stuck`] if the device is not done after `within`, and errors of the device.
+    /// [`BackendError::Stuck`] if the device is not finished after `within`, and errors of the device.
     pub fn finish(&mut self, within: Duration) -> Result<(), BackendError> {
         let end = Instant::now() + within;
         while !self.in_flight.is_empty() {
@@ -95,18 +95,18 @@ impl<D: Device> Renderer<D> {
         self.in_flight.back().map(|frame| frame.submitted)
     }
 
-    /// Waits for the newest frame in flight; returns true if it is done.
+    /// Waits for the newest frame in flight; returns true if it is finished or none is in flight.
     fn wait_for_newest(&mut self, patience: Duration) -> Result<bool, BackendError> {
         self.wait_for(self.in_flight.len().saturating_sub(1), patience)
     }
 
-    /// Takes the results of finished frames.
+    /// Takes the results of finished frames, without waiting.
     fn take_results(&mut self) -> Result<(), BackendError> {
         while !self.in_flight.is_empty() && self.wait_for_oldest(Duration::ZERO)? {}
         Ok(())
     }
 
-    /// Waits for the oldest frame in flight; returns true if it is done.
+    /// Waits for the oldest frame in flight, and takes its result; returns true if it is finished.
     fn wait_for_oldest(&mut self, patience: Duration) -> Result<bool, BackendError> {
         if !self.wait_for(0, patience)? {
             return Ok(false);
@@ -126,7 +126,7 @@ impl<D: Device> Renderer<D> {
         Ok(true)
     }
 
-    /// Waits for the frame in flight at this index, and stores its result; returns true if it is done.
+    /// Waits for the frame in flight at this index, and stores its result; returns true if it is finished.
     fn wait_for(&mut self, index: usize, patience: Duration) -> Result<bool, BackendError> {
         let reads_block = self.reads_block();
         let (Some(device), Some(frame)) = (self.device.device_mut(), self.in_flight.get_mut(index)) else {
@@ -148,7 +148,8 @@ impl<D: Device> Renderer<D> {
                     pause = (2 * pause).min(LONGEST_PAUSE);
                 }
                 Err(error) => {
-                    // After these it may still be waited for; otherwise its results are lost.
+                    // After a transient error, the frame stays in flight and can be awaited again. After others, its
+                    // results are lost.
                     let stays = matches!(error, BackendError::OutOfMemory { .. });
                     if !stays && error.recovery() != Recovery::Retry {
                         self.in_flight.remove(index);
@@ -163,17 +164,18 @@ impl<D: Device> Renderer<D> {
         Ok(true)
     }
 
-    /// Returns true if a frame has ended without results since the last call.
+    /// Returns true if a frame in flight has lost its results since the last call.
     pub fn take_forgot(&mut self) -> bool {
         std::mem::take(&mut self.forgot)
     }
 }
 
-/// Takes the results of finished frames, of all renderers of one device. Returns true if another frame can be submitted
-/// without a wait.
+/// Takes the results of finished frames of all renderers of a device.
 ///
-/// If [reads block](Renderer::reads_block), only the newest frame of all renderers is awaited, for up to `patience`:
-/// reading an older result would block as long.
+/// Returns true if another frame can be submitted without waiting.
+///
+/// If [reads block](Renderer::reads_block), waits up to `patience` for the newest frame of all renderers, and reads
+/// nothing before it ends: reading an older result would block just as long.
 pub(in crate::view) fn collect<D: Device>(renderers: &mut [&mut Renderer<D>], patience: Duration) -> bool {
     let newest = renderers.iter_mut().max_by_key(|renderer| renderer.newest());
     if let Some(newest) = newest.filter(|newest| newest.reads_block()) {

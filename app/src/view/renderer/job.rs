@@ -1,4 +1,4 @@
-//! Builds a plan and prepares it on the device, on the building thread.
+//! Builds a plan and prepares it on the device, on the build thread.
 
 use super::events::{Causes, Failure};
 use super::state::PlanInputs;
@@ -16,13 +16,13 @@ use splatgraph_framework::shader::Cancel;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// The input of a build, for the building thread.
+/// The input of a build, sent to the build thread.
 pub(super) struct Job<L> {
     pub graph: String,
     pub set: Vec<(String, String)>,
-    /// Minimum values of the parameters that grow.
+    /// Minimum values of the parameters that grow with overflows.
     pub capacities: Capacities,
-    /// True to report unknown settings as errors; otherwise they are dropped.
+    /// True to reject unknown settings; false to drop them.
     pub strict: bool,
     pub inputs: PlanInputs,
     pub device: DeviceFacts,
@@ -32,7 +32,7 @@ pub(super) struct Job<L> {
     pub progress: Arc<Mutex<String>>,
 }
 
-/// The result of a build, from the building thread.
+/// The result of a build, sent back from the build thread.
 pub(super) struct Built<R> {
     pub outcome: Result<(Plan, Vec<Control>, R), Failure>,
     pub wanted: Vec<Wanted>,
@@ -45,7 +45,7 @@ pub(super) struct Built<R> {
     pub prepare_ms: f64,
 }
 
-/// Creates the building thread's function, with its cache of compiled shaders.
+/// Creates the build thread's function, which owns the cache of compiled shaders.
 pub(super) fn builder<L: Loader>(cancel: Cancel) -> impl FnMut(Job<L>) -> Built<L::Ready> {
     let mut planner = Planner::default();
     planner.set_cancel(cancel.clone());
@@ -78,14 +78,14 @@ fn build<L: Loader>(planner: &mut Planner, cancel: &Cancel, job: Job<L>) -> Buil
     let begun = Instant::now();
     let outcome = plan.map_err(Failure::Graph).and_then(|(plan, controls)| {
         let loader = loader.cancelled_by(cancel.clone());
-        // A plan for inspections runs its whole prologue, so that the contents after each pass can be seen.
+        // A plan for inspections runs its whole prologue, so that each pass's output can be read.
         let loader = if inputs.share_memory { loader.sharing_results() } else { loader };
         let ready = loader
             .prepare(plan.clone(), &Upload(scene), &mut |step| set_progress(&progress, describe(&step)));
         set_progress(&progress, String::new());
         Ok((plan, controls, ready.map_err(Failure::Backend)?))
     });
-    // Whatever it failed for: nobody wants to know.
+    // After cancellation, any error is irrelevant.
     let outcome = outcome.map_err(|failure| if cancel.is_requested() { Failure::Cancelled } else { failure });
     let prepare_ms = milliseconds(begun);
     Built { outcome, wanted, dropped, capacities, inputs, causes, asked, plan_ms, prepare_ms }

@@ -1,12 +1,12 @@
-//! Draws with a graph and keeps its plan up to date.
+//! Draws frames with a graph, and keeps the graph's plan up to date.
 //!
 //! A [`Renderer`] has a device, the name of a graph, and its settings. When a file of the graph, a constant parameter
 //! or the [`PlanInputs`] change, it builds a new plan on another thread, draws frames of the current plan meanwhile,
 //! and swaps between frames. If the build fails, the current plan stays and the failure is reported. Live parameters
 //! need no build: they reach the device with the next frame.
 //!
-//! One plan is built at a time. Changes during a build are combined into the next one. If the build takes long, it is
-//! cancelled in favour of the next.
+//! One plan is built at a time. Changes during a build are combined into the next one. A slow build is cancelled in
+//! favour of the next.
 //!
 //! A frame that overflows a list is incomplete. It is shown as it is, and a plan with more capacity is built like any
 //! other ([`crate::draw::capacity`]). The capacity stays until another graph or scene is chosen, or the user sets the
@@ -14,7 +14,7 @@
 //! or, if memory was short, until the next attempt.
 //!
 //! No error ends a renderer. A frame that cannot be drawn is retried ([`RETRY`]), as is a build that lacked memory;
-//! both are reported meanwhile. A frame that the device does not finish in time is awaited together with the next one
+//! both are reported meanwhile. A frame that the device does not finish in time is awaited again with the next frame
 //! ([`Renderer::patience`]). A lost device is dropped with [`Renderer::release`], and replaced with [`Renderer::give`].
 //!
 //! A renderer acts only when called: `Renderer::next` returns the time at which it must be polled even if nothing
@@ -44,21 +44,21 @@ use std::time::{Duration, Instant};
 pub use events::{Cause, Causes, Failure, RendererEvent, Swap};
 pub use state::{PlanInputs, RETRY, Wake};
 
-/// Default of [`Renderer::patience`]. A longer wait would let a slow frame delay the user interface; without one, a
-/// short frame would be noticed only at the next poll.
+/// Default of [`Renderer::patience`]. A longer wait would let a slow frame block the user interface; with no wait, the
+/// end of a short frame would only be noticed at the next poll.
 const PATIENCE: Duration = Duration::from_millis(5);
 
 /// A finished frame, with its results.
 pub struct FinishedFrame {
     /// Results from the device.
     pub result: FrameResult,
-    /// The frame's plan.
+    /// Plan that the frame was drawn with.
     pub plan: Arc<Plan>,
     /// True for the first frame of its plan.
     pub first: bool,
-    /// The requested inspections.
+    /// Inspections that the frame read, in the order of the result's contents.
     pub inspected: Vec<Inspect>,
-    /// Lists that overflowed in the frame.
+    /// Lists that overflowed in the frame, with their capacities.
     pub short: Vec<Overflow>,
     /// Number of the frame; see [`Renderer::submitted`].
     pub number: u64,
@@ -71,7 +71,7 @@ struct FrameInFlight {
     plan: Arc<Plan>,
     inspected: Vec<Inspect>,
     first: Option<PendingSwap>,
-    /// The result, once the frame was waited for.
+    /// Result that was taken out of order, before older frames were finished.
     result: Option<FrameResult>,
 }
 
@@ -83,34 +83,33 @@ struct PendingSwap {
 
 type Ready<D> = <<D as Device>::Loader as Loader>::Ready;
 
-/// A graph on a device, with its plan, builds and frames in flight; see the module's documentation.
+/// A graph on a device, with its plans, builds and frames in flight; see the module's documentation.
 pub struct Renderer<D: Device> {
     /// Maximum wait for a frame in [`Renderer::submit`].
     pub patience: Duration,
-    /// True while drawing is paused.
+    /// True while frames must not be submitted.
     pub(super) paused: bool,
     device: DeviceState<D>,
     info: DeviceInfo,
-    /// Number of devices so far, which identifies the current device.
+    /// Number of devices so far; identifies the current device.
     epoch: u64,
     graph: String,
     set: IndexMap<String, String>,
-    /// Minimum values of the parameters that grow.
+    /// Minimum values of the parameters that grow with overflows.
     capacities: Capacities,
     /// Capacities of the current plan.
     drawn_with: Capacities,
-    /// The device's refusal of more capacity. While it is set, nothing grows; a change or the next attempt clears it.
+    /// The device's rejection of more capacity. While it is set, nothing grows; a change or the next attempt clears it.
     crowded: Option<Crowded>,
     /// True if the newest finished frame of the current plan was complete; `None` before its first one.
     whole: Option<bool>,
-    /// Number of plans so far that drew a new scene or graph, or were the first on their device; see
-    /// [`Renderer::subject`].
+    /// Counter that changes with the scene, graph or device of the plan; see [`Renderer::subject`].
     subject: u64,
-    /// Number of submitted frames.
+    /// Number of frames submitted so far.
     submitted: u64,
     /// True if a frame is due although none of its inputs changed.
     redraw: bool,
-    /// Number of changes of the state that panels show.
+    /// Counter of changes that panels show; see [`Renderer::changes`].
     changes: u64,
     strict: bool,
     builder: Rebuilder<Job<D::Loader>, Built<Ready<D>>>,
@@ -118,7 +117,7 @@ pub struct Renderer<D: Device> {
     build: BuildState,
     asked: Option<PlanInputs>,
     state: LastGood<Arc<Plan>, Failure>,
-    /// Time of the last poll.
+    /// Time of the last [`Renderer::poll`].
     now: Instant,
     controls: Vec<Control>,
     /// Size of the plan's pictures, in pixels.
@@ -128,13 +127,13 @@ pub struct Renderer<D: Device> {
     in_flight: VecDeque<FrameInFlight>,
     /// The pass that was running when the last wait for a frame timed out, or the frame if the pass is unknown.
     stalled: Option<Running>,
-    /// True if a frame ended without results.
+    /// True if a frame in flight has lost its results; see [`Renderer::take_forgot`].
     forgot: bool,
     done: Vec<FinishedFrame>,
     events: Vec<RendererEvent>,
-    /// The last reported failure.
+    /// Text of the last reported failure.
     failed: Option<String>,
-    /// Device numbers of the builds in progress, oldest first; see `epoch`.
+    /// Device numbers (see `epoch`) of the builds in progress, oldest first.
     jobs: VecDeque<u64>,
     progress: Arc<Mutex<String>>,
 }
@@ -199,7 +198,7 @@ impl<D: Device> Renderer<D> {
         self.stalled.as_ref()
     }
 
-    /// Returns the error of the last attempt to draw a frame, if it failed.
+    /// Returns the error of the last attempt to draw a frame; `None` if it succeeded.
     pub fn trouble(&self) -> Option<&BackendError> {
         match &self.device {
             DeviceState::Failing { error, .. } => Some(error),
@@ -215,12 +214,12 @@ impl<D: Device> Renderer<D> {
         if texts.is_empty() { None } else { Some(texts.join("\n")) }
     }
 
-    /// Returns the requested name of the graph.
+    /// Returns the requested graph: a built-in name or a path.
     pub fn graph(&self) -> &str {
         &self.graph
     }
 
-    /// Returns the current plan.
+    /// Returns the current plan; `None` before the first build succeeds.
     pub fn plan(&self) -> Option<&Arc<Plan>> {
         self.state.good()
     }
@@ -230,12 +229,12 @@ impl<D: Device> Renderer<D> {
         self.size
     }
 
-    /// Returns true if the plan draws this scene.
+    /// Returns true if the current plan draws this scene.
     pub fn draws(&self, scene: &Scene) -> bool {
         self.scene == Some(scene.identity())
     }
 
-    /// Returns the parameters with the requested values; constants may still wait for a new plan.
+    /// Returns the parameters with their requested values; constants may still wait for a new plan.
     pub fn controls(&self) -> &[Control] {
         &self.controls
     }
@@ -250,7 +249,7 @@ impl<D: Device> Renderer<D> {
         self.state.error(self.now)
     }
 
-    /// Returns true while a build is running or pending.
+    /// Returns true while a build is running or requested.
     pub fn busy(&self) -> bool {
         self.build.is_busy() || self.state.due(self.now).is_some()
     }
@@ -270,13 +269,14 @@ impl<D: Device> Renderer<D> {
         self.in_flight.len()
     }
 
-    /// Returns the number of plans so far that drew a new scene or graph, or were the first on their device. Pictures
-    /// with equal numbers show the same scene and graph.
+    /// Returns the number of plans so far that drew a new scene or graph, or were the first on their device.
+    ///
+    /// Pictures with equal numbers show the same scene and graph.
     pub fn subject(&self) -> u64 {
         self.subject
     }
 
-    /// Returns the number of changes that panels show, apart from finished frames: builds, failures, plans.
+    /// Returns a counter of changes that panels show, other than finished frames: builds, failures, plans.
     pub(super) fn changes(&self) -> u64 {
         self.changes
     }
@@ -303,17 +303,17 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Describes the current step of the build; empty if unknown.
+    /// Describes the current step of the build, as text for the status line; empty if unknown.
     pub fn progress(&self) -> String {
         self.progress.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Returns how files are watched: by notifications or by polling.
+    /// Returns the method of watching files: notifications or polling.
     pub fn watching(&self) -> WatchKind {
         self.watcher.kind()
     }
 
-    /// Changes to another graph and replaces the settings.
+    /// Selects another graph, and replaces all changed parameters by `set`.
     pub fn choose(&mut self, graph: &str, set: IndexMap<String, String>) {
         self.graph = graph.to_owned();
         self.set = set;
@@ -321,7 +321,7 @@ impl<D: Device> Renderer<D> {
         self.want(Cause::Graph, Instant::now());
     }
 
-    /// Sets a parameter; `None` restores its default. An unknown name, or a value of another type, changes nothing.
+    /// Sets a parameter; `None` restores its default. An unknown name or a value of the wrong type changes nothing.
     pub fn set_param(&mut self, name: &str, value: Option<Value>) {
         let Some(param) = self.controls.iter_mut().map(|c| &mut c.param).find(|p| p.name == name) else {
             return;
@@ -342,7 +342,7 @@ impl<D: Device> Renderer<D> {
         }
     }
 
-    /// Restores the defaults of all parameters.
+    /// Restores the default of every parameter.
     pub fn reset_params(&mut self) {
         let names: Vec<String> = self.set.keys().cloned().collect();
         for name in names {
@@ -372,12 +372,12 @@ impl<D: Device> Renderer<D> {
         if !causes.is_room_alone() {
             self.crowded = None;
         }
-        // A file may be half written, so its errors wait for a moment.
+        // The file may be half written, so errors are reported only after a delay.
         let attempt = if causes.has_file() { self.state.changed(now) } else { self.state.asked(now) };
         self.build.ask(PendingBuild { causes, asked, attempt });
     }
 
-    /// Takes a finished plan, and starts a build if something changed. Must be called before every frame.
+    /// Takes finished plans, and starts a build if something changed. Must be called before every frame.
     pub fn poll(&mut self, inputs: &PlanInputs, now: Instant) {
         self.now = now;
         self.take_builds();
@@ -389,7 +389,7 @@ impl<D: Device> Renderer<D> {
         if other_scene {
             self.capacities = Capacities::default();
         }
-        // A graph that lost the device waits for more than another size.
+        // After repeated losses of the device, a new size alone must not build the graph again.
         if causes.iter().next().is_some() && (!matches!(self.build, BuildState::Held) || other_scene) {
             self.want(causes, now);
         }
@@ -398,7 +398,7 @@ impl<D: Device> Renderer<D> {
             self.want(Cause::Retry, now);
         }
         self.builder.set_outdated(matches!(self.build, BuildState::Running(_, Some(_))));
-        // An empty size has no pictures, so the previous plan stays until there is one.
+        // A picture without pixels cannot be drawn; the previous plan stays.
         let drawable = inputs.size.0 > 0 && inputs.size.1 > 0;
         if drawable
             && let Some(device) = self.device.device()
@@ -433,7 +433,7 @@ impl<D: Device> Renderer<D> {
         self.failed = failure;
     }
 
-    /// Takes finished builds, and drops builds for a lost device.
+    /// Takes finished builds, and drops builds that were made for a lost device.
     fn take_builds(&mut self) {
         while let Some(output) = self.builder.poll() {
             if self.jobs.pop_front() != Some(self.epoch) {
@@ -474,7 +474,7 @@ impl<D: Device> Renderer<D> {
             Ok(made) => made,
             Err(Failure::Cancelled) => {
                 self.build.end();
-                // What it was cancelled for is built next, for the causes of both.
+                // Build again, for the causes of the cancelled build and the newer request.
                 let former = |attempt| PendingBuild { causes: built.causes, asked: built.asked, attempt };
                 self.build = BuildState::Asked(match std::mem::take(&mut self.build) {
                     BuildState::Asked(newer) => former(newer.attempt).with(newer),
@@ -492,7 +492,7 @@ impl<D: Device> Renderer<D> {
         self.whole = None;
         let new = [Cause::Start, Cause::Scene, Cause::Graph, Cause::Device];
         self.subject += u64::from(new.iter().any(|cause| built.causes.contains(cause)));
-        // A new plan may draw where the previous one could not.
+        // A new plan may draw even though the previous one failed.
         self.device.recover();
         self.strict = false;
         self.size = built.inputs.size;
@@ -513,7 +513,7 @@ impl<D: Device> Renderer<D> {
         self.apply_set();
     }
 
-    /// Applies to the plan's parameters the settings that changed after the plan was requested.
+    /// Applies settings that changed after the plan was requested to its parameters.
     fn apply_set(&mut self) {
         for Control { param, .. } in &mut self.controls {
             let text = self.set.get(&param.name);

@@ -1,4 +1,4 @@
-//! Increases a renderer's capacities when frames overflow, up to the device's memory.
+//! Increases a renderer's list capacities when frames overflow, up to the device's memory.
 
 use super::Renderer;
 use super::events::{Cause, Causes, Failure};
@@ -10,18 +10,19 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl<D: Device> Renderer<D> {
-    /// Returns the reason for which the device refused more capacity; `None` if it did not since the last change.
+    /// Returns the reason why the device rejected more capacity; `None` unless it did since the last change.
     pub fn crowded(&self) -> Option<&str> {
         self.crowded.as_ref().map(|crowded| crowded.reason.as_str())
     }
 
-    /// Returns true if the plan has lists that can grow, and its first frame has not ended. False if frames cannot be
-    /// drawn.
+    /// Returns true if the plan has lists that can grow, and its first frame is still pending.
+    ///
+    /// Returns false if frames cannot be drawn.
     pub fn may_grow(&self) -> bool {
         self.whole.is_none() && self.trouble().is_none() && self.grows()
     }
 
-    /// Takes over the capacities of another renderer that draws the same scene with the same graph.
+    /// Copies the capacities of another renderer that draws the same scene with the same graph.
     pub fn take_room_of(&mut self, other: &Renderer<D>) {
         self.capacities = other.capacities.clone();
     }
@@ -31,16 +32,16 @@ impl<D: Device> Renderer<D> {
         self.plan().is_some_and(|plan| plan.params.iter().any(|param| param.grows.is_some()))
     }
 
-    /// Returns true if no plan with more capacity is needed, or none is on its way.
+    /// Returns true if no plan with more capacity is needed, or none is being built.
     pub fn is_at_best(&self) -> bool {
         !self.grows() || self.whole.is_some_and(|whole| whole || !self.busy())
     }
 
-    /// Records the capacities that an overflowed frame needed, and requests a plan with them.
+    /// Records the capacities that an overflowed frame needed, requests a plan with them, and returns the overflows.
     pub(super) fn make_room(&mut self, plan: &Arc<Plan>, result: &FrameResult) -> Vec<Overflow> {
         let short = overflows(plan, &result.stats);
-        // What a frame of a previous plan lacked, perhaps of another scene, says nothing about this one; and while another plan is on its
-        // way, the frames of that will tell.
+        // Ignore frames of previous plans: they may show another scene, and frames of the current plan report their own
+        // overflows.
         let current = self.state.good().is_some_and(|good| Arc::ptr_eq(good, plan));
         if current {
             self.whole = Some(short.is_empty());
@@ -55,22 +56,22 @@ impl<D: Device> Renderer<D> {
         short
     }
 
-    /// Returns the time at which frames may request more capacity again; `None` if they may now, or only after a
+    /// Returns the time from which frames may request more capacity again; `None` if they may now, or only after a
     /// change.
     pub(super) fn room_again(&self) -> Option<Instant> {
         self.crowded.as_ref()?.retry
     }
 
-    /// Lets frames request more capacity again, if the device may have the memory by now.
+    /// Lets frames request more capacity again once the retry time has passed.
     pub(super) fn try_room_again(&mut self) {
         if self.room_again().is_some_and(|time| time <= self.now) {
             self.crowded = None;
-            // A frame in part asks for it.
+            // An incomplete frame must be drawn again to request capacity.
             self.redraw = true;
         }
     }
 
-    /// Records the failure of a build. If only capacity had changed, the build is given up, and frames stay incomplete.
+    /// Records the failure of a build. If only capacity had changed, gives up the build; frames then stay incomplete.
     pub(super) fn refuse(&mut self, causes: &Causes, failure: Failure) {
         let ended = match &failure {
             Failure::Backend(error) => ends_device(error),
@@ -81,7 +82,7 @@ impl<D: Device> Renderer<D> {
         if ended || !grew {
             return self.fail(failure);
         }
-        // The next plan, for whatever reason, has the room of the last good one.
+        // Whatever causes the next build, it starts from the capacities of the last good plan.
         self.capacities = self.drawn_with.clone();
         if causes.is_room_alone() {
             let retry = failure.may_pass().then(|| self.now + RETRY);

@@ -1,4 +1,4 @@
-//! Defines the states of a renderer's device, and of its builds.
+//! Defines the states of a renderer's device and builds.
 
 use super::events::{Cause, Causes};
 use splatgraph_api::{BackendError, Recovery};
@@ -14,12 +14,12 @@ pub const RETRY: Duration = Duration::from_millis(250);
 /// A callback that announces new content to draw; any thread may call it.
 pub type Wake = Arc<dyn Fn() + Send + Sync>;
 
-/// The inputs of a plan besides its files and parameters.
+/// Inputs of a plan, other than its files and parameters.
 #[derive(Clone)]
 pub struct PlanInputs {
     /// The scene to draw; `None` for a graph that draws no scene, such as the window's.
     pub scene: Option<Arc<Scene>>,
-    /// Imports that graphs may use.
+    /// Imports that graphs may use, by name.
     pub catalog: Arc<Catalog>,
     /// Size of the picture, in pixels.
     pub size: (u32, u32),
@@ -28,7 +28,7 @@ pub struct PlanInputs {
 }
 
 impl PlanInputs {
-    /// Lists the causes of a new build; empty if a plan for `former` still fits.
+    /// Lists the differences from `former` that require a new build; empty if its plan still fits.
     pub(super) fn differs(&self, former: &PlanInputs) -> Causes {
         let identity = |inputs: &PlanInputs| inputs.scene.as_ref().map(|scene| scene.identity());
         let all = [
@@ -46,9 +46,9 @@ pub(super) enum DeviceState<D> {
     Drawing(D),
     /// The last frame failed. The next is drawn no earlier than `retry`.
     Failing { device: D, error: BackendError, retry: Instant },
-    /// The device, or its window, is lost. The device is kept until it is released.
+    /// The device or its window surface is lost. The device is kept until it is released.
     Lost { device: D, error: BackendError },
-    /// The device was released, and has not been replaced yet.
+    /// The device was released after a loss, and has not been replaced yet.
     Released,
 }
 
@@ -80,7 +80,7 @@ impl<D> DeviceState<D> {
         }
     }
 
-    /// Records an error: the device is lost, or the next frame waits until `retry`. A loss is permanent.
+    /// Records an error: the device becomes lost, or the next frame waits until `retry`. A loss is permanent.
     pub fn fail(&mut self, error: BackendError, retry: Instant) {
         *self = match std::mem::replace(self, DeviceState::Released) {
             DeviceState::Drawing(device) | DeviceState::Failing { device, .. } if ends_device(&error) => {
@@ -93,7 +93,7 @@ impl<D> DeviceState<D> {
         };
     }
 
-    /// Clears the failure of a frame; returns true if there was one.
+    /// Clears the failure of the last frame; returns true if there was one.
     pub fn recover(&mut self) -> bool {
         match std::mem::replace(self, DeviceState::Released) {
             DeviceState::Failing { device, .. } => {
@@ -108,7 +108,7 @@ impl<D> DeviceState<D> {
     }
 }
 
-/// Returns true if the device or its window is lost, so that another device is needed.
+/// Returns true if an error means that the device or its window surface is lost.
 pub(super) fn ends_device(error: &BackendError) -> bool {
     let window = matches!(error, BackendError::Unavailable(_) | BackendError::SurfaceLost { .. });
     error.recovery() == Recovery::DeviceEnded || window
@@ -117,16 +117,16 @@ pub(super) fn ends_device(error: &BackendError) -> bool {
 /// State of a renderer's builds.
 #[derive(Default)]
 pub(super) enum BuildState {
-    /// The newest plan is built, or cannot be built.
+    /// No build is needed: the newest plan is built, or has errors.
     #[default]
     Idle,
-    /// The device was lost repeatedly: nothing is built before a change.
+    /// The device was lost repeatedly; nothing is built until a change.
     Held,
-    /// The last build failed because something was short, such as memory. The next begins at this time.
+    /// The last build lacked something, such as memory. The next begins at this time.
     Retry(Instant),
-    /// A build is requested.
+    /// A build was requested and has not begun.
     Asked(PendingBuild),
-    /// A build is running. Changes since its start wait for its end.
+    /// A build is running; the second field holds changes since its start.
     Running(Attempt, Option<PendingBuild>),
 }
 
@@ -160,9 +160,9 @@ impl BuildState {
         }
     }
 
-    /// Ends the running build and returns its attempt; `None` if no build is running.
+    /// Ends the running build, and returns its attempt; `None` if no build is running.
     ///
-    /// Changes since its start are built next.
+    /// Changes since the build started become the next request.
     pub fn end(&mut self) -> Option<Attempt> {
         match std::mem::take(self) {
             BuildState::Running(attempt, next) => {
@@ -182,7 +182,7 @@ impl BuildState {
     }
 }
 
-/// The next plan to build.
+/// A requested build.
 pub(super) struct PendingBuild {
     pub causes: Causes,
     /// Time of the first change.
@@ -191,17 +191,17 @@ pub(super) struct PendingBuild {
 }
 
 impl PendingBuild {
-    /// Combines this build with one for later changes.
+    /// Combines this request with one for later changes.
     pub fn with(mut self, later: PendingBuild) -> PendingBuild {
         self.causes.add(later.causes);
         PendingBuild { causes: self.causes, asked: self.asked.min(later.asked), attempt: later.attempt }
     }
 }
 
-/// The device's refusal of a plan with more capacity.
+/// The device's rejection of a plan with more capacity.
 pub(super) struct Crowded {
     pub reason: String,
-    /// Time of the next attempt; `None` if the device will not accept the plan later either.
+    /// Time of the next attempt; `None` if retrying cannot succeed.
     pub retry: Option<Instant>,
 }
 
@@ -219,7 +219,7 @@ mod tests {
         let both = PlanInputs { scene: scene(20), size: (32, 18), ..former.clone() };
         assert_eq!(former.differs(&former), Causes::default());
         assert_eq!(both.differs(&former).to_string(), "another scene, another size");
-        // The build for the scene is cancelled for the size that follows.
+        // The build for the scene is cancelled in favour of one for the new size.
         let mut state: LastGood<(), ()> = LastGood::new();
         let mut build = |causes: Causes, asked| PendingBuild { causes, asked, attempt: state.asked(asked) };
         let now = Instant::now();

@@ -1,7 +1,7 @@
 //! Moves the viewer's camera, saves views, and plays paths.
 //!
-//! The user's input moves the camera ([`Viewer::navigate`]), or a path that is played, until anything else moves it.
-//! Views and keys are in the world's coordinates; the navigation is in the scene's.
+//! The camera moves by the user's input ([`Viewer::navigate`]), or along a path while one is played. Views and keys are
+//! in the world's coordinates; the navigation is in the scene's.
 
 use super::Viewer;
 use crate::draw::camera_path::KeyError;
@@ -15,7 +15,7 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Projection};
 use std::path::Path;
 
-/// Picture size for comparing cameras: at the same size, unequal cameras mean a movement.
+/// Picture size for comparing cameras: only the position and direction matter.
 const ANY_SIZE: (u32, u32) = (1, 1);
 
 impl<D: Device> Viewer<D> {
@@ -29,8 +29,8 @@ impl<D: Device> Viewer<D> {
         self.picture_camera_of(RendererId::A)
     }
 
-    /// Returns the camera of the last frame's pictures, in the coordinates of a viewport's scene and with the projection
-    /// of its graph.
+    /// Returns the camera of the last frame's pictures, in the coordinates of a viewport's scene. Its projection is
+    /// that of the viewport's graph.
     pub fn picture_camera_of(&self, id: RendererId) -> Camera {
         let viewport = if id == RendererId::B { self.b.as_ref() } else { Some(&self.a) };
         let plan = viewport.and_then(|viewport| viewport.renderer.plan());
@@ -41,7 +41,7 @@ impl<D: Device> Viewer<D> {
     /// Returns the camera for a viewport's pictures of this size.
     ///
     /// It is converted to the world's coordinates and back, which rounds it if the scene is far from the world's
-    /// origin. A command that reads it from a file thus draws the same picture.
+    /// origin. A command that reads the camera from a file thus draws exactly the same picture.
     pub(super) fn camera_of(&self, id: RendererId, size: (u32, u32)) -> Camera {
         self.world_camera_of(size).relative_to(self.scene_of(id).offset())
     }
@@ -52,7 +52,7 @@ impl<D: Device> Viewer<D> {
 
     /// Applies the user's input to the camera, or advances the path; returns true if the camera moved.
     ///
-    /// A playing path is paused by input that moves the camera, and by anything else that moved it since the last call.
+    /// Playback pauses on input that moves the camera, and if anything else moved it since the last call.
     pub fn navigate(&mut self, input: &Input) -> bool {
         let now = |viewer: &Self| viewer.navigation.camera(ANY_SIZE.0, ANY_SIZE.1);
         if self.played.take().is_some_and(|shown| self.navigation.is_moving() || shown != now(self)) {
@@ -75,7 +75,7 @@ impl<D: Device> Viewer<D> {
         self.navigation.is_moving() || self.play.is_playing()
     }
 
-    /// Moves the camera to a time of the path, in seconds from its start. A playing path continues from there.
+    /// Moves the camera to a time of the path, in seconds from its start. Playback continues from there.
     pub fn seek_path(&mut self, seconds: f64) {
         self.play.seek(seconds, &self.path);
         if let Some(camera) = self.path.at(self.play.position()) {
@@ -99,14 +99,14 @@ impl<D: Device> Viewer<D> {
         self.views.add(name, camera)
     }
 
-    /// Flies to a saved view.
+    /// Flies to the saved view at `index`; does nothing if there is none.
     pub fn look_through_view(&mut self, index: usize) {
         if let Some(view) = self.views.list().get(index) {
             self.navigation.set_camera(&view.relative_to(self.scene().offset()));
         }
     }
 
-    /// Writes the saved views to a `cameras.json`; never over a file that this window did not write.
+    /// Writes the saved views to a `cameras.json`; overwrites only files that this window wrote.
     ///
     /// # Errors
     /// See [`crate::view::cameras::CameraFiles::save`].
@@ -114,7 +114,7 @@ impl<D: Device> Viewer<D> {
         self.camera_files.save(self.views.list(), path)
     }
 
-    /// Writes the keys of the path to a `cameras.json`; never over a file that this window did not write.
+    /// Writes the keys of the path to a `cameras.json`; overwrites only files that this window wrote.
     ///
     /// # Errors
     /// See [`crate::view::cameras::CameraFiles::save`].
@@ -122,24 +122,24 @@ impl<D: Device> Viewer<D> {
         self.camera_files.save(self.path.keys(), path)
     }
 
-    /// Reads a `cameras.json` on another thread, and adds its cameras to the saved views.
+    /// Reads a `cameras.json` on another thread, and appends its cameras to the saved views.
     pub fn open_views(&mut self, path: &Path) {
         self.open_cameras_as(CameraRole::Views, path);
     }
 
-    /// Reads a `cameras.json` on another thread, and makes its cameras the keys of the path.
+    /// Reads a `cameras.json` on another thread, and replaces the path's keys by its cameras.
     pub fn open_path(&mut self, path: &Path) {
         self.open_cameras_as(CameraRole::Path, path);
     }
 
-    /// Reads cameras on another thread, for the use `role`; reports an error as an event.
+    /// Reads cameras on another thread, to be used as `role`; reports an error as an event.
     pub(in crate::view) fn open_cameras_as(&mut self, role: CameraRole, path: &Path) {
         if let Err(error) = self.opening.open_cameras(role, path) {
             self.events.push(Event::FileFailed { path: path.to_owned(), error });
         }
     }
 
-    /// Adds the cameras of a file to the saved views, or makes them the keys of the path.
+    /// Appends a file's cameras to the saved views, or replaces the path's keys by them.
     pub(super) fn take_world_cameras(
         &mut self,
         role: CameraRole,
@@ -165,7 +165,7 @@ impl<D: Device> Viewer<D> {
         Ok(())
     }
 
-    /// Returns the command line that draws a viewport's picture to a file; `None` for a viewport that does not exist.
+    /// Returns the command line that draws a viewport's picture to a file; `None` if there is no such viewport.
     pub fn render_command(&mut self, id: RendererId, output: &Path) -> Option<String> {
         let camera = self.world_camera();
         let (scene, background) = (self.scene_path_of(id).to_owned(), self.background);

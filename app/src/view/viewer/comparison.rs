@@ -1,7 +1,7 @@
-//! Compares A and B: both pictures are read back, and another thread computes their differences.
+//! Compares A and B: reads both pictures back, and computes their differences on another thread.
 //!
-//! It waits until both viewports draw the requested state, and records that state, so that the result is known to be
-//! outdated once the camera or a setting has changed.
+//! A comparison starts once both viewports draw the requested state, and records that state. The result counts as
+//! outdated when the camera or a setting has changed since.
 
 use super::parts::{Compared, Comparison, ComparisonResult, Side, Step};
 use super::{Viewer, Viewport};
@@ -12,7 +12,7 @@ use crate::view::paint::Mode;
 use splatgraph_api::{Device, Pixels};
 
 impl<D: Device> Viewer<D> {
-    /// Compares the next pictures of A and B; the result is reported as an event and as [`Viewer::comparison`].
+    /// Compares the next pictures of A and B. The result is reported as an event and by [`Viewer::comparison`].
     pub fn measure(&mut self) {
         if self.b.is_some() && self.comparing.step == Step::No {
             self.comparing.step = Step::Waiting;
@@ -24,17 +24,17 @@ impl<D: Device> Viewer<D> {
         self.comparing.step != Step::No
     }
 
-    /// Returns the newest comparison of A and B.
+    /// Returns the newest comparison of A and B; `None` before the first.
     pub fn comparison(&self) -> Option<&Comparison> {
         self.comparing.newest.as_ref().map(|(found, _)| found)
     }
 
-    /// Returns true if the comparison is of the pictures that are shown now.
+    /// Returns true if the newest comparison is of the current camera and settings.
     pub fn comparison_is_current(&self) -> bool {
         self.comparing.newest.as_ref().is_some_and(|(_, of)| *of == self.compares_now())
     }
 
-    /// Forgets the newest comparison.
+    /// Drops the newest comparison.
     pub fn forget_comparison(&mut self) {
         self.comparing.newest = None;
     }
@@ -56,11 +56,11 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Requests both pictures once both viewports draw the requested state.
+    /// Requests a read-back of both pictures once both viewports draw the requested state.
     pub(super) fn start_comparison(&mut self) {
         let asks = match self.comparing.step {
             Step::Waiting => self.b.is_none() || self.compare == Mode::A || !self.changes_soon(),
-            // The picture of a frame that could not be submitted is of a later camera.
+            // A picture that is still requested would show a later camera.
             Step::Reading => {
                 [Some(&self.a), self.b.as_ref()].into_iter().flatten().any(Viewport::wants_picture)
             }
@@ -78,7 +78,7 @@ impl<D: Device> Viewer<D> {
         self.comparing.of = Some(self.compares_now());
     }
 
-    /// Takes the result from the other thread.
+    /// Takes the result from the comparing thread.
     pub(super) fn take_comparison(&mut self) {
         while let Ok(result) = self.comparing.results.1.try_recv() {
             self.comparing.step = Step::No;
@@ -98,7 +98,7 @@ impl<D: Device> Viewer<D> {
         self.events.push(Event::Problem { text: format!("A and B cannot be compared: {why}") });
     }
 
-    /// Compares both pictures of [`Viewer::measure`] on another thread, once they have been read back.
+    /// Compares both pictures on another thread, once they have been read back.
     pub(super) fn compare_pictures(&mut self) {
         if self.comparing.step != Step::Reading {
             return;
@@ -109,7 +109,7 @@ impl<D: Device> Viewer<D> {
                 let (Some(a), Some(b)) = (self.a.take_picture(), b.take_picture()) else { return };
                 a.and_then(|a| Ok((a, b?)))
             }
-            // A picture that cannot be drawn is not waited for.
+            // Do not wait for a picture that cannot be drawn.
             Some(b) => match [&self.a, b].into_iter().find_map(|viewport| viewport.renderer.problem(false)) {
                 Some(problem) => Err(problem.lines().next().unwrap_or_default().to_owned()),
                 None => return,
@@ -136,7 +136,7 @@ impl<D: Device> Viewer<D> {
     }
 }
 
-/// Computes the differences of two pictures in display-encoded colours, clamped to 0..1.
+/// Computes the differences of two pictures, in display-encoded colours clamped to 0..1.
 fn differences(a: &Pixels, b: &Pixels) -> ComparisonResult {
     let image = |pixels| image_of(pixels).ok_or("the output has no colours");
     let (a, b) = (image(a)?.clamped(), image(b)?.clamped());

@@ -1,6 +1,6 @@
-//! Measures the device's bandwidth for copies between buffers, the scale for the times of passes.
+//! Measures the device's bandwidth for buffer copies, which serves as the scale for the times of passes.
 //!
-//! A graph makes the copies in its own frames, between the frames of the pictures.
+//! The copies are passes of a graph of their own, whose frames alternate with the frames of the pictures.
 
 use super::parts::CopyLimit;
 use super::{Viewer, Viewport};
@@ -10,16 +10,16 @@ use crate::view::viewport::View;
 use splatgraph_api::Device;
 use std::time::Instant;
 
-/// Name of the graph that makes the copies, in its pass `PASS`.
+/// Name of the graph that makes the copies, in its pass [`PASS`].
 const GRAPH: &str = "bench/copy";
 const PASS: &str = "copy";
 /// Number of frames measured; their median is the result.
 const FRAMES: u64 = 40;
-/// Size of the measurement's pictures, which are not shown, in pixels.
+/// Size of the measuring graph's output, in pixels; it is never shown.
 const SIZE: (u32, u32) = (16, 16);
 
 impl<D: Device> Viewer<D> {
-    /// Returns the device's copy limit in 10^9 bytes per second, read and written; `None` before it is measured.
+    /// Returns the copy limit in 10^9 bytes per second, reads plus writes; `None` before it is measured.
     pub fn copy_limit(&self) -> Option<f64> {
         match &self.copy {
             CopyLimit::Known(rate) => Some(*rate),
@@ -27,12 +27,12 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Returns true while the copy limit is measured.
+    /// Returns true while the copy limit is being measured.
     pub fn is_measuring_copy(&self) -> bool {
         self.copy.viewport().is_some()
     }
 
-    /// Measures the copy limit with the next frames; reports a failure as an event.
+    /// Starts measuring the copy limit with the next frames; reports a failure as an event.
     pub fn measure_copy(&mut self) {
         if self.is_measuring_copy() {
             return;
@@ -90,7 +90,7 @@ impl<D: Device> Viewer<D> {
     }
 }
 
-/// Computes the bandwidth of the pass, or of the whole frame if the driver's timestamps do not separate passes.
+/// Computes the bandwidth in the pass, or in the whole frame if the driver's timestamps do not separate passes.
 fn rate<D: Device>(viewport: &Viewport<D>) -> Option<f64> {
     let plan = viewport.renderer.plan()?;
     let pass = plan.passes.iter().find(|pass| pass.name == PASS)?;

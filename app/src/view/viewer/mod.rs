@@ -1,8 +1,8 @@
 //! Implements the viewer without a window.
 //!
 //! A [`Viewer`] has a scene, a camera, and one or two viewports: A, and B for comparison. [`Viewer::frame`] takes the
-//! results of other threads (plans, scenes, comparisons) and draws the pictures that are due. Windows and tests call it
-//! in the same way; results are reported as [`Event`]s.
+//! results of other threads (plans, scenes, comparisons) and draws the pictures that are due. A window or a test calls
+//! it; results are reported as [`Event`]s.
 
 use super::cameras::{CameraFiles, Views};
 use super::events::{Event, RendererId};
@@ -39,7 +39,7 @@ use placed::PlacedFiles;
 use subject::Subject;
 pub use subject::{Combine, Marks, Part};
 
-/// An error while opening the viewer.
+/// An error of creating or changing the viewer.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewerError {
     /// The device failed.
@@ -48,7 +48,7 @@ pub enum ViewerError {
     /// Files cannot be watched.
     #[error(transparent)]
     Watch(#[from] WatchError),
-    /// The device is lost, and not replaced yet.
+    /// The device is lost, and has not been replaced yet.
     #[error("the device is lost")]
     NoDevice,
 }
@@ -61,54 +61,54 @@ pub struct Viewer<D: Device> {
     other: Option<Subject>,
     /// Selectable cameras, in the scene's coordinates.
     pub cameras: Vec<Camera>,
-    /// Index of the last selected camera.
+    /// Index of the last selected camera in `cameras`; `None` before a selection.
     pub camera: Option<usize>,
     /// Position and controls of the camera.
     pub navigation: Navigation,
-    /// Saved views.
+    /// Saved views, in the world's coordinates.
     pub views: Views,
-    /// The path of the camera, in the world's coordinates.
+    /// Path of the camera, in the world's coordinates.
     pub path: CameraPath,
-    /// The player of the path.
+    /// Playback of the path.
     pub play: Playback,
-    /// The last camera that the player showed.
+    /// Camera that playback set last. If the camera differs, something else has moved it.
     played: Option<Camera>,
     camera_files: CameraFiles,
-    /// The viewport that draws the picture, or the part left of the split line.
+    /// Viewport that draws the whole picture, or the part left of the split line.
     pub a: Viewport<D>,
-    /// The viewport that A is compared with. It keeps its parameters while it is hidden.
+    /// Viewport that A is compared with; `None` before the first comparison. Hiding it keeps its parameters.
     pub b: Option<Viewport<D>>,
-    /// Choice between A alone and the comparisons of A and B.
+    /// Pictures to show: A alone, or a comparison of A and B.
     pub compare: Mode,
-    /// Position of the split line, as a share of the width.
+    /// Position of the split line, as a fraction of the view's width.
     pub split: f32,
     /// Factor that amplifies the difference of A and B.
     pub gain: f32,
     /// Background colour, display-encoded.
     pub background: [f32; 3],
-    /// Pixels of the picture per pixel of the window, across and down.
+    /// Picture pixels per window pixel, along each axis.
     pub scale: f32,
     /// True to draw frames continuously, even if nothing changes.
     pub continuous: bool,
     /// Folder for files that are named automatically.
     pub folder: PathBuf,
-    /// The splats of the last picked pixel; see [`Viewer::pick`].
+    /// Splats found by the last [`Viewer::pick`]; `None` if nothing was picked.
     pub picked: Option<Picked>,
-    /// The viewport of the last picked splats.
+    /// Viewport in which [`Viewer::picked`] was picked.
     picked_in: RendererId,
     picker: Latest<Picked>,
-    /// Marks of the scenes that are being loaded for A and B.
+    /// Marks to apply to the scenes that are being loaded for A and B.
     restored: [Option<Marks>; 2],
     exporter: Exporter,
-    /// True if the window uses another device, so that pictures reach it through host memory.
+    /// True if the window uses another device, so that pictures are copied through host memory.
     pub(super) to_host: bool,
-    /// True while drawing is paused.
+    /// True while frames must not be submitted.
     pub(super) rests: bool,
-    /// Size of the picture that the last frame requested, in pixels.
+    /// Size of the pictures requested by the last frame, in pixels.
     asked: (u32, u32),
     opening: Opening,
     placed: PlacedFiles,
-    /// Request number of the cameras, if they were opened separately from a scene.
+    /// Number of the last request that opened selectable cameras separately from a scene; 0 before the first.
     cameras_number: u64,
     comparing: Comparing,
     copy: CopyLimit<D>,
@@ -177,8 +177,10 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Returns true while anything is being built, loaded, compared, picked, selected or written, may need more
-    /// capacity, or is not shown yet.
+    /// Returns true while the result of a request is pending.
+    ///
+    /// Covers builds, loads, comparisons, picks, selections, exports, lists that may still grow, and pictures that are
+    /// not shown yet.
     pub fn busy(&self) -> bool {
         self.changes_soon() || self.is_comparing() || self.picker.busy() || self.exporter.busy()
     }
@@ -197,7 +199,7 @@ impl<D: Device> Viewer<D> {
         [Some(&self.a), self.b.as_ref(), self.copy.viewport()].into_iter().flatten()
     }
 
-    /// Iterates over the viewports that are drawn; a hidden B is not.
+    /// Iterates over the visible viewports: A, and B unless it is hidden.
     fn shown(&self) -> impl Iterator<Item = &Viewport<D>> {
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [Some(&self.a), b, self.copy.viewport()].into_iter().flatten()
@@ -208,18 +210,18 @@ impl<D: Device> Viewer<D> {
         self.continuous || self.is_measuring_copy() || self.shown().any(Viewport::is_animated)
     }
 
-    /// Returns true if a frame is due that could not be submitted yet.
+    /// Returns true if a frame is due, but could not be submitted yet.
     pub(super) fn waits(&self) -> bool {
         self.shown().any(Viewport::waits)
     }
 
-    /// Returns the number of changes that panels show: finished frames, and [`Renderer::changes`].
+    /// Returns a counter of changes that panels show: finished frames, and [`Renderer::changes`].
     pub(super) fn changes(&self) -> u64 {
         let of = |viewport: &Viewport<D>| viewport.renderer.changes() + viewport.history.frames();
         self.all().map(of).sum()
     }
 
-    /// Returns the time at which the next frame is due if no event comes before: neither a wake nor the end of a frame.
+    /// Returns the time at which the next frame is due, unless a wake or the end of a frame comes first.
     pub(super) fn next(&self) -> Option<Instant> {
         let of = |viewport: &Viewport<D>| {
             let retry = viewport.renderer.retry().filter(|_| viewport.waits());
@@ -243,15 +245,15 @@ impl<D: Device> Viewer<D> {
         ready
     }
 
-    /// Returns the submission time of the newest frame in flight.
+    /// Returns the submission time of the newest frame in flight; `None` if there is none.
     pub(super) fn newest(&self) -> Option<Instant> {
         self.all().filter_map(|viewport| viewport.renderer.newest()).max()
     }
 
-    /// Shows A alone, or both. B starts as a copy of A.
+    /// Selects the pictures to show. B is created on first use, as a copy of A.
     ///
     /// # Errors
-    /// B cannot be created; A then stays alone.
+    /// B cannot be created; A is then shown alone.
     pub fn set_compare(&mut self, compare: Mode) -> Result<(), ViewerError> {
         if compare != Mode::A && self.b.is_none() {
             let a = &self.a.renderer;
@@ -269,19 +271,19 @@ impl<D: Device> Viewer<D> {
         Ok(())
     }
 
-    /// Shows or hides B as [`Viewer::set_compare`] does, and reports an error as an event.
+    /// Selects the pictures to show, as [`Viewer::set_compare`] does; reports an error as an event.
     pub fn choose_compare(&mut self, compare: Mode) {
         if let Err(error) = self.set_compare(compare) {
             self.events.push(Event::Problem { text: format!("B cannot be shown: {error}") });
         }
     }
 
-    /// Opens a file by its extension: a scene or a graph in A, or cameras. Scenes are loaded in the background.
+    /// Opens a scene or a graph in A, or cameras, by the file's extension. Scenes are loaded on another thread.
     pub fn open(&mut self, path: &Path) {
         self.open_in(RendererId::A, path);
     }
 
-    /// Opens a file by its extension: a scene or a graph in a viewport, or cameras.
+    /// Opens a scene or a graph in a viewport, or cameras, by the file's extension.
     pub fn open_in(&mut self, id: RendererId, path: &Path) {
         let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         match ending.as_str() {
@@ -302,7 +304,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Loads cameras on another thread and selects the first.
+    /// Loads selectable cameras on another thread, and then selects the first.
     pub fn open_cameras(&mut self, path: &Path) {
         self.open_cameras_as(CameraRole::Selectable, path);
     }
@@ -315,8 +317,9 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Replaces the cameras, given in the scene's coordinates, and selects the first. Their mean direction up becomes
-    /// the viewer's.
+    /// Replaces the selectable cameras, given in the scene's coordinates, and selects the first.
+    ///
+    /// The mean of their up directions becomes the navigation's.
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
         if let Some(camera) = cameras.first() {
             let up = navigation::mean_up(&cameras).unwrap_or_else(|| self.scene().up().into());
@@ -326,7 +329,7 @@ impl<D: Device> Viewer<D> {
         self.cameras = cameras;
     }
 
-    /// Selects a camera and flies to it.
+    /// Selects the camera at `index` and flies to it; does nothing if there is none.
     pub fn look_through(&mut self, index: usize) {
         if let Some(camera) = self.cameras.get(index) {
             self.camera = Some(index);
@@ -334,11 +337,12 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Searches on another thread for the splats of a pixel in a viewport's picture. `at` is in its pixels, from the
-    /// top left.
+    /// Searches on another thread for the splats at a pixel of a viewport's picture.
     ///
-    /// A later frame stores them in [`Viewer::picked`]; the newest request replaces all earlier ones. A position
-    /// outside of the picture picks nothing. The rules are those of [`crate::draw::pick`], for every graph.
+    /// `at` is in picture pixels, from the top left.
+    ///
+    /// A later frame stores the result in [`Viewer::picked`]; the newest request replaces all earlier ones. A position
+    /// outside the picture picks nothing. Every graph uses the rules of [`crate::draw::pick`].
     pub fn pick(&mut self, id: RendererId, at: [f32; 2]) {
         let (width, height) = self.asked;
         let inside = (0.0..width as f32).contains(&at[0]) && (0.0..height as f32).contains(&at[1]);
@@ -357,12 +361,12 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Returns the viewport of the last picked splats.
+    /// Returns the viewport in which [`Viewer::picked`] was picked.
     pub fn picked_in(&self) -> RendererId {
         self.picked_in
     }
 
-    /// Returns true during a search for splats.
+    /// Returns true while the splats at a pixel are being searched.
     pub fn is_picking(&self) -> bool {
         self.picker.busy()
     }
@@ -373,7 +377,7 @@ impl<D: Device> Viewer<D> {
         self.picked = None;
     }
 
-    /// Takes finished results, and draws the pictures that are due. `size` is the view's, in pixels of the window.
+    /// Takes finished results, and draws the pictures that are due. `size` is the view's, in window pixels.
     ///
     /// Errors are kept in the renderers: see [`Renderer::problem`] and [`Viewer::lost`].
     pub fn frame(&mut self, size: (u32, u32)) {
@@ -425,37 +429,37 @@ impl<D: Device> Viewer<D> {
         self.step_copy(now);
     }
 
-    /// Returns the error that ended the device, if any.
+    /// Returns the error that lost the device; `None` while it works.
     pub fn lost(&self) -> Option<&BackendError> {
         self.a.renderer.lost().or_else(|| self.b.as_ref()?.renderer.lost())
     }
 
-    /// Drops the device and everything on it. The scene stays in host memory.
+    /// Drops the lost device and everything on it. The scene stays in host memory.
     pub fn release(&mut self) {
-        // Another device copies at another rate.
+        // The copy limit must be measured again on the next device.
         self.copy = CopyLimit::Unknown;
         for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
             viewport.release();
         }
     }
 
-    /// Suspends builds until a change; see [`Renderer::hold`].
+    /// Suspends builds until something changes; see [`Renderer::hold`].
     pub fn hold(&mut self, loss: &str) {
         for viewport in [Some(&mut self.a), self.b.as_mut()].into_iter().flatten() {
             viewport.renderer.hold(loss);
         }
     }
 
-    /// Returns true if no build uses the dropped device.
+    /// Returns true once no build holds the released device.
     pub fn is_released(&mut self) -> bool {
         let b = self.b.as_mut().is_none_or(|b| b.renderer.is_released());
         self.a.renderer.is_released() && b
     }
 
-    /// Continues on another device.
+    /// Continues on another device after [`Viewer::release`].
     ///
     /// # Errors
-    /// The context of B cannot be created; B is then hidden.
+    /// A context for B cannot be created; B is then hidden.
     pub fn give(&mut self, device: D) -> Result<(), BackendError> {
         let b = self.b.as_ref().map(|_| device.new_context()).transpose();
         self.a.renderer.give(device);
@@ -470,23 +474,23 @@ impl<D: Device> Viewer<D> {
         Ok(())
     }
 
-    /// Returns true if the view of the last frame had no pixels.
+    /// Returns true if the last frame's view had no pixels.
     pub fn is_empty(&self) -> bool {
         self.asked.0 == 0 || self.asked.1 == 0
     }
 
-    /// Returns the pictures for the window, each with a unique number.
+    /// Returns the pictures of A and B for the window, each with a unique number.
     pub fn pictures(&self) -> [Option<(Shown, u64)>; 2] {
         let b = self.b.as_ref().filter(|_| self.compare != Mode::A);
         [self.a.picture(), b.and_then(Viewport::picture)]
     }
 
-    /// Reports an event of the user interface.
+    /// Reports an event from the user interface.
     pub fn report(&mut self, event: Event) {
         self.events.push(event);
     }
 
-    /// Takes the events since the last call.
+    /// Takes the events reported since the last call.
     pub fn take_events(&mut self) -> Vec<Event> {
         std::mem::take(&mut self.events)
     }
@@ -498,7 +502,7 @@ impl<D: Device> Viewer<D> {
         a.renderer.into_device()
     }
 
-    /// Waits for the frames in flight.
+    /// Waits up to `within` for the frames in flight.
     ///
     /// # Errors
     /// See [`Renderer::finish`].

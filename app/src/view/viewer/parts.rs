@@ -1,4 +1,4 @@
-//! Defines the parts of a viewer besides its scenes and viewports: the comparison, and the copy limit.
+//! Defines the state of a comparison, and of the measurement of the copy limit.
 
 use crate::draw::facts;
 use crate::view::navigation::Navigation;
@@ -8,21 +8,21 @@ use splatgraph_api::Device;
 use splatgraph_assets::{Camera, Scene};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// Creates the navigation for a scene without cameras: it frames the scene.
+/// Creates the navigation for a scene without cameras: the whole scene is in view.
 pub(super) fn at_start(scene: &Scene) -> Navigation {
     let (width, height) = facts::DEFAULT_SIZE;
     let camera = Camera::framing(scene, width, height);
     Navigation::new(&scene.robust_bounds(), &camera, scene.up().into())
 }
 
-/// The differences between the pictures of A and B.
+/// Differences between the pictures of A and B.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
     /// PSNR in decibels; infinite for identical pictures.
     pub psnr: f64,
     /// SSIM; `None` for pictures smaller than its window.
     pub ssim: Option<f64>,
-    /// Largest difference of a channel; 1 is white.
+    /// Largest difference in a colour channel, from 0 to 1.
     pub worst: f64,
     /// Column and row of the pixel with the largest difference.
     pub at: [usize; 2],
@@ -30,7 +30,7 @@ pub struct Comparison {
     pub size: [usize; 2],
 }
 
-/// Everything that the result of a comparison depends on.
+/// The inputs of a comparison; if they change, its result is outdated.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Compared {
     pub camera: Camera,
@@ -38,7 +38,7 @@ pub(super) struct Compared {
     pub sides: [Option<Side>; 2],
 }
 
-/// Graph, changed parameters and scene of a viewport.
+/// Graph, changed parameters and scene of one viewport.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Side {
     pub graph: String,
@@ -52,22 +52,22 @@ pub(super) enum Step {
     No,
     /// A viewport does not draw the requested state yet.
     Waiting,
-    /// The pictures are read back.
+    /// The pictures are being read back.
     Reading,
-    /// Another thread computes the differences.
+    /// Another thread is computing the differences.
     Computing,
 }
 
 /// Result of a comparison, or its error.
 pub(super) type ComparisonResult = Result<Comparison, String>;
 
-/// The running comparison and the newest one.
+/// The comparison in progress, and the newest result.
 pub(super) struct Comparing {
     pub step: Step,
     pub results: (Sender<ComparisonResult>, Receiver<ComparisonResult>),
-    /// The newest comparison, with its inputs.
+    /// The newest result, with its inputs.
     pub newest: Option<(Comparison, Compared)>,
-    /// Inputs of the running comparison.
+    /// Inputs of the comparison in progress.
     pub of: Option<Compared>,
 }
 
@@ -81,7 +81,7 @@ impl Default for Comparing {
 pub(super) enum CopyLimit<D: Device> {
     Unknown,
     Measuring(Box<Viewport<D>>),
-    /// Bandwidth in 10^9 bytes per second, read and written.
+    /// Bandwidth in 10^9 bytes per second, reads plus writes.
     Known(f64),
 }
 

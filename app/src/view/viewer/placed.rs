@@ -1,4 +1,4 @@
-//! Watches files that place several scenes. A changed file is loaded again; the camera stays.
+//! Watches placement files, which place several scenes in one world. A changed file is loaded again; the camera stays.
 
 use crate::view::events::RendererId;
 use crate::view::opening;
@@ -6,18 +6,17 @@ use crate::view::renderer::Wake;
 use splatgraph_framework::reload::{Content, Wanted, WatchError, Watcher};
 use std::path::{Path, PathBuf};
 
-/// The watched files that place several scenes.
+/// Watcher of the placement files of A and B.
 #[derive(Default)]
 pub(super) struct PlacedFiles {
-    /// Watcher of the files; `None` before the first file.
+    /// Watcher of the files; `None` until the first file is watched.
     watcher: Option<Watcher>,
-    /// Scene files of A and B, with the contents that were last read.
+    /// Placement files of A and B, with their contents when last read.
     wanted: [Option<Wanted>; 2],
 }
 
 impl PlacedFiles {
-    /// Watches the file of a viewport's scene from now on, if it places several scenes; stops watching the previous
-    /// one.
+    /// Watches a viewport's scene file from now on, if it is a placement file; stops watching the previous one.
     ///
     /// # Errors
     /// The system cannot start a thread.
@@ -40,12 +39,12 @@ impl PlacedFiles {
         Ok(())
     }
 
-    /// Exchanges the files of A and B.
+    /// Exchanges the watched files of A and B.
     pub fn exchange(&mut self) {
         self.wanted.swap(0, 1);
     }
 
-    /// Takes the files that changed since the last call.
+    /// Takes the watched files that changed since the last call.
     pub fn take(&mut self) -> Vec<PathBuf> {
         self.watcher.as_mut().and_then(Watcher::take).map_or_else(Vec::new, |change| change.files)
     }

@@ -1,6 +1,6 @@
 //! Manages the viewer's scenes: A's, and B's if it has its own.
 //!
-//! The camera is in the coordinates of A's scene. B looks from the same place in the world.
+//! The camera is in the coordinates of A's scene. B's pictures use the same camera in the world.
 
 use super::Viewer;
 use super::parts::at_start;
@@ -23,22 +23,22 @@ impl<D: Device> Viewer<D> {
         self.other.as_mut().filter(|_| id == RendererId::B).unwrap_or(&mut self.subject)
     }
 
-    /// Returns the scene of viewport A as drawn: see [`Viewer::marks`].
+    /// Returns A's scene as drawn, which shows its [`Viewer::marks`].
     pub fn scene(&self) -> &Scene {
         &self.subject.scene
     }
 
-    /// Returns the scene of a viewport as drawn: see [`Viewer::marks`].
+    /// Returns a viewport's scene as drawn, which shows its [`Viewer::marks`].
     pub fn scene_of(&self, id: RendererId) -> &Scene {
         &self.subject_of(id).scene
     }
 
-    /// Returns the file of viewport A's scene.
+    /// Returns the path of A's scene.
     pub fn scene_path(&self) -> &Path {
         &self.subject.path
     }
 
-    /// Returns the file of a viewport's scene.
+    /// Returns the path of a viewport's scene.
     pub fn scene_path_of(&self, id: RendererId) -> &Path {
         &self.subject_of(id).path
     }
@@ -48,18 +48,17 @@ impl<D: Device> Viewer<D> {
         self.other.is_some()
     }
 
-    /// Returns the scene that is being loaded for a viewport.
+    /// Returns the path of the scene that is being loaded for a viewport; `None` if none is.
     pub fn loading(&self, id: RendererId) -> Option<&Path> {
         self.opening.scene(id)
     }
 
-    /// Loads a scene for A on another thread; the current one stays until then. The last of several requests wins.
+    /// Loads a scene for A on another thread, and shows it when done. A later request replaces this one.
     pub fn open_scene(&mut self, path: &Path) {
         self.open_scene_in(RendererId::A, path);
     }
 
-    /// Loads a scene for a viewport on another thread. If B is given A's file, it shares A's scene; otherwise it has
-    /// its own.
+    /// Loads a scene for a viewport on another thread. If B is given A's file, it shares A's scene.
     pub fn open_scene_in(&mut self, id: RendererId, path: &Path) {
         if id == RendererId::B && path == self.scene_path() {
             return self.share_scene();
@@ -71,14 +70,14 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Watches the file of a viewport's scene, if it places several scenes.
+    /// Watches a viewport's scene file, if it places several scenes.
     pub(super) fn follow_scenes(&mut self, id: RendererId, path: &Path) {
         if let Err(error) = self.placed.follow(id, path, &self.wake) {
             self.events.push(Event::Problem { text: format!("changes are not noticed: {error}") });
         }
     }
 
-    /// Loads scenes again if the files that place them changed.
+    /// Loads the scenes again whose placement files changed.
     pub(super) fn reload_scenes(&mut self) {
         for path in self.placed.take() {
             for id in [RendererId::A, RendererId::B] {
@@ -98,7 +97,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Exchanges A and B: graphs, parameters and scenes. The camera does not move in the world.
+    /// Exchanges graphs, parameters and scenes of A and B. The camera stays at its place in the world.
     pub fn exchange(&mut self) {
         let Some(b) = &mut self.b else { return };
         std::mem::swap(&mut self.a, b);
@@ -114,7 +113,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Makes a scene A's, and returns the previous one. The camera and the selectable cameras do not move in the world.
+    /// Replaces A's scene, and returns the previous one. All cameras stay at their places in the world.
     fn replace_subject(&mut self, subject: Subject) -> Subject {
         let camera = self.world_camera();
         let offset = self.scene().offset();
@@ -127,7 +126,7 @@ impl<D: Device> Viewer<D> {
         former
     }
 
-    /// Converts the selectable cameras from the coordinates of a scene with its origin at `former` to A's scene.
+    /// Converts the selectable cameras to A's scene, from a scene whose origin is at `former` in the world.
     fn move_cameras(&mut self, former: [f64; 3]) {
         let moved = DVec3::from(self.scene().offset()) - DVec3::from(former);
         for camera in &mut self.cameras {
@@ -135,7 +134,7 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Takes a file that was read, and shows its scene or cameras.
+    /// Takes a file that was read, and shows its scene or uses its cameras.
     pub(super) fn take(&mut self, opened: Opened) {
         let Opened { path, load_ms, number, content } = opened;
         match content {
@@ -154,7 +153,7 @@ impl<D: Device> Viewer<D> {
                 match id {
                     RendererId::B => self.other = Some(subject),
                     RendererId::A | RendererId::Window => {
-                        // Cameras that were opened after the scene stay.
+                        // Cameras that were opened after the scene are kept.
                         let newer = self.cameras_number > number;
                         self.show_scene(
                             subject,
@@ -173,9 +172,9 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Makes a scene A's, and sets the selectable cameras.
+    /// Replaces A's scene and the selectable cameras.
     fn show_scene(&mut self, subject: Subject, cameras: SceneCameras) {
-        // A changed file: whoever edits it watches the picture.
+        // The file was edited: keep the view while the user adjusts the placement.
         if subject.path == self.subject.path && names_scenes(&subject.path) {
             self.replace_subject(subject);
             return;
@@ -200,10 +199,10 @@ impl<D: Device> Viewer<D> {
     }
 }
 
-/// The selectable cameras once a scene is shown.
+/// Selectable cameras to use with a new scene.
 enum SceneCameras {
-    /// The current cameras, which were opened after the scene.
+    /// The current cameras, because they were opened after the scene.
     Kept,
-    /// File of the cameras beside the scene, if it exists, with the cameras or the error.
+    /// The cameras found beside the scene, if any: the path of their file, with the cameras or the error.
     Own(Option<(PathBuf, Result<Vec<Camera>, String>)>),
 }

@@ -13,19 +13,19 @@ use std::path::Path;
 use std::sync::Arc;
 
 impl<D: Device> Viewer<D> {
-    /// Returns the selected and hidden splats of a viewport's scene. Indices are those of the scene as loaded.
+    /// Returns the selected and hidden splats of a viewport's scene, as indices into the scene as loaded.
     pub fn marks(&self, id: RendererId) -> &Marks {
         self.subject_of(id).marks()
     }
 
-    /// Returns a viewport's scene as loaded, which marks do not change.
+    /// Returns a viewport's scene as loaded, without its marks.
     pub fn loaded(&self, id: RendererId) -> &Scene {
         &self.subject_of(id).whole
     }
 
-    /// Selects and hides splats. The picture follows once the scene that shows them is made, on another thread.
+    /// Selects and hides splats. The picture follows once another thread has made the marked scene.
     ///
-    /// Marks that do not fit the scene, or that hide all splats, change nothing and are reported.
+    /// Marks that do not fit the scene, or that hide all splats, are rejected with an event.
     pub fn set_marks(&mut self, id: RendererId, marks: Marks) {
         if *self.marks(id) == marks {
             return;
@@ -40,7 +40,7 @@ impl<D: Device> Viewer<D> {
         self.tell_marks(id);
     }
 
-    /// Reports the marks of a viewport's scene.
+    /// Reports the numbers of selected and hidden splats of a viewport's scene as an event.
     fn tell_marks(&mut self, id: RendererId) {
         let marks = self.marks(id);
         let (selected, hidden) = (marks.selected.len(), marks.hidden.len());
@@ -49,7 +49,7 @@ impl<D: Device> Viewer<D> {
 
     /// Searches on another thread for the splats in a region of a viewport's picture, and changes the selection.
     ///
-    /// Searches run one after the other. One whose result replaces the selection cancels all earlier ones.
+    /// Searches run one after another. A search with [`Combine::Replace`] cancels all earlier ones.
     /// [`crate::draw::select`] defines which splats are in a region.
     pub fn select(&mut self, id: RendererId, region: Region, reach: Reach, combine: Combine) {
         let search = Search { camera: self.picture_camera_of(id), region, reach, combine };
@@ -61,12 +61,12 @@ impl<D: Device> Viewer<D> {
         self.search(id);
     }
 
-    /// Cancels the searches in a viewport's picture.
+    /// Cancels all searches in a viewport's picture.
     pub(in crate::view) fn cancel_searches(&mut self, id: RendererId) {
         self.subject_mut(id).cancel_searches();
     }
 
-    /// Starts the next search in a viewport's picture, unless one is running.
+    /// Starts the next queued search in a viewport's picture, unless one is running.
     fn search(&mut self, id: RendererId) {
         let subject = self.subject_mut(id);
         if subject.finder.busy() {
@@ -83,12 +83,12 @@ impl<D: Device> Viewer<D> {
         }
     }
 
-    /// Returns true during a search for splats in a region of a viewport's picture.
+    /// Returns true while splats in a region of a viewport's picture are being searched.
     pub fn is_selecting(&self, id: RendererId) -> bool {
         self.subject_of(id).is_searching()
     }
 
-    /// Selects the visible splats that are not selected, instead of the selected ones.
+    /// Inverts the selection among the visible splats.
     pub fn invert_selection(&mut self, id: RendererId) {
         let (marks, count) = (self.marks(id).clone(), self.loaded(id).count());
         self.set_marks(id, Marks { selected: Arc::new(marks.rest(count)), ..marks });
@@ -100,28 +100,30 @@ impl<D: Device> Viewer<D> {
         self.set_marks(id, Marks { selected: Arc::new(marks.visible(count)), ..marks });
     }
 
-    /// Selects nothing, and cancels the searches.
+    /// Clears the selection, and cancels all searches.
     pub fn clear_selection(&mut self, id: RendererId) {
         self.cancel_searches(id);
         let hidden = self.marks(id).hidden.clone();
         self.set_marks(id, Marks { hidden, ..Marks::default() });
     }
 
-    /// Hides the selected splats.
+    /// Hides the selected splats, and clears the selection.
     pub fn hide_selected(&mut self, id: RendererId) {
         let Marks { selected, hidden } = self.marks(id);
         let hidden = Arc::new(hidden.with(selected));
         self.set_marks(id, Marks { hidden, ..Marks::default() });
     }
 
-    /// Shows all splats.
+    /// Shows all hidden splats; the selection stays.
     pub fn show_all(&mut self, id: RendererId) {
         let selected = self.marks(id).selected.clone();
         self.set_marks(id, Marks { selected, ..Marks::default() });
     }
 
-    /// Writes splats of a viewport's scene to a new file, on another thread: a scene in the format of the file's
-    /// extension, or their indices to a `.json` file. The result is reported as an event. Returns true if writing began.
+    /// Writes a part of a viewport's scene to a new file on another thread; returns true if writing began.
+    ///
+    /// A `.json` file gets the splats' indices; any other extension selects a scene format. The result is reported as
+    /// an event.
     pub fn export(&mut self, id: RendererId, part: Part, path: &Path) -> bool {
         let subject = self.subject_of(id);
         let marks = subject.marks();
@@ -142,17 +144,17 @@ impl<D: Device> Viewer<D> {
         self.exporter.progress()
     }
 
-    /// Restores the marks of a scene that is being loaded for a viewport.
+    /// Keeps `marks` for the scene that is being loaded for a viewport.
     pub(in crate::view) fn restore_marks(&mut self, id: RendererId, marks: Marks) {
         self.restored[opening::index(id)] = Some(marks);
     }
 
-    /// Returns the marks that a scene will have once it is loaded for a viewport.
+    /// Returns the marks that a viewport's scene will have once it is loaded.
     pub(in crate::view) fn restored(&self, id: RendererId) -> Marks {
         self.restored[opening::index(id)].clone().unwrap_or_default()
     }
 
-    /// Takes the results of searches, the scenes that show marks, and written files.
+    /// Takes the results of searches, marked scenes, and written files.
     pub(super) fn take_splats(&mut self) {
         for id in [RendererId::A, RendererId::B] {
             let subject = self.subject_mut(id);

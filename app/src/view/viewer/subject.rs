@@ -1,7 +1,7 @@
 //! Holds a viewport's scene: as loaded, and as drawn with its selected and hidden splats.
 //!
-//! The scene as drawn lacks the hidden splats, and its selected splats are tinted. It is a scene of its own, made on
-//! another thread, so that every graph draws it. Without hidden and selected splats, it is the loaded scene itself.
+//! The scene as drawn lacks the hidden splats, and its selected splats are tinted. It is a separate copy made on
+//! another thread, so that any graph can draw it. Without marks, it is the loaded scene itself.
 
 use crate::draw::facts;
 use crate::draw::select::{Reach, Region};
@@ -17,7 +17,7 @@ use std::sync::Arc;
 /// Display-encoded colour of selected splats.
 const TINT: [f32; 3] = [1.0, 0.62, 0.0];
 
-/// Share of the tint in a selected splat's colour.
+/// Weight of the tint in a selected splat's colour, from 0 to 1.
 const SHARE: f32 = 0.75;
 
 /// Band 0 of the spherical harmonics, `1 / (2 sqrt(pi))`: a colour is `0.5 + SH_C0 * f_dc`.
@@ -38,29 +38,29 @@ impl Marks {
         self.selected.is_empty() && self.hidden.is_empty()
     }
 
-    /// Returns the splats of a scene of `count` that are not hidden.
+    /// Returns the splats that are not hidden, in a scene of `count` splats.
     pub fn visible(&self, count: u32) -> SplatSet {
         SplatSet::first(count).without(&self.hidden)
     }
 
-    /// Returns the splats of a scene of `count` that are neither selected nor hidden.
+    /// Returns the splats that are neither selected nor hidden, in a scene of `count` splats.
     pub fn rest(&self, count: u32) -> SplatSet {
         self.visible(count).without(&self.selected)
     }
 }
 
-/// Effect of newly found splats on the selection.
+/// Effect of a search result on the selection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Combine {
-    /// They become the selection.
+    /// The found splats become the selection.
     Replace,
-    /// They are added to it.
+    /// The found splats are added to the selection.
     Add,
-    /// They are removed from it.
+    /// The found splats are removed from the selection.
     Remove,
 }
 
-/// The splats that are written.
+/// Part of a scene to write to a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// The selected splats.
@@ -78,7 +78,7 @@ pub(super) struct Search {
     pub combine: Combine,
 }
 
-/// A scene that was made from marks, with its imports.
+/// A scene made from marks, with its imports.
 struct MarkedScene {
     scene: Arc<Scene>,
     catalog: Arc<Catalog>,
@@ -91,21 +91,21 @@ impl MarkedScene {
     }
 }
 
-/// A scene, its file, and the imports that graphs take from it.
+/// A scene, its file path, and the imports that graphs take from it.
 pub(super) struct Subject {
-    /// The scene as drawn.
+    /// The scene as drawn, with its marks applied.
     pub scene: Arc<Scene>,
     /// Imports of the scene as drawn.
     pub catalog: Arc<Catalog>,
     /// The scene as loaded.
     pub whole: Arc<Scene>,
     pub path: PathBuf,
-    /// The requested marks; the scene as drawn follows.
+    /// The requested marks; `scene` shows them once it is made.
     marks: Marks,
     maker: Latest<Result<MarkedScene, SceneMemoryError>>,
-    /// The search for splats in a region.
+    /// The running search for splats in a region.
     pub finder: Latest<(Combine, SplatSet)>,
-    /// Searches that follow, oldest first.
+    /// Queued searches, oldest first.
     pub searches: VecDeque<Search>,
 }
 
@@ -129,27 +129,27 @@ impl Subject {
         &self.marks
     }
 
-    /// Returns true while the scene as drawn does not show the marks, or splats are searched for.
+    /// Returns true while marks are being applied to the scene, or splats are searched.
     pub fn busy(&self) -> bool {
         self.maker.busy() || self.is_searching()
     }
 
-    /// Returns true while splats are searched for.
+    /// Returns true while a search for splats is running or queued.
     pub fn is_searching(&self) -> bool {
         self.finder.busy() || !self.searches.is_empty()
     }
 
-    /// Cancels all searches.
+    /// Cancels the running search and all queued ones.
     pub fn cancel_searches(&mut self) {
         self.finder.cancel();
         self.searches.clear();
     }
 
-    /// Selects and hides splats, and makes the scene that shows them on another thread.
+    /// Selects and hides splats, and starts making the marked scene on another thread.
     ///
     /// # Errors
-    /// All splats would be hidden, the marks are of a larger scene, or the system cannot start a thread. Nothing
-    /// changes.
+    /// All splats would be hidden, the marks are of a larger scene, or the system cannot start a thread. The marks stay
+    /// unchanged then.
     pub fn set_marks(&mut self, marks: Marks) -> Result<(), String> {
         let count = self.whole.count();
         let end = marks.selected.end().max(marks.hidden.end());
@@ -169,7 +169,7 @@ impl Subject {
             let (whole, of) = (self.whole.clone(), marks.clone());
             self.maker.start(move |_| {
                 Some(marked(&whole, &of).map(|scene| {
-                    // Computed here, off the frame's thread, and cached.
+                    // Computed here rather than on the frame's thread; the scene caches it.
                     scene.identity();
                     MarkedScene::of(Arc::new(scene))
                 }))
@@ -179,10 +179,10 @@ impl Subject {
         Ok(())
     }
 
-    /// Takes the scene for the newest marks, once it is made.
+    /// Takes the marked scene once it is made.
     ///
     /// # Errors
-    /// It does not fit in memory. All splats are then shown, and none is selected.
+    /// The scene does not fit in memory. All splats are then shown, and none is selected.
     pub fn take_drawn(&mut self) -> Result<(), SceneMemoryError> {
         match self.maker.take() {
             None => {}
@@ -201,13 +201,13 @@ impl Subject {
     }
 }
 
-/// Copies a scene without its hidden splats, and with its selected ones tinted.
+/// Copies a scene without its hidden splats and with its selected splats tinted.
 fn marked(whole: &Scene, marks: &Marks) -> Result<Scene, SceneMemoryError> {
     let shown = marks.visible(whole.count()).indices();
     whole.picked_as(&shown, |index, splat| if marks.selected.contains(index) { tinted(splat) } else { splat })
 }
 
-/// Mixes the tint into a splat's colour; the opacity stays.
+/// Blends the tint into a splat's colour; its opacity is unchanged.
 fn tinted(mut splat: Splat) -> Splat {
     for (at, value) in splat.sh.iter_mut().enumerate() {
         let tint = if at < 3 { (TINT[at] - 0.5) / SH_C0 } else { 0.0 };

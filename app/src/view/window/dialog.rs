@@ -1,4 +1,4 @@
-//! Asks for a file with the system's dialog, without blocking the window.
+//! Shows the system's file dialog without blocking the window.
 
 use crate::view::opening::CameraRole;
 use crate::view::renderer::Wake;
@@ -11,10 +11,10 @@ use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake as TaskWake, Waker};
 use std::thread::Thread;
 
-/// The chosen file. If only cameras were requested, also their role.
+/// The chosen file; the role is set if the dialog asked for cameras.
 type Answer = Option<(PathBuf, Option<CameraRole>)>;
 
-/// The file dialog of a window; only one is open at a time.
+/// File dialog of a window; at most one is open.
 pub struct Dialog {
     answers: (Sender<Answer>, Receiver<Answer>),
     is_open: bool,
@@ -22,12 +22,12 @@ pub struct Dialog {
 }
 
 impl Dialog {
-    /// Creates the dialog without opening it. `wake` is called when a file has been chosen.
+    /// Creates the dialog without opening it. It calls `wake` when the user has chosen a file or cancelled.
     pub fn new(wake: Wake) -> Dialog {
         Dialog { answers: channel(), is_open: false, wake }
     }
 
-    /// Opens the dialog in the folder of `near`: for any file, or for cameras with a given role.
+    /// Opens the dialog in the folder of `near`, for any file or, with `cameras`, for cameras of this role.
     pub fn ask(&mut self, window: &winit::window::Window, near: &Path, cameras: Option<CameraRole>) {
         if std::mem::replace(&mut self.is_open, true) {
             return;
@@ -60,7 +60,7 @@ impl Dialog {
         }
     }
 
-    /// Takes the chosen file.
+    /// Takes the chosen file; `None` while the dialog is open, or if it was cancelled.
     pub fn take(&mut self) -> Answer {
         let answer = self.answers.1.try_recv().ok()?;
         self.is_open = false;
@@ -77,7 +77,7 @@ impl TaskWake for Unpark {
     }
 }
 
-/// Blocks this thread until a future is complete.
+/// Blocks the calling thread until a future is complete.
 fn block_on<T>(future: impl Future<Output = T>) -> T {
     let waker = Waker::from(Arc::new(Unpark(Mutex::new(std::thread::current()))));
     let mut future = pin!(future);

@@ -1,7 +1,7 @@
 //! Connects to the display, and survives its loss.
 //!
 //! Winit panics if its connection to an X server breaks, and libX11 exits the process with code 1 and a line on
-//! standard error. Both become an error of the display here. A panic of this program in a callback of winit is an
+//! standard error. This module converts both to an error. A panic of this program in a winit callback is instead an
 //! internal error: see [`guarded`].
 
 use anyhow::{Context as _, Result, anyhow};
@@ -12,25 +12,25 @@ use std::sync::{Arc, Once};
 use winit::event_loop::{ActiveEventLoop, EventLoop};
 use winit::window::{Window, WindowAttributes};
 
-/// Approximate share of a display's height that a desktop's title bars and panels leave to a window.
+/// Approximate fraction of a display's height that remains for a window beside title bars and panels.
 const USABLE_HEIGHT: f64 = 0.92;
 
-/// Opens the connection to the display.
+/// Connects to the display.
 ///
 /// # Errors
-/// No display is available.
+/// There is no display.
 pub fn event_loop() -> Result<EventLoop<()>> {
     let mut builder = EventLoop::builder();
     #[cfg(all(unix, not(target_os = "macos")))]
     if !wayland::answers() && is_set("DISPLAY") {
-        // Winit takes Wayland wherever its variable is set.
+        // Otherwise winit would choose Wayland because `WAYLAND_DISPLAY` is set.
         winit::platform::x11::EventLoopBuilderExtX11::with_x11(&mut builder);
     }
-    // Some errors are panics.
+    // winit reports some errors by a panic.
     let built = guarded(|| builder.build().map_err(|error| error.to_string()));
     let built = built.map_err(|panic| panic.message).and_then(|built| built);
     built.map_err(|error| {
-        // The text before it is a place in winit's source.
+        // Drop the prefix, a location in winit's source.
         let why = error.rsplit(": ").next().unwrap_or_default().trim_end_matches('.');
         anyhow!("there is no display to open a window on ({why}); `splatgraph render` draws without one")
     })
@@ -47,13 +47,13 @@ mod wayland {
     use std::os::unix::net::UnixStream;
     use std::path::PathBuf;
 
-    /// Returns true if a compositor accepts connections, as far as can be determined without connecting as a client.
+    /// Returns true if a Wayland compositor accepts connections, as far as a check without a client can tell.
     pub fn answers() -> bool {
-        // An inherited connection can be used once.
+        // An inherited socket can be used only once, so it is not tried.
         is_set("WAYLAND_SOCKET") || socket().is_some_and(|path| UnixStream::connect(path).is_ok())
     }
 
-    /// Returns the path of the compositor's socket: WAYLAND_DISPLAY, in XDG_RUNTIME_DIR unless it is absolute.
+    /// Returns the path of the compositor's socket: `WAYLAND_DISPLAY`, in `XDG_RUNTIME_DIR` unless absolute.
     fn socket() -> Option<PathBuf> {
         let name = std::env::var_os("WAYLAND_DISPLAY").filter(|name| !name.is_empty())?;
         let name = PathBuf::from(name);
@@ -65,18 +65,18 @@ mod wayland {
 }
 
 thread_local! {
-    /// Owner of the code that this thread runs within [`guarded`]. A panic is attributed to it.
+    /// Owner of the code that this thread currently runs within [`guarded`], to whom a panic is attributed.
     static RUNNING: Cell<Option<Whose>> = const { Cell::new(None) };
     /// The last panic on this thread.
     static PANIC: RefCell<Option<Panic>> = const { RefCell::new(None) };
 }
 
-/// Owner of code, for attributing its panic.
+/// Owner of running code, to whom a panic is attributed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Whose {
-    /// This program, and its libraries except the window library.
+    /// This program, including its libraries other than the window library.
     Program,
-    /// The window library, with egui's adapter for it.
+    /// The window library, including egui's adapter for it.
     Library,
 }
 
@@ -104,13 +104,13 @@ impl Panic {
     }
 }
 
-/// Runs the event loop, or another part of the window library, until it ends or panics.
+/// Runs the event loop, or another call of the window library, until it returns or panics.
 ///
-/// Callbacks of the library run in [`own`], and calls to the library from there in [`library`]. The innermost of them
+/// Callbacks of the library must run in [`own`], and calls back into the library in [`library`]. The innermost one
 /// determines the owner of a panic.
 ///
 /// # Errors
-/// The library panicked: the display, or the connection to it, is gone. Or this program panicked, which is a bug.
+/// The library panicked because the display or the connection to it is gone; or this program panicked, which is a bug.
 pub fn guarded<T>(work: impl FnOnce() -> T) -> Result<T, Panic> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
@@ -131,18 +131,18 @@ pub fn guarded<T>(work: impl FnOnce() -> T) -> Result<T, Panic> {
     result.map_err(|_| PANIC.take().expect("what unwinds was recorded by the hook"))
 }
 
-/// Runs code of this program in a callback of the window library.
+/// Runs code of this program inside a callback of the window library.
 pub fn own<T>(work: impl FnOnce() -> T) -> T {
     run_as(Whose::Program, work)
 }
 
-/// Runs a call of the window library.
+/// Runs a call into the window library.
 pub fn library<T>(call: impl FnOnce() -> T) -> T {
     run_as(Whose::Library, call)
 }
 
 fn run_as<T>(whose: Whose, work: impl FnOnce() -> T) -> T {
-    /// Restores the previous owner, even if a panic unwinds.
+    /// Guard that restores the previous owner, even if a panic unwinds.
     struct Restore(Option<Whose>);
     impl Drop for Restore {
         fn drop(&mut self) {
@@ -153,14 +153,14 @@ fn run_as<T>(whose: Whose, work: impl FnOnce() -> T) -> T {
     work()
 }
 
-/// A window. Its methods run winit's calls within [`library`].
+/// A window whose methods run winit's calls within [`library`].
 pub struct Handle(Arc<Window>);
 
 impl Handle {
     /// Opens a window.
     ///
     /// # Errors
-    /// The display refuses it.
+    /// The display server refuses the window.
     pub fn open(target: &ActiveEventLoop, attributes: WindowAttributes) -> Result<Handle> {
         let window = library(|| target.create_window(attributes)).context("the window cannot be opened")?;
         Ok(Handle(Arc::new(window)))
@@ -171,25 +171,25 @@ impl Handle {
         library(|| call(&self.0))
     }
 
-    /// Returns the window for a device to draw to.
+    /// Returns the window, for a device to create its surface.
     pub fn surface(&self) -> Arc<Window> {
         self.0.clone()
     }
 
-    /// Returns the size of the content, in pixels.
+    /// Returns the size of the window's content, in pixels.
     pub fn size(&self) -> (u32, u32) {
         self.with(Window::inner_size).into()
     }
 }
 
-/// True while devices are open. A thread may be using them.
+/// True while devices are open, and other threads may be using them.
 static OPEN: AtomicBool = AtomicBool::new(false);
 
-/// Records that devices are open, or closed again.
+/// Records whether devices are open.
 ///
 /// Exit handlers of drivers and their layers free memory that other threads may still use. While devices are open, the
-/// process must therefore end without them: see [`is_left_open`]. libX11 ends the process by itself, so a handler is
-/// installed that runs first.
+/// process must therefore end without these handlers: see [`is_left_open`]. libX11 calls `exit` by itself, so a handler
+/// is installed that runs before the others.
 pub fn set_open(open: bool) {
     OPEN.store(open, Ordering::Relaxed);
     #[cfg(unix)]
@@ -200,18 +200,19 @@ pub fn set_open(open: bool) {
             }
         }
         static HANDLER: Once = Once::new();
-        // The last handler runs first, and drivers register theirs when they are loaded.
-        // SAFETY: the handler is a function of the program, and nothing unwinds from it.
+        // Exit handlers run in reverse order, and drivers register theirs when they are loaded.
+        //
+        // SAFETY: `end` is a function of the program, and nothing unwinds from it.
         HANDLER.call_once(|| _ = unsafe { libc::atexit(end) });
     }
 }
 
-/// Returns true if devices are open. At exit, this means that they were busy or could not be closed in order.
+/// Returns true if devices are open. At exit, this means that they were busy or could not be closed.
 pub fn is_left_open() -> bool {
     OPEN.load(Ordering::Relaxed)
 }
 
-/// Returns the largest size up to `size` that fits on a display, in pixels.
+/// Returns `size`, reduced to fit on the display, in pixels.
 pub fn at_most(target: &ActiveEventLoop, size: (u32, u32)) -> (u32, u32) {
     let monitor = library(|| target.primary_monitor().or_else(|| target.available_monitors().next()));
     let monitor =
@@ -221,7 +222,7 @@ pub fn at_most(target: &ActiveEventLoop, size: (u32, u32)) -> (u32, u32) {
 
 fn fitted(size: (u32, u32), monitor: (u32, u32)) -> (u32, u32) {
     let height = (f64::from(monitor.1) * USABLE_HEIGHT) as u32;
-    // A size that the monitor has exactly was meant for it.
+    // A size equal to the monitor's was chosen for it, so panels are ignored.
     let height = if size == monitor { monitor.1 } else { height };
     (size.0.min(monitor.0), size.1.min(height.max(1)))
 }
@@ -238,7 +239,7 @@ mod tests {
         assert_eq!(fitted((900, 720), (1280, 800)), (900, 720));
     }
 
-    /// Beginning of the place of a panic in this file.
+    /// Prefix of the location of a panic in this file.
     const PLACE: &str = "display.rs:";
 
     #[test]
@@ -258,7 +259,7 @@ mod tests {
         assert!(error.starts_with("internal error at ") && error.contains(PLACE), "{error}");
         assert!(error.contains(": this panic is part of a test\n"), "{error}");
         assert!(error.contains("This is a bug of splatgraph"), "{error}");
-        // A panic that was caught says nothing about the one that ended the event loop.
+        // A caught panic must not be reported as the one that ended the event loop.
         let error = guarded(|| {
             let caught = catch_unwind(|| own(|| panic!("this panic is part of a test, too")));
             assert!(caught.is_err());

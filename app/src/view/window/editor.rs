@@ -1,7 +1,7 @@
 //! Opens a source location in the user's editor.
 //!
-//! `VISUAL` or `EDITOR` names the editor. Editors that need a terminal cannot be started from a window. For these, and
-//! without a variable, a `vscode://` link is opened, which editors besides VS Code also register.
+//! `VISUAL` or `EDITOR` names the editor. Editors that need a terminal cannot be started from a window; instead of
+//! them, and if neither variable is set, a `vscode://` link is opened, which other editors also register.
 
 use splatgraph_framework::ir::Origin;
 use std::env;
@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 /// Opens a source location in an editor.
 ///
 /// # Errors
-/// The file is built into the program, or no program can be started.
+/// The file is built into the program, or the editor cannot be started.
 pub fn open(origin: &Origin) -> Result<(), String> {
     let path = Path::new(&origin.file);
     let path = path.canonicalize().map_err(|_| {
@@ -26,12 +26,12 @@ pub fn open(origin: &Origin) -> Result<(), String> {
         .stderr(Stdio::null())
         .spawn();
     let mut child = started.map_err(|error| format!("{program} cannot be started: {error}"))?;
-    // Nobody else takes the end of the process.
+    // Reap the process when it ends.
     let _ = std::thread::Builder::new().name("editor".to_owned()).spawn(move || child.wait());
     Ok(())
 }
 
-/// Returns the program that opens a source location, with its arguments.
+/// Returns the program and the arguments that open a source location.
 fn command(editor: &str, path: &Path, origin: &Origin) -> (String, Vec<String>) {
     let mut words = editor.split_whitespace().map(str::to_owned);
     let program = words.next().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Writes events as JSON lines, including changes of the window's size and of the controls' positions.
+//! Writes events as JSON lines, including changes of the window's size and of its controls' positions.
 
 use crate::io::output::Log;
 use crate::view::events::Event;
@@ -8,7 +8,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// A writer of events, one JSON object per line.
+/// Writer of events, one JSON object per line.
 pub struct EventLog {
     out: Log,
     begun: Instant,
@@ -29,7 +29,7 @@ impl EventLog {
         EventLog { out, begun: Instant::now(), window: None, controls: BTreeMap::new() }
     }
 
-    /// Writes the events of a frame, and `frame` after them.
+    /// Writes the events of a frame, followed by `frame`.
     pub fn write(
         &mut self,
         mut events: Vec<Event>,
@@ -41,7 +41,7 @@ impl EventLog {
         events.extend(frame);
         let time = self.begun.elapsed().as_secs_f64();
         for event in &events {
-            // Every event is a tree of named fields, so that no line is left out.
+            // Serialising cannot fail: every event is a tree of named fields.
             if let Ok(line) = serde_json::to_string(&Line { time, event }) {
                 self.out.line(&line);
             }
@@ -49,7 +49,7 @@ impl EventLog {
         self.out.flush();
     }
 
-    /// Adds the changes of the window's size and of the controls' positions.
+    /// Appends events for changes of the window's size and of the controls' positions.
     fn add_changes(&mut self, all: &mut Vec<Event>, controls: &Controls, request: &FrameRequest) {
         let FrameRequest { size: (width, height), pixels_per_point, .. } = *request;
         let window = Event::Window { width, height, pixels_per_point };

@@ -1,12 +1,12 @@
-//! Opens the window: passes winit's events to a [`Shell`], and presents its frames.
+//! Opens the window, passes winit's events to a [`Shell`], and presents the shell's frames.
 //!
 //! The window sleeps until an event or the time of the next frame ([`Frame::next`]). While frames are in flight, it
 //! polls them at intervals. While it is minimised or covered, it does not draw.
 //!
 //! [`Frame::next`]: super::shell::Frame::next
 //!
-//! While nothing can be drawn in the window, its title states the reason: the device was lost, is busy with one pass,
-//! or cannot draw the window itself. Closing never waits for longer than `CLOSING`.
+//! While nothing can be drawn, the window's title gives the reason: the device was lost, is busy with one pass, or
+//! cannot draw the window itself. Closing waits at most `CLOSING`.
 
 mod dialog;
 mod display;
@@ -40,7 +40,7 @@ use winit::event::WindowEvent;
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
 use winit::window::{Fullscreen, Window, WindowId};
 
-/// Interval of checks for a hidden window to reappear.
+/// Interval between checks whether a hidden window is visible again.
 const IDLE: Duration = Duration::from_millis(100);
 
 /// Interval between attempts to draw while the device is being reopened.
@@ -49,64 +49,64 @@ const REOPENING: Duration = Duration::from_millis(50);
 /// Minimum and maximum interval between polls of a frame in flight.
 const LOOKS: (Duration, Duration) = (Duration::from_millis(1), Duration::from_millis(50));
 
-/// Divisor that gives the interval between polls from the age of a frame in flight. It bounds the delay relative to the
-/// age.
+/// Fraction of the age of a frame in flight, as a divisor, that is used as the polling interval. Polling thus adds at
+/// most this fraction to a frame's time.
 const LOOK: u32 = 16;
 
-/// Maximum wait for the device and for a build when the window closes. Anything still running then ends with the
-/// process.
+/// Maximum wait for the device and for a build when the window closes. Anything that takes longer is abandoned when the
+/// process exits.
 const CLOSING: Duration = Duration::from_secs(3);
 
-/// Time after which the program ends if the window's own graph never had enough memory.
+/// Time after which the program gives up if the window's own graph never had enough memory.
 const BLIND: Duration = Duration::from_secs(3);
 
-/// Duration of one pass after which the window's title names it.
+/// Running time of a pass after which the window's title names it.
 const SLOW: Duration = Duration::from_secs(1);
 
-/// Number of frames after which a view without pixels counts as permanently empty.
+/// Number of frames after which a view without pixels is assumed to stay empty.
 const MANY: u64 = 30;
 
-/// A function that sets the initial state of the shell, for a window of this size.
+/// A function that sets the initial state of the shell. The pair is the window's size, in pixels.
 pub type Setup = Box<dyn FnOnce(&mut Shell<Backend>, (u32, u32)) -> Result<()>>;
 
 /// The options of the window.
 pub struct WindowOptions {
-    /// The scene and its file.
+    /// The scene to open and the path of its file.
     pub scene: (Scene, PathBuf),
-    /// Name or path of the graph.
+    /// Built-in name or path of the graph.
     pub pipeline: String,
-    /// Parameters to change.
+    /// Names and values of parameters to change.
     pub set: Vec<(String, String)>,
     /// Selectable cameras, in the scene's coordinates.
     pub cameras: Vec<Camera>,
-    /// Size of the window's content, in pixels. It is reduced to fit on the display.
+    /// Size of the window's content, in pixels; reduced to fit on the display unless `exact_size`.
     pub size: (u32, u32),
     /// True to keep this size even if it does not fit on the display.
     pub exact_size: bool,
     /// Graphics API of the device.
     pub backend: Api,
-    /// Selection of the device, and its validation.
+    /// Selection of the device, and use of validation.
     pub device: Options,
-    /// True to wait for the display's refresh.
+    /// True to synchronise presentation with the display's refresh.
     pub vsync: bool,
     /// True to draw continuously, even if nothing changes. A number of frames or a screenshot implies it.
     pub continuous: bool,
-    /// File that keeps the arrangement between starts; `None` to use the default arrangement.
+    /// File that stores the arrangement between starts; `None` to use the default arrangement.
     pub kept: Option<PathBuf>,
-    /// Callback that sets the initial state of the shell.
+    /// Function that sets the initial state of the shell.
     pub setup: Setup,
     /// Destination of events, one JSON object per line.
     pub events: Option<Log>,
-    /// File for the window's picture, saved once everything is built; the window then closes.
+    /// File for a picture of the window, saved once everything is built; the window then closes.
     pub screenshot: Option<PathBuf>,
-    /// Minimum number of frames before the screenshot; without one, the number of frames after which the window closes.
+    /// Minimum number of frames before the screenshot; without a screenshot, the number after which the window closes.
     pub frames: Option<u64>,
 }
 
 /// Opens the window and runs until it is closed. Returns the validation messages.
 ///
 /// # Errors
-/// There is no display, no device that can present on it, or the device fails.
+/// No display is available, no device can present on it, or the device fails.
 pub fn run(options: WindowOptions) -> Result<Vec<String>> {
     super::profile::start();
     let events = display::event_loop()?;
@@ -118,7 +118,7 @@ pub fn run(options: WindowOptions) -> Result<Vec<String>> {
             app.outcome
         }
         Err(panic) => {
-            // The display is gone, or the panic left things half done: nothing can be closed in order.
+            // The display is gone, or the panic left inconsistent state, so nothing can be closed normally.
             let _ = ManuallyDrop::new(app.running.take());
             Err(panic.into())
         }
@@ -138,11 +138,12 @@ struct Running {
     input: egui_winit::State,
     window: display::Handle,
     covered: bool,
-    /// True for a minimised window, and the time of the last check; not every window system reports changes.
+    /// True for a minimised window, and the time of the last check. Polled, because not every window system reports
+    /// changes.
     minimised: (bool, Instant),
     /// True if an event requires a frame.
     asked: bool,
-    /// True if the window system has lost the window's content.
+    /// True if the window system has discarded the window's content.
     redraw: bool,
     /// Time of the next frame, and of the next poll of frames in flight.
     next: Option<Instant>,
@@ -154,15 +155,15 @@ struct Running {
     title: String,
     /// Time since which the window's own graph could not be built; `None` if it can.
     blind: Option<Instant>,
-    /// The pass named by the last event about a slow pass.
+    /// Name of the pass in the last [`Event::Slow`].
     slow: Option<String>,
-    /// File that keeps the arrangement.
+    /// File that stores the arrangement.
     kept: Option<PathBuf>,
-    /// The dialog that asks for a file.
+    /// The file dialog.
     open: dialog::Dialog,
-    /// File for the next frame's picture.
+    /// Path for the next frame's picture of the window.
     save: Option<PathBuf>,
-    /// File for the next picture of A.
+    /// Path for the next picture of A.
     save_a: Option<PathBuf>,
 }
 
@@ -196,7 +197,7 @@ impl App {
         let (canvas, device) = recovery.open(size, options.vsync)?;
         display::set_open(true);
         let proxy = self.proxy.clone();
-        // An event loop that has ended need not wake up.
+        // Sending fails only after the event loop has ended, when there is nothing to wake.
         let wake: super::renderer::Wake = Arc::new(move || {
             let _ = proxy.send_event(());
         });
@@ -243,7 +244,7 @@ impl App {
         Ok(())
     }
 
-    /// Ends the event loop, with or without an error.
+    /// Closes the window and ends the event loop, with or without an error.
     fn end(&mut self, target: &ActiveEventLoop, result: Result<()>) {
         let messages = self.running.take().map(|running| running.close()).unwrap_or_default();
         self.outcome = result.map(|()| messages);
@@ -288,7 +289,7 @@ impl App {
 
     fn take(&mut self, target: &ActiveEventLoop, event: WindowEvent) {
         let Some(running) = &mut self.running else { return };
-        // The panels read the events from egui.
+        // egui must get every event, because the panels depend on it.
         running.asked |= running.window.with(|window| running.input.on_window_event(window, &event).repaint);
         match event {
             WindowEvent::CloseRequested => self.end(target, Ok(())),
@@ -304,7 +305,7 @@ impl App {
             }
             WindowEvent::RedrawRequested => {
                 (running.asked, running.redraw) = (true, true);
-                // Some systems wait for this one while the user resizes the window.
+                // Some systems send only this event while the user resizes the window.
                 self.turn(target);
             }
             _ => {}
@@ -340,7 +341,7 @@ impl Running {
             self.minimised = (self.window.with(Window::is_minimized) == Some(true), Instant::now());
         }
         let (width, height) = self.window.size();
-        // A picture of the window needs no display.
+        // A screenshot does not need a visible window.
         let hidden = (self.covered || self.minimised.0) && self.closing.screenshot.is_none();
         hidden || width == 0 || height == 0
     }
@@ -367,7 +368,7 @@ impl Running {
         Ok(closes)
     }
 
-    /// Returns the time at which work is due; `None` if only an event causes work.
+    /// Returns the time at which work is due; `None` to wait for an event.
     fn wakes(&self) -> Option<Instant> {
         let asked = self.asked.then(Instant::now);
         [asked, self.next, self.look].into_iter().flatten().min()
@@ -417,7 +418,7 @@ impl Running {
         {
             self.save_a = None;
             match picture {
-                // The window shows the error.
+                // The window shows any error.
                 Ok(pixels) => _ = self.save_picture(&pixels, &path),
                 Err(error) => self.shell.report(Event::FileFailed { path, error }),
             }
@@ -433,8 +434,9 @@ impl Running {
         Ok(close && self.save.is_none())
     }
 
-    /// Returns true if this frame is the last: it shows the requested state, and enough frames were drawn. False
-    /// without a screenshot or a number of frames.
+    /// Returns true if this frame is the last: it shows the requested state, and enough frames were drawn.
+    ///
+    /// Always false without a screenshot or a number of frames.
     ///
     /// # Errors
     /// The requested state cannot be shown.
@@ -460,10 +462,10 @@ impl Running {
         }
     }
 
-    /// Shows in the title which pass or error keeps the window from showing a new picture.
+    /// Names in the window's title the pass or the error that delays the next picture.
     ///
     /// # Errors
-    /// The window's own graph cannot be drawn, and never could.
+    /// The window's own graph cannot be drawn and never could.
     fn show_state(&mut self) -> Result<()> {
         if let Some(failure) = self.shell.is_blind() {
             let since = *self.blind.get_or_insert_with(Instant::now);
@@ -498,7 +500,7 @@ impl Running {
         Ok(())
     }
 
-    /// Writes the events of a frame.
+    /// Writes the events since the last frame, and the frame itself, to the event log.
     fn write_events(&mut self, request: &FrameRequest, drawn: bool) {
         let events = self.shell.take_events();
         let Some(log) = &mut self.log else { return };
@@ -540,7 +542,7 @@ impl Running {
         }
     }
 
-    /// Opens the dialog for a file, in the scene's folder.
+    /// Opens the file dialog in the scene's folder.
     fn ask(&mut self, cameras: Option<CameraRole>) {
         let near = self.shell.viewer.scene_path();
         self.window.with(|window| self.open.ask(window, near, cameras));
@@ -560,8 +562,8 @@ impl Running {
         saved
     }
 
-    /// Closes the device, and returns the validation messages. Anything that does not end in time ends with the
-    /// process.
+    /// Closes the devices, and returns the validation messages. Work that does not end within [`CLOSING`] is abandoned
+    /// when the process exits.
     fn close(mut self) -> Vec<String> {
         if let Some(path) = &self.kept
             && let Err(error) = kept::keep(path, &self.shell.panels, self.shell.context().theme())
@@ -573,7 +575,7 @@ impl Running {
         let still = match finished {
             Err(BackendError::Stuck { place, .. }) if !place.is_empty() => Some(place),
             Err(BackendError::Stuck { .. }) => Some("a frame".to_owned()),
-            // A device that failed has nothing left to wait for.
+            // After an error of the device, there is nothing left to wait for.
             Ok(()) | Err(_) => (!self.shell.is_idle(end)).then(|| "a build".to_owned()),
         };
         if let Some(still) = still {
@@ -591,7 +593,7 @@ fn title(scene: &Path) -> String {
     format!("{} - splatgraph", one_line(&scene.file_name().unwrap_or_default().to_string_lossy()))
 }
 
-/// Returns the first file name of `NAME-1.png`, `NAME-2.png`, ... that does not exist yet.
+/// Returns the first of `STEM-1.EXTENSION`, `STEM-2.EXTENSION`, ... that does not exist yet.
 fn fresh_name(stem: &str, extension: &str) -> PathBuf {
     names::first_free(|number| PathBuf::from(format!("{stem}-{number}.{extension}")))
 }
