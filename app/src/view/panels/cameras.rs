@@ -14,7 +14,7 @@ use splatgraph_api::Device;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// Action of a click in a list of views or keys.
+/// Effect of a click in a list of views or keys.
 enum Act {
     Go,
     Remove,
@@ -22,7 +22,7 @@ enum Act {
     Down,
 }
 
-/// Draws the tool. The command draws the picture of the viewport `selected`.
+/// Draws the tool. Its command line draws the picture of the viewport `selected`.
 pub fn show<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, selected: RendererId, controls: &mut Controls) {
     field_of_view(ui, viewer, controls);
     ui.horizontal_wrapped(|ui| {
@@ -63,7 +63,7 @@ fn field_of_view<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut 
     });
 }
 
-/// Draws the saved views.
+/// Draws the list of saved views.
 fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
     heading(ui, "Saved views");
     let mut act = None;
@@ -93,7 +93,7 @@ fn views<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls
     });
 }
 
-/// Draws the keys of the path, and its player.
+/// Draws the list of the path's keys, and the playback controls.
 fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls) {
     heading(ui, "Path");
     let times = viewer.path.key_seconds();
@@ -163,14 +163,14 @@ fn path<D: Device>(ui: &mut Ui, viewer: &mut Viewer<D>, controls: &mut Controls)
     fact(ui, "Speed", "constant, turns count as ways");
 }
 
-/// Draws the button that opens the dialog for a file of cameras.
+/// Draws the button that opens the file dialog for cameras.
 fn read_button(ui: &mut Ui, role: CameraRole, about: &str, controls: &mut Controls) {
     if hint(ui.button("Read a file…"), about).clicked() {
         controls.commands.push(Command::OpenCameras(role));
     }
 }
 
-/// Draws the button that writes a file of cameras under the next free name, and reports the result.
+/// Draws the button that writes cameras to a file with the next free name, and reports the result.
 fn write_button<D: Device, E: Display>(
     ui: &mut Ui,
     viewer: &mut Viewer<D>,
@@ -191,7 +191,7 @@ fn write_button<D: Device, E: Display>(
     }
 }
 
-/// Adds the current camera to the end of the path.
+/// Appends the current camera to the path.
 pub fn record<D: Device>(viewer: &mut Viewer<D>) {
     if let Err(error) = viewer.record_key(usize::MAX) {
         viewer.report(Event::Problem { text: error.to_string() });

@@ -1,4 +1,4 @@
-//! Shows the contents of a resource after a pass: numbers, a histogram, a picture, and the order of sorted keys.
+//! Shows the contents of a resource after a pass: numbers, a histogram, an image, and the order of sorted keys.
 
 use super::controls::Controls;
 use super::selection::Selection;
@@ -12,11 +12,11 @@ use splatgraph_api::Device;
 use splatgraph_framework::ir::PassId;
 use splatgraph_framework::plan::Plan;
 
-/// State that the inspector may change while it is drawn.
+/// State that the inspector may change while it draws.
 pub struct Target<'a> {
-    /// Item selected in all tools.
+    /// Item that is selected in all tools.
     pub selection: &'a mut Option<Selection>,
-    /// Positions of the controls.
+    /// Positions of controls, for scripted input, and the user's requests.
     pub controls: &'a mut Controls,
     /// State of the measurement of the device's copy limit.
     pub copy: Copy,
@@ -31,33 +31,33 @@ pub enum Copy {
     Unknown,
     /// The measurement is running.
     Measuring,
-    /// Bandwidth in 10^9 bytes per second, read and written.
+    /// Bandwidth in 10^9 bytes per second, reads plus writes.
     Known(f64),
 }
 
-/// Number of lines in the list of numbers.
+/// Number of lines in the list of elements.
 const LINES: usize = 16;
 
 /// Number of bars in the histogram.
 const BINS: usize = 64;
 
-/// Maximum width of a picture, in pixels; larger pictures are scaled down, because they use the user interface's
-/// texture memory.
+/// Maximum width of the image of a resource, in pixels. Larger images are scaled down, because they occupy the user
+/// interface's texture memory.
 const LARGEST: usize = 512;
 
-/// State of the inspector's view of contents.
+/// State of the inspector's display of contents.
 #[derive(Default)]
 pub struct State {
     first: usize,
     read: ReadAs,
     channel: usize,
     picture: Option<TextureHandle>,
-    /// Number of the finding whose picture is shown.
+    /// Reading whose image is shown; see [`Viewport::readings`].
     shown: Option<u64>,
 }
 
 impl State {
-    /// Draws the contents that were read back, and the choice of resource and pass.
+    /// Draws the choice of resource and pass, and the contents that were read back.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -122,7 +122,7 @@ impl State {
                 self.first = (at as usize).saturating_sub(LINES / 2);
             }
         }
-        // An element of an image is a pixel.
+        // An element is a pixel of an image (two outer dimensions), or an element of a buffer (one).
         let inner = if finding.is_image { 2 } else { 1 };
         let per_element = finding.shape.iter().skip(inner).product::<u64>().max(1) as usize;
         let elements = finding.words.len() / per_element;
@@ -225,7 +225,7 @@ impl State {
     }
 }
 
-/// Draws the choice of resource and pass.
+/// Draws the choice of the resource and the pass to inspect.
 fn choose(ui: &mut Ui, plan: &Plan, inspection: &mut Inspection) {
     ui.horizontal_wrapped(|ui| {
         let mut changed = false;
@@ -251,7 +251,7 @@ fn choose(ui: &mut Ui, plan: &Plan, inspection: &mut Inspection) {
     });
 }
 
-/// Finds the last pass of a frame, or else of the prologue, that writes a resource.
+/// Finds the pass that writes a resource last: in the frame or, failing that, in the prologue.
 fn last_writer(plan: &Plan, resource: &str) -> Option<String> {
     let writes = |pass: &PassId| {
         let uses = &plan.pass(*pass).uses;

@@ -12,21 +12,21 @@ pub enum Command {
     Screenshot,
     /// Save the picture of A alone, at its own size.
     SavePicture,
-    /// Turn vsync on or off.
+    /// Turn vsync on if true, off if false.
     Vsync(bool),
-    /// Capture the next frame with the available tool.
+    /// Capture the next frame with the available capture tool.
     Capture,
-    /// Switch full screen on or off.
+    /// Toggle full screen.
     Fullscreen,
-    /// Ask for a scene, a graph or cameras in a dialog, and open the file.
+    /// Show the file dialog for a scene, a graph or cameras, and open the chosen file.
     Open,
-    /// Ask for cameras in a dialog, and open the file for this use.
+    /// Show the file dialog for cameras, and use the chosen file's cameras in this role.
     OpenCameras(CameraRole),
-    /// Open a source location in an editor.
+    /// Open a source location in the user's editor.
     Edit(Origin),
 }
 
-/// Positions of the controls in the last frame, by name, in points, for scripted input; and the user's requests.
+/// Positions of the last frame's controls, in points, for scripted input; and the user's requests.
 #[derive(Clone, Debug, Default)]
 pub struct Controls {
     now: BTreeMap<String, Rect>,
@@ -35,7 +35,7 @@ pub struct Controls {
 }
 
 impl Controls {
-    /// Forgets the positions of the last frame.
+    /// Clears the positions of the last frame.
     pub(super) fn clear(&mut self) {
         self.now.clear();
     }
@@ -45,18 +45,18 @@ impl Controls {
         self.now.insert(name.to_owned(), rect);
     }
 
-    /// Records the position of a control, and returns the control.
+    /// Records the position of a control, and passes the control through.
     pub(super) fn seen(&mut self, name: &str, control: Response) -> Response {
         self.see(name, control.rect);
         control
     }
 
-    /// Returns the position of a control in the last frame.
+    /// Returns the position of a control in the last frame; `None` if the control was not drawn.
     pub fn find(&self, name: &str) -> Option<Rect> {
         self.now.get(name).copied()
     }
 
-    /// Iterates over all controls.
+    /// Iterates over the names and positions of all controls in the last frame.
     pub fn iter(&self) -> impl Iterator<Item = (&str, Rect)> {
         self.now.iter().map(|(name, rect)| (name.as_str(), *rect))
     }

@@ -1,6 +1,6 @@
 //! Shows errors over the last good picture until they are corrected.
 //!
-//! Errors are underlined as in a terminal, and have buttons to copy the text and to open an editor.
+//! Errors are underlined as in a terminal, with buttons to copy the text and to open an editor at the location.
 
 use super::controls::{Command, Controls};
 use super::theme::{HEADING, Palette, TEXT, strong};
@@ -11,7 +11,7 @@ use egui::{Align2, Context, Rect, RichText};
 use splatgraph_api::Device;
 use splatgraph_framework::ir::Origin;
 
-/// Errors that the user closed; a card reappears when its errors change.
+/// Texts of the errors that the user closed; the card reappears when an error changes.
 #[derive(Default)]
 pub struct State {
     closed: Option<Vec<String>>,
@@ -32,7 +32,7 @@ impl State {
         for id in [RendererId::A, RendererId::B] {
             let Some(renderer) = viewer.viewport(id).map(|viewport| &viewport.renderer) else { continue };
             let Some(problem) = renderer.problem(true) else { continue };
-            // Both may have the same problem.
+            // A and B may have the same problem.
             if !texts.contains(&problem) {
                 texts.push(problem);
             }
@@ -60,10 +60,10 @@ impl State {
             .order(egui::Order::Foreground)
             .show(ctx, |ui| {
                 let error = Palette::of(ui).error;
-                // Terminal colours are made for a dark background, in both themes.
+                // Terminal colours need a dark background, even in the light theme.
                 let frame = hud::card(ui, error).fill(egui::Color32::from_rgb(24, 14, 14));
                 let shown = frame.show(ui, |ui| {
-                    // A window may be smaller than the frame around the text.
+                    // The window may be too small even for the card's margins.
                     ui.set_max_width((view.width() - 28.0).max(0.0));
                     ui.horizontal_wrapped(|ui| {
                         let colour = egui::Color32::from_rgb(255, 190, 190);
@@ -99,7 +99,7 @@ impl State {
     }
 }
 
-/// Parses the first source location in an error: `  --> pipelines/splat.ron:11:85`.
+/// Parses the first source location in an error, such as `  --> pipelines/splat.ron:11:85`.
 fn origin(text: &str) -> Option<Origin> {
     let place = text.lines().find_map(|line| line.trim_start().strip_prefix("--> "))?;
     let mut parts = place.trim().rsplitn(3, ':');

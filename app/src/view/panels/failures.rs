@@ -1,9 +1,9 @@
-//! Lays out errors with the terminal's colours, for display over the last good picture.
+//! Converts errors with terminal colours to egui text, for display over the last good picture.
 
 use egui::text::{LayoutJob, TextFormat};
 use egui::{Color32, FontId};
 
-/// Colours of a terminal with a dark background.
+/// The eight ANSI colours of a terminal with a dark background, in the order of their codes.
 const PALETTE: [Color32; 8] = [
     Color32::from_rgb(110, 110, 110),
     Color32::from_rgb(255, 110, 103),
@@ -43,7 +43,7 @@ pub fn layout(ansi: &str, size: f32) -> LayoutJob {
     job
 }
 
-/// Applies the parameters of an SGR sequence to a colour.
+/// Applies the parameters of an SGR escape sequence to a text colour.
 fn sgr(parameters: &str, before: Color32) -> Color32 {
     let mut colour = before;
     let mut numbers = parameters.split(';').map(|n| n.parse::<usize>().unwrap_or(0));
@@ -53,7 +53,7 @@ fn sgr(parameters: &str, before: Color32) -> Color32 {
             30..=37 => PALETTE[number - 30],
             90..=97 => PALETTE[number - 90],
             38 => {
-                // 38;5;N: of the 256 colours the first 16 are named ones.
+                // `38;5;N` selects from 256 colours; the first 16 are the named ones.
                 let (kind, index) = (numbers.next(), numbers.next());
                 match (kind, index) {
                     (Some(5), Some(index)) if index < 16 => PALETTE[index % 8],

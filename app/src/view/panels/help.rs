@@ -3,7 +3,7 @@
 use super::theme;
 use egui::{Align2, Context, RichText};
 
-/// Inputs and their effects, by subject.
+/// Inputs with their effects, grouped by subject.
 const KEYS: [(&str, &[(&str, &str)]); 5] = [
     (
         "Camera",
@@ -57,7 +57,7 @@ const KEYS: [(&str, &[(&str, &str)]); 5] = [
     ),
 ];
 
-/// Draws the window while it is open.
+/// Draws the window of keys and mouse controls while it is open.
 pub fn show(ctx: &Context, open: &mut bool) {
     let middle = ctx.content_rect().center();
     egui::Window::new("Keys and mouse")

@@ -14,9 +14,9 @@ use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use std::time::{Duration, Instant};
 
-/// Time for which a toast is shown.
+/// Display time of a toast.
 const STAY: Duration = Duration::from_secs(5);
-/// Time for which a toast about a failure is shown.
+/// Display time of a toast about a failure.
 const STAY_LONG: Duration = Duration::from_secs(12);
 /// Maximum number of toasts at the same time.
 const MOST: usize = 4;
@@ -46,14 +46,14 @@ pub struct Toasts {
 }
 
 impl Toasts {
-    /// Shows a toast for something that was done.
+    /// Shows a toast about a completed action.
     pub fn done(&mut self, text: String) {
         self.add(text, Kind::Done, STAY);
     }
 
     fn add(&mut self, text: String, kind: Kind, stay: Duration) {
         self.count += 1;
-        // The same message again replaces the former.
+        // A repeated message replaces its earlier toast.
         self.shown.retain(|toast| toast.text != text);
         if self.shown.len() == MOST {
             self.shown.remove(0);
@@ -61,7 +61,7 @@ impl Toasts {
         self.shown.push(Toast { number: self.count, text, kind, end: Instant::now() + stay });
     }
 
-    /// Shows an event as a toast if the user waits for it or needs to know it.
+    /// Shows an event as a toast if the user is waiting for it or needs to know it.
     pub fn tell(&mut self, event: &Event) {
         match event {
             Event::Swapped { renderer, swap } => {
@@ -129,7 +129,7 @@ impl Toasts {
     }
 }
 
-/// Returns the frame of a card over the picture.
+/// Returns the background frame of a card over the picture; `edge` is its border's colour.
 pub fn card(ui: &Ui, edge: Color32) -> Frame {
     let palette = Palette::of(ui);
     Frame::new()
@@ -140,7 +140,7 @@ pub fn card(ui: &Ui, edge: Color32) -> Frame {
         .shadow(ui.visuals().popup_shadow)
 }
 
-/// Draws frame time, rate, a sparkline, splats and memory in the top left corner of the picture.
+/// Draws frame time, rate, sparkline, splat count and memory in the picture's top left corner.
 pub fn show<D: Device>(
     ui: &Ui,
     viewer: &Viewer<D>,
@@ -188,7 +188,7 @@ pub fn show<D: Device>(
     controls.see("hud", rect);
 }
 
-/// Formats the frame rate for an interval in milliseconds: `60.0 fps`.
+/// Formats the frame rate for an interval in milliseconds, such as `60.0 fps`.
 pub fn rate(interval_ms: f64) -> String {
     format!("{} fps", widgets::three_digits(1e3 / interval_ms))
 }
@@ -209,8 +209,9 @@ pub fn progress<D: Device>(ui: &Ui, viewer: &Viewer<D>, view: Rect) {
     ui.painter().galley(rect.min + vec2(12.0, 8.0), galley, Color32::WHITE);
 }
 
-/// Draws the name of a viewport beside the split line, which is at x = `line`. `towards` is -1 for the left side, 1 for
-/// the right.
+/// Draws the name of a viewport beside the split line.
+///
+/// The line is at x = `line`, in points. `towards` is -1 to draw left of it, 1 to draw right of it.
 pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     let at = pos2(line + towards * 18.0, view.top() + 24.0);
     if view.contains(at) {
@@ -220,9 +221,9 @@ pub fn side(ui: &Ui, view: Rect, line: f32, text: &str, towards: f32) {
     }
 }
 
-/// Draws the result of a comparison at the bottom of the split line, with a button that marks the worst pixel.
+/// Draws a comparison's result at the bottom of the split line, with a button that marks the worst pixel.
 ///
-/// There is no card before the first result.
+/// Draws nothing before the first result.
 pub fn comparison<D: Device>(
     ctx: &Context,
     viewer: &mut Viewer<D>,

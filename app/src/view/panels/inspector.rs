@@ -64,7 +64,7 @@ impl State {
     }
 }
 
-/// Draws the source location of a declaration; a click opens it in an editor.
+/// Draws the source location of a declaration; clicking it opens an editor.
 fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {
     let response = link(ui, format!("{}:{}", origin.file, origin.line));
     if hint(response, "Open this line in an editor").clicked() {
@@ -72,7 +72,7 @@ fn place(ui: &mut Ui, origin: &Origin, target: &mut Target) {
     }
 }
 
-/// Draws a pass's name; a click selects the pass.
+/// Draws a pass's name; clicking it selects the pass.
 fn pass_link(ui: &mut Ui, name: &str, target: &mut Target) {
     if link(ui, name).clicked() {
         *target.selection = Some(Selection::Pass(name.to_owned()));
@@ -171,7 +171,7 @@ fn show_pass<D: Device>(
     }
 }
 
-/// Draws the time of a plain copy of the pass's bytes, and its share of the pass's time.
+/// Draws the time of copying as many bytes as the pass touches, as a share of the pass's time.
 fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
     match target.copy {
         Copy::Known(rate) => {
@@ -193,7 +193,7 @@ fn against_copy(ui: &mut Ui, bytes: f64, ms: f64, target: &mut Target) {
     }
 }
 
-/// Draws an access of a pass: the resource, and a button that reads it after this pass.
+/// Draws one access of a pass: the resource, and a button that inspects it after this pass.
 fn show_touch<D: Device>(
     ui: &mut Ui,
     viewport: &mut Viewport<D>,

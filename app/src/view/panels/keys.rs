@@ -1,4 +1,4 @@
-//! Applies keyboard shortcuts that belong to no control.
+//! Applies keyboard shortcuts that are independent of any control.
 
 use super::controls::Command;
 use super::{Panels, Tool, cameras};
@@ -25,7 +25,7 @@ impl Panels {
                 (Key::O, true) => self.controls.commands.push(Command::Open),
                 (key, command) if self.select.key(key, command, viewer, self.selected) => {}
                 (_, true) => {}
-                // (Tab and Shift + Tab go from control to control.)
+                // Tab and Shift + Tab are taken: egui moves the focus between controls.
                 (Key::H, _) => self.hidden = !self.hidden,
                 (Key::F12, _) if modifiers.shift => self.controls.commands.push(Command::SavePicture),
                 (Key::F12, _) => self.controls.commands.push(Command::Screenshot),
@@ -68,7 +68,7 @@ impl Panels {
     }
 }
 
-/// Selects the next or the previous camera of the list.
+/// Selects the camera `step` places further in the list, wrapping around.
 fn next_camera<D: Device>(viewer: &mut Viewer<D>, step: i64) {
     if !viewer.cameras.is_empty() {
         let now = viewer.camera.map_or(if step > 0 { -1 } else { 0 }, |camera| camera as i64);

@@ -1,8 +1,8 @@
 //! Arranges the picture and the tools around it: docked side by side or in tabs, floating, or closed.
 //!
-//! `egui_tiles` keeps the arrangement, in which the user drags tabs and borders. Tools keep their size in points when
-//! the window changes, and the picture takes the rest. The picture is never smaller than [`PICTURE`]: if a window is
-//! too small, the tools opened last stay docked and the others float.
+//! `egui_tiles` holds the arrangement; the user drags its tabs and borders. Tools keep their size in points when the
+//! window is resized, and the picture takes the rest. The picture is never smaller than [`PICTURE`]: if a window is too
+//! small, the most recently opened tools stay docked and the others float.
 
 use egui::{Id, Rect, Ui, Vec2, vec2};
 use egui_tiles::{Container, Linear, LinearDir, SimplificationOptions, Tile, TileId, Tiles, Tree};
@@ -11,37 +11,37 @@ use serde::{Deserialize, Serialize};
 /// Minimum size of the picture beside docked tools, in points.
 pub const PICTURE: Vec2 = vec2(320.0, 200.0);
 
-/// Minimum and initial width of the tools at the sides, in points.
+/// Minimum width and initial width of the tools at the sides, in points.
 const SIDE: (f32, f32) = (240.0, 320.0);
 
 /// Minimum height of the tool below the picture, in points.
 const BELOW: f32 = 140.0;
 
-/// Maximum number of tiles of a valid arrangement.
+/// Maximum number of tiles in a saved arrangement; more are rejected.
 const MOST: usize = 100;
 
 /// Width of the line between tiles, in points.
 pub const LINE: f32 = 1.0;
 
-/// A tile of the window: the picture, or a tool.
+/// Content of a tile: the picture, or a tool.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Tool {
     /// The picture of the scene.
     Picture,
-    /// The parameters of the graph.
+    /// Parameters of the graph.
     Parameters,
     /// Saved views, the path and the field of view.
     Cameras,
     /// Frame times, times per pass, and memory.
     Times,
-    /// The selected item.
+    /// Details of the selected item.
     Inspector,
-    /// The passes in order, with barriers and memory.
+    /// Passes in order of execution, with barriers and memory.
     Timeline,
 }
 
 impl Tool {
-    /// All tools that can be opened.
+    /// All tools; the picture is not one of them.
     pub const ALL: [Tool; 5] =
         [Tool::Parameters, Tool::Cameras, Tool::Times, Tool::Inspector, Tool::Timeline];
 
@@ -61,7 +61,7 @@ impl Tool {
         self == Tool::Timeline
     }
 
-    /// Returns true for the tools that start at the left.
+    /// Returns true for tools whose initial place is at the left.
     fn is_left(self) -> bool {
         matches!(self, Tool::Parameters | Tool::Cameras)
     }
@@ -72,11 +72,11 @@ impl Tool {
 pub struct Layout {
     /// The tiles; taken out while they are drawn.
     pub tree: Tree<Tool>,
-    /// Open tools, the one opened last at the end.
+    /// Open tools, in the order of opening.
     open: Vec<Tool>,
     /// Tools that the user undocked.
     floating: Vec<Tool>,
-    /// Lengths of tiles beside the picture, in points.
+    /// Widths or heights of the tiles beside the picture, in points.
     lengths: Vec<(TileId, f32)>,
 }
 
@@ -100,11 +100,11 @@ impl Default for Layout {
 }
 
 impl Layout {
-    /// Returns true if the tree contains each tool exactly once, so that all of them can be shown.
+    /// Returns true if the tree contains each tool exactly once and can be drawn.
     pub fn is_sound(&self) -> bool {
         let mut panes: Vec<Tool> = Vec::new();
         let mut next: Vec<TileId> = self.tree.root().into_iter().collect();
-        // A tile that is listed twice would be walked twice, and one that holds itself for ever.
+        // A file may list a tile twice, or in itself, which would loop forever.
         while let Some(tile) = next.pop() {
             match self.tree.tiles.get(tile) {
                 Some(Tile::Pane(tool)) => panes.push(*tool),
@@ -152,7 +152,7 @@ impl Layout {
         }
     }
 
-    /// Lists the open tools that float in a window of this size: undocked ones, and ones without room.
+    /// Lists the open tools that float in a window of this size: undocked tools, and tools that do not fit.
     pub fn floating(&self, size: Vec2) -> Vec<Tool> {
         let mut sides: Vec<bool> = Vec::new();
         let mut floating = self.floating.clone();
@@ -175,7 +175,7 @@ impl Layout {
         floating
     }
 
-    /// Shows the docked tools, or only the picture if `hidden`, and sets the lengths of all tiles for an area.
+    /// Lays out the docked tools in an area; shows only the picture if `hidden`.
     pub fn arrange(&mut self, area: Rect, hidden: bool) {
         let floating = self.floating(area.size());
         let panes: Vec<(TileId, Tool)> = self.tree.tiles.iter().filter_map(pane).collect();
@@ -188,7 +188,7 @@ impl Layout {
         }
     }
 
-    /// Stores the lengths that the user set by dragging a border. Must be called after the tree is drawn.
+    /// Stores the lengths that result from the user's dragging. Must be called after the tree is drawn.
     pub fn remember_lengths(&mut self) {
         let linear: Vec<TileId> = self.tree.tiles.iter().filter_map(linear).collect();
         for id in linear {
@@ -213,7 +213,7 @@ impl Layout {
         }
     }
 
-    /// Lists the visible children of a container, with the sum of their shares.
+    /// Lists the visible children of a container, and the sum of their shares.
     fn shares(&self, container: &Linear) -> (Vec<TileId>, f32) {
         let shown: Vec<TileId> = container
             .children
@@ -225,7 +225,7 @@ impl Layout {
         (shown, sum.max(f32::MIN_POSITIVE))
     }
 
-    /// Returns true if this tile is the picture or contains it.
+    /// Returns true if a tile is the picture or contains it.
     fn holds_picture(&self, tile: TileId) -> bool {
         match self.tree.tiles.get(tile) {
             Some(Tile::Pane(tool)) => *tool == Tool::Picture,
@@ -234,7 +234,7 @@ impl Layout {
         }
     }
 
-    /// Assigns the tools their lengths and the picture the rest, from the root down.
+    /// Gives tools their stored lengths and the picture the rest, recursively from `tile`.
     fn set_shares(&mut self, tile: TileId, size: Vec2) {
         let Some(Tile::Container(container)) = self.tree.tiles.get(tile) else { return };
         let Container::Linear(container) = container else {
@@ -254,7 +254,7 @@ impl Layout {
         let tools: Vec<(TileId, f32)> =
             shown.iter().filter(|child| **child != flexible).map(|child| (*child, of(*child))).collect();
         let wanted: f32 = tools.iter().map(|(_, length)| length).sum();
-        // The picture keeps its least size, and tools share the rest.
+        // The picture keeps its minimum size; tools shrink in proportion.
         let most = (whole - along(dir, PICTURE)).max(0.0);
         let scale = if wanted > most { most / wanted.max(1.0) } else { 1.0 };
         let rest = (whole - wanted * scale).max(1.0);
@@ -296,7 +296,7 @@ fn linear((id, tile): (&TileId, &Tile<Tool>)) -> Option<TileId> {
     matches!(tile, Tile::Container(Container::Linear(_))).then_some(*id)
 }
 
-/// Simplification rules for the tree: each tool keeps a tab.
+/// Rules for simplifying the tree: every tool keeps a tab.
 pub const RULES: SimplificationOptions = SimplificationOptions {
     prune_empty_tabs: true,
     prune_empty_containers: true,
@@ -307,7 +307,7 @@ pub const RULES: SimplificationOptions = SimplificationOptions {
     flatten_tabs_in_tabs: true,
 };
 
-/// Draws the window of a floating tool.
+/// Draws the floating window of a tool.
 pub fn float(
     ui: &Ui,
     tool: Tool,
@@ -345,7 +345,7 @@ mod tests {
         layout
     }
 
-    /// Returns the widths of the visible columns of the middle row, the picture's last.
+    /// Returns the widths of the middle row's visible columns; the picture's is last.
     fn widths(layout: &Layout, whole: f32) -> Vec<f32> {
         let row = layout.tree.tiles.iter().find_map(|(_, tile)| match tile {
             Tile::Container(Container::Linear(row)) if row.dir == LinearDir::Horizontal => Some(row),

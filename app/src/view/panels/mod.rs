@@ -1,8 +1,8 @@
 //! Draws the tools around the picture, and the cards over it.
 //!
-//! The top bar chooses scene, camera and graph. `layout` docks the tools: parameters and cameras at the left, the
+//! The top bar selects scene, camera and graph. `layout` docks the tools: parameters and cameras at the left, the
 //! inspector and the times at the right, the timeline below. All tools share one [`Selection`]. Panels read and change
-//! a [`Viewer`]; they do not depend on a window, so tests can click through them.
+//! a [`Viewer`]. They do not depend on a window, so tests can operate them.
 
 mod cameras;
 mod contents;
@@ -52,25 +52,25 @@ pub use controls::{Command, Controls};
 pub use layout::Tool;
 pub use params::set_line;
 
-/// Height of the status line, even if empty, in points.
+/// Height of the status line, in points; the same if it is empty.
 const STATUS_HEIGHT: f32 = 24.0;
 
-/// Maximum number of lines in the log.
+/// Maximum number of events in the log.
 const LOG: usize = 200;
 
 /// Maximum number of recent scenes.
 const RECENT: usize = 12;
 
-/// The results of a frame of the panels.
+/// Output of a frame of the panels.
 #[derive(Clone, Debug)]
 pub struct PanelOutput {
-    /// Rectangle of the picture, in points.
+    /// Rectangle of the view that shows the pictures, in points.
     pub view: Rect,
-    /// Requests to the window.
+    /// Requests to the window, in the order of the user's input.
     pub commands: Vec<Command>,
 }
 
-/// The arrangement of the tools, kept for the next start.
+/// The arrangement of the tools, as saved for the next start.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct Arrangement {
     layout: Layout,
@@ -79,31 +79,31 @@ pub struct Arrangement {
     recent: Vec<PathBuf>,
 }
 
-/// The panels, with all that they keep from frame to frame.
+/// The panels and their state between frames.
 pub struct Panels {
-    /// True to show the picture alone.
+    /// True to hide everything but the picture.
     pub hidden: bool,
-    /// True to wait for the display's refresh.
+    /// True to synchronise presentation with the display's refresh.
     pub vsync: bool,
     /// True to show the frame time and messages over the picture.
     pub hud: bool,
     /// Renderer whose parameters and times are shown.
     pub selected: RendererId,
-    /// Positions of the controls.
+    /// Positions of controls, for scripted input.
     pub controls: Controls,
-    /// True to show the list of keys.
+    /// True to show the window of keys and mouse controls.
     pub help: bool,
     layout: Layout,
     selection: Option<Selection>,
     select: select::State,
-    /// Position in the first picture to pick, as shares of its width and height.
+    /// Position to pick once there is a first picture, as fractions of its width and height.
     pick_first: Option<[f32; 2]>,
     dumped: Dumped,
     timeline: timeline::State,
     inspector: inspector::State,
     params: params::State,
     presets: Presets,
-    /// Text shown over the picture until the user dismisses it.
+    /// Text over the picture, until the user dismisses it.
     notice: Option<String>,
     errors: errors::State,
     toasts: hud::Toasts,
@@ -115,26 +115,26 @@ pub struct Panels {
     dropped: bool,
     /// Recently opened scenes, the newest first.
     recent: Vec<PathBuf>,
-    /// Search text for scenes and cameras.
+    /// Search text for scenes.
     scene_search: String,
     camera_search: String,
     /// True once a saved arrangement was restored.
     restored: bool,
     drag: pointer::Drag,
     wheel: Wheel,
-    /// True to mark the worst pixel of the comparison.
+    /// True to mark the comparison's worst pixel in the picture.
     marked: bool,
-    /// Milliseconds between recent frames.
+    /// Milliseconds between recent frames of A.
     frame_ms: VecDeque<f64>,
     /// Phase whose passes are plotted; `None` to plot all phases.
     plotted: Option<String>,
-    /// Start of the last frame.
+    /// Start of the last frame; `None` after a pause.
     before: Option<Instant>,
     /// Number of A's frames at the last draw of the panels.
     drawn: u64,
-    /// The plan that the next change of a parameter is compared with, and its renderer.
+    /// Plan to compare with after the next change of a parameter, and its renderer.
     compared: Option<(Arc<Plan>, RendererId)>,
-    /// Constants that changed since that plan, and their renderer; `None` once the change was reported.
+    /// Constants changed since that plan, and their renderer; `None` once the effect was reported.
     changed: Option<(RendererId, Vec<String>)>,
 }
 
@@ -182,7 +182,7 @@ impl Default for Panels {
 }
 
 impl Panels {
-    /// Adds an event to the log, and shows it over the picture if the user should see it now.
+    /// Adds an event to the log, and shows it as a toast if the user should see it now.
     pub fn log_event(&mut self, event: &Event) {
         if event.is_for_people() {
             if self.log.len() == LOG {
@@ -200,7 +200,7 @@ impl Panels {
         }
     }
 
-    /// Shows a text over the picture until the user dismisses it.
+    /// Shows a text over the picture, until the user dismisses it.
     pub fn show_notice(&mut self, text: String) {
         self.notice = Some(text);
     }
@@ -220,7 +220,7 @@ impl Panels {
         Arrangement { layout: self.layout.clone(), hud: self.hud, recent: self.recent.clone() }
     }
 
-    /// Restores the arrangement of an earlier start; returns false, without changes, if it lacks a tool.
+    /// Restores a saved arrangement; returns false, without changes, if it is invalid or lacks a tool.
     pub fn restore(&mut self, arrangement: Arrangement) -> bool {
         let Arrangement { layout, hud, mut recent } = arrangement;
         if !layout.is_sound() {
@@ -231,14 +231,14 @@ impl Panels {
         true
     }
 
-    /// Returns true if an arrangement of an earlier start was restored.
+    /// Returns true if a saved arrangement was restored.
     pub fn is_restored(&self) -> bool {
         self.restored
     }
 
     /// Moves a scene to the front of the recent scenes.
     fn remember_scene(&mut self, scene: &Path) {
-        // A relative path means another file at the next start.
+        // A relative path may refer to another file at the next start.
         let scene = absolute(scene).unwrap_or_else(|_| scene.to_owned());
         if self.recent.first() != Some(&scene) {
             self.recent.retain(|recent| *recent != scene);
@@ -247,25 +247,26 @@ impl Panels {
         }
     }
 
-    /// Selects an item in all tools.
+    /// Selects an item in all tools, and opens the inspector.
     pub fn select(&mut self, selection: Selection) {
         self.selection = Some(selection);
         self.layout.reveal(Tool::Inspector);
     }
 
-    /// Picks a splat in the first picture, at shares of its width and height.
+    /// Picks a splat once there is a picture. `share` is the position, as fractions of width and height.
     pub fn pick_first(&mut self, share: [f32; 2]) {
         self.pick_first = Some(share);
         self.select(Selection::Splat);
     }
 
-    /// Selects the splats in a box of the first picture, given as shares of its width and height: left, top, right,
-    /// bottom.
+    /// Selects the splats in a box once there is a picture.
+    ///
+    /// `corners` are left, top, right and bottom, as fractions of the picture's width and height.
     pub fn select_first(&mut self, corners: [f32; 4]) {
         self.select.select_first(corners);
     }
 
-    /// Returns the selected item.
+    /// Returns the item that is selected in all tools.
     pub fn selection(&self) -> Option<&Selection> {
         self.selection.as_ref()
     }
@@ -325,12 +326,12 @@ impl Panels {
         }
     }
 
-    /// Records the time since the last frame. `drawn` is the number of A's frames so far.
+    /// Records the interval since the last frame. `drawn` is the number of A's frames so far.
     fn time(&mut self, drawn: u64) {
         let now = Instant::now();
-        // Frames without a picture of the scene do not count.
+        // Count only frames with a new picture of the scene.
         if std::mem::replace(&mut self.drawn, drawn) == drawn {
-            // After a rest, the next interval says nothing about the rate.
+            // The first interval after a pause is not a frame time.
             self.before = None;
             return;
         }
@@ -342,12 +343,12 @@ impl Panels {
         }
     }
 
-    /// Returns the median interval between recent frames, in milliseconds; `None` unless frames are drawn continuously.
+    /// Returns the median interval between recent frames, in milliseconds; `None` unless drawing continuously.
     fn interval(&self) -> Option<f64> {
         median(self.frame_ms.iter().copied().collect()).filter(|ms| *ms > 0.0)
     }
 
-    /// Reports the effect of a changed parameter on the plan, above the parameters' rows.
+    /// Shows the effect of a changed parameter on the plan, above the list of parameters.
     fn tell_effect<D: Device>(&mut self, viewer: &mut Viewer<D>) {
         let selected = self.selected;
         let Some(plan) = viewer.viewport(selected).and_then(|viewport| viewport.renderer.plan()).cloned()
@@ -358,7 +359,7 @@ impl Panels {
             self.compared = Some((plan, selected));
             return;
         };
-        // The event of a plan comes after its first frame.
+        // A plan's event is reported only after the plan's first frame.
         let changed = self.changed.take_if(|(renderer, _)| *renderer == selected);
         if *of != selected {
             self.compared = Some((plan, selected));
@@ -370,7 +371,7 @@ impl Panels {
         }
     }
 
-    /// Undoes or redoes a step on request, and records changes.
+    /// Undoes or redoes a step if requested, and records the frame's changes.
     fn step<D: Device>(&mut self, ctx: &Context, viewer: &mut Viewer<D>) {
         let undone = std::mem::take(&mut self.undo_now).then(|| self.undo.undo(viewer)).flatten();
         let redone = std::mem::take(&mut self.redo_now).then(|| self.undo.redo(viewer)).flatten();
@@ -379,13 +380,13 @@ impl Panels {
                 self.toasts.done(format!("{word}: {what}"));
             }
         }
-        // A drag is one step, at its end.
+        // Record a drag as one step, when it ends.
         if !ctx.input(|input| input.pointer.any_down()) {
             self.undo.observe(Settings::of(viewer), std::mem::take(&mut self.dropped));
         }
     }
 
-    /// Draws the view and applies camera input to it; returns its rectangle.
+    /// Draws the view and applies the camera's input in it; returns its rectangle.
     fn view<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) -> Rect {
         let rect = ui.max_rect();
         self.controls.see("view", rect);
@@ -414,7 +415,7 @@ impl Panels {
         rect
     }
 
-    /// Draws a notice until the user dismisses it.
+    /// Draws the notice's card, until the user dismisses it.
     fn show_notice_card(&mut self, ctx: &Context, view: Rect) {
         let Some(text) = self.notice.clone() else { return };
         egui::Area::new(egui::Id::unique("notice"))
@@ -436,7 +437,7 @@ impl Panels {
     }
 }
 
-/// Describes how a plan differs from the one before: `63 -> 75 passes: sort 12 -> 24`.
+/// Describes how a plan differs from the previous one, such as `63 -> 75 passes: sort 12 -> 24`.
 fn difference(former: &Plan, plan: &Plan) -> String {
     let count = |plan: &Plan, phase: Option<&str>| {
         let phases = plan.frame.iter().map(|pass| &plan.pass(*pass).phase);

@@ -1,8 +1,7 @@
 //! Draws a row for each parameter of the graph.
 //!
-//! No parameter is known by name: label, help, range, step and choices come from the graph's file. Sliders work on a
-//! position from 0 to 1 rather than on the value, so that drawing a row never rounds or clamps the value: only the user
-//! changes it.
+//! The code knows no parameter by name: label, help, range, step and choices come from the graph's file. A slider edits
+//! a position from 0 to 1, not the value itself, so that drawing a row never rounds or clamps the value.
 
 use super::controls::Controls;
 use super::theme::{self, Palette, ROW};
@@ -33,16 +32,16 @@ pub struct State {
     effect: Option<(String, String)>,
 }
 
-/// The change of one parameter; `None` restores the default.
+/// A change of one parameter: its name and value; `None` restores the default.
 type Change = (String, Option<Value>);
 
 impl State {
-    /// Shows the effect of a parameter's last change on the plan, above the rows, which keep their positions.
+    /// Shows the effect of a parameter's last change on the plan, above the list.
     pub fn tell(&mut self, parameter: &str, effect: String) {
         self.effect = Some((parameter.to_owned(), effect));
     }
 
-    /// Draws the list and applies changes. `command` is a command line that draws the same scene with the same graph.
+    /// Draws the list and applies changes. `command` is the command line that draws the same scene and graph.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -136,8 +135,8 @@ impl State {
 
 /// Returns the title of a parameter's group.
 ///
-/// The group is the part of the graph that owns the parameter. In a graph without parts, it is the phase of the passes
-/// that depend on it.
+/// The group is the part of the graph that declares the parameter. In a graph without parts, it is the phase of the
+/// passes that depend on the parameter.
 fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     if let Some(part) = &control.part {
         return part.clone();
@@ -148,21 +147,21 @@ fn group(plan: &Plan, control: &Control, has_parts: bool) -> String {
     match plan.affected_phases(&control.param.name).as_slice() {
         [phase] => (*phase).to_owned(),
         [] => "Other".to_owned(),
-        // What reaches most of the graph belongs to no part of it.
+        // Parameters that affect several phases share one group.
         _ => "Several phases".to_owned(),
     }
 }
 
-/// Groups of a graph's parameters, taken from its first plan so that rows do not move when effects change.
+/// Groups of parameters. They come from a graph's first plan, so that rows do not move when effects change.
 #[derive(Default)]
 struct Groups {
     graph: String,
-    /// Parameters with the titles of their groups, in the order of the list.
+    /// Pairs of parameter name and group title, in the order of the list.
     members: Vec<(String, String)>,
 }
 
 impl Groups {
-    /// Starts over for another graph. For the same graph, adds new parameters, and removes those it no longer has.
+    /// Rebuilds the groups for another graph; for the same graph, adds new parameters and removes deleted ones.
     fn update(&mut self, plan: Option<&Plan>, all: &[Control]) {
         let Some(plan) = plan else { return };
         if self.graph != plan.name {
@@ -178,7 +177,7 @@ impl Groups {
         }
     }
 
-    /// Lists the groups in the order of their first members, "Other" last.
+    /// Lists the groups in the order of their first parameters, with "Other" last.
     fn list<'a>(&self, all: &'a [Control]) -> Vec<(&str, Vec<&'a Control>)> {
         let mut titles: Vec<&str> = Vec::new();
         for (_, title) in &self.members {
@@ -197,12 +196,12 @@ impl Groups {
     }
 }
 
-/// Formats the changed parameters as options: ` --set a=1 --set b=2`.
+/// Formats the changed parameters as options, such as ` --set a=1 --set b=2`.
 pub fn set_line<D: Device>(renderer: &Renderer<D>) -> String {
     renderer.set().iter().map(|(name, value)| format!(" --set {name}={value}")).collect()
 }
 
-/// Draws the row of a parameter: label, control, value, reset. Returns the user's change.
+/// Draws the row of a parameter: label, control, value and reset button. Returns the user's change.
 fn row(
     ui: &mut Ui,
     plan: Option<&Plan>,
@@ -238,7 +237,7 @@ fn row(
             .inner;
         hint(name, help(plan, control));
         let width = (ui.available_width() - RESET).max(60.0);
-        // It may get an effect by another value, so it stays a control.
+        // The parameter may take effect if another value changes, so it stays editable.
         let edited = ui.scope(|ui| {
             if idle {
                 ui.set_opacity(0.6);
@@ -261,7 +260,7 @@ fn row(
     change
 }
 
-/// Describes a parameter: its help, value, exact value, and the effect of a change.
+/// Describes a parameter: its help, its exact value, and the effect of changing it.
 fn help(plan: Option<&Plan>, control: &Control) -> String {
     let Control { param, help: about, .. } = control;
     let mut text = format!("{} = {}", param.name, param.value);
@@ -286,7 +285,7 @@ fn help(plan: Option<&Plan>, control: &Control) -> String {
     text + &format!("\nDeclared at {}:{}", param.origin.file, param.origin.line)
 }
 
-/// Draws the control of a parameter; returns the value if the user changed it.
+/// Draws a parameter's control; returns the value if the user changed it.
 fn editor(ui: &mut Ui, param: &Param, width: f32, controls: &mut Controls) -> Option<Value> {
     let name = format!("param:{}", param.name);
     match (&param.domain, &param.value) {
@@ -314,7 +313,7 @@ fn editor(ui: &mut Ui, param: &Param, width: f32, controls: &mut Controls) -> Op
             (changed != *value).then_some(Value::Float(changed))
         }
         (Domain::Choice(choices), Value::Text(value)) => choice(ui, &name, choices, value, width, controls),
-        // A plan's values fit their domains.
+        // Unreachable for a valid plan: its values fit their domains.
         (_, value) => {
             ui.label(value.to_string());
             None
@@ -338,7 +337,7 @@ fn choice(
         .show_ui(ui, |ui| {
             for choice in choices {
                 let item = ui.selectable_value(&mut chosen, choice.clone(), choice);
-                // A list that opens is laid out once unseen, somewhere else.
+                // egui lays out an opening list once invisibly, at another position.
                 if ui.is_visible() {
                     controls.see(&format!("{name}={choice}"), item.rect);
                 }
@@ -349,7 +348,7 @@ fn choice(
     (chosen != value).then_some(Value::Text(chosen))
 }
 
-/// Draws a slider and a number; returns the value if the user changed it.
+/// Draws a slider and a number field; returns the value if the user changed it.
 fn number(
     ui: &mut Ui,
     name: &str,
@@ -363,7 +362,7 @@ fn number(
     let before = scale.position(value);
     let mut position = before;
     ui.spacing_mut().slider_width = rail;
-    // The radius of the handle follows the height.
+    // egui derives the handle's radius from the height.
     ui.spacing_mut().interact_size.y = 16.0;
     let slider = Slider::new(&mut position, 0.0..=1.0)
         .show_value(false)
@@ -371,7 +370,7 @@ fn number(
         .smart_aim(false);
     let response = controls.seen(name, ui.add(slider));
     if position != before && (response.dragged() || response.clicked() || response.has_focus()) {
-        // The arrow keys move by a step, however short that is on the rail.
+        // An arrow key moves by one step of the value, not by a distance on the slider.
         let keys = !response.dragged() && !response.clicked();
         changed = Some(if keys { scale.stepped(value, position - before) } else { scale.value(position) });
     }
@@ -385,14 +384,14 @@ fn number(
         .custom_formatter(|value, _| scale.text(value));
     let response: Response = ui.add_sized([NUMBER, ROW - 4.0], drag);
     controls.see(&format!("{name}#"), response.rect);
-    // The text has fewer digits than the value: leaving the field as it is changes nothing.
+    // The field shows fewer digits than the value has; leaving it unedited must not round the value.
     if typed != shown && scale.text(typed) != scale.text(shown) {
         changed = Some(typed.clamp(scale.min, scale.max));
     }
     changed
 }
 
-/// Range of a number, and its mapping to slider positions.
+/// Range of a number, and the mapping between values and slider positions.
 #[derive(Clone, Copy, Debug)]
 struct Scale {
     min: f64,
@@ -406,7 +405,7 @@ impl Scale {
         self.min > 0.0 && (self.max / self.min).log10() > DECADES
     }
 
-    /// Returns the slider position of a value, 0 to 1 within the range.
+    /// Returns the slider position of a value; from 0 to 1 for values in the range.
     fn position(self, value: f64) -> f64 {
         let position = if self.max <= self.min {
             0.0
@@ -428,10 +427,10 @@ impl Scale {
         self.rounded(value)
     }
 
-    /// Returns the next value in the direction of `towards`.
+    /// Returns the next multiple of the step above the value, or below it if `towards` is negative.
     fn stepped(self, value: f64, towards: f64) -> f64 {
         let step = if self.step > 0.0 { self.step } else { (self.max - self.min) / 100.0 };
-        // From a value between two multiples, the next one is less than a step away.
+        // A value between two multiples moves to the adjacent one.
         let steps = value / step;
         let next = if towards > 0.0 { (steps + 1e-9).floor() + 1.0 } else { (steps - 1e-9).ceil() - 1.0 };
         self.rounded(next * step)
@@ -440,7 +439,7 @@ impl Scale {
     fn rounded(self, value: f64) -> f64 {
         let rounded = if self.step > 0.0 {
             let value = (value / self.step).round() * self.step;
-            // Without the error of the multiplication: 0.3, not 0.30000000000000004.
+            // Round off the error of the multiplication: 0.3, not 0.30000000000000004.
             let digits = (2.0 - self.step.log10().floor()).clamp(0.0, 12.0) as usize;
             format!("{value:.digits$}").parse().unwrap_or(value)
         } else {
@@ -449,7 +448,7 @@ impl Scale {
         rounded.clamp(self.min, self.max)
     }
 
-    /// Formats a value with up to four significant digits; integers without decimals.
+    /// Formats a value with up to four significant digits; integers have no decimals.
     fn text(self, value: f64) -> String {
         if self.step >= 1.0 && value.fract() == 0.0 {
             return format!("{value:.0}");

@@ -1,4 +1,4 @@
-//! Converts pointer and keys over the picture to input for the camera, the split line and the selection of splats.
+//! Converts pointer and key input over the picture to camera motion, splits and splat selection.
 
 use super::{hud, select};
 use crate::view::events::RendererId;
@@ -12,7 +12,7 @@ use splatgraph_api::Device;
 /// Maximum distance to the split line at which a drag moves it, in points.
 const GRIP: f32 = 6.0;
 
-/// Target of a drag that began over the picture.
+/// Action of a drag that began over the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drag {
     /// The drag moves the camera.
@@ -25,8 +25,9 @@ pub enum Drag {
 }
 
 impl Drag {
-    /// Applies the input of the last frame. Returns the viewport and the position of a click on the picture, in its
-    /// pixels.
+    /// Applies the input of the last frame.
+    ///
+    /// Returns a click's viewport and its position, in pixels of the picture.
     pub fn act<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -35,7 +36,7 @@ impl Drag {
         wheel: &mut Wheel,
         select: &mut select::State,
     ) -> Option<(RendererId, [f32; 2])> {
-        // The keyboard is the camera's wherever no control has it: the view takes no focus of its own.
+        // The view never takes keyboard focus: without a focused control, keys already go to the camera.
         let response = ui.interact(view, ui.scope_id().with("view"), Sense::CLICK | Sense::DRAG);
         let line = view.left() + viewer.split * view.width();
         let pointer = ui.input(|input| input.pointer.latest_pos());
@@ -55,7 +56,7 @@ impl Drag {
                 _ => Drag::Camera,
             };
         }
-        // A drag that begins here is no click, which would close menus by itself.
+        // The beginning of a drag is not a click, so open menus must be closed here.
         if response.is_pointer_button_down_on() {
             egui::Popup::close_all(ui.ctx());
         }
@@ -98,12 +99,12 @@ impl Drag {
             ui.input(|input| (input.pointer.delta(), input.modifiers, input.stable_dt));
         let held = |key| keyboard && ui.input(|input| input.key_down(key));
         let pressed = |key| keyboard && ui.input(|input| input.key_pressed(key));
-        // Flying begins with the press: it need not move the pointer.
+        // Flying starts with the button press, without any motion.
         let flies = response.is_pointer_button_down_on()
             && ui.input(|input| input.pointer.button_down(PointerButton::Secondary));
         let any = response.dragged() || flies;
         let over = response.hovered() || any;
-        // Two fingers on a touchpad drag as the left button does.
+        // Two fingers on a touchpad act like a drag with the left button.
         let swipes = over && !any && scrolled.swiped != [0.0; 2];
         let moved = if any { [moved.x.into(), moved.y.into()] } else { scrolled.swiped };
         viewer.navigate(&Input {
@@ -146,7 +147,7 @@ impl Drag {
     }
 }
 
-/// Returns the viewport whose picture is at a point of the view.
+/// Returns the viewport whose picture contains a point of the view.
 fn viewport_at<D: Device>(viewer: &Viewer<D>, view: Rect, at: Pos2) -> RendererId {
     let share = (at.x - view.left()) / view.width().max(1.0);
     if viewer.compare == Mode::Split && share > viewer.split { RendererId::B } else { RendererId::A }

@@ -1,4 +1,4 @@
-//! Lists the selectable graphs: the built-in ones, and files that were used in this window.
+//! Lists the selectable graphs: the built-in graphs, and files that were used in this window.
 
 use super::controls::{Command, Controls};
 use crate::draw::builtin;
@@ -11,12 +11,12 @@ use std::path::Path;
 /// An entry of the list: a graph and its summary.
 #[derive(Clone, Debug)]
 struct Entry {
-    /// A built-in graph's name, or a path.
+    /// Name of a built-in graph, or path of a file.
     graph: String,
     summary: String,
 }
 
-/// The list of graphs. Summaries of built-in graphs are read once; summaries of files come from their newest plans.
+/// The list of graphs. Built-in summaries are read once; a file's summary comes from its newest plan.
 pub struct Presets {
     entries: Vec<Entry>,
     /// Search text for graphs.
@@ -31,7 +31,7 @@ impl Presets {
         Presets { entries: builtin::presets().into_iter().map(entry).collect(), search: String::new() }
     }
 
-    /// Draws the list, and changes to the clicked graph; returns true if one was chosen. Enter chooses the first match.
+    /// Draws the list, and selects the clicked graph; returns true if one was chosen. Enter chooses the first match.
     pub fn show<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -53,11 +53,11 @@ impl Presets {
             [&entry.graph, &entry.summary].iter().any(|text| text.to_lowercase().contains(&wanted))
         };
         let height = (ui.ctx().content_rect().height() - 140.0).max(100.0);
-        // A menu would else be 400 points high at most.
+        // By default, egui limits the height of a menu to 400 points.
         egui::ScrollArea::vertical().max_height(height).min_scrolled_height(height).show(ui, |ui| {
             for Entry { graph, summary } in self.entries.iter().filter(fits) {
                 let selected = graph == renderer.graph();
-                // A built-in one's name has no folders, and a file's are below the pointer.
+                // Show only the last component: the tooltip has a file's folders.
                 let name = Path::new(graph).file_name().unwrap_or_default().to_string_lossy();
                 let response = ui
                     .horizontal(|ui| {
@@ -67,7 +67,7 @@ impl Presets {
                         response
                     })
                     .inner;
-                // A list that opens is laid out once unseen.
+                // egui lays out an opening list once invisibly.
                 if ui.is_visible() {
                     controls.see(&format!("preset:{graph}"), response.rect);
                 }
@@ -88,7 +88,7 @@ impl Presets {
     /// Adds the current graph to the list, so that it can be selected again.
     fn remember<D: Device>(&mut self, renderer: &Renderer<D>) {
         let graph = renderer.graph();
-        // While another graph is being built, the plan is still that of the one before.
+        // While another graph is being built, the plan is still the previous graph's.
         let summary = renderer.plan().filter(|plan| plan.name == graph).map(|plan| &plan.summary);
         match self.entries.iter_mut().find(|entry| entry.graph == graph) {
             None => {
@@ -104,7 +104,7 @@ impl Presets {
     }
 }
 
-/// Returns the last part of a path, without `.ron`.
+/// Returns the last component of a path, without `.ron`.
 pub fn file_name(graph: &str) -> String {
     Path::new(graph).file_stem().map_or_else(|| graph.to_owned(), |stem| stem.to_string_lossy().into_owned())
 }

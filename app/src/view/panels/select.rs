@@ -1,7 +1,7 @@
-//! Selects splats on the picture with a box or a brush, and draws the card of the selection.
+//! Selects splats in the picture with a box or a brush, and draws the card with the number of selected splats.
 //!
-//! While a tool is chosen, the left button selects instead of moving the camera. The card is shown while a tool is
-//! chosen, and while splats are selected or hidden.
+//! While a tool is active, the left button selects instead of moving the camera. The card is shown while a tool is
+//! active, or any splat is selected or hidden.
 
 use super::controls::Controls;
 use super::hud;
@@ -22,19 +22,19 @@ use std::path::{Path, PathBuf};
 /// Radii of the brush, in points.
 const RADII: std::ops::RangeInclusive<f32> = 2.0..=400.0;
 
-/// Factor by which a key changes the brush's radius.
+/// Factor by which one key press changes the brush's radius.
 const STEP: f32 = 1.25;
 
-/// A tool that selects splats.
+/// A tool for selecting splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SelectTool {
-    /// Selects in a rectangle.
+    /// Selects the splats in a rectangle.
     Box,
-    /// Selects along the pointer's path.
+    /// Selects the splats along the pointer's path.
     Brush,
 }
 
-/// The drag of a tool.
+/// A drag with a selection tool.
 struct Drag {
     viewport: RendererId,
     combine: Combine,
@@ -42,19 +42,19 @@ struct Drag {
     points: Vec<Pos2>,
 }
 
-/// The tools' state.
+/// State of the selection tools.
 pub struct State {
-    /// The chosen tool; `None` while the left button moves the camera.
+    /// The active tool; `None` if the left button moves the camera.
     tool: Option<SelectTool>,
     reach: Reach,
     /// Radius of the brush, in points.
     radius: f32,
     drag: Option<Drag>,
-    /// Viewport of the last drag, until it is taken.
+    /// Viewport of the last drag; see [`State::take_touched`].
     touched: Option<RendererId>,
-    /// Name of the file to write.
+    /// Path of the file to write.
     path: String,
-    /// Corners of a box in the first picture, as shares of its width and height.
+    /// Box to select once there is a picture, as fractions of its width and height.
     first: Option<[f32; 4]>,
 }
 
@@ -73,38 +73,38 @@ impl Default for State {
 }
 
 impl State {
-    /// Selects the splats in a box of the first picture, given as shares of its width and height.
+    /// Selects the splats in a box once there is a picture. `corners` are fractions of its width and height.
     pub fn select_first(&mut self, corners: [f32; 4]) {
         self.first = Some(corners);
     }
 
-    /// Returns true if the left button paints with the brush, so that a click is no pick.
+    /// Returns true while the brush is active; a click then paints instead of picking.
     pub fn is_brush(&self) -> bool {
         self.tool == Some(SelectTool::Brush)
     }
 
-    /// Returns true while a tool is chosen.
+    /// Returns true while a tool is active.
     pub fn is_active(&self) -> bool {
         self.tool.is_some()
     }
 
-    /// Chooses a tool, or none if it is chosen already.
+    /// Activates a tool; deactivates it if it was active.
     pub fn toggle(&mut self, tool: SelectTool) {
         self.tool = if self.tool == Some(tool) { None } else { Some(tool) };
         self.drag = None;
     }
 
-    /// Stops selecting: the left button moves the camera again.
+    /// Deactivates the tools: the left button moves the camera again.
     pub fn leave(&mut self) {
         (self.tool, self.drag) = (None, None);
     }
 
-    /// Makes the brush larger by `steps`, or smaller if they are negative.
+    /// Multiplies the brush's radius by `STEP` to the power `steps`, within `RADII`.
     fn resize(&mut self, steps: i32) {
         self.radius = (self.radius * STEP.powi(steps)).clamp(*RADII.start(), *RADII.end());
     }
 
-    /// Begins a drag at a point, in a viewport's picture.
+    /// Begins a drag at a point in window points, in a viewport's picture.
     pub fn begin(&mut self, viewport: RendererId, at: Pos2, modifiers: Modifiers) {
         let combine = match modifiers {
             Modifiers { shift: true, .. } => Combine::Add,
@@ -115,15 +115,15 @@ impl State {
         self.touched = Some(viewport);
     }
 
-    /// Takes the viewport of the last drag, whose scene the keys and the card then change.
+    /// Takes the viewport of the last drag; keys and card then apply to its scene.
     pub fn take_touched(&mut self) -> Option<RendererId> {
         self.touched.take()
     }
 
-    /// Continues the drag through these points.
+    /// Adds these pointer positions to the drag.
     pub fn extend(&mut self, points: impl IntoIterator<Item = Pos2>) {
         let Some(drag) = &mut self.drag else { return };
-        // Every splat is compared with every segment, so a point near the last but one replaces the last.
+        // Each splat is tested against each segment, so nearby points are merged.
         let least = self.radius / 8.0;
         for at in points {
             match drag.points.as_mut_slice() {
@@ -132,12 +132,12 @@ impl State {
             }
         }
         if self.tool == Some(SelectTool::Box) {
-            // Its first and its last point are the corners.
+            // A box needs only its first and last points, which are opposite corners.
             drag.points.drain(1..drag.points.len().saturating_sub(1).max(1));
         }
     }
 
-    /// Ends the drag, and selects the splats in its region. `view` is the rectangle of the picture.
+    /// Ends the drag, and selects the splats in its region. `view` is the picture's rectangle, in points.
     pub fn end<D: Device>(&mut self, view: Rect, viewer: &mut Viewer<D>) {
         let (Some(tool), Some(drag)) = (self.tool, self.drag.take()) else { return };
         let camera = viewer.picture_camera_of(drag.viewport);
@@ -155,7 +155,7 @@ impl State {
         viewer.select(drag.viewport, region, self.reach, drag.combine);
     }
 
-    /// Selects the box of [`State::select_first`], once there is a picture.
+    /// Selects the box given to [`State::select_first`], once there is a picture.
     pub fn start<D: Device>(&mut self, viewer: &mut Viewer<D>) {
         if viewer.pictures()[0].is_none() {
             return;
@@ -167,7 +167,7 @@ impl State {
         viewer.select(RendererId::A, region, self.reach, Combine::Replace);
     }
 
-    /// Applies a key. Returns false if it is not a selection key. `id` is the viewport whose scene is marked.
+    /// Applies a key to the scene of viewport `id`; returns false if it is not a selection key.
     pub fn key<D: Device>(
         &mut self,
         key: Key,
@@ -190,7 +190,7 @@ impl State {
         true
     }
 
-    /// Draws the box or the brush over the picture.
+    /// Draws the dragged box, or the brush, over the picture.
     pub fn draw(&self, ui: &Ui, view: Rect) {
         let painter = ui.painter().with_clip_rect(view);
         let (dark, light) = (Color32::from_black_alpha(200), theme::DARK.caution);
@@ -216,7 +216,7 @@ impl State {
         }
     }
 
-    /// Draws the card at the bottom of the picture. `id` is the viewport whose scene is marked.
+    /// Draws the card at the bottom of the picture, for the scene of viewport `id`.
     pub fn card<D: Device>(
         &mut self,
         ctx: &Context,
@@ -245,7 +245,7 @@ impl State {
         controls.see("splats", shown.response.rect);
     }
 
-    /// Draws the choice of the tool, its radius and its reach.
+    /// Draws the choice of tool, brush radius and reach.
     fn tools(&mut self, ui: &mut Ui, controls: &mut Controls) {
         ui.horizontal_wrapped(|ui| {
             for (tool, name, text, about) in [
@@ -280,7 +280,7 @@ impl State {
         });
     }
 
-    /// Draws the name of the file and the buttons that write it.
+    /// Draws the path field and the buttons that write a file.
     fn files<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -317,7 +317,7 @@ impl State {
             ] {
                 let button = controls.seen(name, ui.add_enabled(enabled, Button::new(text)));
                 if hint(button, about).clicked() && viewer.export(id, part, Path::new(self.path.trim())) {
-                    // The next file gets a name of its own.
+                    // The next file gets a new name.
                     self.path.clear();
                 }
             }

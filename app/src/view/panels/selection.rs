@@ -1,4 +1,4 @@
-//! Holds the selection that all tools share, and the dump of the plan that it refers to.
+//! Holds the selection that all tools share, and the dump of the plan that its items are looked up in.
 
 use crate::draw::backend;
 use splatgraph_framework::dump::{Dump, DumpBarrier, DumpPass, DumpResource};
@@ -35,14 +35,14 @@ impl FromStr for Selection {
     }
 }
 
-/// Dump of a plan, made once per plan.
+/// The dump of the current plan, made once per plan.
 #[derive(Default)]
 pub struct Dumped {
     plan: Option<(Arc<Plan>, Dump)>,
 }
 
 impl Dumped {
-    /// Returns the dump of `plan`.
+    /// Returns the dump of `plan`, from the cache if it was the last one.
     pub fn of(&mut self, plan: &Arc<Plan>) -> &Dump {
         if !self.plan.as_ref().is_some_and(|(of, _)| Arc::ptr_eq(of, plan)) {
             self.plan = None;
@@ -52,7 +52,7 @@ impl Dumped {
 }
 
 impl Selection {
-    /// Returns true if the plan has the item.
+    /// Returns true if the plan contains the selected item.
     pub fn is_in(&self, dump: &Dump) -> bool {
         match self {
             Selection::Pass(name) => dump.pass(name).is_some(),
@@ -73,15 +73,15 @@ pub fn resource<'a>(dump: &'a Dump, name: &str) -> Option<&'a DumpResource> {
     dump.resources.iter().find(|resource| resource.name == name)
 }
 
-/// Returns whether a pass reads a resource, and whether it writes it.
+/// Returns two flags: true if a pass reads the resource, and true if it writes the resource.
 pub fn touches(pass: &DumpPass, resource: &str) -> (bool, bool) {
     let of = |touches: &[Use<String>]| touches.iter().any(|touch| touch.resource == resource);
     (of(&pass.reads), of(&pass.writes))
 }
 
-/// Sums the sizes of the resources that a pass reads, and of those that it writes, in bytes.
+/// Sums the sizes of a pass's resources, in bytes: those it reads, and those it writes.
 ///
-/// Each sum is an upper bound of the pass's traffic if it touches each byte once.
+/// Each sum is an upper bound of the pass's traffic, provided that the pass accesses each byte at most once.
 pub fn bound_bytes(dump: &Dump, pass: &DumpPass) -> (u64, u64) {
     let sum = |touches: &[Use<String>]| {
         touches.iter().filter_map(|touch| resource(dump, &touch.resource)).map(|r| r.bytes).sum()

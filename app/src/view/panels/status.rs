@@ -10,14 +10,14 @@ use egui::{Align, Layout, RichText, Spinner, Ui, UiBuilder};
 use splatgraph_api::Device;
 use splatgraph_framework::reload::WatchKind;
 
-/// Number of log lines in the pop-up of the newest line.
+/// Number of log lines in the newest line's pop-up.
 const LINES: usize = 20;
 
 impl Panels {
     /// Draws the status line: progress, warnings, and the newest line of the log.
     pub(super) fn status<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let palette = Palette::of(ui);
-        // It takes no room of its panel: one that grows with its contents would give the picture another size.
+        // Drawn in a child that does not affect the panel's size: a growing panel would resize the picture.
         let room = UiBuilder::new().max_rect(ui.max_rect()).layout(Layout::left_to_right(Align::Center));
         let ui = &mut ui.new_child(room);
         for id in [RendererId::A, RendererId::B] {
@@ -43,7 +43,7 @@ impl Panels {
         }
     }
 
-    /// Draws a word for each state of a viewport that the user should know, with its reason as a tooltip.
+    /// Draws a word for each notable state of a viewport, with the reason as its tooltip.
     fn states<D: Device>(&mut self, ui: &mut Ui, id: RendererId, viewport: &Viewport<D>) {
         let palette = Palette::of(ui);
         let mut state = |name: &str, short: String, colour, reason: String| {

@@ -31,21 +31,21 @@ pub struct Palette {
     pub raised: Color32,
     /// Background of controls and headers.
     pub band: Color32,
-    /// Lines between areas.
+    /// Separators between areas.
     pub line: Color32,
     /// Secondary text.
     pub soft: Color32,
     /// Primary text.
     pub ink: Color32,
-    /// Selection and everything that can be clicked.
+    /// Selection and clickable items.
     pub accent: Color32,
-    /// Text on the accent colour.
+    /// Text on `accent`.
     pub on_accent: Color32,
     /// Values that cost accuracy, and features that are only partly available.
     pub caution: Color32,
     /// Text of errors.
     pub error: Color32,
-    /// Passed checks.
+    /// Results of passed checks.
     pub good: Color32,
     /// Diamonds of barriers.
     pub barrier: Color32,
@@ -91,7 +91,7 @@ pub const LIGHT: Palette = Palette {
     life: rgb(0xc3cedd),
 };
 
-/// Colours of phases, for any colour vision (Okabe and Ito); repeated for further phases.
+/// Colours of phases, distinguishable with any colour vision (Okabe and Ito). More phases repeat them.
 /// <https://jfly.uni-koeln.de/color/>
 const PHASES: [Color32; 8] = [
     rgb(0x56b4e9),
@@ -104,17 +104,17 @@ const PHASES: [Color32; 8] = [
     rgb(0x9aa0a6),
 ];
 
-/// Returns the colour of the phase at this index, in order of execution; the dump page uses the same.
+/// Returns the colour of a phase by its index in execution order, as on the dump page.
 pub fn phase(index: usize) -> Color32 {
     PHASES[index % PHASES.len()]
 }
 
-/// Returns black or white, whichever is easier to read on this colour.
+/// Returns black or white, whichever has more contrast with this colour.
 pub fn ink_on(background: Color32) -> Color32 {
     if luminance(background) > 0.18 { rgb(0x111111) } else { Color32::WHITE }
 }
 
-/// Computes the relative luminance of WCAG 2.1.
+/// Computes the relative luminance of a colour, as WCAG 2.1 defines it: from 0 to 1.
 fn luminance(colour: Color32) -> f32 {
     let channel = |v: u8| {
         let v = f32::from(v) / 255.0;
@@ -183,7 +183,7 @@ pub fn strong() -> FontFamily {
     FontFamily::Name(STRONG.into())
 }
 
-/// Sets fonts, colours and spacing of both themes.
+/// Installs fonts, colours and spacing for both themes.
 pub fn install(ctx: &Context) {
     ctx.set_fonts(fonts());
     for (theme, palette) in [(Theme::Dark, DARK), (Theme::Light, LIGHT)] {
@@ -194,7 +194,7 @@ pub fn install(ctx: &Context) {
     }
 }
 
-/// Sets sizes of text and spacing.
+/// Sets text sizes and spacing.
 fn arrange(style: &mut Style) {
     let text = |size| FontId::new(size, FontFamily::Proportional);
     style.text_styles = [
@@ -217,11 +217,11 @@ fn arrange(style: &mut Style) {
     spacing.icon_width = 16.0;
     spacing.icon_width_inner = 10.0;
     style.interaction.tooltip_delay = 0.4;
-    // Controls jump to their state: an animation costs frames, and says nothing.
+    // An animation would cost frames without showing anything new.
     style.animation_time = 0.0;
 }
 
-/// Returns Inter for text, egui's monospace font for code, and egui's other fonts for characters that these lack.
+/// Returns Inter for text, egui's monospace font for code, and egui's other fonts as fallbacks.
 pub fn fonts() -> FontDefinitions {
     let mut fonts = FontDefinitions::default();
     let files: [(&str, &'static [u8]); 2] = [
@@ -270,7 +270,7 @@ mod tests {
                 }
             }
             assert!(contrast(palette.on_accent, accent) >= 4.5, "{name}: text on the accent colour");
-            // Signs need 3 : 1 (WCAG 2.1, 1.4.11).
+            // Symbols need 3 : 1 (WCAG 2.1, 1.4.11).
             assert!(contrast(barrier, palette.paper) >= 3.0, "{name}: barriers");
         }
         for index in 0..PHASES.len() {
@@ -289,7 +289,7 @@ mod tests {
         }
     }
 
-    /// Sources of the window, whose string literals it shows.
+    /// Source files whose string literals the window shows.
     const SOURCES: [&str; 20] = [
         include_str!("mod.rs"),
         include_str!("cameras.rs"),
@@ -317,7 +317,7 @@ mod tests {
     fn every_character_of_the_window_has_a_glyph() {
         let ctx = Context::default();
         install(&ctx);
-        // Fonts are loaded by a frame.
+        // egui loads its fonts in a frame.
         ctx.run_ui(Default::default(), |_| {}).textures_delta.clear();
         let mut signs: Vec<char> =
             SOURCES.iter().flat_map(|text| text.chars()).filter(|c| !c.is_control()).collect();

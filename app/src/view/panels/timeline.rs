@@ -1,9 +1,8 @@
-//! Draws the plan as a timeline: passes as bars whose width is their time, barriers as diamonds between them, memory
-//! below.
+//! Draws the plan as a timeline: bars for passes, as wide as their times; diamonds for barriers between them; and
+//! memory below.
 //!
-//! The lanes match the dump page. Zoom with the wheel over the passes (or Ctrl and the wheel anywhere), pan by
-//! dragging. A click selects a pass, a barrier or a resource for all tools; Tab and Enter do the same from the
-//! keyboard.
+//! The lanes match the dump page. The wheel over the passes zooms (elsewhere with Ctrl), and dragging pans. Clicking a
+//! pass, a barrier or a resource selects it for all tools; Tab and Enter do the same from the keyboard.
 
 use super::controls::Controls;
 use super::selection::{Selection, barrier, touches};
@@ -17,11 +16,11 @@ use splatgraph_framework::ir::Run;
 
 /// Width reserved for the barriers before a pass, in points.
 const GAP: f32 = 16.0;
-/// Minimum width of a pass, in points.
+/// Minimum width of a pass at zoom 1, in points.
 const LEAST: f32 = 4.0;
 /// Width of a pass of the prologue, in points.
 const ONCE: f32 = 12.0;
-/// Width of the names of the lanes, in points.
+/// Width of the column with the lanes' names, in points.
 const NAMES: f32 = 152.0;
 /// Height of a lane, in points.
 const LANE: f32 = 20.0;
@@ -29,15 +28,15 @@ const LANE: f32 = 20.0;
 const PHASES: f32 = 20.0;
 const PASSES: f32 = 28.0;
 const BARRIERS: f32 = 20.0;
-/// Maximum magnification, relative to the zoom that fits the width.
+/// Maximum zoom; 1 fits the width.
 const CLOSEST: f32 = 200.0;
 
-/// The times of a plan's passes.
+/// Times of a plan's passes.
 #[derive(Clone)]
 pub struct Times {
-    /// Median milliseconds by pass; empty before the first frame of the plan.
+    /// Pairs of pass name and median milliseconds; empty before the plan's first frame.
     pub passes: Vec<(String, f64)>,
-    /// Median time of a frame outside of its passes, in milliseconds.
+    /// Median GPU time of a frame outside its passes, in milliseconds; `None` without timestamps.
     pub unattributed: Option<f64>,
     /// True if `unattributed` is most of the frame, so that the passes' times are unreliable.
     pub unreliable: bool,
@@ -49,17 +48,17 @@ impl Times {
     }
 }
 
-/// Zoom and position of the timeline.
+/// Zoom, position and filter of the timeline.
 pub struct State {
-    /// Magnification; 1 fits the width.
+    /// Zoom factor; 1 fits the width.
     zoom: f32,
-    /// Left end of the visible part, in points of the magnified timeline.
+    /// Left end of the visible part, in points of the zoomed timeline.
     offset: f32,
-    /// True for passes of equal width.
+    /// True to draw all passes with equal width.
     equal: bool,
     /// Search text for resources.
     filter: String,
-    /// Graph, number of passes and times when the pointer entered: the timeline does not move under the pointer.
+    /// Graph, number of passes, and times when the pointer entered. They stay fixed while the pointer is inside.
     held: Option<(String, usize, Times)>,
 }
 
@@ -75,11 +74,11 @@ struct Column {
     pass: usize,
     left: f32,
     right: f32,
-    /// Barriers before the pass: number and position.
+    /// Barriers before the pass: pairs of number and position in points.
     barriers: Vec<(u32, f32)>,
 }
 
-/// A row of memory: one resource, or several that share a block at different times.
+/// A row of memory: one resource, or several that share a memory block at different times.
 struct Lane<'a> {
     title: String,
     resources: Vec<&'a dump::DumpResource>,
@@ -113,7 +112,7 @@ impl State {
         let head = vec2(ui.available_width(), PHASES + PASSES + BARRIERS);
         let (rect, _) = ui.allocate_exact_size(head, Sense::hover());
         let area = Rect::from_min_max(pos2(rect.left() + NAMES, rect.top()), rect.max);
-        // Below the passes, so that these take the clicks.
+        // Registered before the passes, so that passes on top of it receive the clicks.
         let back = ui.interact(area, ui.scope_id().with("timeline"), Sense::DRAG);
         self.navigate(ui, area, &back, whole, width, true);
         let view = View { area, offset: self.offset, palette: Palette::of(ui) };
@@ -135,12 +134,12 @@ impl State {
             self.held = Some((dump.graph.clone(), dump.passes.len(), held.clone()));
         }
         if let Some(clicked) = clicked {
-            // A second click clears the selection.
+            // Clicking the selected item again clears the selection.
             *selection = if selection.as_ref() == Some(&clicked) { None } else { Some(clicked) };
         }
     }
 
-    /// Draws the totals and the controls of the view.
+    /// Draws the totals of the plan, and the timeline's controls.
     fn summary(&mut self, ui: &mut Ui, dump: &Dump, times: &Times, controls: &mut Controls) {
         ui.horizontal(|ui| {
             ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
@@ -177,7 +176,7 @@ impl State {
         });
     }
 
-    /// Zooms and pans by the pointer. `plain` is true if the wheel zooms without Ctrl.
+    /// Zooms and pans with the pointer. `plain` is true if the wheel zooms without Ctrl.
     fn navigate(&mut self, ui: &Ui, area: Rect, back: &egui::Response, whole: f32, width: f32, plain: bool) {
         if back.dragged() {
             self.offset -= back.drag_delta().x;
@@ -195,7 +194,7 @@ impl State {
             return;
         }
         let zoom = (self.zoom * factor).clamp(1.0, CLOSEST);
-        // What is under the pointer stays there.
+        // Zoom around the pointer.
         if let Some(pointer) = ui.input(|input| input.pointer.hover_pos()) {
             let at = pointer.x - area.left();
             let share = (self.offset + at) / whole.max(1.0);
@@ -206,7 +205,7 @@ impl State {
     }
 }
 
-/// The visible part of the timeline, with the colours of its theme.
+/// The visible part of the timeline, and the theme's colours.
 #[derive(Clone, Copy)]
 struct View {
     area: Rect,
@@ -265,7 +264,7 @@ fn legend(ui: &mut Ui, dump: &Dump) {
     });
 }
 
-/// Computes the positions of all passes and barriers; also returns the total width.
+/// Computes the positions of all passes and barriers, and the total width, in points.
 fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (Vec<Column>, f32) {
     let frame = |pass: &&DumpPass| pass.run == Run::Frame;
     let count = dump.passes.iter().filter(frame).count().max(1) as f32;
@@ -300,7 +299,8 @@ fn columns(dump: &Dump, times: &Times, width: f32, zoom: f32, equal: bool) -> (V
     (columns, x.max(1.0))
 }
 
-/// Groups the resources: shared blocks first, then transient resources, then resources of the scene and the host.
+/// Groups the resources that match `filter` into rows: shared blocks, transient resources, then resources of scene and
+/// host.
 fn lanes<'a>(dump: &'a Dump, filter: &str) -> Vec<Lane<'a>> {
     let wanted = filter.trim().to_lowercase();
     let find = |name: &String| dump.resources.iter().find(|resource| resource.name == *name);
@@ -398,7 +398,7 @@ fn draw_head(
     }
 }
 
-/// Draws a bar for each run of passes of one phase, with the phase's name, since colours alone are not enough.
+/// Draws a bar for each run of passes of one phase, with the phase's name, since colours alone do not suffice.
 fn draw_phases(ui: &Ui, painter: &Painter, dump: &Dump, columns: &[Column], view: &View, grey: bool) {
     let mut start = 0;
     for end in 1..=columns.len() {
@@ -424,7 +424,7 @@ fn draw_phases(ui: &Ui, painter: &Painter, dump: &Dump, columns: &[Column], view
     }
 }
 
-/// Returns the colour of a phase by its name.
+/// Returns the colour of a phase, by its name in the dump.
 pub fn phase_colour(dump: &Dump, phase: &str) -> Color32 {
     let mut names: Vec<&str> = Vec::new();
     for phase in &dump.phases {
@@ -450,7 +450,7 @@ fn draw_pass(
     let colour = phase_colour(dump, &pass.phase);
     let inner =
         Rect::from_min_max(rect.min, pos2((rect.right() - 1.0).max(rect.left() + 1.0), rect.bottom()));
-    // Passes of the prologue are hollow: they are no part of a frame.
+    // Passes of the prologue are hollow, because they do not belong to a frame.
     match pass.run {
         Run::Once => _ = painter.rect_stroke(inner, 2.0, Stroke::new(1.0, colour), StrokeKind::Inside),
         Run::Frame => {
@@ -474,13 +474,13 @@ fn draw_pass(
         let font = FontId::new(TEXT, theme::strong());
         painter.text(inner.center(), egui::Align2::CENTER_CENTER, mark, font, ink);
     } else if text_area.width() > 24.0 {
-        // The name within its part of the graph; the phase above names that.
+        // Drop the name's prefix, the part of the graph; the phase above shows it.
         let name = pass.name.rsplit('.').next().unwrap_or(&pass.name);
         text_in(ui, painter, text_area, name, ink);
     }
 }
 
-/// Draws an arrow for each hazard of a barrier, from the passes waited for to the pass that needs it.
+/// Draws an arrow for each hazard of a barrier, from the earlier pass to the pass that waits.
 fn draw_dependencies(painter: &Painter, dump: &Dump, columns: &[Column], view: &View, id: u32, y: f32) {
     let Some(barrier) = barrier(dump, id) else { return };
     let middle = |name: &str| {
@@ -492,7 +492,7 @@ fn draw_dependencies(painter: &Painter, dump: &Dump, columns: &[Column], view: &
         let Some(to) = middle(&dependency.before.name) else { continue };
         for after in &dependency.after {
             let Some(from) = middle(&after.name) else { continue };
-            // What the last frame did comes from the left.
+            // Hazards with the previous frame start at the left edge.
             let from = if dependency.previous_frame { view.area.left() } else { from };
             painter.line_segment([pos2(from, y), pos2(to, y)], stroke);
             painter.circle_filled(pos2(from, y), 3.0, view.palette.accent);
@@ -513,7 +513,7 @@ fn describe(pass: &DumpPass, ms: Option<f64>) -> String {
     text + &format!("\n{}:{}", pass.declared.file, pass.declared.line)
 }
 
-/// Draws the memory: a bar over the lifetime of each resource, a circle at each read, a square at each write.
+/// Draws memory: a bar for each resource's lifetime, circles for reads, squares for writes.
 #[allow(clippy::too_many_arguments)]
 fn draw_lanes(
     ui: &Ui,
@@ -547,7 +547,7 @@ fn draw_lanes(
             let bar = view.span(left, right, top + 3.0, LANE - 6.0);
             let this = Selection::Resource(resource.name.clone());
             let selected = selection == Some(&this);
-            // The name selects as well, where it stands for one resource.
+            // A name that belongs to a single resource is clickable like its bar.
             let place = if lane.resources.len() == 1 { bar.union(name) } else { bar };
             let visible = place.intersect(Rect::from_min_max(name.min, area.max));
             let response = ui.interact(visible, Id::unique(("resource", &resource.name)), Sense::CLICK);

@@ -1,4 +1,4 @@
-//! Shows the times of frames on GPU and host, per phase and per pass, and the memory.
+//! Shows the GPU and host times of frames, times per phase and per pass, and memory use.
 
 use super::theme::{self, Palette};
 use super::widgets::{self, fact, heading, hint, row};
@@ -10,11 +10,13 @@ use splatgraph_api::Device;
 use splatgraph_assets::grouped;
 use splatgraph_framework::dump;
 
-/// Width of a column of times, in points.
+/// Width of a column of numbers, in points.
 const COLUMN: f32 = 72.0;
 
-/// Draws the times of one viewport. `window` is the history of the window's graph; `plotted` is the phase whose passes
-/// are plotted.
+/// Draws the times of one viewport.
+///
+/// `window` is the history of the window's graph; `plotted` is the phase whose passes are plotted, `None` for all
+/// phases.
 pub fn show<D: Device>(
     ui: &mut Ui,
     viewport: &Viewport<D>,
@@ -89,8 +91,9 @@ fn columns_heading(ui: &mut Ui, frames: usize) {
     );
 }
 
-/// Draws 99th percentile and median in their columns. `None` is shown as unknown; a 99th percentile that is NaN is left
-/// out.
+/// Draws 99th percentile and median in their columns.
+///
+/// `None` is drawn as unknown; a 99th percentile that is NaN is omitted.
 fn numbers(ui: &mut Ui, ms: Option<Quantiles>, grey: bool) {
     match ms {
         Some(Quantiles { median, p99 }) => {
@@ -111,7 +114,7 @@ fn cell(ui: &mut Ui, text: String, grey: bool) {
     });
 }
 
-/// Draws the choice of plot: all phases, or the passes of one.
+/// Draws the choice of the plot: all phases, or the passes of one phase.
 fn choose(ui: &mut Ui, phases: &[String], plotted: &mut Option<String>) {
     if plotted.as_ref().is_some_and(|phase| !phases.contains(phase)) {
         *plotted = None;
@@ -148,7 +151,7 @@ fn plot(ui: &mut Ui, series: Vec<Series>, changes: &[f64]) {
         });
 }
 
-/// Draws the table; `phases` are in the order of the plot's colours.
+/// Draws the table of times; `phases` are in the order of the plot's colours.
 fn table(ui: &mut Ui, rows: &[Row], phases: &[String], grey: bool) {
     let palette = Palette::of(ui);
     for line in rows {

@@ -1,4 +1,4 @@
-//! Draws the tools in their tiles and in floating windows, and applies clicks on their tabs.
+//! Draws the tools in tiles and floating windows, and applies clicks on their tabs.
 
 use super::layout::{self, Tool};
 use super::selection::Selection;
@@ -12,7 +12,7 @@ use egui_tiles::{SimplificationOptions, TileId, Tiles, UiResponse};
 use splatgraph_api::Device;
 
 impl Panels {
-    /// Draws the docked tools and the picture; returns the picture's rectangle.
+    /// Draws the docked tools and the picture; returns the picture's rectangle, in points.
     pub(super) fn docked<D: Device>(
         &mut self,
         ui: &mut Ui,
@@ -40,7 +40,7 @@ impl Panels {
         view
     }
 
-    /// Draws the tools that float over the picture.
+    /// Draws the tools in floating windows over the picture.
     pub(super) fn floating<D: Device>(
         &mut self,
         ui: &Ui,
@@ -63,7 +63,7 @@ impl Panels {
             if close {
                 self.layout.set_open(tool, false);
             } else if dock {
-                // Opened last, it is the one that gets the room.
+                // The most recently opened tool is the last to float when space is short.
                 self.layout.set_open(tool, false);
                 self.layout.reveal(tool);
             }
@@ -90,7 +90,7 @@ impl Panels {
             }
             Tool::Times => {
                 egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-                    // Room for the scroll bar.
+                    // Leave space for the scroll bar.
                     ui.set_max_width((ui.available_width() - 10.0).max(0.0));
                     let interval = self.interval();
                     let loaded = viewer.scene_of(self.selected).count();
@@ -146,17 +146,17 @@ enum Act {
     Float,
 }
 
-/// The state that the tiles draw and change.
+/// Context for drawing the tiles, and the results.
 struct Tools<'a, D: Device> {
     panels: &'a mut Panels,
     viewer: &'a mut Viewer<D>,
     window: &'a History,
-    /// Rectangle of the picture.
+    /// Rectangle of the picture, in points; set when its tile is drawn.
     view: Rect,
-    /// True if the user dragged a border.
+    /// True if the user dragged a border in this frame.
     resized: bool,
     acts: Vec<(Tool, Act)>,
-    /// The tile of the picture.
+    /// Tile that holds the picture.
     picture: TileId,
 }
 
@@ -187,7 +187,7 @@ impl<D: Device> egui_tiles::Behavior<Tool> for Tools<'_, D> {
         if let Some(tool) = tiles.get_pane(&id) {
             self.acts.push((*tool, Act::Close));
         }
-        // The tile keeps its place for the next time.
+        // Keep the tile, so that the tool reopens at the same place.
         false
     }
 
@@ -207,7 +207,7 @@ impl<D: Device> egui_tiles::Behavior<Tool> for Tools<'_, D> {
     }
 
     fn is_tab_bar_visible(&self, _: TileId, tabs: &egui_tiles::Tabs) -> bool {
-        // The picture alone needs no title.
+        // The picture needs no title while it has no neighbouring tabs.
         tabs.children.as_slice() != [self.picture]
     }
 

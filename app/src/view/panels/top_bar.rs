@@ -21,13 +21,13 @@ const LIST: f32 = 400.0;
 /// Width of buttons with file titles, in points.
 const TITLE: f32 = 132.0;
 
-/// Width of the frame time, and of device and splats beside it, in points.
+/// Width of the frame time, and of the device name and splat count beside it, in points.
 const TIME: f32 = 120.0;
 const DEVICE: f32 = 320.0;
 
-/// Draws a button that opens a list below it. The list stays open while it is used.
+/// Draws a button that opens a list below it. The list stays open until a click outside.
 fn drop_down(ui: &mut Ui, text: &str, width: f32, contents: impl FnOnce(&mut Ui)) -> Response {
-    // As wide for every text: what stands beside it does not move.
+    // The width does not depend on the text, so that neighbouring controls do not move.
     let button = ui.add_sized([width, theme::ROW], Button::new(format!("{text}  ▼")).truncate());
     Popup::menu(&button).close_behavior(PopupCloseBehavior::CloseOnClickOutside).width(LIST).show(|ui| {
         ui.set_min_width(LIST);
@@ -36,7 +36,7 @@ fn drop_down(ui: &mut Ui, text: &str, width: f32, contents: impl FnOnce(&mut Ui)
     button
 }
 
-/// Shortens a title in the bar to its end, which distinguishes files.
+/// Shortens a title to its end, which usually distinguishes files.
 fn short(text: &str) -> String {
     const MOST: usize = 15;
     let count = text.chars().count();
@@ -76,7 +76,7 @@ impl Panels {
             self.view_menu(ui, viewer);
             let (start, end) = (ui.cursor().min, ui.max_rect().right());
             if end - start.x > TIME {
-                // It takes no room of the bar: whatever it says, no row is added and the picture keeps its size.
+                // Drawn in a child that does not affect the bar's size, so that long texts do not resize the picture.
                 let rest = Rect::from_min_max(start, pos2(end, start.y + theme::ROW));
                 let layout = Layout::right_to_left(Align::Center);
                 let mut rest = ui.new_child(UiBuilder::new().max_rect(rest).layout(layout));
@@ -281,7 +281,7 @@ impl Panels {
         self.controls.see("menu", button.rect);
     }
 
-    /// Draws frame time, rate, device and splats at the right end.
+    /// Draws frame time, rate, device and splat count at the right end.
     fn readout<D: Device>(&mut self, ui: &mut Ui, viewer: &mut Viewer<D>) {
         let palette = Palette::of(ui);
         let splats = format!("{} splats", grouped(viewer.scene_of(self.selected).count().into()));
@@ -306,12 +306,12 @@ impl Panels {
     }
 }
 
-/// Returns true if `text` contains `wanted`, which is in lower case; ignores case.
+/// Returns true if `text` contains `wanted`, ignoring case. `wanted` must be in lower case.
 fn contains(text: &str, wanted: &str) -> bool {
     text.to_lowercase().contains(wanted)
 }
 
-/// Returns a scene's file name with its folder, which distinguishes the `point_cloud.ply` of several captures.
+/// Returns a scene's folder and file name; the folder tells apart the `point_cloud.ply` of several captures.
 fn named(scene: &Path) -> String {
     let folder = scene.parent().and_then(Path::file_name).map(|name| name.to_string_lossy());
     let name = file_name(&scene.to_string_lossy());

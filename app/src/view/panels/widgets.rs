@@ -1,4 +1,4 @@
-//! Draws small widgets that the panels share: rows, hints beside controls, numbers and sparklines.
+//! Draws small widgets that the panels share, such as rows, hints, numbers and sparklines.
 
 use super::controls::Controls;
 use super::theme::{self, Palette, ROW, TEXT};
@@ -17,7 +17,7 @@ const SIDES: [RectAlign; 6] = [
     RectAlign::TOP_END,
 ];
 
-/// Shows a hint beside a hovered control, without covering it.
+/// Shows a tooltip beside a hovered control, without covering it.
 pub fn hint(response: Response, text: impl Into<egui::WidgetText>) -> Response {
     let mut tooltip =
         if response.enabled() { Tooltip::for_enabled(&response) } else { Tooltip::for_disabled(&response) };
@@ -30,7 +30,7 @@ pub fn hint(response: Response, text: impl Into<egui::WidgetText>) -> Response {
     response
 }
 
-/// Draws a row with a left and a right part.
+/// Draws a row with a left part and a right-aligned part.
 pub fn row(ui: &mut Ui, left: impl FnOnce(&mut Ui) -> Response, right: impl FnOnce(&mut Ui)) -> Response {
     ui.horizontal(|ui| {
         ui.set_min_height(ROW - 4.0);
@@ -41,7 +41,7 @@ pub fn row(ui: &mut Ui, left: impl FnOnce(&mut Ui) -> Response, right: impl FnOn
     .inner
 }
 
-/// Draws a name and its value in a row.
+/// Draws a row with a name and its value.
 pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
     let palette = Palette::of(ui);
     ui.horizontal(|ui| {
@@ -53,25 +53,25 @@ pub fn fact(ui: &mut Ui, name: &str, value: impl Into<String>) {
     });
 }
 
-/// Draws a search field; returns its text in lower case.
+/// Draws a search field; returns its text in lower case, for matching.
 pub fn search(ui: &mut Ui, text: &mut String, name: &str, controls: &mut Controls) -> String {
     let field = egui::TextEdit::singleline(text).hint_text("Search").desired_width(180.0);
     controls.see(name, ui.add(field).rect);
     text.trim().to_lowercase()
 }
 
-/// Draws the heading of a panel's section.
+/// Draws the heading of a section in a panel.
 pub fn heading(ui: &mut Ui, text: impl Into<String>) {
     ui.add_space(theme::GRID);
     ui.label(RichText::new(text).family(theme::strong()));
 }
 
-/// Draws text that can be clicked.
+/// Draws clickable text.
 pub fn link(ui: &mut Ui, text: impl Into<String>) -> Response {
     ui.add(egui::Link::new(RichText::new(text).color(Palette::of(ui).accent)))
 }
 
-/// Formats a time with three significant digits: `0.153 ms`, `12.4 ms`, `5.75 s`.
+/// Formats milliseconds with three significant digits, such as `0.153 ms`, `12.4 ms`, `5.75 s`.
 pub fn time(ms: f64) -> String {
     let (value, unit) = if ms >= 999.5 { (ms / 1e3, "s") } else { (ms, "ms") };
     format!("{} {unit}", three_digits(value))
@@ -87,7 +87,7 @@ pub fn three_digits(value: f64) -> String {
     }
 }
 
-/// Draws values as a line, oldest at the left, from 0 at the bottom to the largest at the top.
+/// Draws values as a line graph, oldest at the left, scaled from 0 to the largest value.
 pub fn sparkline(painter: &Painter, rect: Rect, values: &[f64], stroke: Stroke) {
     let most = values.iter().copied().fold(0.0, f64::max);
     if values.len() < 2 || most <= 0.0 || !most.is_finite() {
@@ -100,7 +100,7 @@ pub fn sparkline(painter: &Painter, rect: Rect, values: &[f64], stroke: Stroke) 
     painter.line(values.iter().enumerate().map(point).collect(), stroke);
 }
 
-/// Lays out one line of text, cut off with an ellipsis at `width`.
+/// Lays out one line of text, truncated with an ellipsis at `width` points.
 pub fn elided(
     ui: &Ui,
     text: &str,
@@ -113,20 +113,20 @@ pub fn elided(
     ui.fonts_mut(|fonts| fonts.layout_job(job))
 }
 
-/// Draws text in a rectangle, vertically centred, cut off at its right.
+/// Draws text in a rectangle, vertically centred and truncated at the right edge.
 pub fn text_in(ui: &Ui, painter: &Painter, rect: Rect, text: &str, colour: egui::Color32) {
     let galley = elided(ui, text, FontId::proportional(TEXT), colour, rect.width());
     let top = rect.center().y - galley.size().y / 2.0;
     painter.galley(pos2(rect.left(), top), galley, colour);
 }
 
-/// Draws a diamond around a point: the symbol of a barrier.
+/// Draws a diamond centred at a point: the symbol of a barrier.
 pub fn diamond(painter: &Painter, at: Pos2, radius: f32, fill: egui::Color32, stroke: Stroke) {
     let corners = [Vec2::UP, Vec2::RIGHT, Vec2::DOWN, Vec2::LEFT].map(|side| at + radius * side);
     painter.add(egui::Shape::convex_polygon(corners.to_vec(), fill, stroke));
 }
 
-/// Draws a vertical divider between groups of controls, as high as the row.
+/// Draws a vertical divider between groups of controls, as high as a row.
 pub fn divider(ui: &mut Ui) {
     let (rect, _) = ui.allocate_exact_size(egui::vec2(2.0 * theme::GRID, ROW), egui::Sense::hover());
     let stroke = ui.visuals().widgets.noninteractive.bg_stroke;
