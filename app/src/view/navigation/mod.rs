@@ -168,9 +168,9 @@ impl Pose {
         let (yaw, pitch) = (sense * yaw, sense * pitch);
         let (pivot, forward) = (self.pivot(), self.forward());
         let elevation = forward.dot(up).clamp(-1.0, 1.0).asin();
-        // From a camera that was put beyond the limit, no step leads farther, and the first one back leads within.
+        // A camera beyond the limit cannot move further away, but its first step back is unrestricted.
         let pitch = (elevation + pitch).clamp(-STEEPEST, STEEPEST) - elevation;
-        // To the right along the horizon. Straight up and down every direction is, so the image decides.
+        // To the right along the horizon. Looking straight up or down, the image's right is used.
         let horizontal = forward.cross(up);
         let axis = if horizontal.length() > 1e-6 { horizontal } else { self.right() };
         let turn = DQuat::from_axis_angle(up, yaw) * DQuat::from_axis_angle(axis.normalize(), pitch);
@@ -186,7 +186,7 @@ impl Pose {
     fn zoomed(mut self, exponent: f64, scale: f64) -> Pose {
         let pivot = self.pivot();
         let (nearest, farthest) = (DISTANCES.0 * scale, DISTANCES.1 * scale);
-        // Zooming away may begin farther than where it ends.
+        // If the camera is already farther away, zooming may not move it further.
         let farthest = farthest.max(self.distance);
         self.distance = (self.distance * exponent.exp()).clamp(nearest.min(self.distance), farthest);
         self.position = pivot - self.distance * self.forward();
@@ -401,7 +401,7 @@ impl Navigation {
     pub fn home(&mut self) {
         let mut goal = self.goal_of(&self.start);
         if self.own_field_of_view {
-            // On the way to another camera, that camera's is the one that was set.
+            // During a flight, its destination has the field of view that the user set.
             let tan_y = self.flight.as_ref().map_or(self.pose.tan_y, |flight| flight.to.pose.tan_y);
             (goal.pose.tan_y, goal.camera) = (tan_y, None);
         }
@@ -454,7 +454,7 @@ impl Navigation {
         } else {
             let drag = (input.buttons.left || input.buttons.middle) && input.moved != [0.0; 2];
             if drag && input.modifiers.shift {
-                // Points to lengths at the pivot's depth; a view without a height moves nothing.
+                // Length per point at the pivot's depth. A view without a height does not move the camera.
                 let height = finite(input.size[1]);
                 let length = if height > 0.0 { 2.0 * pose.tan_y * pose.distance / height } else { 0.0 };
                 pose.position -= length * (x / pose.stretch * pose.right() + y * pose.down());
@@ -482,7 +482,7 @@ impl Navigation {
         let middle = DVec3::from(self.bounds.center());
         let farthest = (FARTHEST * self.scale).max((self.pose.position - middle).length());
         let away = pose.position - middle;
-        // The squares of the longest vectors overflow.
+        // The square of a very long vector would overflow.
         let length = away.abs().max_element();
         if !away.is_finite() {
             pose.position = self.pose.position;
@@ -494,7 +494,7 @@ impl Navigation {
 
     fn goal_of(&self, camera: &Camera) -> Goal {
         let rotation = DMat3::from_cols_array_2d(&camera.rotation).transpose();
-        // A camera that was read from a file is sound; a hand-made one may not be.
+        // A camera from a file has a valid rotation; one made by code may not.
         let error = (rotation.transpose() * rotation - DMat3::IDENTITY).to_cols_array();
         let sound = error.iter().all(|v| v.abs() < 0.02) && rotation.determinant() > 0.0;
         let orientation = if sound { DQuat::from_mat3(&rotation).normalize() } else { DQuat::IDENTITY };
@@ -520,13 +520,13 @@ impl Navigation {
     }
 
     fn framing(&self, size: [f64; 2]) -> Pose {
-        // On the way to another camera, the direction is that camera's.
+        // During a flight, use the direction of its destination.
         let mut pose = self.flight.as_ref().map_or(self.pose, |flight| flight.to.pose);
         let [width, height] = size.map(|side| finite(side).clamp(1.0, 1e6));
         let tan_y = FILL * pose.tan_y;
         let tan_x = tan_y * width / height / pose.stretch;
         let middle = DVec3::from(self.bounds.center());
-        // How far back the camera must be for each corner to be inside the pyramid of the view, and not culled as too near.
+        // Distance at which every corner is inside the frustum and beyond the near plane.
         let far_enough = self.bounds.corners().into_iter().fold(0.0, |distance: f64, corner| {
             let corner = DVec3::from(corner) - middle;
             let (x, y, z) = (corner.dot(pose.right()), corner.dot(pose.down()), corner.dot(pose.forward()));
@@ -552,7 +552,7 @@ impl Navigation {
         flight.seconds = Some(passed);
         let part = passed / FLIGHT_SECONDS;
         if part < 1.0 {
-            // Cubic Hermite from rest to rest.
+            // Cubic Hermite interpolation, with zero velocity at both ends.
             self.pose = flight.from.towards(&flight.to.pose, part * part * (3.0 - 2.0 * part));
         } else if let Some(flight) = self.flight.take() {
             self.arrive(flight.to);
@@ -570,11 +570,11 @@ impl Navigation {
 pub fn mean_up(cameras: &[Camera]) -> Option<DVec3> {
     let ups = cameras.iter().map(|camera| -DVec3::from(camera.axes()[1])).filter(|up| up.is_finite());
     let sum: DVec3 = ups.sum();
-    // Cameras that look in all directions have no up in common, only rounding errors.
+    // The directions of such cameras cancel out, apart from rounding errors.
     (sum.length() > 1e-3 * cameras.len() as f64).then(|| sum.normalize())
 }
 
 fn finite(value: f64) -> f64 {
-    // Products of a few such values are finite too.
+    // Bounded, so that products of a few values stay finite.
     if value.is_nan() { 0.0 } else { value.clamp(-1e9, 1e9) }
 }

@@ -131,7 +131,7 @@ fn orbiting_and_looking_stop_short_of_the_poles() {
         let stopped = now(&navigation);
         navigation.update(&drag(button, 0.0, y));
         assert!(apart(&stopped, &now(&navigation)) < 1e-9);
-        // And away from there as if nothing were special about it.
+        // The way back from the limit is not restricted.
         navigation.update(&drag(button, 0.0, -y.signum() * 100.0));
         let back = forward(&navigation).dot(navigation.up()).asin().to_degrees();
         assert!((back.abs() - 59.9).abs() < 1e-6, "{back}");
@@ -151,7 +151,7 @@ fn a_camera_that_is_upside_down_is_turned_after_the_pointer_too() {
         let [x, y] = pixel(&now(&navigation), near);
         navigation.update(&drag(button, 30.0, 20.0));
         let [moved_x, moved_y] = pixel(&now(&navigation), near);
-        // Orbiting moves the near side after the pointer, looking around moves everything against it.
+        // When orbiting, the near side follows the pointer; when looking around, everything moves against it.
         let sense = if button == 'l' { 1.0 } else { -1.0 };
         let moved = [sense * (moved_x - x), sense * (moved_y - y)];
         assert!(moved[0] > 1.0 && moved[1] > 1.0, "{button}: {moved:?}");
@@ -347,7 +347,7 @@ fn a_camera_that_was_set_is_read_back_to_the_last_bit_and_resized_keeps_its_heig
     let mut navigation = navigation();
     let mut other = start();
     (other.id, other.img_name) = (7, "seven".into());
-    // As few digits as files have: not quite a rotation.
+    // With as few digits as in files, the matrix is not exactly a rotation.
     other.rotation = other.rotation.map(|row| row.map(|v| (v * 1e3).round() / 1e3));
     navigation.set_camera(&other);
     assert_eq!(now(&navigation), other);
@@ -408,7 +408,7 @@ fn framing_and_home_keep_a_field_of_view_that_was_set_and_a_camera_brings_its_ow
     };
     let set = |navigation: &Navigation| (navigation.field_of_view() - 100.0).abs() < 1e-9;
     navigation.frame(SIZE);
-    // On the way.
+    // During the flight.
     navigation.set_field_of_view(100.0);
     assert!(set(&navigation));
     settle(&mut navigation);
@@ -448,7 +448,7 @@ fn the_way_to_another_camera_takes_a_moment_and_ends_exactly_there() {
     navigation.set_camera(&other);
     assert!(apart(&now(&navigation), &start()) < 1e-12, "time has not passed yet");
     let wait = |seconds| Input { size: SIZE, seconds, ..Input::default() };
-    // The time before the first update is not the flight's.
+    // Time before the first update does not belong to the flight.
     navigation.update(&wait(60.0));
     assert!(navigation.is_moving() && apart(&now(&navigation), &start()) < 1e-12);
     let mut last = (position(&navigation) - DVec3::from(other.position)).length();
@@ -536,7 +536,7 @@ fn assert_sound(navigation: &Navigation) {
     assert!(navigation.fly_speed() > 0.0 && navigation.fly_speed().is_finite());
 }
 
-/// Draws numbers that break things among usual ones.
+/// Generates ordinary numbers mixed with extreme ones.
 fn wild() -> impl Strategy<Value = f64> {
     let extremes =
         [0.0, -0.0, 1e-300, 1e9, -1e9, 1e300, f64::MAX, f64::MIN, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];

@@ -1,4 +1,4 @@
-//! Defines the pictures below the user interface: their position and their comparison.
+//! Defines the pictures below the user interface: where the window shows them, and their comparison.
 
 use bytemuck::{Pod, Zeroable};
 use splatgraph_api::{BufferContents, FrameInputs, Picture, ROWS_ALIGNMENT};
@@ -30,7 +30,8 @@ const BINDING: usize = 128 << 20;
 /// A picture to show, drawn by a plan or packed by the host (as [`BufferContents::Bytes`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shown {
-    /// Format of the pixels. [`Format::R32Float`] is shown as grey; [`Format::R32Uint`] holds no colours and is not shown.
+    /// Format of the pixels. [`Format::R32Float`] is shown as grey; [`Format::R32Uint`] has no colours and is not
+    /// shown.
     pub format: Format,
     /// Width, in pixels.
     pub width: u32,
@@ -109,7 +110,7 @@ impl Composition {
             picture_a: shape(&self.a),
             picture_b: shape(&self.b),
             background: [r, g, b, 0.0],
-            // Divisors must not be 0.
+            // Divisors in the shader must not be 0.
             size: self.window.map(|side| side.max(1) as f32),
             split: self.split,
             amplification: self.amplification,
@@ -123,8 +124,7 @@ impl Composition {
         bytemuck::bytes_of(&block).to_vec()
     }
 
-    /// Packs the arguments of the view's draws: one per part of a picture shown pixel by pixel, and one for everything
-    /// else.
+    /// Packs the arguments of the view's draws: one per part of an unscaled picture, and one for everything else.
     pub(super) fn draws(&self) -> [[u32; 4]; PARTS + 1] {
         let [_, _, width, height] = self.view;
         let plain = self.a.as_ref().filter(|a| {
@@ -159,7 +159,7 @@ impl Shown {
     fn rows_per_part(&self) -> u32 {
         match &self.pixels {
             BufferContents::Bytes(bytes) if bytes.len() <= BINDING => self.height,
-            // Whole multiples of the alignment, whatever the width and the format: pixels have four bytes or more.
+            // Aligned for every width and format, because pixels have at least four bytes.
             _ => self.height.div_ceil(PARTS as u32).next_multiple_of(ROWS_ALIGNMENT as u32 / 4),
         }
     }
@@ -186,7 +186,7 @@ impl Shown {
     }
 }
 
-/// Packs width, height, format and rows of a part for the shader. An empty picture has format 0, none.
+/// Packs width, height, format and rows of a part for the shader. The format is 0 without a picture.
 fn shape(picture: &Option<Shown>) -> [u32; 4] {
     let Some(shown @ Shown { format, width, height, .. }) = picture else { return [0; 4] };
     let format = match format {

@@ -53,7 +53,7 @@ impl Area {
 
     /// Returns true if no pixel is covered.
     pub fn is_empty(&self) -> bool {
-        // Not `>=`: what is no number covers nothing.
+        // Not `>=`: an area with a NaN covers nothing.
         !(self.first[0] < self.beyond[0] && self.first[1] < self.beyond[1])
     }
 }
@@ -110,8 +110,8 @@ impl Interface {
             && Arc::ptr_eq(&other.texels, &self.texels)
     }
 
-    /// Lists the areas to redraw in a window that shows `former`. The flag is true if the area's background is redrawn,
-    /// too.
+    /// Lists the areas to redraw in a window that shows `former`. The flag is true if the area's background must be
+    /// redrawn as well.
     pub fn areas(&self, former: Option<&Interface>) -> Vec<(Area, bool)> {
         let [width, height] = self.window.map(|side| side as f32);
         let [left, top, across, down] = self.view.map(|length| length as f32);
@@ -124,7 +124,7 @@ impl Interface {
             ([0.0, bottom], [width, height]),
         ];
         let strips = strips.map(|(first, beyond)| Area { first, beyond });
-        // Elsewhere texels and places mean other things.
+        // Pieces can only be compared if view and textures are unchanged.
         let known = former.filter(|former| self.is_placed_as(former));
         let damage = strips.map(|strip| match known {
             None => strip,
@@ -214,13 +214,13 @@ mod tests {
         assert_eq!(drawn(&shown, Some(&shown)), [VIEW_ALONE]);
         let now = interface(VIEW, &texels, &[left, piece([85.0, 30.0, 90.0, 45.0], 4), over]);
         let expected = [
-            // From where it was to where it is, as far as that is right of the view, and below it.
+            // From the old to the new position, clipped to the strips right of the view and below it.
             ([85.0, 12.0, 99.0, 40.0], true),
             ([85.0, 40.0, 90.0, 45.0], true),
             VIEW_ALONE,
         ];
         assert_eq!(drawn(&now, Some(&shown)), expected);
-        // What leaves, what comes, and what changes its colour or its order.
+        // Removed, added and recoloured meshes, and changes of order.
         let above = ([30.0, 5.0, 40.0, 10.0], true);
         let gone = interface(VIEW, &texels, &[left, right]);
         assert_eq!(drawn(&gone, Some(&shown)), [above, VIEW_ALONE]);

@@ -6,7 +6,7 @@
 //! shader clips and filters. A [`Composition`] defines the pictures below the user interface.
 //!
 //! The graph keeps the window's picture and draws only the changes: the view, whose pictures are new in every frame,
-//! and the rectangles around other changed meshes (`damage`). Each is drawn from its background up.
+//! and the rectangles around other changed meshes (`damage`). Each area is redrawn completely, from its background up.
 //!
 //! The structs here match `shaders/window/ui.glsl` and `shaders/window/window.glsl`.
 
@@ -93,7 +93,7 @@ pub struct Painter {
     packed: Option<Interface>,
 }
 
-/// The buffers of one frame's user interface. Each has at least one element; that of an empty interface is not drawn.
+/// Buffers of one frame's user interface. Each has at least one element; a placeholder element is not drawn.
 #[derive(Clone, Debug)]
 pub struct Painted {
     vertices: Arc<Vec<u8>>,
@@ -147,7 +147,7 @@ impl Painter {
                 left_out += 1;
                 continue;
             };
-            // Whole pixels, so that neighbours neither overlap nor leave a gap; and no infinities.
+            // Whole pixels, so that adjacent areas neither overlap nor leave gaps. Clamped, to exclude infinities.
             let pixel = |p: egui::Pos2| [p.x, p.y].map(|v| (v * pixels_per_point).round().clamp(-1e6, 1e6));
             let clip = Area { first: pixel(clip_rect.min), beyond: pixel(clip_rect.max) };
             pieces.push((Piece::new(mesh, clip, texture, pixels_per_point), mesh));
@@ -245,7 +245,7 @@ impl Meshes {
         let (clip, first) = (self.clips.len() as u32, self.vertices.len() as u32);
         let Area { first: [left, top], beyond: [right, bottom] } = area;
         self.clips.push(Clip { first: area.first, beyond: area.beyond, texture: Texture::zeroed() });
-        // The texture is not read where it begins: that is the white texel.
+        // `uv` selects the first texel of the font texture, which is white.
         let vertex = |position| Vertex { position, uv: [0.0; 2], colour, clip };
         self.vertices.extend([[left, top], [right, top], [left, bottom], [right, bottom]].map(vertex));
         self.indices.extend([0, 1, 2, 1, 2, 3].map(|i| first + i));

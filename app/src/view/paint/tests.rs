@@ -172,7 +172,7 @@ fn the_room_of_textures_that_are_freed_is_used_again() {
     assert_eq!(painter.textures.get(c).unwrap().texels, room);
     assert_eq!(painter.textures.texels().len(), length);
     assert_eq!((texels(&painter, c)[62], texels(&painter, b)[15]), ([62, 3, 0, 255], [15, 2, 0, 255]));
-    // One that does not fit the gap goes to the end, and leaves its neighbours alone.
+    // A texture that does not fit the gap is appended, without changes to its neighbours.
     painter.paint(changes(vec![(c, whole([9, 9], 4))], &[]), &[], 1.0, &whole_view());
     assert_eq!((texels(&painter, c)[80], texels(&painter, b)[15]), ([80, 4, 0, 255], [15, 2, 0, 255]));
     assert_eq!(painter.textures.get(c).unwrap().texels, 4 + 64 + 16);

@@ -51,7 +51,7 @@ pub struct Textures {
 
 impl Default for Textures {
     fn default() -> Textures {
-        // A buffer holds at least an element.
+        // A buffer must have at least one element.
         Textures { texels: Arc::new(vec![0; TEXEL]), known: BTreeMap::new() }
     }
 }
@@ -72,12 +72,12 @@ impl Textures {
         &mut self,
         changes: impl IntoIterator<Item = (TextureId, L)>,
     ) {
-        // By their ids, so that equal interfaces make equal buffers.
+        // In the order of ids, so that equal interfaces produce equal buffers.
         let changes: BTreeMap<TextureId, L> = changes.into_iter().collect();
         if changes.is_empty() {
             return;
         }
-        // The old ones may be in use by a frame.
+        // A frame in flight may still use the previous texels.
         let mut texels = self.texels.to_vec();
         for (id, changes) in changes {
             for change in changes {
@@ -116,7 +116,7 @@ impl Textures {
                 texels.resize(texels.len().max(texture.end() * TEXEL), 0);
                 texture
             }
-            // A part of a texture that is not there, or that sticks out of it, has no place to go to.
+            // Ignore a change to an unknown texture, or one that exceeds the texture.
             Some(_) => match self.get(id) {
                 Some(old) if left + width <= old.width as usize && top + height <= old.height as usize => {
                     Texture { smoothing, ..old }

@@ -1,4 +1,4 @@
-//! Picking, playing a path, and saved views in the viewer, on a device that executes nothing.
+//! Tests picking, playback of a path, and saved views, on a device that executes nothing.
 
 use super::script::{Script, arrange};
 use crate::draw::pick;
@@ -11,10 +11,10 @@ use splatgraph_assets::{Camera, synth};
 use splatgraph_null::{Config, Null};
 use std::path::Path;
 
-/// An origin whose coordinates are no short binary fractions, so that the world's coordinates round a camera.
+/// Origin with coordinates that are not short binary fractions, so that conversion to the world rounds a camera.
 const FAR: [f64; 3] = [512_345.1, -4_000_000.7, 1_000.3];
 
-/// Visits a viewer that has drawn its scene, as it is changed before it is opened.
+/// Runs `steps` on a viewer that has drawn its scene. `change` may first edit the files in its folder.
 fn visit(change: impl FnOnce(&Path), steps: impl FnOnce(&mut Script)) -> Vec<Event> {
     let folder = tempfile::tempdir().expect("a folder");
     arrange(folder.path());
@@ -34,7 +34,7 @@ fn drag(x: f64, y: f64) -> Input {
     Input { moved: [x, y], buttons: Buttons { left: true, ..Buttons::default() }, ..wait(0.01) }
 }
 
-/// Records three keys of an orbit, and goes back to the first.
+/// Records three keys of an orbit, and returns to the first.
 fn record(viewer: &mut Viewer<Null>) {
     for _ in 0..3 {
         viewer.record_key(usize::MAX).expect("a sound camera");
@@ -95,14 +95,14 @@ fn a_path_moves_the_camera_until_the_user_does() {
             assert!(viewer.navigate(&wait(2.0)) && shown(viewer, 2.0));
             viewer.navigate(&wait(1.0));
             assert!(shown(viewer, 3.0));
-            // The user continues from there.
+            // The user continues from the path's current camera.
             assert!(viewer.navigate(&drag(1.0, 0.0)));
             assert!(!viewer.play.is_playing() && viewer.play.position() > 3.0);
             let near = viewer.path.at(3.01).expect("a camera").relative_to(offset);
             let now = viewer.navigation.camera(320, 180);
             let away = (0..3).map(|i| (near.position[i] - now.position[i]).abs()).fold(0.0, f64::max);
             assert!(away < 0.1 && !viewer.navigate(&wait(1.0)), "{away}");
-            // Whatever else moves the camera ends it, too: a button, a selected camera, a file.
+            // Anything else that moves the camera ends playback as well: a button, a selected camera, a file.
             for other in 0..3 {
                 viewer.play.play(&viewer.path);
                 viewer.navigate(&wait(0.0));
@@ -118,7 +118,7 @@ fn a_path_moves_the_camera_until_the_user_does() {
                 assert!(!viewer.play.is_playing(), "{other}");
                 assert_eq!(viewer.navigation.camera(320, 180), moved, "{other}");
             }
-            // Seeking moves it, and playing goes on.
+            // Seeking moves the camera, and playback continues.
             viewer.play.play(&viewer.path);
             viewer.navigate(&wait(0.0));
             viewer.seek_path(7.0);
@@ -171,7 +171,7 @@ fn views_and_paths_come_back_from_their_files_and_show_the_same_picture() {
                 viewer.look_through_view(2);
                 let named = Camera { img_name: "front 3".into(), ..picture };
                 assert_eq!(viewer.picture_camera(), named, "to the bit, from the file");
-                // The scene's own cameras are others.
+                // Saved views do not count as the scene's cameras.
                 assert!(viewer.cameras.is_empty());
             },
         );

@@ -1,4 +1,4 @@
-//! A viewer on a device whose driver's compiler does not come to an end.
+//! Tests the viewer on a device whose driver hangs while it compiles a pipeline.
 
 use super::script::{Script, arrange};
 use crate::view::events::Event;
@@ -7,9 +7,9 @@ use splatgraph_null::{Config, Fault, Point};
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// Opens a viewer that has drawn its first plan, on a device whose driver hangs over the next pipeline.
+/// Opens a viewer that has drawn its first plan, on a device whose driver hangs in the next pipeline.
 ///
-/// Nobody gets the driver's result, and whoever waits has this much patience.
+/// The driver's result never arrives; waits for it time out after `patience`.
 fn hanging(patience: Duration) -> (Script, TempDir) {
     let mut made = None;
     loop {
@@ -65,7 +65,7 @@ fn a_build_that_is_given_up_is_shown_with_its_pass_and_its_shader_and_the_last_p
     script.until("the error", |script| script.viewer().a.renderer.failure().is_some());
     assert_eq!(digits(&mut script), Value::Int(4));
     assert!(script.draws(), "frames go on");
-    // Once the driver has come to its end, the plan is tried again without being requested.
+    // After the driver has returned, the plan is built again without a request.
     script.settle();
     assert_eq!(digits(&mut script), Value::Int(5));
     let (_, events, _) = script.close(&[]);

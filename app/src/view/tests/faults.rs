@@ -1,7 +1,8 @@
-//! Every call of the device fails once in turn during a visit to the viewer.
+//! Tests the viewer while single calls of the device fail.
 //!
-//! Whatever fails, the visit goes on to its end: nothing panics, hangs or leaks, and the last frame and the state after it are those
-//! of a visit without faults. `SPLATGRAPH_LONG` lets every call of every kind fail; without it, some of each kind do.
+//! In each visit, one call fails; the visit must still complete. Nothing may panic, hang or leak, and the last frame
+//! and state must equal those of a visit without faults. With `SPLATGRAPH_LONG`, every call of every kind fails once;
+//! otherwise, some of each kind.
 
 use super::script::{Outcome, Script, arrange, check_no_panic, loses};
 use crate::view::events::Event;
@@ -10,13 +11,13 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// Faults of each kind without `SPLATGRAPH_LONG`.
+/// Number of faults of each kind without `SPLATGRAPH_LONG`.
 const SOME: u64 = 4;
 
-/// The need of each frame, for which the plan must grow.
+/// Entries that each frame needs; more than the plan's capacity, so that the plan must grow.
 const NEEDED: u32 = 300;
 
-/// Visits at a time.
+/// Number of visits that run in parallel.
 const THREADS: usize = 6;
 
 fn visit(faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<Point, u64>) {
@@ -47,14 +48,14 @@ fn whatever_call_of_the_device_fails_the_viewer_goes_on_and_ends_in_the_same_sta
             if std::env::var_os("SPLATGRAPH_LONG").is_some() { 1 } else { count.div_ceil(SOME).max(1) };
         faults.extend((0..count).step_by(step as usize).map(|after| Fault { point, after }));
     }
-    // A visit waits most of the time: for files to be quiet, and for the next attempt.
+    // More threads than cores: a visit mostly waits for files to settle, and for retries.
     let (next, reached, lost) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicUsize::new(0));
     let work = || {
         while let Some(fault) = faults.get(next.fetch_add(1, Ordering::Relaxed)) {
             let (outcome, events, counts) = visit(&[*fault]);
             check_no_panic(&events);
             assert_eq!(outcome, sound, "after {fault:?}: {events:#?}");
-            // Times decide how many frames are drawn: the last calls of one visit may not be made in another.
+            // The number of frames depends on timing, so the last calls of one visit may be missing in another.
             reached.fetch_add(usize::from(counts[&fault.point] > fault.after), Ordering::Relaxed);
             lost.fetch_add(usize::from(loses(&events)), Ordering::Relaxed);
         }

@@ -1,4 +1,4 @@
-//! A viewer in which nothing changes submits no frame, and one after each change; and a picture that takes long.
+//! Tests that an unchanged viewer submits no frames, and one per change; and that a slow picture does not block it.
 
 use super::script::{Script, arrange};
 use crate::view::events::{Event, RendererId};
@@ -9,7 +9,7 @@ use splatgraph_framework::ir::Value;
 use splatgraph_null::Config;
 use tempfile::TempDir;
 
-/// Opens a viewer that draws only what changes, and lets it come to rest.
+/// Opens a viewer that draws only on changes, and draws until no frame is due.
 fn resting() -> (Script, TempDir) {
     let folder = tempfile::tempdir().expect("a folder");
     arrange(folder.path());
@@ -21,7 +21,7 @@ fn resting() -> (Script, TempDir) {
     (script, folder)
 }
 
-/// Draws frames until the viewer rests; returns how many frames were submitted.
+/// Draws frames until none is due; returns the number of submitted frames.
 fn submitted(script: &mut Script) -> usize {
     script.rest();
     script.submissions()
@@ -74,7 +74,7 @@ fn the_window_alone_is_submitted_after_a_change_of_the_window() {
     script.panels().help = false;
     assert!(submitted(&mut script) > 0);
     assert_eq!(script.viewer().a.renderer.submitted(), drawn, "the scene is drawn for the window's sake");
-    // The window system has lost what it showed.
+    // The window system has discarded the window's content.
     let frame = script.redraw().expect("the device is not lost");
     assert!(frame.drawn);
     assert_eq!(submitted(&mut script), 1);
@@ -179,7 +179,7 @@ fn the_window_is_drawn_while_a_device_of_the_scene_hangs() {
     script.set_hanging(true);
     script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
     script.until("the frame that hangs", |script| script.in_flight());
-    // Another change waits for its end; the window does not.
+    // Another change waits for the end of the slow picture; the window does not.
     script.viewer().a.renderer.set_param("shade", Some(Value::Float(0.75)));
     let drawn = script.viewer().a.renderer.submitted();
     for hidden in [false, true] {

@@ -1,4 +1,4 @@
-//! Makes plans for tests that need only names, and drives the viewer on the null device.
+//! Provides plans for tests that need only names; drives the viewer on the null device.
 
 mod cameras;
 mod compilers;
@@ -12,7 +12,7 @@ use splatgraph_framework::ir::{Format, Origin, Pass, PassId, Run, Shape, Source,
 use splatgraph_framework::plan::{Plan, Resource};
 use std::sync::Arc;
 
-/// Makes a plan of passes, each with name and phase.
+/// Makes a plan of passes, given as pairs of name and phase.
 pub fn plan(passes: &[(&str, &str)]) -> Arc<Plan> {
     let pass = |(name, phase): &(&str, &str)| Pass {
         name: name.to_string(),

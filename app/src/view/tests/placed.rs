@@ -1,4 +1,4 @@
-//! A file that places several scenes, edited while the viewer shows it.
+//! Tests editing a placement file while the viewer shows its scenes.
 
 use super::script::{Script, arrange};
 use crate::view::events::Event;

@@ -1,4 +1,4 @@
-//! Frames that need more room than their plan has: shown as they are, until a plan with more is built.
+//! Tests frames that need more capacity than their plan has: they are shown incomplete until a larger plan is built.
 
 use super::script::{Script, arrange};
 use crate::view::events::Event;
@@ -6,7 +6,7 @@ use splatgraph_framework::ir::Value;
 use splatgraph_null::{Config, limits};
 use splatgraph_runtime::Limits;
 
-/// Returns a visit to a viewer whose frames all need this many entries; the scene's default is 200.
+/// Runs a visit to a viewer whose frames all need `needed` entries; the scene's default capacity is 200.
 fn visit(needed: u32, limits: Limits, steps: impl FnOnce(&mut Script)) -> Vec<Event> {
     let folder = tempfile::tempdir().expect("a folder");
     arrange(folder.path());
@@ -32,7 +32,7 @@ fn causes(events: &[Event]) -> Vec<String> {
     events.iter().filter_map(cause).collect()
 }
 
-/// Draws frames until something is so. Whatever is shown before `shown` is so was there at the start.
+/// Draws frames until `shown` is true, and checks that the window keeps its first picture until then.
 fn held_back_until(script: &mut Script, what: &str, shown: impl Fn(&mut Script) -> bool) {
     let number = |script: &mut Script| script.viewer().pictures()[0].as_ref().map(|(_, number)| *number);
     let (former, before) = (number(script), script.viewer().a.history.frames());
@@ -93,14 +93,14 @@ fn a_frame_in_part_is_shown_and_said_until_a_plan_with_room_draws() {
     let events = visit(300, limits(), |script| {
         script.settle();
         assert_eq!((entries(script), script.viewer().a.in_part()), (Value::Int(375), None));
-        // It stays while other things change.
+        // The capacity stays while other settings change.
         script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
         script.settle();
         assert_eq!(entries(script), Value::Int(375));
         script.resize((160, 90));
         script.settle();
         assert_eq!(entries(script), Value::Int(375));
-        // A value set by hand is where growth begins.
+        // Growth starts from a value that the user set.
         script.viewer().a.renderer.set_param("entries", Some(Value::Int(500)));
         script.settle();
         assert_eq!(entries(script), Value::Int(500));
@@ -115,7 +115,7 @@ fn a_frame_in_part_is_shown_and_said_until_a_plan_with_room_draws() {
         script.settle();
         assert_eq!(entries(script), Value::Int(375), "though 250 is still asked for");
         assert_eq!(script.viewer().a.renderer.set()["entries"], "250");
-        // Another scene starts from its own default.
+        // Another scene starts from its own default capacity.
         script.viewer().a.renderer.set_param("entries", None);
         script.settle();
         let second = script.path("second.ply");
@@ -194,7 +194,7 @@ fn where_the_device_refuses_more_room_frames_stay_in_part_and_the_viewer_says_wh
         let said = script.viewer().a.stays_in_part().expect("it stays");
         assert!(said.starts_with("the picture is drawn in part: 200 of 1,000,000 entries\n"), "{said}");
         assert!(said.contains("`keys` has 5 MiB"), "{said}");
-        // The next change is drawn with the room that there is, and tries again.
+        // The next change is drawn with the available capacity, and requests more again.
         script.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
         script.until("the second refusal", |script| script.viewer().a.renderer.crowded().is_some());
         script.settle_in_part();

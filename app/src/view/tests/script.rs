@@ -1,4 +1,5 @@
-//! A person's visit to the viewer on a device that executes nothing: open, reload, resize, inspect, compare, close.
+//! Simulates a user's visit to the viewer on a device that executes nothing: open, reload, resize, inspect, compare,
+//! close.
 
 use crate::view::events::Event;
 use crate::view::paint::Mode;
@@ -19,7 +20,7 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// No step takes so long, on whatever machine.
+/// Time limit of a step, generous for any machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 const SIZE: (u32, u32) = (320, 180);
@@ -78,24 +79,24 @@ const SHADERS: [(&str, &str); 3] = [
     ),
 ];
 
-/// The devices that were opened, each with a context that takes its messages at the end.
+/// Devices opened during the visit, each with a context that returns its messages at the end.
 #[derive(Default)]
 struct Devices {
     opened: Vec<(Option<Null>, Journal)>,
 }
 
-/// The end of a visit.
+/// Final state of a visit, for comparison with other visits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// The commands of the last frame of A and of the window, without numbers that depend on time.
+    /// Commands of the last frames of A and of the window, without numbers that depend on time.
     pub last: Vec<String>,
-    /// The memory that A lists.
+    /// Names and sizes in bytes of A's memory.
     pub memory: Vec<(String, u64)>,
-    /// Everything else that the visit has changed.
+    /// Everything else that the visit changed, as text.
     pub state: Vec<String>,
 }
 
-/// A visit; see the module's documentation.
+/// A simulated visit; see the module's documentation.
 pub struct Script {
     shell: Shell<Null>,
     recovery: Recovery<Null>,
@@ -110,7 +111,7 @@ pub struct Script {
     folder: PathBuf,
 }
 
-/// Writes the files of a visit into a folder.
+/// Writes the files of a visit to a folder.
 pub fn arrange(folder: &Path) {
     let write = |name: &str, text: &str| fs::write(folder.join(name), text).expect("a file is written");
     write("graph.ron", GRAPH);
@@ -127,12 +128,12 @@ pub fn arrange(folder: &Path) {
 }
 
 impl Script {
-    /// Opens the viewer on a null device. The first device has the faults.
+    /// Opens the viewer on one null device. The faults apply to the first device opened.
     pub fn open(folder: &Path, config: &Config) -> Script {
         Script::open_on(folder, config, false)
     }
 
-    /// Opens the viewer with a device for the scene and another one for the window, as on a CPU.
+    /// Opens the viewer with separate devices for the scene and the window, as on a CPU.
     pub fn open_apart(folder: &Path, config: &Config) -> Script {
         Script::open_on(folder, config, true)
     }
@@ -166,7 +167,7 @@ impl Script {
             Ok((canvas, scene))
         }));
         let first = recovery.open(SIZE, true);
-        // The program says why and ends; a person starts it again.
+        // The program would report the error and exit; the user starts it again.
         let (canvas, device) = first.or_else(|_| recovery.open(SIZE, true)).expect("the second device opens");
         let scene =
             Scene::load(folder.join("first.ply"), splatgraph_assets::QUIET).expect("the scene is loaded");
@@ -181,14 +182,14 @@ impl Script {
         )
         .expect("the viewer opens");
         viewer.navigation.set_animated(false);
-        // Whatever fails in a frame, there is another.
+        // Frames continue after any failure.
         viewer.continuous = true;
         viewer.a.renderer.patience = Duration::from_millis(5);
         let mut shell = Shell::new(viewer, canvas, wake).expect("the shell opens");
         shell.window_mut().patience = Duration::from_millis(5);
-        // Letters of an interface fill textures, which is slow here.
+        // Text would fill textures, which is slow here.
         shell.panels.hidden = true;
-        // The times of a frame change after it, and are drawn then.
+        // The overlay shows frame times, and would cause another frame after each.
         shell.panels.hud = false;
         let folder = folder.to_owned();
         Script {
@@ -208,7 +209,7 @@ impl Script {
         self.folder.join(name)
     }
 
-    /// Gives the window another size.
+    /// Resizes the window; the size is in pixels.
     pub fn resize(&mut self, size: (u32, u32)) {
         self.size = size;
         if let Some(canvas) = self.shell.canvas_mut() {
@@ -224,17 +225,17 @@ impl Script {
         &mut self.shell.panels
     }
 
-    /// Draws a frame, and reads it back if `read`; returns none while the device is lost.
+    /// Draws a frame, and reads it back if `read`; returns `None` while the device is lost.
     pub fn frame(&mut self, read: bool) -> Option<Frame> {
         self.draw(FrameRequest { read, ..FrameRequest::default() })
     }
 
-    /// Returns true if an event was reported, up to the last frame.
+    /// Returns true if any event so far satisfies `is_it`.
     pub fn has_event(&self, is_it: impl Fn(&Event) -> bool) -> bool {
         self.events.iter().any(is_it)
     }
 
-    /// Lets seconds pass without a frame.
+    /// Advances the simulated time without drawing a frame.
     pub fn sleep(&mut self, seconds: u64) {
         self.calls += 60 * seconds;
     }
@@ -260,13 +261,13 @@ impl Script {
         frame
     }
 
-    /// Counts the pipelines that the devices were asked to create.
+    /// Counts the pipelines that were requested from all devices.
     pub fn pipelines(&self) -> u64 {
         let devices = self.devices.borrow();
         devices.opened.iter().map(|(_, journal)| journal.reached(splatgraph_null::Point::Compile)).sum()
     }
 
-    /// Counts the frames that were submitted since the last call, of A, B and the window.
+    /// Counts the frames of A, B and the window submitted since the last call.
     pub fn submissions(&self) -> usize {
         let devices = self.devices.borrow();
         let calls = devices.opened.iter().flat_map(|(_, journal)| journal.take());
@@ -278,7 +279,7 @@ impl Script {
         self.shell.collect()
     }
 
-    /// Lets the first device hang in what is submitted from now on, or go on: the scene's, if it has one of its own.
+    /// Makes the first device hang in later submissions, or resume. With two devices, the first is the scene's.
     pub fn set_hanging(&mut self, hangs: bool) {
         self.hangs = hangs;
         let devices = self.devices.borrow();
@@ -286,7 +287,7 @@ impl Script {
         if hangs { journal.hang() } else { journal.resume() }
     }
 
-    /// Returns what the device works on, as of the last look.
+    /// Returns the pass that was running when the last wait timed out; see [`Shell::stalled`].
     pub fn stalled(&self) -> Option<&Running> {
         self.shell.stalled()
     }
@@ -296,12 +297,12 @@ impl Script {
         self.shell.window().size()
     }
 
-    /// Returns true while the results of frames are not taken.
+    /// Returns true while frames are in flight.
     pub fn in_flight(&self) -> bool {
         self.shell.in_flight().is_some()
     }
 
-    /// Draws frames until none is due any more.
+    /// Draws frames until none is due.
     pub fn rest(&mut self) {
         self.until("rest", |script| {
             let next = script.frame(false).expect("the device is not lost").next;
@@ -309,12 +310,12 @@ impl Script {
         });
     }
 
-    /// Returns true if frames are drawn.
+    /// Returns true if one of the next 100 frames is drawn.
     pub fn draws(&mut self) -> bool {
         (0..100).any(|_| self.frame(false).is_some_and(|frame| frame.drawn))
     }
 
-    /// Lets a device that hangs go on, once the viewer said that it does.
+    /// Resumes a hanging device once the viewer has reported that it hangs.
     fn resume(&mut self) {
         if self.hangs {
             return;
@@ -327,7 +328,7 @@ impl Script {
         }
     }
 
-    /// Draws frames until something is so.
+    /// Draws frames until `is_so` returns true; panics after [`PATIENCE`], naming `what`.
     pub fn until(&mut self, what: &str, mut is_so: impl FnMut(&mut Script) -> bool) {
         let begun = Instant::now();
         loop {
@@ -346,9 +347,9 @@ impl Script {
         }
     }
 
-    /// Draws frames until everything that was requested is built and drawn.
+    /// Draws frames until everything requested is built and shown.
     pub fn settle(&mut self) {
-        // The first frame asks for what the others are to show.
+        // The first frame starts the builds.
         self.frame(false);
         self.until("the end of all building", |script| {
             let Script { shell, size, recovery, .. } = script;
@@ -364,7 +365,7 @@ impl Script {
         });
     }
 
-    /// Draws frames until nothing is built any more, whatever they show.
+    /// Draws frames until nothing is being built, even if pictures stay incomplete.
     pub fn settle_in_part(&mut self) {
         self.frame(false);
         self.until("the end of all building", |script| {
@@ -372,7 +373,7 @@ impl Script {
         });
     }
 
-    /// Does an action until it has its effect; one that was refused is done again.
+    /// Repeats an action until `is_done`; an action may fail because of the injected fault.
     fn insist(&mut self, what: &str, act: impl Fn(&mut Script), is_done: impl Fn(&Script, &[Event]) -> bool) {
         let begun = Instant::now();
         loop {
@@ -394,14 +395,14 @@ impl Script {
         }
     }
 
-    /// The steps of the visit.
+    /// Performs the steps of the visit.
     pub fn visit(&mut self) {
         self.settle();
-        // A constant parameter, and a live one.
+        // Change a constant parameter and a live one.
         self.viewer().a.renderer.set_param("digits", Some(Value::Int(5)));
         self.viewer().a.renderer.set_param("shade", Some(Value::Float(0.25)));
         self.settle();
-        // Another text of a shader, a mistake in the graph, and its mending.
+        // Edit a shader, make a mistake in the graph, and correct it.
         let shader = self.path("shade.comp");
         let text = fs::read_to_string(&shader).expect("it can be read");
         let former = self.viewer().a.renderer.plan().cloned();
@@ -418,7 +419,7 @@ impl Script {
         self.until("the mistake", |script| script.events.iter().any(mistake));
         fs::write(&graph, GRAPH).expect("it can be written");
         self.settle();
-        // Sizes, none among them.
+        // Resize the window, also to no pixels.
         for size in [(400, 200), (0, 0), (250, 250), SIZE] {
             self.resize(size);
             if size.0 == 0 {
@@ -429,7 +430,7 @@ impl Script {
                 self.settle();
             }
         }
-        // What a pass of a frame left, and one of the prologue.
+        // Inspect the output of a frame's pass, and of a prologue's pass.
         for (resource, pass) in [("keys", "key"), ("table", "once")] {
             self.viewer().a.look_at(resource, pass);
             let mut asked = Instant::now();
@@ -446,7 +447,7 @@ impl Script {
         }
         self.viewer().a.inspection = None;
         self.settle();
-        // Two graphs side by side, and numbers about them.
+        // Compare two graphs.
         self.insist(
             "B",
             |script| script.viewer().choose_compare(Mode::Split),
@@ -466,7 +467,7 @@ impl Script {
         self.settle();
         self.viewer().choose_compare(Mode::A);
         self.settle();
-        // Other files.
+        // Open other files.
         let (scene, cameras) = (self.path("second.ply"), self.path("cameras.json"));
         self.viewer().open(&scene);
         self.settle();
@@ -476,7 +477,7 @@ impl Script {
             canvas.set_vsync(false);
         }
         self.shell.panels.vsync = false;
-        // A picture of the window.
+        // Read back the window.
         let mut read = false;
         self.until("a picture of the window", |script| {
             read |= script.frame(true).is_some_and(|frame| frame.picture.is_some());
@@ -485,10 +486,10 @@ impl Script {
         self.settle();
     }
 
-    /// Draws a last frame, notes the state, and closes everything: nothing may be left.
+    /// Draws a last frame, records the state, closes everything, and checks that nothing is left.
     pub fn close(mut self, faults: &[Fault]) -> (Outcome, Vec<Event>, BTreeMap<splatgraph_null::Point, u64>) {
         self.viewer().continuous = true;
-        // A frame that nobody waited for may hang unnoticed.
+        // A frame that was never waited for may be hanging unnoticed.
         self.devices.borrow().opened.iter().for_each(|(_, journal)| journal.resume());
         self.shell.finish(PATIENCE).expect("the frames end");
         let journal = self.devices.borrow().opened.last().expect("a device").1.clone();
@@ -528,7 +529,7 @@ impl Script {
         for (index, (probe, journal)) in devices.take().opened.into_iter().enumerate() {
             let messages = probe.map(Null::close).unwrap_or_default();
             assert_eq!(messages, Vec::<String>::new(), "device {index} under {faults:?}");
-            // A compiler that was given up, and has gone on, is still to see that nobody waits.
+            // An abandoned compiler thread that resumed must still notice that nobody waits.
             let begun = Instant::now();
             while !journal.alive().is_empty() && begun.elapsed() < PATIENCE {
                 std::thread::sleep(Duration::from_millis(1));
@@ -543,7 +544,7 @@ impl Script {
     }
 }
 
-/// Returns the command of a frame; none for calls whose order or number depends on time.
+/// Formats a command of a frame; `None` for calls whose order or number depends on time.
 fn command(call: &Call) -> Option<String> {
     match call {
         Call::BindPass { pass, .. } => Some(format!("pass {pass}")),
@@ -558,12 +559,12 @@ fn command(call: &Call) -> Option<String> {
     }
 }
 
-/// Returns true for an error of the device, which is opened again after it.
+/// Returns true if the events include the loss of a device.
 pub fn loses(events: &[Event]) -> bool {
     events.iter().any(|event| matches!(event, Event::DeviceLost { .. }))
 }
 
-/// Fails if something panicked on another thread.
+/// Panics if an event reports a panic on another thread.
 pub fn check_no_panic(events: &[Event]) {
     let internal = |event: &&Event| format!("{event:?}").contains("internal error");
     assert_eq!(events.iter().find(internal), None);
