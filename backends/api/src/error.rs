@@ -17,11 +17,11 @@ pub enum BackendError {
     /// Memory could not be allocated.
     #[error("out of memory for {} ({}): {reason}", quoted(name), display_bytes(*bytes))]
     OutOfMemory {
-        /// The resource, or the call that failed.
+        /// Name of the resource, or of the call that failed.
         name: String,
         /// The requested size; 0 if unknown.
         bytes: u64,
-        /// The reason that the allocator or the driver gave.
+        /// Reason from the allocator or the driver.
         reason: String,
     },
     /// The plan is inconsistent, or the inputs of a frame do not fit the plan.
@@ -53,7 +53,8 @@ pub enum BackendError {
         /// The call that failed.
         call: &'static str,
     },
-    /// A pass, or an upload, takes longer than the patience. It stays in flight and can be waited for again.
+    /// A pass or an upload ran longer than [`Options::patience`](crate::Options::patience). It stays in flight and can
+    /// be waited for again.
     #[error("{place} has been running for {seconds} s; it may never end")]
     Stuck {
         /// Description of the running work, as in [`Running::place`](crate::Running::place).

@@ -1,9 +1,9 @@
 //! Defines the interface between applications and backends: a device that loads a plan and renders frames of it.
 //!
 //! A backend executes [`splatgraph_framework::plan::Plan`]s. It owns the device, the plan's memory and pipelines, and
-//! the uploads of the scene. It takes the order of accesses from the plan's dependencies, and looks for no conflicts
-//! itself. The order of calls is: open the device (each backend has its own constructor), [`Device::load`] a plan with
-//! the scene's data, then [`Device::submit`] frames and [`Device::wait`] for their results. Up to [`FRAMES_IN_FLIGHT`]
+//! the uploads of the scene. It orders accesses by the plan's dependencies, and does not search for conflicts itself.
+//! The order of calls is: open the device (each backend has its own constructor), [`Device::load`] a plan with the
+//! scene's data, then [`Device::submit`] frames and [`Device::wait`] for their results. Up to [`FRAMES_IN_FLIGHT`]
 //! frames can be submitted and not yet waited for.
 
 #![deny(missing_docs)]
@@ -91,7 +91,7 @@ pub struct Heap {
     pub bytes: u64,
     /// Bytes that this process can still allocate; `None` if unknown.
     ///
-    /// It is the driver's estimate of the moment when the device was listed (in Vulkan from `VK_EXT_memory_budget`).
+    /// This is the driver's estimate from the time when the device was listed (Vulkan: `VK_EXT_memory_budget`).
     pub available: Option<u64>,
 }
 
@@ -139,8 +139,8 @@ pub struct DeviceMemory {
 pub trait SceneData: Sync {
     /// Copies bytes of plane `plane` of `attribute`, starting at `offset`, into `target`.
     ///
-    /// The plane has stride * count bytes, as in the plan. A load requests each piece once, in ascending order;
-    /// `offset` and the length of `target` are multiples of the stride. `target` may be slow to read.
+    /// The plane has `stride * count` bytes; the plan has both numbers. A load requests each piece once, in ascending
+    /// order; `offset` and the length of `target` are multiples of the stride. `target` may be slow to read.
     ///
     /// # Errors
     /// The reason why the scene cannot supply the bytes.
@@ -178,7 +178,8 @@ pub struct FrameInputs {
     pub present: bool,
     /// Reads the output image back.
     pub read_output: bool,
-    /// Reads resources back, each right after a pass. A pass of the prologue can be named in the frame that runs it.
+    /// Reads resources back, each right after a pass. A prologue pass can be named only in the frame that runs the
+    /// prologue.
     pub inspect: Vec<Inspect>,
     /// Omits the passes' timestamps, which cost time. The timestamps of the whole frame stay.
     pub untimed_passes: bool,
@@ -203,7 +204,7 @@ pub enum BufferContents {
     },
 }
 
-/// Required byte alignment of the first row of [`BufferContents::Rows`]: the largest of any device.
+/// Required byte alignment of the first row of [`BufferContents::Rows`]; sufficient on every device.
 pub const ROWS_ALIGNMENT: u64 = 256;
 
 /// A frame's output on the device, kept because the frame was submitted with [`FrameInputs::show`].
@@ -249,14 +250,14 @@ pub struct Running {
 pub struct FrameResult {
     /// GPU milliseconds of each pass, in execution order; `None` without timestamps.
     ///
-    /// The frame that runs the prologue includes its passes. The host's step is left out.
+    /// The frame that runs the prologue includes its passes. The host pass has no entry.
     pub pass_ms: Vec<(PassId, Option<f64>)>,
     /// GPU milliseconds from the first to the last command of the frame.
     pub total_ms: Option<f64>,
     /// Start of the frame in milliseconds on the device's clock, whose origin is unknown and which may wrap. `None`
     /// without timestamps.
     pub start_ms: Option<f64>,
-    /// Milliseconds from the frame's start to each pass's, one entry per entry of `pass_ms`.
+    /// Milliseconds from the start of the frame to the start of each pass; indexed like `pass_ms`.
     pub pass_start_ms: Vec<Option<f64>>,
     /// Host milliseconds spent recording and submitting.
     pub record_ms: f64,

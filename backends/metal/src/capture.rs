@@ -10,7 +10,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 enum State {
     Idle,
-    /// A capture into this document was requested. It begins with the next commands.
+    /// A capture to this document was requested. It begins with the next commands.
     Asked(PathBuf),
     Running,
 }
@@ -21,7 +21,7 @@ fn state() -> MutexGuard<'static, State> {
     STATE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Requests a capture of the window's next frame into the document `path`, which must not exist.
+/// Requests a capture of the window's next frame to the document `path`, which must not exist.
 ///
 /// # Errors
 /// The program was started without support for captures, or a capture is already requested or running.

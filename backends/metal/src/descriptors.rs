@@ -102,7 +102,7 @@ impl Table {
             self.sizes.push((place.stage, [0; Msl::MOST_BUFFERS as usize]));
             self.sizes.len() - 1
         });
-        // No binding is longer; see the limits.
+        // The limits keep bindings below 4 GiB.
         self.sizes[known].1[place.index as usize] = u32::try_from(bytes).unwrap_or(u32::MAX);
     }
 }

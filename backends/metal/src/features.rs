@@ -37,7 +37,7 @@ pub const LANES: u32 = 32;
 
 /// Returns the limits that plans are checked against, for a device that reports `told`.
 pub fn limits(told: &Told) -> Limits {
-    // Push constants and the sizes of buffers take an entry each.
+    // Push constants and the buffer sizes take one entry each.
     let buffers = Msl::MOST_BUFFERS - 2;
     Limits {
         // Shaders receive the sizes of buffers as 32-bit words.
@@ -45,7 +45,7 @@ pub fn limits(told: &Told) -> Limits {
         max_uniform_bytes: 64 << 10,
         max_buffer_bytes: told.max_buffer_bytes,
         max_push_bytes: Msl::MOST_PUSH_BYTES,
-        // Metal names no limit. Shaders fold more than these into y, on every backend.
+        // Metal documents no limit. Shaders split larger counts into x and y, on every backend.
         max_groups: [65535; 3],
         max_local_size: told.max_threads,
         max_invocations: told.max_threads[0],
@@ -57,7 +57,7 @@ pub fn limits(told: &Told) -> Limits {
         max_storage_images: Msl::MOST_TEXTURES,
         heap_bytes: told.working_set,
         device_memory_types: 1,
-        // Each resource's own requirements determine its place.
+        // Buffers and images have no granularity beyond their own alignment.
         buffer_image_granularity: 1,
         independent_blend: true,
         subgroup: SubgroupLimits {
@@ -83,10 +83,10 @@ pub fn limits(told: &Told) -> Limits {
 /// Returns the shader features of Metal Shading Language 2.4 on family Apple 7.
 pub fn features() -> Features {
     let missing = Features::FLOAT64
-        // Only minimum and maximum, on later families.
+        // Later families have only minimum and maximum.
         | Features::BUFFER_INT64_ATOMICS
         | Features::SHARED_INT64_ATOMICS
-        // Need version 3 of the language, or are absent.
+        // These need version 3 of the language, or do not exist.
         | Features::BUFFER_FLOAT_ATOMICS
         | Features::BUFFER_FLOAT_ATOMIC_ADD
         | Features::SHARED_FLOAT_ATOMICS

@@ -197,7 +197,7 @@ pub(crate) fn library(device: &DeviceRef, source: &str, name: &str) -> Result<Li
     let options = CompileOptions::new();
     options.set_fast_math_enabled(false);
     options.set_language_version(MTLLanguageVersion::V2_4);
-    // The two functions of a draw compute the same positions.
+    // Makes the vertex functions of different pipelines compute identical positions.
     options.set_preserve_invariance(true);
     let library = device.new_library_with_source(source, &options).map_err(|answer| BackendError::Api {
         call: "newLibraryWithSource",
@@ -225,7 +225,7 @@ pub(crate) fn kernel(
     let descriptor = ComputePipelineDescriptor::new();
     descriptor.set_label(name);
     descriptor.set_compute_function(Some(function));
-    // This many threads must run at a time, whatever number of registers that leaves to each.
+    // Metal limits the registers per thread so that this many threads fit.
     descriptor.set_max_total_threads_per_threadgroup(threads);
     descriptor
         .set_thread_group_size_is_multiple_of_thread_execution_width(threads.is_multiple_of(LANES.into()));

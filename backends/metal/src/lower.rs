@@ -319,7 +319,7 @@ mod tests {
     fn passes_of_one_shader_and_state_share_a_pipeline() {
         let lowered = lower(&translated()).unwrap();
         assert_eq!(lowered.pipelines.len(), 2);
-        // By pass: a fill, two dispatches, a draw, the export and the host's pass.
+        // In pass order: a fill, two dispatches, a draw, the export and the host pass.
         assert_eq!(lowered.of_pass, [None, Some(0), Some(0), Some(1), None, None]);
         assert_eq!(lowered.pipelines[0], PipelineState::Compute { shader: ShaderId(0), threads: [64, 1, 1] });
     }

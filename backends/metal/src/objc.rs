@@ -24,15 +24,15 @@ pub(crate) fn pool<T>(body: impl FnOnce() -> T) -> T {
 
 /// Creates a command queue of the device; `None` if Metal creates none.
 pub(crate) fn new_queue(device: &DeviceRef) -> Option<CommandQueue> {
-    // SAFETY: the method takes nothing, and returns a retained object or nil.
+    // SAFETY: the method takes no arguments, and returns a retained object or nil.
     let raw: *mut MTLCommandQueue = unsafe { msg_send![device, newCommandQueue] };
-    // SAFETY: it is not null, and owned here alone.
+    // SAFETY: the pointer is not null, and this is its only owner.
     (!raw.is_null()).then(|| unsafe { CommandQueue::from_ptr(raw) })
 }
 
 /// Creates a command buffer that retains the objects its commands use.
 pub(crate) fn command_buffer(queue: &CommandQueueRef) -> Option<CommandBuffer> {
-    // SAFETY: the method takes nothing, and returns an object of the pool or nil.
+    // SAFETY: the method takes no arguments, and returns an autoreleased object or nil.
     let raw: *mut MTLCommandBuffer = unsafe { msg_send![queue, commandBuffer] };
     if raw.is_null() {
         return None;
@@ -47,14 +47,14 @@ pub(crate) fn command_buffer(queue: &CommandQueueRef) -> Option<CommandBuffer> {
 pub(crate) fn new_heap(device: &DeviceRef, descriptor: &HeapDescriptorRef) -> Option<Heap> {
     // SAFETY: the descriptor is alive, and the method returns a retained object or nil.
     let raw: *mut MTLHeap = unsafe { msg_send![device, newHeapWithDescriptor: descriptor] };
-    // SAFETY: it is not null, and owned here alone.
+    // SAFETY: the pointer is not null, and this is its only owner.
     (!raw.is_null()).then(|| unsafe { Heap::from_ptr(raw) })
 }
 
 pub(crate) fn new_buffer(device: &DeviceRef, bytes: u64, options: MTLResourceOptions) -> Option<Buffer> {
-    // SAFETY: the types are those of the method, which returns a retained object or nil.
+    // SAFETY: the argument types match the method's, which returns a retained object or nil.
     let raw: *mut MTLBuffer = unsafe { msg_send![device, newBufferWithLength: bytes options: options] };
-    // SAFETY: it is not null, and owned here alone.
+    // SAFETY: the pointer is not null, and this is its only owner.
     (!raw.is_null()).then(|| unsafe { Buffer::from_ptr(raw) })
 }
 
@@ -79,7 +79,7 @@ pub(crate) fn filters_floats(device: &DeviceRef) -> bool {
 /// Returns the name and version of the operating system.
 pub(crate) fn system() -> String {
     pool(|| {
-        // SAFETY: a class of Foundation, which is linked, and a property of it that is a string.
+        // SAFETY: a class of Foundation, which is linked, and one of its string properties.
         let text: *mut Object = unsafe {
             let process: *mut Object = msg_send![class!(NSProcessInfo), processInfo];
             msg_send![process, operatingSystemVersionString]
@@ -90,7 +90,7 @@ pub(crate) fn system() -> String {
 
 /// Returns true on the main thread, the only one that may change views.
 pub(crate) fn is_main_thread() -> bool {
-    // SAFETY: a class method that takes nothing and returns a BOOL.
+    // SAFETY: a class method that takes no arguments and returns a BOOL.
     let answer: BOOL = unsafe { msg_send![class!(NSThread), isMainThread] };
     answer == YES
 }

@@ -104,7 +104,7 @@ impl Pipelines {
     }
 }
 
-/// Translates the shaders that have no Metal source yet.
+/// Translates shaders to Metal source, if any are not translated yet.
 fn translated(plan: &Plan) -> Result<Cow<'_, Plan>, BackendError> {
     if plan.shaders.iter().all(|shader| shader.msl.is_some()) {
         return Ok(Cow::Borrowed(plan));

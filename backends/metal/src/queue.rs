@@ -24,10 +24,10 @@ pub(crate) struct After<'a> {
 
 /// Submits a frame or an upload, followed by the draw into a window, if any.
 ///
-/// `commands` has a command buffer for each; the last one signals `done`.
+/// `commands` has one command buffer for each; the last one signals `done`.
 ///
-/// They start once the event `after` has its value. This function makes the queue set it when the earlier submissions
-/// of all executors that `after` covers have completed.
+/// The commands start once the event in `after` reaches its value. This function makes the queue signal that value when
+/// the earlier submissions that `after` covers, of all executors, have completed.
 pub(crate) fn submit(
     gpu: &MetalGpu,
     commands: &[CommandBuffer],
@@ -35,7 +35,7 @@ pub(crate) fn submit(
     after: &After,
     publishes: bool,
 ) -> Result<(), BackendError> {
-    // One submission at a time.
+    // The lock also serializes submissions.
     let mut in_flight = gpu.in_flight();
     let (event, value) = after.event;
     let before: Vec<_> = in_flight.iter().filter(|before| after.all || before.publishes).collect();
@@ -59,7 +59,7 @@ pub(crate) fn submit(
 /// Returns false if the limit has passed.
 ///
 /// # Errors
-/// A command buffer failed. `done` gets its value anyway, so that no waiter hangs.
+/// Returns an error if a command buffer failed. `done` gets its value anyway, so that no waiter hangs.
 pub(crate) fn wait(
     commands: &[CommandBuffer],
     done: (&SharedEventRef, u64),
@@ -71,7 +71,7 @@ pub(crate) fn wait(
     if failed().is_none() && !complete() && !limit.is_zero() {
         let milliseconds = u64::try_from(limit.as_millis()).unwrap_or(u64::MAX).max(1);
         if objc::wait_for_event(event, value, milliseconds) {
-            // The event was the last command: only Metal's own work on the host is left.
+            // Signalling the event was the last command: only Metal's own work on the host is left.
             commands.iter().for_each(|commands| commands.wait_until_completed());
         }
     }
@@ -164,7 +164,7 @@ impl Timestamps {
     pub(crate) fn completed(&self, (start, end): (f64, f64)) {
         let mut written = self.written();
         written.completed = true;
-        // Zero if Metal has none.
+        // The times are zero if Metal reports none.
         written.frame = (start > 0.0 && end >= start).then(|| [start, end].map(|s| (s * 1e9) as u64));
     }
 

@@ -13,7 +13,7 @@ use splatgraph_api::BackendError;
 use splatgraph_framework::ir::Format;
 use splatgraph_runtime::{Acquired, Image};
 
-/// Drawables of a window's layer, all of one size; a resize replaces the swapchain.
+/// The drawables of a window's layer, all of one size. A resize replaces the swapchain.
 pub struct Swapchain {
     layer: MetalLayer,
     size: (u32, u32),

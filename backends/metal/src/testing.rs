@@ -45,7 +45,7 @@ impl Sketch {
         self.add(name, Run::Frame, Work::Fill { buffer, value: 0 }, &uses);
     }
 
-    /// Adds a draw into an image, which it first clears or keeps.
+    /// Adds a draw into an image; `load` says whether the image is cleared first or kept.
     pub fn draw(&mut self, name: &str, image: ResourceId, load: Load, uses: &[Use]) {
         self.draw_by(name, DrawCall::Direct { vertices: 3, instances: 1 }, image, load, uses);
     }
@@ -160,8 +160,8 @@ pub fn chain() -> Sketch {
     s
 }
 
-/// Returns a plan whose last dispatch, `end`, needs the first one and the draw between them. The export and the next `first` need `end`,
-/// and not each other.
+/// Returns a plan whose last dispatch, `end`, needs the first dispatch and the draw between them. The export and the
+/// next frame's `first` need `end`, but not each other.
 pub fn fork() -> Sketch {
     let mut s = Sketch::new();
     let (x, y, image, last) = (s.buffer("x"), s.buffer("y"), s.image("image"), s.image("last"));

@@ -1,9 +1,9 @@
 //! Determines when to open, order and close a plan's encoders while a frame is recorded.
 //!
 //! The runtime announces passes one by one. A walk answers with [`Move`]s: close this encoder, open that one, wait for
-//! its fences, record a barrier. It handles what depends on the frame: passes of the prologue, which only the first
-//! frame runs; copies of inspected resources in the middle of an encoder; and fences that nothing has updated yet,
-//! which are not waited for.
+//! its fences, record a barrier. Three things depend on the frame: prologue passes, which only the first frame runs;
+//! copies of inspected resources in the middle of an encoder; and fences without an update so far, which are not waited
+//! for.
 //!
 //! Every encoder with an announced pass is opened, even if the pass is skipped, because other encoders may be ordered
 //! only through it.
@@ -53,7 +53,7 @@ impl Walked {
         &self.divisions[usize::from(division == Division::Passes)]
     }
 
-    /// Records that the frame of this walk was submitted, and so its fences updated.
+    /// Records that the frame of this walk was submitted, and with it its fence updates.
     pub fn submitted(&mut self, walk: &Walk) {
         let Some(division) = walk.division else { return };
         self.divisions[usize::from(division == Division::Passes)].updated.clone_from(&walk.updated);
@@ -107,14 +107,14 @@ impl Walk {
                 moves.push(Move::AfterAll);
             }
         }
-        // The host's pass has none.
+        // The host pass has no encoder.
         let Some((index, place)) = divided.places[pass.index()] else { return };
         let encoding = divided.encoding(index);
         match self.current {
             Some((current, true)) if current == index => {
                 moves.extend(encoding.passes[place].barrier.map(Move::Barrier));
             }
-            // Its waits were made before it was interrupted, and everything before that has completed.
+            // The encoder waited before it was interrupted, and everything before the interruption has completed.
             Some((current, false)) if current == index => moves.push(Move::Open(encoding.kind)),
             _ => {
                 self.close(walked, moves);
@@ -219,7 +219,8 @@ mod tests {
         Encoding { kind, waits: waits.to_vec(), passes, updates: updates.to_vec() }
     }
 
-    /// Returns a prologue that clears (fence 0), then two dispatches with a barrier between them (1), a draw (2) and the export (3).
+    /// Returns encoders: a prologue that clears (fence 0), two dispatches with a barrier between them (1), a draw (2)
+    /// and the export (3).
     fn walked() -> Walked {
         let all = Encoders {
             prologue: vec![encoding(EncoderKind::Compute, &[], &[(CLEAR, false)], &[fence(0)])],
@@ -252,7 +253,7 @@ mod tests {
         moves
     }
 
-    /// Walks a whole frame, and submits it.
+    /// Walks through a whole frame, and marks it as submitted.
     fn frame(walked: &mut Walked, passes: &[PassId], timed: bool) -> Vec<Move> {
         let mut walk = Walk::default();
         walk.begin();
@@ -301,7 +302,7 @@ mod tests {
         let walked = walked();
         let mut walk = Walk::default();
         walk.begin();
-        // Recorded and never submitted.
+        // This frame is recorded but never submitted.
         moves(|moves| FRAME.iter().for_each(|pass| walk.pass(&walked, *pass, false, moves)));
         walk.begin();
         let found = moves(|moves| walk.pass(&walked, FIRST, false, moves));

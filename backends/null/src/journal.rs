@@ -317,7 +317,7 @@ impl Journal {
         }
     }
 
-    /// Adds a message if a submission in flight uses the thing that is being changed.
+    /// Adds a message if a submission in flight uses the object or binding that is about to change.
     pub(crate) fn check_unused(&self, used: Used, what: impl FnOnce() -> String) {
         if self.state().in_flight.iter().any(|submission| submission.used.contains(&used)) {
             self.messages.add(format!("{} while it is in flight", what()));

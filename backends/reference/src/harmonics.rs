@@ -30,8 +30,9 @@ pub(crate) fn color(sh: &[[f64; 3]; 16], position: [f64; 3], eye: [f64; 3], rule
 mod tests {
     use super::*;
 
-    /// The functions are orthonormal: their products integrate to the identity over the sphere. Gauss-Legendre in the
-    /// cosine and equal steps around the axis integrate polynomials of this degree exactly.
+    /// Checks orthonormality: products of the functions integrate to the identity over the sphere.
+    ///
+    /// Gauss-Legendre in the cosine and equal steps around the axis integrate polynomials of this degree exactly.
     #[test]
     fn the_basis_is_orthonormal_over_the_sphere() {
         // Nodes and weights for 5 points (Abramowitz and Stegun, table 25.4).

@@ -72,7 +72,7 @@ impl Lens {
         })
     }
 
-    /// Returns the rows of the Jacobian: the derivative of the pixel position by the point.
+    /// Returns the rows of the Jacobian: the derivative of the pixel position with respect to the point.
     ///
     /// For a pinhole, x / z and y / z are clamped (`computeCov2D` in forward.cu).
     pub(crate) fn jacobian(&self, p: [f64; 3]) -> [[f64; 3]; 2] {
@@ -91,7 +91,7 @@ impl Lens {
             }
             Projection::Orthographic => [[fx, 0.0, 0.0], [0.0, fy, 0.0]],
             Projection::Fisheye => {
-                // Along the unit vectors of the polar angle and of the azimuth.
+                // The unit vectors of the polar angle and of the azimuth.
                 let Polar { distance, angle, around: [c, s] } = Polar::of(p);
                 let (sine, cosine) = angle.sin_cos();
                 let outwards = [cosine * c, cosine * s, -sine].map(|v| v / distance);
@@ -107,7 +107,7 @@ impl Lens {
                 ]
             }
             Projection::Equirectangular => {
-                // Along the unit vectors of longitude and latitude.
+                // The unit vectors of longitude and latitude.
                 let distance = length(p);
                 let (sin_lon, cos_lon) = x.atan2(z).sin_cos();
                 let (sin_lat, cos_lat) = y.atan2(x.hypot(z)).sin_cos();
@@ -121,12 +121,12 @@ impl Lens {
     }
 }
 
-/// A point in view space, relative to the camera's axis.
+/// A point in view space, in polar coordinates around the camera's axis.
 struct Polar {
     distance: f64,
     /// Angle from the axis, 0 to pi.
     angle: f64,
-    /// Unit vector from the axis in the picture; to the right for points on the axis.
+    /// Unit vector in the picture from the axis towards the point; to the right for points on the axis.
     around: [f64; 2],
 }
 

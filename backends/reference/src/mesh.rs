@@ -322,7 +322,7 @@ mod tests {
         Camera { fx: 2.0, fy: 2.0, ..Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (5, 5)) }
     }
 
-    /// Returns a wall at `z` from x = -`half` to `half`, as high, in a colour.
+    /// Returns a square wall at `z` with sides of `2 * half`, in a single colour.
     fn wall(z: f32, half: f32, base_color: [f32; 4]) -> Mesh {
         Mesh {
             positions: vec![[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]],
@@ -400,7 +400,7 @@ mod tests {
         wall.light.direction = [0.0, 0.0, -1.0];
         wall.light.ambient = 0.0;
         let middle = surfaces(&wall)[12].expect("the wall").color[0];
-        // Roughness 1: the specular term is 0.04 * PI * (1 / PI) * 0.5 / 2, and 0.96 are left to the diffuse one.
+        // At roughness 1, the specular term is 0.04 * PI * (1 / PI) * 0.5 / 2, and the diffuse term gets 0.96.
         assert!((decode(middle) - (0.96 + 0.01)).abs() < 1e-6, "{middle}");
         wall.light.direction = [0.0, 0.0, 1.0];
         wall.light.ambient = 0.25;

@@ -1,4 +1,4 @@
-//! Sorts splats by depth, and counts the pairs that another order has the wrong way round.
+//! Sorts splats by depth, and counts the pairs that two orders rank differently.
 
 use crate::gaussian::Splats;
 use crate::rules::{Depth, KeyOf, Rules, Ties};
@@ -13,8 +13,7 @@ pub(crate) struct View {
     depth_row: [f32; 4],
     /// True if f32 is too coarse for the positions.
     wide: bool,
-    /// True if the picture can show splats behind the camera. The near plane is then a sphere, if splats are sorted by
-    /// distance.
+    /// True if the camera sees splats behind it. The near plane is then a sphere, if splats are sorted by distance.
     sees_behind: bool,
 }
 
@@ -55,8 +54,8 @@ impl View {
         }
     }
 
-    /// Computes the sort key of a splat, by the rules its view depth or its distance; `None` if it is nearer than the
-    /// near plane.
+    /// Computes a splat's sort key: its view depth or its distance, by the rules. `None` if it is nearer than the near
+    /// plane.
     pub(crate) fn key(&self, p: [f64; 3], rules: &Rules) -> Option<f64> {
         let distance = || (0..3).map(|i| (p[i] - self.eye[i]).powi(2)).sum::<f64>().sqrt();
         let depth = self.depth(p, rules.depth);

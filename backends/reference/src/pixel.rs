@@ -243,7 +243,7 @@ mod tests {
     }
 
     proptest! {
-        /// The covariance from the stable factors equals `M M^T + l I`, the textbook form.
+        /// Checks that the covariance from the stable factors equals `M M^T + l I`, the textbook form.
         #[test]
         fn the_projected_covariance_is_the_textbooks(
             position in prop::array::uniform3(-1.0..1.0f64), logs in prop::array::uniform3(-3.0..0.0f64),
@@ -260,7 +260,7 @@ mod tests {
             };
             let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, (200, 160));
             let found = project(&splat, &camera, &Rules::PUBLISHED).expect("it is in the picture");
-            // The 3D covariance, by rotating each axis with quaternion products.
+            // Computes the 3D covariance by rotating each axis with quaternion products.
             let [w, x, y, z] = splat.rotation;
             let rotate = glam::DQuat::from_xyzw(x, y, z, w);
             let axes = [glam::DVec3::X, glam::DVec3::Y, glam::DVec3::Z];

@@ -48,7 +48,7 @@ pub(crate) struct Footprint {
     pub opacity: f64,
     /// Minimum exponent of a fragment. Below it, alpha is under the floor or the pixel is outside the extent.
     cutoff: f64,
-    /// Set for a panorama, whose left and right edge are neighbours.
+    /// The width and tile range of a panorama, whose left and right edges meet; `None` for other cameras.
     turn: Option<Turn>,
     pub color: [f64; 3],
 }
@@ -63,7 +63,8 @@ struct Turn {
 }
 
 impl Turn {
-    /// Returns the distance from a centre to a pixel in its row, in pixels; `None` outside the copy's tiles.
+    /// Returns the horizontal distance in pixels from the nearest copy of a centre to a pixel; `None` outside the
+    /// copy's tiles.
     fn offset(self, x: f64, center: f64) -> Option<f64> {
         let center = center + self.width * ((x - center) / self.width).round();
         let tile = f64::from(TILE);

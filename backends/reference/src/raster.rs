@@ -34,7 +34,7 @@ pub struct Picture {
     /// Sum of the splats' normals, each times its weight. A splat's normal is its shortest axis in world space,
     /// pointing towards the camera.
     pub normal: Vec<[f64; 3]>,
-    /// Index of the splat with the largest weight, of equal ones the nearest; `u32::MAX` without splats.
+    /// Index of the splat with the largest weight (the nearest one among equals); `u32::MAX` without splats.
     pub index: Vec<u32>,
 }
 
@@ -93,7 +93,7 @@ impl Pixel {
         most: (0.0, u32::MAX),
     };
 
-    /// Adds a splat to the sums. `transmittance` is that of the nearer splats.
+    /// Adds a splat to the sums. `transmittance` is what the nearer splats leave.
     fn add(&mut self, splat: &Ellipse, alpha: f64, transmittance: f64) {
         let weight = alpha * transmittance;
         self.color.iter_mut().zip(splat.footprint.color).for_each(|(sum, c)| *sum += weight * c);

@@ -10,8 +10,8 @@ use std::str::FromStr;
 /// All rules in which renderers of a scene can differ. Lengths on the image are in pixels.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rules {
-    /// Maximum view depth at which splats are culled, in world units. Cameras that see behind themselves cull by the sort
-    /// key instead.
+    /// Near plane: splats at this view depth or nearer are culled, in world units. Cameras that see behind themselves
+    /// cull by the sort key instead.
     pub near: f64,
     /// Offset added to the pixel position of every centre, in x and y. Pixels are sampled at integer positions.
     pub pixel_offset: f64,
@@ -35,7 +35,7 @@ pub struct Rules {
     pub depth: Depth,
     /// The order of splats with equal depths.
     pub ties: Ties,
-    /// Fragments with a lower alpha than this are skipped.
+    /// Minimum alpha of a fragment; fragments below it are skipped.
     pub alpha_floor: f64,
     /// Maximum alpha of a fragment.
     pub alpha_cap: f64,
@@ -93,7 +93,7 @@ impl Rules {
     /// Changes the rule of this name (see [`RULES`]). Numbers are rounded to f32, the rasteriser's type.
     ///
     /// # Errors
-    /// The name is unknown, or the value is invalid.
+    /// Returns an error if the name is unknown or the value invalid.
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), RuleError> {
         let info = RULES.iter().find(|rule| rule.name == name).ok_or_else(|| RuleError::unknown(name))?;
         self.assign(name, value).ok_or_else(|| RuleError::Value {
@@ -181,7 +181,7 @@ pub enum Extent {
     ///
     /// Half its side is `ceil(3 sqrt(l))`, with `l` the larger eigenvalue of the 2D covariance.
     Tiles,
-    /// Pixels within this many standard deviations of the centre.
+    /// Every pixel within this many standard deviations of the centre.
     Sigma(f64),
     /// Every pixel of the image.
     Unbounded,
@@ -208,7 +208,7 @@ pub enum ShDirection {
     ToCamera,
 }
 
-/// Sort key of the splats, which the depth outputs contain.
+/// The sort key of the splats; also the content of depth outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum KeyOf {
     /// The view depth.

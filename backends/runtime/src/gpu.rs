@@ -75,7 +75,7 @@ pub trait Gpu: Sized + Send + Sync + 'static {
     /// Returns the list that collects validation messages. It may outlive the device.
     fn messages(&self) -> &Arc<Messages>;
 
-    /// Returns how much device memory all objects use.
+    /// Returns the bytes of device memory that all objects use, and the bytes reserved for them.
     fn memory(&self) -> DeviceMemory;
 
     /// Returns the bytes still available in the largest device-local heap, as the driver estimates now; `None` if

@@ -40,7 +40,7 @@ impl UsedOnce {
     /// programs lose their memory.
     ///
     /// # Errors
-    /// The memory that remains after the prologue exceeds `available`.
+    /// Returns an error if the memory that remains after the prologue exceeds `available`.
     pub fn find_room(
         &mut self,
         plan: &Plan,

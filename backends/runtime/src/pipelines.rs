@@ -100,7 +100,7 @@ impl Compilers {
             let (gpu, plan, end) = (gpu.clone(), plan.clone(), end.clone());
             move || {
                 work(&gpu, &plan, &sender);
-                // Before the end is signalled, the sender first: no receiver is left for the result.
+                // The sender is dropped before the end is signalled: no receiver is left for the result.
                 drop((sender, plan, gpu));
                 let mut end = end_of(&end);
                 end.over = true;
@@ -188,14 +188,14 @@ impl Compilers {
 fn work<G: Gpu>(gpu: &Arc<G>, plan: &Plan, sender: &Sender<Message<G::Pipelines>>) {
     let mut span = None;
     let mut next = |next: NextPipeline| {
-        // The span of the pipeline before ends here.
+        // Ends the previous pipeline's span.
         drop(span.take());
         span = Some(info_span!("make a pipeline", shader = plan.shader(next.shader).name).entered());
         sender.send(Message::Next(next)).map_err(|_| BackendError::Cancelled)
     };
     let made = gpu.create_pipelines(plan, &mut next);
     drop(span);
-    // The receiver may be gone.
+    // The receiver may have been dropped.
     let _ = sender.send(Message::Made(made));
 }
 

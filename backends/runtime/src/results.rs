@@ -8,8 +8,9 @@
 //! reused.
 //!
 //! A buffer has a recipe if only the prologue writes it, if it does not alias other resources, and if it depends on
-//! nothing from the host. It is entered once the frame that computes it is submitted: its readers come later in the
-//! queue, behind a barrier. It is never written again, and is freed when the last plan that holds it is dropped.
+//! nothing from the host. It is added to [`Results`] once the frame that computes it is submitted. Frames that read it
+//! come later in the queue, behind a barrier. It is never written again, and is freed when the last plan that holds it
+//! is dropped.
 
 use crate::attributes::{self, PlaneKey};
 use crate::gpu::{Buffer, Gpu};
@@ -66,7 +67,7 @@ pub(crate) fn skipped<T>(plan: &Plan, taken: &mut BTreeMap<ResourceId, T>) -> Ve
     let all = &plan.prologue;
     let mut out: Vec<PassId> =
         all.iter().copied().filter(|pass| prologue.written(*pass).next().is_some()).collect();
-    // The largest set of passes that no other pass depends on.
+    // Finds the largest set of passes that no other pass depends on.
     loop {
         let uses = |pass: &PassId, id| touched(plan.pass(*pass)).any(|(used, _)| used == id);
         let needless =

@@ -34,7 +34,7 @@ pub struct VulkanGpu {
     pub(crate) pipeline_cache: vk::PipelineCache,
     /// The memory allocator; `None` only while the device is being created or destroyed.
     pub(crate) allocator: Mutex<Option<Allocator>>,
-    /// Fences that nobody waits for any more but that a submission may still signal. They are destroyed with the
+    /// Fences that nobody waits for any more, but that a submission may still signal. They are destroyed with the
     /// device.
     fences: Mutex<Vec<vk::Fence>>,
     /// Time limit of one pass; see [`splatgraph_runtime::Gpu::patience`].
@@ -103,7 +103,7 @@ impl VulkanGpu {
     /// Destroys a kept fence. No submission may use it any more.
     pub(crate) fn release(&self, fence: vk::Fence) {
         self.fences.lock().unwrap_or_else(PoisonError::into_inner).retain(|&kept| kept != fence);
-        // SAFETY: nothing uses it, and it is on the list no more.
+        // SAFETY: no submission uses the fence, and it was just removed from the list.
         unsafe { self.device.destroy_fence(fence, None) };
     }
 

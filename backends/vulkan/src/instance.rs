@@ -54,7 +54,7 @@ impl Instance {
     pub fn renew_surface(&self) -> Result<(), BackendError> {
         let mut surface = self.lock_surface();
         let Some(window) = surface.as_ref().map(|surface| surface.window.clone()) else { return Ok(()) };
-        // A window has one surface at a time. If no other can be created, the window is gone.
+        // A window has one surface at a time. If a second one cannot be created, the window is gone.
         *surface = None;
         *surface = Some(Arc::new(Surface::new(loader()?, &self.raw, window)?));
         Ok(())

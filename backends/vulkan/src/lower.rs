@@ -249,7 +249,7 @@ mod tests {
     fn passes_of_one_shader_and_state_share_a_pipeline() {
         let lowered = lower(&plan(), &LIMITS);
         assert_eq!(lowered.pipelines.len(), 2);
-        // By pass: a fill, two dispatches, a draw, the export and the host's pass.
+        // In pass order: a fill, two dispatches, a draw, the export and the host pass.
         assert_eq!(lowered.of_pass, [None, Some(0), Some(0), Some(1), None, None]);
     }
 
@@ -303,7 +303,8 @@ mod tests {
         assert_eq!(asked([256, 1, 1], LIMITS), (Some(32), true));
         // x is not a multiple of the size.
         assert_eq!(asked([16, 16, 1], LIMITS), (None, false));
-        // Too many subgroups to request a size; full only if any size would give full ones.
+        // Too many subgroups to request a size. Subgroups are full only if the workgroup is a multiple of every
+        // possible size.
         assert_eq!(asked([32 * 9, 1, 1], LIMITS), (None, false));
         assert_eq!(asked([512, 1, 1], LIMITS), (None, true));
         let fixed = SubgroupLimits { selectable: false, ..LIMITS };

@@ -234,7 +234,7 @@ mod tests {
         assert_eq!(extent(&capabilities(size(0, 0)), size(800, 600)), None);
         assert_eq!(extent(&capabilities(size(640, 480)), size(0, 600)), None);
         assert_eq!(extent(&capabilities(size(u32::MAX, u32::MAX)), size(800, 0)), None);
-        // Some window systems report a hidden window by its limits.
+        // Some window systems report a hidden window through its extent limits.
         let none = vk::SurfaceCapabilitiesKHR {
             min_image_extent: size(0, 0),
             max_image_extent: size(0, 0),

@@ -23,8 +23,8 @@ use std::sync::Arc;
 
 /// Maximum wait for an image, in nanoseconds.
 ///
-/// Some window systems return no image while the window is hidden, and do not report that it is. The program must go
-/// on.
+/// Some window systems return no image while the window is hidden, and do not report that it is. The program must not
+/// block.
 const PATIENCE: u64 = 2_000_000_000;
 
 /// A window's swapchain, with the semaphores and command buffers of its blits. The device must be idle when it is
@@ -291,7 +291,7 @@ mod tests {
 
     #[test]
     fn the_blit_takes_its_place_between_the_exports_copies_and_whatever_waits_for_them() {
-        // The validation layer does not compare the second half between submissions.
+        // Checked here, because the validation layer does not check the second scope across submissions.
         let [(copies, _), (blit, access)] = BEFORE.output;
         assert_eq!((copies, blit), (vk::PipelineStageFlags2::COPY, vk::PipelineStageFlags2::BLIT));
         assert_eq!(access, vk::AccessFlags2::TRANSFER_READ);

@@ -54,7 +54,7 @@ impl Encoder {
                 }
                 _ => window.draw(&self.gpu, &[], frame)?,
             };
-            // The value for the whole submission is after the value for the frame.
+            // The submission as a whole signals the value after the frame's.
             shown.encode_wait_for_event(&self.done.0, self.done.1);
             self.done.1 += 1;
             shown.encode_signal_event(&self.done.0, self.done.1);
@@ -151,7 +151,7 @@ impl splatgraph_runtime::Encoder<MetalGpu> for Encoder {
                 self.gpu.messages.add(format!("no frame is captured: {reason}"));
             }
             let commands = self.gpu.commands(&self.name)?;
-            // The submission decides what it waits for.
+            // The submission decides which earlier submissions these commands wait for.
             self.others.1 += 1;
             commands.encode_wait_for_event(&self.others.0, self.others.1);
             self.commands = Some(commands);

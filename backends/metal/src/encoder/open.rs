@@ -10,8 +10,8 @@ use splatgraph_runtime::Image;
 
 impl Encoder {
     pub(super) fn update(&mut self, update: FenceUse) {
-        // Other encoders rely on the order through this one, and Metal may drop an encoder without commands, with its fences. So it gets a
-        // command without effect. (Draws are never left out.)
+        // Other encoders may be ordered only through this one, but Metal may drop an encoder without commands, and its
+        // fences with it. A command without effect prevents that. (Metal does not drop render encoders.)
         match self.next {
             Some(EncoderKind::Compute) => {
                 if let Some(encoder) = self.compute() {

@@ -9,7 +9,7 @@ pub(super) struct Group {
     pub passes: Vec<PassId>,
 }
 
-/// Groups passes into encoders as `division` asks. The host's pass is in none.
+/// Groups passes into encoders according to `division`. The host pass belongs to none.
 pub(super) fn divide(plan: &Plan, passes: &[PassId], division: Division) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for id in passes {
@@ -47,7 +47,7 @@ fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
     };
     let ((own, tested), (others, other_depth)) = (targets(pass), targets(group.passes[0]));
     let images = |targets: &[Target]| targets.iter().map(|target| target.image).collect::<Vec<_>>();
-    // An encoder keeps the accesses of its draws to a target in order by itself.
+    // The encoder itself orders its draws' accesses to a target.
     let blends = |dependency: &Dependency| {
         let both = dependency.masks.source_stages | dependency.masks.target_stages;
         let attached = Stages::COLOR_OUTPUT | Stages::DEPTH_TESTS;
@@ -66,7 +66,7 @@ fn draws_with(plan: &Plan, group: &Group, pass: PassId) -> bool {
 
 /// Lists a pass's dependencies that encoders must enforce.
 ///
-/// Layout changes are left out, and so is the host, which waits for the whole command buffer.
+/// Layout changes are left out. So are dependencies of the host pass, which waits for the whole command buffer.
 pub(super) fn ordering(plan: &Plan, pass: PassId) -> impl Iterator<Item = &Dependency> {
     let of_device = |dependency: &&Dependency| plan.pass(dependency.second).work != Work::Host;
     let dependencies = plan.dependencies_of(pass).iter();

@@ -19,7 +19,7 @@ pub struct Encoders {
     pub prologue: Vec<Encoding>,
     /// True if the first frame must wait for the whole prologue, by an event.
     ///
-    /// That is so if a pass of the frame accesses memory that the prologue accessed.
+    /// That is the case if a pass of the frame accesses memory that the prologue accessed.
     pub handover: bool,
     /// Encoders that run every frame. Only fences order one frame after another.
     pub frame: Vec<Encoding>,

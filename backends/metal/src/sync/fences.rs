@@ -1,9 +1,8 @@
-//! Assigns fences to the waits between encoders. Waits that come one after another share a fence.
+//! Assigns fences to the waits between encoders. Successive waits share a fence.
 //!
-//! A wait is for the last update of its fence that was submitted before it. From that update to the wait, its *span*,
-//! the fence is in use. Two spans can share a fence if they do not overlap, and if each update is ordered after the
-//! other span's waits by the waits of the encoders. Then no update of a fence can overtake a wait for the previous
-//! update.
+//! A wait refers to the last update of its fence that was submitted before it. From that update to the wait, its
+//! *span*, the fence is in use. Two spans can share a fence if they do not overlap, and if the encoders' waits order
+//! each update after the other span's waits. Then no update of a fence can overtake a wait for the previous update.
 //!
 //! In a chain of encoders, each of which waits for the previous one, one fence serves all waits, even that of the first
 //! encoder for the last one of the previous frame. If two branches follow an encoder, such as the draw of a mesh and
@@ -13,7 +12,7 @@
 use super::encoding::RenderStages;
 use std::cmp::Reverse;
 
-/// A wait of an encoder for another one, `source`.
+/// A wait of an encoder for an earlier encoder, `source`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wait {
     pub source: usize,
@@ -38,7 +37,7 @@ struct Span {
     fence: u32,
 }
 
-/// Assigns a fence to each wait; returns the uses of each encoder, and the number of fences.
+/// Assigns a fence to each wait; returns the fence uses of each encoder, and the number of fences.
 ///
 /// `turn` is the number of encoders per frame; `None` if they do not repeat.
 pub(super) fn number(waits: &[Vec<Wait>], turn: Option<usize>) -> (Vec<Uses>, u32) {
@@ -52,7 +51,7 @@ pub(super) fn number(waits: &[Vec<Wait>], turn: Option<usize>) -> (Vec<Uses>, u3
             let mut on_it = numbered.iter().filter(|other| other.fence == *fence);
             on_it.all(|other| order.share(other, span))
         };
-        // Another fence takes another update.
+        // Prefers fences of the same update: another fence would need an additional update.
         let same_update = numbered.iter().filter(|other| other.update == span.update);
         let fences = same_update.map(|other| other.fence).chain(0..count);
         span.fence = fences.into_iter().find(free).unwrap_or(count);
@@ -106,7 +105,7 @@ impl Order<'_> {
                 && next.is_none_or(|next| self.before(second.wait, next))
     }
 
-    /// Returns true if the end of stage `first` is, or comes before, the end of stage `last`.
+    /// Returns true if the end of stage `first` is the end of stage `last`, or is ordered before it.
     fn before(&self, first: Moment, last: Moment) -> bool {
         let mut open = vec![last];
         let mut seen = Vec::new();

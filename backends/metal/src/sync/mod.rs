@@ -21,8 +21,8 @@
 //!    operations for specific resource types" (`mtlcomputecommandencoder/memorybarrier(scope:)`): buffers, textures, or
 //!    both (`mtlbarrierscope`). If a buffer and a texture share memory, the barrier between them names both.
 //! 3. A fence "resolves access conflicts between commands in different passes that you submit to the same command
-//!    queue, including the passes you commit in other command buffers" (`synchronizing-passes-with-a-fence`): so fences
-//!    order frames as well.
+//!    queue, including the passes you commit in other command buffers" (`synchronizing-passes-with-a-fence`). Fences
+//!    therefore order frames as well.
 //! 4. Waits delay the beginning of an encoder and updates follow its end, wherever they are encoded ("Fences are
 //!    evaluated at command encoder boundaries", `mtlrendercommandencoder/1648377-updatefence`). An encoder may wait for
 //!    a fence and then update it, but not the other way round (same page; "can cause GPU deadlock" in later versions).
@@ -38,11 +38,11 @@
 //! 8. An event that is signalled and waited for orders everything before it before everything after it
 //!    (`mtlcommandbuffer/encodesignalevent(_:value:)`, `mtlcommandbuffer/encodewaitforevent(_:value:)`).
 //!
-//! Apple's pages do not state the following, which is to be confirmed on a Mac (`docs/metal.md` has the list):
-//! arguments of indirect draws are read in the vertex stage, and arguments of indirect dispatches within a barrier's
-//! scope for buffers; targets are loaded, cleared and stored in the fragment stage (MoltenVK maps Vulkan's stages in
-//! this way, `MVKCmdPipeline.mm`); a barrier orders writes after reads, as it orders reads after writes; and an encoder
-//! without commands still waits and updates.
+//! Apple's pages do not state the following, which must be confirmed on a Mac (`docs/metal.md` has the list). Arguments
+//! of indirect draws are read in the vertex stage, and arguments of indirect dispatches within a barrier's scope for
+//! buffers. Targets are loaded, cleared and stored in the fragment stage (MoltenVK maps Vulkan's stages in this way,
+//! `MVKCmdPipeline.mm`). A barrier orders writes after reads, as it orders reads after writes. An encoder without
+//! commands still waits and updates.
 
 mod divide;
 mod encoding;

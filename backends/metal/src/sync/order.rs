@@ -51,11 +51,11 @@ struct Walk<'a> {
     searches: u32,
 }
 
-/// Waits and barriers of one encoder, with their reasons.
+/// The waits and barriers of one encoder, with their reasons.
 struct Ordered<'a> {
     barriers: Vec<Option<MemoryBarrier>>,
-    /// The dependencies behind waits, each with the wait's index; then those behind barriers, each with the barrier's
-    /// position.
+    /// The dependencies that require waits, each with the wait's index; then those that require barriers, each with the
+    /// barrier's position.
     waits: Vec<(usize, &'a Dependency)>,
     inner: Vec<(usize, &'a Dependency)>,
     handover: Vec<&'a Dependency>,
@@ -214,7 +214,7 @@ impl<'a> Walk<'a> {
         edges
     }
 
-    /// Returns true if the end of stage `first` is, or is ordered before, the end of stage `last`.
+    /// Returns true if the end of stage `first` is the end of stage `last`, or is ordered before it.
     fn reaches(&mut self, first: (usize, RenderStages), last: (usize, RenderStages)) -> bool {
         self.searches += 1;
         self.seen.resize(2 * self.waits.len(), 0);

@@ -1,4 +1,4 @@
-//! Small plans, and the encoders that they become.
+//! Tests the encoders of small plans.
 
 use super::*;
 use crate::sync::model::{Model, mutate};
@@ -6,7 +6,7 @@ use crate::testing::*;
 use splatgraph_framework::ir::{Hazard, Load, PassId, Shape};
 use splatgraph_framework::plan::Cause;
 
-/// Checks the lines of the frame, and what the model must say.
+/// Checks the frame's encoders, one per line; that the model has no objections; and that nothing is needless.
 #[track_caller]
 fn expect(sketch: &Sketch, frame: &[&str]) {
     assert_eq!(sketch.lines(), frame);
@@ -107,7 +107,7 @@ fn arguments_of_dispatches_count_as_reads_of_their_words_alone() {
     s.dispatch_from("use", args, 16, &[writes(x)]);
     expect(&s, &["compute after 0: make, (buffers) use; then 0"]);
 
-    // The export reads the first word, and a short alias covers it; the arguments are behind.
+    // The export reads the first word, which a short alias covers; the arguments lie beyond the alias.
     let mut s = Sketch::new();
     let (args, short, image) = (s.buffer("args"), s.buffer("short"), s.image("image"));
     s.plan.resources[short.index()].shape = Shape::Buffer { stride: 4, count: 4 };
@@ -123,7 +123,7 @@ fn arguments_of_draws_hold_back_vertices() {
     let (args, image) = (s.buffer("args"), s.image("image"));
     s.dispatch("make", &[writes(args)]);
     s.draw_from("draw", args, image, &[]);
-    // The next frame's arguments are made when the vertices are done; its fragments wait for those of this one.
+    // The next frame's `make` waits for this frame's vertices; its fragments wait for this frame's fragments.
     expect(&s, &["compute after 0: make; then 0", "render after 1f 0v: draw; then 0v 1f"]);
 }
 
@@ -151,7 +151,7 @@ fn a_wait_of_fragments_says_nothing_of_what_follows_the_vertices() {
     let (x, y, z, image) = (s.buffer("x"), s.buffer("y"), s.buffer("z"), s.image("image"));
     s.dispatch("make", &[writes(x), writes(z)]);
     s.draw("draw", image, CLEAR, &[vertices_read(y), fragments_read(x)]);
-    // It follows the vertices of the draw, which need not have waited for `make`.
+    // `end` waits for the draw's vertices, which may run before `make` completes.
     s.dispatch("end", &[writes(y), reads(z)]);
     expect(
         &s,
@@ -166,8 +166,8 @@ fn a_wait_of_fragments_says_nothing_of_what_follows_the_vertices() {
 #[test]
 fn an_encoder_waits_for_the_last_of_those_that_wait_for_one_another() {
     let s = fork();
-    // `end` needs `first`, and waits for the draw; the next `first` needs `end`, and not the export. It may update its fence while the
-    // export waits, so the export waits for another.
+    // `end` needs `first`, but waits only for the draw. The next `first` needs `end`, but not the export. It may update
+    // its fence while the export still waits, so the export waits for another fence.
     expect(
         &s,
         &[
@@ -223,7 +223,7 @@ fn a_frame_does_not_wait_for_copies_that_it_does_not_overwrite() {
     s.dispatch("count", &[writes(y)]);
     s.export(image, Some(y));
     let frame = s.lines();
-    // `make` waits for the vertices that read `x`, and for nothing else.
+    // `make` waits only for the vertices that read `x`.
     assert_eq!(frame[0], "compute after 0: make; then 0");
     assert_eq!(frame[1], "render after 1f 0v: draw; then 0v 1f");
     expect(&s, &frame.iter().map(String::as_str).collect::<Vec<_>>());
@@ -237,7 +237,7 @@ fn what_each_frame_in_flight_has_for_itself_orders_nothing() {
     s.export(image, Some(x));
     let readback = s.plan.find_resource("readback").expect("the export's");
     s.host(readback);
-    // Nothing on the device waits for the host, nor the other way round.
+    // No encoder waits for the host pass, which waits for the whole command buffer instead.
     expect(&s, &["blit: export"]);
     assert!(encoders(&s.plan, Division::Merged).handover);
 }
@@ -280,7 +280,7 @@ fn one_fence_goes_round_where_each_encoder_waits_for_the_one_before() {
     s.draw("draw", image, CLEAR, &[vertices_read(x)]);
     s.dispatch("compose", &[reads(image), writes(last)]);
     s.export(last, None);
-    // The vertices of the draw must be over for `compose`, and so must its fragments.
+    // `compose` overwrites what the vertices read, and reads what the fragments write: one wait covers both.
     expect(
         &s,
         &[

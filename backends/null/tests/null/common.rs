@@ -1,4 +1,4 @@
-//! Devices, plans and scenes of the tests.
+//! Devices, plans and scenes that the tests share.
 
 use crate::testing::{COLOR, WORDS, plan};
 use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, FrameResult, SceneData};
@@ -11,7 +11,7 @@ pub fn device() -> (Null, Journal) {
     (null.expect("it opens"), journal)
 }
 
-/// Closes the device: no promise was broken, and nothing is left.
+/// Closes the device, and checks that there are no messages and no live objects.
 pub fn finish(null: Null, journal: &Journal) {
     assert_eq!(null.close(), Vec::<String>::new());
     assert_eq!(journal.alive(), Default::default(), "objects are left");
@@ -44,7 +44,7 @@ impl SceneData for Zeros {
     }
 }
 
-/// The plan of the unit tests, whose buffer `words` and image `color` have histories: its prologue zeroes both.
+/// The plan of the unit tests, with histories for the buffer `words` and the image `color`; its prologue clears both.
 pub fn histories() -> Plan {
     let mut plan = plan();
     for id in [WORDS, COLOR] {
@@ -62,7 +62,7 @@ pub fn histories() -> Plan {
     plan.passes.push(start);
     let start = PassId(plan.passes.len() as u32 - 1);
     plan.prologue.push(start);
-    // The draw keeps what is there, and the export leaves it as a source.
+    // The draw keeps the image's contents, and the export leaves the image in its source layout.
     let (draw, export) = (plan.frame[2], plan.frame[3]);
     plan.layout_changes = [
         (start, Layout::Undefined, Layout::TransferTarget, false),
@@ -75,7 +75,7 @@ pub fn histories() -> Plan {
     plan
 }
 
-/// The same plan with a host buffer in place of the scene's attribute.
+/// The plan of the unit tests, with a host buffer instead of the scene's attribute.
 pub fn with_host_buffer() -> Plan {
     let mut plan = plan();
     let splats = &mut plan.resources[crate::testing::SPLATS.index()];
@@ -101,7 +101,7 @@ pub fn frame(null: &mut Null, inputs: &FrameInputs) -> FrameResult {
     null.wait(frame).expect("the frame is done")
 }
 
-/// The commands of the last submission of a frame, from its beginning on.
+/// Returns the calls of the last submitted frame, from its `Begin` on.
 pub fn last_frame(calls: &[Call]) -> &[Call] {
     let begins = |call: &Call| matches!(call, Call::Begin { encoder } if encoder == "frame");
     let begin = calls.iter().rposition(begins).expect("a frame");

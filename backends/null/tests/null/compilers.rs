@@ -1,4 +1,4 @@
-//! Drivers whose compiler does not come to an end.
+//! Tests driver compilers that hang.
 
 use crate::common::*;
 use crate::testing::plan;
@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// A device whose driver hangs over these pipelines, counted from the first.
+/// Opens a device whose compiler hangs on these pipelines, numbered from 0.
 fn hanging(pipelines: impl IntoIterator<Item = u64>) -> (Null, Journal) {
     let faults = pipelines.into_iter().map(|after| Fault { point: Point::Compile, after }).collect();
     let config = Config { faults, compile_patience: Duration::from_millis(200), ..Config::default() };
@@ -18,7 +18,7 @@ fn hanging(pipelines: impl IntoIterator<Item = u64>) -> (Null, Journal) {
     (null.expect("it opens"), journal)
 }
 
-/// The plan of the tests under another name, so that it is another plan.
+/// The plan of the unit tests under another name, which makes it a different plan.
 fn named(name: &str) -> Plan {
     Plan { name: name.to_string(), ..plan() }
 }
@@ -27,7 +27,7 @@ fn load_error(null: &mut Null, plan: Plan) -> BackendError {
     error_of(null.load(plan, &Zeros::default(), &mut |_| {}))
 }
 
-/// Waits until the threads that were given up are gone.
+/// Waits until `count` objects of this kind are alive.
 fn until(journal: &Journal, object: Object, count: i64) {
     let begun = Instant::now();
     while journal.alive().get(&object).copied().unwrap_or(0) != count {
@@ -38,7 +38,7 @@ fn until(journal: &Journal, object: Object, count: i64) {
 
 #[test]
 fn a_pipeline_without_an_end_is_given_up_and_the_error_names_its_pass_and_shader() {
-    // The first plan has two pipelines; the third is the scan of the second plan, the fourth its draw.
+    // The first plan has two pipelines; the third pipeline is the second plan's scan, the fourth its draw.
     let (mut null, journal) = hanging([3]);
     load(&mut null, plan());
     frame(&mut null, &inputs());
@@ -48,9 +48,9 @@ fn a_pipeline_without_an_end_is_given_up_and_the_error_names_its_pass_and_shader
     assert_eq!((name.as_str(), pass.as_str()), ("other", "splat"));
     assert!(other.shaders.iter().any(|known| known.name == *shader), "{shader}");
     assert_eq!(error.recovery(), Recovery::Retry);
-    // The last good plan draws on, beside the compiler.
+    // The last good plan still draws while the compiler hangs.
     frame(&mut null, &inputs());
-    // The same plan is refused at once, by whichever context, and another one is made.
+    // Every context refuses the same plan at once, and can load another.
     let reached = journal.reached(Point::Compile);
     assert_eq!(load_error(&mut null, named("other")), error);
     let mut beside = null.new_context().expect("there can be another");
@@ -58,7 +58,7 @@ fn a_pipeline_without_an_end_is_given_up_and_the_error_names_its_pass_and_shader
     assert_eq!(journal.reached(Point::Compile), reached, "the compiler is not asked again");
     load(&mut beside, named("third"));
     frame(&mut beside, &inputs());
-    // Once the driver has come to its end, the plan has another chance.
+    // Once the compiler has finished, the plan can be loaded.
     journal.resume();
     let begun = Instant::now();
     while let Err(again) = null.load(named("other"), &Zeros::default(), &mut |_| {}) {
@@ -73,7 +73,7 @@ fn a_pipeline_without_an_end_is_given_up_and_the_error_names_its_pass_and_shader
 
 #[test]
 fn a_load_that_nobody_wants_any_more_ends_in_the_compiler_and_between_pipelines() {
-    // In the first pipeline.
+    // The first pipeline hangs.
     let (null, journal) = hanging([0]);
     let wanted_no_more = Arc::new(AtomicBool::new(false));
     let cancel = Cancel::new({
@@ -88,7 +88,7 @@ fn a_load_that_nobody_wants_any_more_ends_in_the_compiler_and_between_pipelines(
     let prepared = null.loader().cancelled_by(cancel).prepare(plan(), &Zeros::default(), &mut progress);
     assert_eq!(error_of(prepared), BackendError::Cancelled);
     assert_eq!(seen.len(), 1, "{seen:?}");
-    // The thread goes on to the end of that pipeline, and makes no other.
+    // The thread finishes that pipeline, and creates no other.
     journal.resume();
     let reached = journal.reached(Point::Compile);
     drop(null);
@@ -106,7 +106,7 @@ fn compilers_without_an_end_do_not_pile_up() {
     assert_eq!(journal.reached(Point::Compile), 8, "as many threads were tried");
     assert!(errors[7].contains("of `plan 7`"), "{}", errors[7]);
     assert!(errors[8..].iter().all(|error| error.contains("of `plan 0`")), "{errors:#?}");
-    // Each pipeline of these plans hangs, so that each thread must be told.
+    // Each pipeline of these plans hangs, so each thread must be resumed.
     drop(null);
     let begun = Instant::now();
     while !journal.alive().is_empty() {
@@ -123,7 +123,7 @@ fn builds_that_were_only_cancelled_end_by_themselves_and_the_next_one_waits_for_
     let (null, journal) = open(&config);
     let mut null = null.expect("it opens");
     for index in 0..8 {
-        // Nobody wants it any more as soon as its first pipeline is being compiled.
+        // The load is cancelled as soon as its first pipeline is being compiled.
         let reached = journal.clone();
         let cancel = Cancel::new(move || reached.reached(Point::Compile) > index);
         let plan = named(&format!("plan {index}"));
@@ -141,7 +141,7 @@ fn builds_that_were_only_cancelled_end_by_themselves_and_the_next_one_waits_for_
     driver.join().expect("it ends");
     frame(&mut null, &inputs());
     assert_eq!(null.close(), Vec::<String>::new());
-    // The last thread of a cancelled build may still be on its way out.
+    // The thread of the last cancelled load may not have ended yet.
     until(&journal, Object::Device, 0);
     assert_eq!(journal.alive(), Default::default());
 }

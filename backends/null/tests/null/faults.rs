@@ -1,4 +1,4 @@
-//! Every fault at every call of a script of loads, frames, swaps and resizes.
+//! Injects every fault at every call of a script of loads, frames, swaps and resizes.
 
 use crate::common::*;
 use crate::testing::plan;
@@ -7,7 +7,7 @@ use splatgraph_framework::ir::PassId;
 use splatgraph_null::{Call, Config, Fault, Journal, Null, Point, open};
 use std::time::{Duration, Instant};
 
-/// A device in the middle of the script.
+/// A device while it runs the script.
 struct Script {
     null: Null,
     frames: Vec<FrameId>,
@@ -15,7 +15,7 @@ struct Script {
 
 impl Script {
     fn load(&mut self, plan: splatgraph_framework::plan::Plan) -> Result<(), BackendError> {
-        // Each with its own scene, so that each uploads.
+        // Each load has its own scene, so each uploads.
         let scene = Zeros { identity: self.frames.len() as u64, ..Zeros::default() };
         self.null.load(plan, &scene, &mut |_| {})
     }
@@ -41,7 +41,7 @@ fn read_back() -> FrameInputs {
 
 type Action = fn(&mut Script) -> Result<(), BackendError>;
 
-/// The steps of the script, the last of which shows that the device is as it should be.
+/// The steps of the script. The last one shows that the device still works.
 const STEPS: [Action; 14] = [
     |s| s.load(histories()),
     |s| s.submit(presented()),
@@ -70,9 +70,9 @@ const STEPS: [Action; 14] = [
     },
 ];
 
-/// The outcome of the script.
+/// The result of running the script.
 struct Outcome {
-    /// The steps that failed; none for the device's opening.
+    /// Errors, each with the index of the failed step; `None` for opening the device.
     errors: Vec<(Option<usize>, BackendError)>,
     /// The commands of the last frame.
     last: Vec<Call>,
@@ -96,7 +96,7 @@ fn run(faults: &[Fault]) -> Outcome {
             for (index, step) in STEPS.iter().enumerate() {
                 journal.take();
                 if let Err(error) = step(&mut script) {
-                    // Someone waited in vain. The device goes on, and so does the script.
+                    // A wait has failed because the device or a compiler hangs. Resumes it, and continues the script.
                     journal.resume();
                     until_compilers_end();
                     errors.push((Some(index), error));
@@ -113,7 +113,7 @@ fn run(faults: &[Fault]) -> Outcome {
     Outcome { errors, last, journal }
 }
 
-/// Waits for compilers that were given up and go on: they are still to see that nobody waits.
+/// Waits until abandoned compiler threads have noticed that nobody waits, and have ended.
 fn until_compilers_end() {
     let begun = Instant::now();
     while splatgraph_runtime::abandoned_compilers() > 0 {
@@ -122,13 +122,13 @@ fn until_compilers_end() {
     }
 }
 
-/// The last frame without the number in its label.
+/// Returns a frame's calls without its number and slot.
 fn unnumbered(last: &[Call]) -> Vec<Call> {
     let number = |call: &Call| matches!(call, Call::PushLabel(name) if name.starts_with("frame "));
     last.iter()
         .filter(|call| !number(call))
         .map(|call| match call {
-            // A frame that failed leaves its slot to the next.
+            // A failed frame leaves its slot to the next one.
             Call::BindPass { pass, .. } => Call::BindPass { pass: pass.clone(), slot: 0 },
             other => other.clone(),
         })
@@ -162,21 +162,21 @@ fn check(fault: Fault, outcome: &Outcome, sound: &Outcome) {
         | Point::PresentOutOfDate
         | Point::PresentSuboptimal
         | Point::PresentLost => None,
-        // The surface of a device that is opened has not been there before, and is not made anew.
+        // A lost surface is recreated, except while the device is being opened.
         Point::Surface if fault.after > 0 => None,
         Point::Submit | Point::Execute | Point::Present => Some(Recovery::DeviceEnded),
         Point::Hang | Point::Compile => Some(Recovery::Retry),
         Point::Allocate | Point::Create | Point::Surface => Some(Recovery::User),
     };
     let first = outcome.errors.first();
-    // A frame that nobody waits for hangs unnoticed.
+    // A hang in a frame that nobody waits for is not noticed.
     let expected = expected.filter(|expected| first.is_some() || *expected != Recovery::Retry);
     assert_eq!(first.map(|(_, error)| error.recovery()), expected, "{text}");
     let Some((step, error)) = first else {
         return assert_eq!(unnumbered(&outcome.last), unnumbered(&sound.last), "{text}");
     };
     if expected == Some(Recovery::DeviceEnded) {
-        // All calls say the same from then on, but for the results that are there already.
+        // After a loss, all calls return the same error, except for results that are already available.
         let lost = outcome.errors.iter().all(|(_, other)| other == error);
         assert!(
             lost && outcome.errors.last().map(|(step, _)| *step) == Some(Some(STEPS.len() - 1)),
@@ -187,7 +187,7 @@ fn check(fault: Fault, outcome: &Outcome, sound: &Outcome) {
     if let BackendError::OutOfMemory { name, bytes, .. } = error {
         assert!(!name.is_empty() && (fault.point != Point::Allocate || *bytes > 0), "{text}");
     }
-    // Without a device, or without its first plan, nothing else can go on; otherwise the fault concerns one step alone.
+    // Without a device or its first plan, nothing else works; any other fault affects only one step.
     match step {
         None => assert_eq!(outcome.errors.len(), 1, "{text}"),
         Some(0) => {
@@ -204,7 +204,7 @@ fn check(fault: Fault, outcome: &Outcome, sound: &Outcome) {
 #[test]
 fn a_device_that_is_lost_in_a_frame_names_the_pass_that_was_done_last() {
     let (null, journal) = open(&Config {
-        // The upload of the plan's plane is the first submission.
+        // Uploads come first, in the order of submission.
         faults: vec![Fault { point: Point::Execute, after: 2 }],
         ..Config::default()
     });
@@ -216,14 +216,14 @@ fn a_device_that_is_lost_in_a_frame_names_the_pass_that_was_done_last() {
     let BackendError::DeviceLost(text) = &error else { panic!("{error}") };
     assert!(text.contains("frame 1") && text.contains("complete is `scan[1]`"), "{text}");
     assert!(text.contains("next one is `splat`"), "{text}");
-    // Every executor of the device says the same.
+    // Every executor of the device returns the same error.
     assert_eq!(error_of(null.wait(first)), error);
     assert_eq!(error_of(null.new_context()), error);
     assert_eq!(error_of(null.load(plan(), &Zeros::default(), &mut |_| {})), error);
     finish(null, &journal);
 }
 
-/// A device that hangs in the frame with this number, counted from the upload on.
+/// Opens a device that hangs in submission number `after`; uploads count.
 fn hanging(after: u64) -> (Null, Journal) {
     let faults = vec![Fault { point: Point::Hang, after }];
     let (null, journal) = open(&Config { faults, ..Config::default() });
@@ -241,7 +241,7 @@ fn a_wait_for_a_pass_that_does_not_end_is_given_up_and_names_the_pass() {
     assert_eq!(null.running().expect("the second runs").place, "pass `splat` of `test`");
     let BackendError::Stuck { place, .. } = error_of(null.wait(second)) else { panic!("not stuck") };
     assert_eq!(place, "pass `splat` of `test`");
-    // The frame is still in flight, and owns what it uses.
+    // The frame is still in flight, and keeps its objects alive.
     assert_eq!(null.try_wait(second).expect("no error").map(drop), None);
     journal.take();
     load(&mut null, plan());

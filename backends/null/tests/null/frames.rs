@@ -1,4 +1,4 @@
-//! Frames: their commands, the slots that they use, and their results.
+//! Tests frames: their commands, their slots, and their results.
 
 use crate::common::*;
 use crate::testing::{COLOR, WORDS, plan};
@@ -68,7 +68,7 @@ fn passes_are_timed_one_after_another() {
     let (mut null, journal) = device();
     load(&mut null, plan());
     let result = frame(&mut null, &inputs());
-    // The timer ticks once per timestamp: a nanosecond.
+    // The timer ticks once per timestamp; a tick is a nanosecond.
     assert!(result.pass_ms.iter().all(|(_, ms)| *ms == Some(1e-6)), "{:?}", result.pass_ms);
     assert_eq!(result.total_ms, Some(11e-6));
     finish(null, &journal);
@@ -78,7 +78,7 @@ fn passes_are_timed_one_after_another() {
 fn reading_back_adds_the_copies_and_what_makes_them_visible_to_the_host() {
     let (mut null, journal) = device();
     load(&mut null, plan());
-    // The passes of this plan name no accesses: only after a frame is the image known to have contents.
+    // This plan's passes declare no accesses, so the image counts as written only after a frame.
     frame(&mut null, &inputs());
     let inspect =
         vec![Inspect { resource: WORDS, after: PassId(1) }, Inspect { resource: COLOR, after: PassId(3) }];
@@ -117,7 +117,7 @@ fn bindings_of_a_host_buffer_are_written_where_it_moves_or_changes_its_length_an
     frame(&mut null, &give(&four));
     frame(&mut null, &give(&Arc::new(vec![1; 4])));
     assert_eq!(writes(&journal.take()), []);
-    // Longer: a new buffer, of a power of two.
+    // Longer contents need a new buffer, whose size is a power of two.
     frame(&mut null, &give(&Arc::new(vec![0; 12])));
     let calls = journal.take();
     assert_eq!(writes(&calls), [(0, Some(12))]);

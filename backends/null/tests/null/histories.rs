@@ -1,4 +1,4 @@
-//! From one plan to the next: no wait, histories that go on, and objects that live as long as the frames that use them.
+//! Tests plan changes: nothing waits, histories continue, and objects live as long as the frames that use them.
 
 use crate::common::*;
 use crate::testing::{WORDS, plan};
@@ -6,7 +6,7 @@ use splatgraph_api::{Device, Loader as _};
 use splatgraph_framework::ir::*;
 use splatgraph_null::{Call, Null, Object};
 
-/// The buffers and images that a frame's passes start from zeros.
+/// Returns the names of the buffers and images that a frame clears.
 fn started(calls: &[Call]) -> Vec<&str> {
     fn name(call: &Call) -> Option<&str> {
         match call {
@@ -25,7 +25,7 @@ fn a_swap_waits_for_nothing_and_the_former_plan_goes_with_its_last_frame() {
     journal.take();
     load(&mut null, histories());
     let calls = journal.take();
-    // Its planes are on the device: nothing is uploaded, and nothing waits.
+    // The scene's planes are on the device: nothing is uploaded, and nothing waits.
     assert_eq!(waits(&calls), 0);
     assert_eq!(destroyed(&calls, Object::Pipelines), Vec::<&str>::new());
     null.wait(frames[1]).expect("the frame is done");
@@ -45,12 +45,12 @@ fn histories_go_on_where_nothing_but_the_plan_changed() {
     frame(&mut null, &inputs());
     let calls = journal.take();
     assert_eq!(started(&calls), Vec::<&str>::new());
-    // The previous frames come before, and the image goes from where they left it to where its start would have.
+    // The barrier orders previous frames first, and transitions the image to the layout that its start would have left.
     let images = vec![("color".to_string(), Layout::TransferSource, Layout::TransferTarget)];
     assert!(last_frame(&calls).contains(&Call::FullBarrier { images }));
-    // Of the start's layout change, the order remains.
+    // Only the execution dependency remains of the start's layout change.
     assert!(last_frame(&calls).contains(&Call::Synchronize { dependencies: 0, images: Vec::new() }));
-    // Its own buffer and image went unused.
+    // The plan's own buffer and image were not used, and are destroyed.
     assert_eq!(destroyed(&calls, Object::Image), ["color"]);
     finish(null, &journal);
 }
@@ -153,7 +153,7 @@ fn a_plan_made_ready_on_another_thread_goes_on_from_the_one_that_is_current_when
     null.swap(ready).expect("it becomes the current plan");
     frame(&mut null, &inputs());
     assert_eq!(started(&journal.take()), Vec::<&str>::new());
-    // A plan belongs to the executor whose loader made it.
+    // A prepared plan belongs to the executor of its loader.
     let ready = null.loader().prepare(plan(), &Zeros::default(), &mut |_| {}).expect("it is made ready");
     let mut other: Null = null.new_context().expect("there can be another");
     assert!(error_of(other.swap(ready)).to_string().contains("another executor"));

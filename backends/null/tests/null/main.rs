@@ -1,4 +1,4 @@
-//! The runtime on a device that executes nothing: frames, histories, swaps, uploads, windows, faults and every preset, call by call.
+//! Tests the runtime call by call, on a device that executes nothing.
 
 mod common;
 mod compilers;
@@ -17,7 +17,7 @@ mod testing;
 mod uploads;
 mod window;
 
-/// The modules of the crate, from the ground up.
+/// The modules of the crate, in order: each may import only earlier ones.
 const ORDER: [&str; 5] = ["fault", "journal", "gpu", "encoder", "backend"];
 
 #[test]

@@ -1,4 +1,5 @@
-//! Buffers that only the prologue uses: freed after it, not made where its results are taken over, and on the host where room is short.
+//! Tests buffers that only the prologue uses: freed after it, omitted if its results are reused, in host memory if
+//! device memory is short.
 
 use crate::common::*;
 use crate::results::{SUMS, folding, load_sharing};
@@ -7,11 +8,11 @@ use splatgraph_api::{Device, FrameInputs, Inspect};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_null::{Call, Config, Null, Object, open};
 
-/// Bytes of `splats` and of `sums`, which only the prologue uses here, and of the `table` that it makes of them.
+/// Bytes of `splats` and of `sums`, which only the prologue uses here, and of the `table` computed from them.
 const SPLAT_BYTES: u64 = 8 << 20;
 const SUM_BYTES: u64 = 4 << 20;
 
-/// Builds the plan that makes a table of the scene: frames read neither the scene nor the sums in between.
+/// Builds a plan that computes a table from the scene. Frames read neither the scene nor the intermediate sums.
 pub fn packing() -> Plan {
     let mut plan = folding(64);
     plan.resources[SPLATS.index()].shape = Shape::Buffer { stride: 4, count: SPLAT_BYTES / 4 };
@@ -82,7 +83,7 @@ fn a_new_plan_uploads_again_unless_it_takes_over_all_that_was_made_of_the_scene(
     let once = |(id, _): &&(PassId, Option<f64>)| packing().pass(*id).run == Run::Once;
     assert_eq!(result.pass_ms.iter().filter(once).count(), 3, "`clear`, `sum` and `fold` run");
     assert_eq!(null.device_memory().used, resident);
-    // With results that are taken over, neither the scene nor the sums are needed.
+    // With reused results, neither the scene nor the sums are needed.
     load_sharing(&mut null, packing(), 0);
     let result = frame(&mut null, &inputs());
     assert_eq!(result.pass_ms.iter().filter(once).count(), 1, "`clear` alone runs");
@@ -122,7 +123,7 @@ fn without_room_for_what_is_freed_it_lies_in_the_memory_of_the_host() {
         };
         assert_eq!(journal.take().iter().filter_map(placed).collect::<Vec<_>>(), [place]);
         frame(&mut null, &inputs());
-        // A plan that reads it in every frame does not find it there.
+        // A plan that reads the plane in every frame must not find it in host memory.
         let (mut other, scene) = (null.new_context().expect("there can be another"), Zeros::default());
         let mut reads = plan();
         reads.resources[SPLATS.index()].shape = Shape::Buffer { stride: 4, count: 1 << 10 };

@@ -1,4 +1,4 @@
-//! Every built-in graph: the runtime alone, from the plan to the results.
+//! Runs the plan of every built-in graph through the runtime, without a GPU.
 
 use crate::common::Zeros;
 use crate::nominal::{self, CAMERA_BYTES};
@@ -13,10 +13,10 @@ use splatgraph_null::{Call, Config, Journal, Null, limits, open};
 use std::path::Path;
 use std::time::Instant;
 
-/// Splats of the scene.
+/// Number of splats in the scene.
 const COUNT: u32 = 2_000;
 
-/// The plans of all presets for a small scene, with shared memory or without.
+/// Solves the plans of all presets for a small scene, with or without aliasing.
 fn plans(share_memory: bool) -> Vec<Plan> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../pipelines");
     let scene = splatgraph_assets::synth::generate("demo", COUNT, 1).expect("a generator");
@@ -31,7 +31,7 @@ fn plans(share_memory: bool) -> Vec<Plan> {
         .expect("the built-in graphs")
         .map(|entry| entry.expect("a file").path())
         .filter(|path| path.extension().is_some_and(|e| e == "ron"))
-        // Graphs made to be included have no output.
+        // Graphs that exist only to be included have no output.
         .filter(|path| {
             let text = std::fs::read_to_string(path).expect("a text");
             text.contains("output:") || text.contains("Preset(")
@@ -64,7 +64,7 @@ fn inputs(plan: &Plan) -> FrameInputs {
     }
 }
 
-/// Counts each of a plan's kinds of work in these calls.
+/// Counts the calls for each kind of work.
 fn works(calls: &[Call]) -> [usize; 3] {
     let count = |is: fn(&Call) -> bool| calls.iter().filter(|call| is(call)).count();
     [
@@ -89,7 +89,7 @@ fn every_preset_runs_through_the_runtime_call_by_call_as_its_plan_says() {
             let result = device.wait(frame).expect("the frame is done");
             assert_eq!(result.stats.len(), plan.stats.len());
         }
-        // Of a frame that runs no prologue.
+        // Counts the work of a frame that does not run the prologue.
         let work = |is: fn(&Work) -> bool| plan.frame.iter().filter(|s| is(&plan.pass(**s).work)).count();
         let expected = [
             work(|work| matches!(work, Work::Dispatch { .. })),
@@ -100,7 +100,7 @@ fn every_preset_runs_through_the_runtime_call_by_call_as_its_plan_says() {
         let took = started.elapsed();
         assert!(took.as_millis() < 1000, "{} took {took:?}", plan.name);
     }
-    // From each to the next and back, while frames are in flight.
+    // Switches from each plan to the next and back, with frames in flight.
     for plan in plans.iter().chain(plans.iter().rev()) {
         device.load(plan.clone(), &Zeros::default(), &mut |_| {}).expect("the plan loads");
         device.submit(&inputs(plan)).expect("the frame is submitted");
@@ -122,7 +122,7 @@ fn every_resource_of_every_preset_can_be_inspected_after_the_last_pass() {
         let result = device.wait(frame.unwrap_or_else(|e| panic!("{}: {e}", plan.name))).expect("it is done");
         let sizes: Vec<u64> = result.inspected.iter().map(|bytes| bytes.len() as u64).collect();
         assert_eq!(sizes, plan.resources.iter().map(|r| r.bytes()).collect::<Vec<_>>(), "{}", plan.name);
-        // Images are brought back to where the plan counts on them.
+        // Full barriers return images to the layout that the plan expects.
         for call in journal.take() {
             let Call::FullBarrier { images } = call else { continue };
             assert!(images.iter().all(|(_, _, new)| *new != Layout::Undefined), "{}: {images:?}", plan.name);

@@ -1,4 +1,4 @@
-//! Results of `Once` passes that plans take over from each other.
+//! Tests results of `Once` passes that plans reuse from each other.
 
 use crate::common::*;
 use crate::testing::{ARGS, CAMERA, SPLATS, WORDS, plan};
@@ -19,9 +19,9 @@ fn bound(name: &str, number: u32, resource: ResourceId) -> Binding {
     Binding { name: name.to_string(), binding: number, element: 0, kind, resource }
 }
 
-/// Builds the plan of the unit tests for pictures that are this many pixels wide, with two more passes.
+/// Builds the plan of the unit tests for an output of `width` pixels, with two more prologue passes.
 ///
-/// They are in its prologue: `sum` computes `sums` of the scene, and `fold` a `table` of these. Frames read both.
+/// `sum` computes `sums` from the scene, and `fold` computes `table` from them. Frames read both.
 pub fn folding(width: u32) -> Plan {
     let mut plan = plan();
     for (index, name) in ["sums", "table"].into_iter().enumerate() {
@@ -46,7 +46,7 @@ pub fn folding(width: u32) -> Plan {
         plan.prologue.push(PassId(plan.passes.len() as u32));
         plan.passes.push(pass);
     }
-    // The frame writes what the prologue only clears.
+    // The frame writes the buffer that the prologue only clears.
     let read = Accesses::STORAGE_READ;
     plan.passes[1].uses = vec![used(WORDS, Accesses::STORAGE_WRITE), used(TABLE, read), used(SUMS, read)];
     let Shape::Image { width: pixels, .. } = &mut plan.resources[plan.output.index()].shape else {
@@ -62,7 +62,8 @@ pub fn load_sharing(null: &mut Null, plan: Plan, identity: u64) {
     null.swap(ready.expect("it is made ready")).expect("it is swapped in");
 }
 
-/// The names of the prologue's passes that the next frame runs, and the buffers allocated since the last time.
+/// Runs the next frame. Returns the names of its prologue passes, and of the result buffers allocated since the last
+/// call.
 fn run(null: &mut Null, journal: &Journal) -> (Vec<String>, Vec<String>) {
     let former = journal.take();
     let allocated = former.iter().filter_map(|call| match call {
@@ -86,17 +87,17 @@ fn a_resize_leaves_out_once_passes_whose_inputs_stayed_and_shares_their_buffers(
     let first = run(&mut null, &journal);
     assert_eq!(first, (names(["clear", "sum", "fold"]), names(["sums", "table"])));
     let alone = null.device_memory().used;
-    // `clear` fills a buffer that the frame writes: that is done again.
+    // `clear` fills a buffer that the frame writes, so it runs again.
     load_sharing(&mut null, folding(65), 1);
     let (passes, allocated) = run(&mut null, &journal);
     assert_eq!((passes, allocated), (names(["clear"]), Vec::new()));
-    // Everything before the frame comes before it, since no barrier of the plan waits for the other plan.
+    // A full barrier comes first, because no barrier of this plan waits for the other plan.
     load_sharing(&mut null, folding(64), 1);
     journal.take();
     frame(&mut null, &inputs());
     let barrier = Call::FullBarrier { images: Vec::new() };
     assert!(last_frame(&journal.take()).contains(&barrier));
-    // And only once.
+    // Later frames have no such barrier.
     frame(&mut null, &inputs());
     assert!(!last_frame(&journal.take()).contains(&barrier));
     assert_eq!(null.device_memory().used, alone, "one of each is left");
@@ -117,7 +118,7 @@ fn two_plans_at_a_time_take_the_memory_of_their_shared_results_once() {
     let ready = null.loader().prepare(folding(64), &zeros(1), &mut |_| {});
     assert_eq!(null.device_memory().used - before, shared + (8 << 20), "without sharing, both tables more");
     drop(ready);
-    // A budget that has room for one of each: the shared ones count once.
+    // The budget has room for one copy of each result, because shared results count once.
     let limit = before + shared + (1 << 20);
     let (tight, _) = open(&Config { budget: Some(limit), ..Config::default() });
     let mut tight = tight.expect("it opens");
@@ -142,7 +143,7 @@ fn contexts_of_one_device_share_results() {
     journal.take();
     load_sharing(&mut beside, folding(64), 1);
     assert_eq!(run(&mut beside, &journal), (names(["clear"]), Vec::new()));
-    // They outlive the plan that computed them.
+    // The results outlive the plan that computed them.
     drop(null);
     load_sharing(&mut beside, folding(64), 1);
     assert_eq!(run(&mut beside, &journal), (names(["clear"]), Vec::new()));
@@ -206,7 +207,7 @@ fn results_are_computed_again_where_anything_that_they_depend_on_differs() {
     frame(&mut null, &inputs());
     load_sharing(&mut null, folding(64), 2);
     assert_eq!(run(&mut null, &journal).0, all, "another scene");
-    // Whoever does not ask for it computes everything.
+    // A load that does not share results computes everything.
     load(&mut null, folding(64));
     assert_eq!(run(&mut null, &journal).0, all, "a measurement");
     finish(null, &journal);
@@ -218,7 +219,7 @@ fn a_result_is_not_there_before_its_frame_was_submitted() {
     load_sharing(&mut null, folding(64), 1);
     load_sharing(&mut null, folding(64), 1);
     assert_eq!(run(&mut null, &journal).0, names(["clear", "sum", "fold"]));
-    // What a plan left out cannot be looked at in its frame.
+    // Results of omitted passes cannot be inspected in the frame.
     load_sharing(&mut null, folding(64), 1);
     let inspect = vec![Inspect { resource: TABLE, after: PassId(7) }];
     let error = error_of(null.submit(&splatgraph_api::FrameInputs { inspect, ..inputs() }));

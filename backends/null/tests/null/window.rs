@@ -1,4 +1,4 @@
-//! Frames in a window: swapchains that no longer fit, and windows that show nothing.
+//! Tests frames in a window: swapchains that are out of date, and windows that show nothing.
 
 use crate::common::*;
 use crate::testing::plan;
@@ -22,7 +22,7 @@ fn shown(calls: &[Call]) -> usize {
     calls.iter().filter(|call| matches!(call, Call::Present { .. })).count()
 }
 
-/// The sizes of the swapchains that were made.
+/// Returns the size and vsync of every swapchain created.
 fn made(calls: &[Call]) -> Vec<((u32, u32), bool)> {
     let swapchain = |call: &Call| match call {
         Call::CreateSwapchain { size, vsync } => Some((*size, *vsync)),
@@ -87,7 +87,7 @@ fn an_out_of_date_swapchain_is_replaced_and_the_same_frame_is_shown() {
     let calls = journal.take();
     assert_eq!((made(&calls).len(), shown(&calls)), (1, 1));
     finish(null, &journal);
-    // A window that goes on changing is caught up with by the next frame.
+    // If the window changes twice in a row, the next frame catches up.
     let twice = [0, 1].map(|after| Fault { point: Point::AcquireOutOfDate, after });
     let (mut null, journal) = window(&twice);
     frame(&mut null, &presented());
@@ -114,7 +114,7 @@ fn a_window_that_gives_no_image_in_time_skips_the_frame() {
     finish(null, &journal);
 }
 
-/// The same fault at the first `count` calls.
+/// Returns the same fault for each of the first `count` calls.
 fn always(point: Point, count: u64) -> Vec<Fault> {
     (0..count).map(|after| Fault { point, after }).collect()
 }
@@ -130,7 +130,7 @@ fn a_lost_surface_is_made_anew_and_the_same_frame_is_shown() {
     let calls = journal.take();
     assert_eq!((renewed(&calls), made(&calls).len(), shown(&calls)), (1, 1, 1));
     finish(null, &journal);
-    // Found when the frame is handed over, it is the next frame that has another.
+    // A loss found at presentation affects the next frame, which gets a new surface.
     let (mut null, journal) = window(&always(Point::PresentLost, 1));
     frame(&mut null, &presented());
     assert_eq!(renewed(&journal.take()), 0);
@@ -142,7 +142,7 @@ fn a_lost_surface_is_made_anew_and_the_same_frame_is_shown() {
 
 #[test]
 fn a_window_that_is_gone_is_an_error_and_frames_are_drawn_without_it() {
-    // The first query is that of the device's opening.
+    // The first query belongs to opening the device.
     let gone: Vec<Fault> = (1..40).map(|after| Fault { point: Point::Surface, after }).collect();
     let (mut null, journal) = window(&gone);
     null.resize_window(80, 40);

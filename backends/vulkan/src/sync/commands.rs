@@ -244,7 +244,7 @@ mod tests {
                     accesses: A::SHADER_STORAGE_READ | A::INDIRECT_COMMAND_READ,
                 },
             },
-            // What the image's barrier orders, it orders for all memory.
+            // The execution dependency of the image barrier, repeated for all memory.
             MemoryBarrier {
                 source: Scope { stages: S::COPY, accesses: A::NONE },
                 target: Scope { stages: S::COLOR_ATTACHMENT_OUTPUT, accesses: A::NONE },
@@ -271,7 +271,7 @@ mod tests {
         assert_eq!((lowered.memory.len(), lowered.images.len()), (1, 1));
         let twice = dependency(&[on_image(ANEW, COPIED, DRAWS), on_image(ANEW, COPIED, DRAWS)]);
         assert_eq!((twice.memory.len(), twice.images.len()), (1, 2));
-        // An image that waits for nothing orders nothing.
+        // An image barrier without source stages has no execution dependency.
         let nothing = (Stages::empty(), Accesses::empty());
         assert_eq!(dependency(&[on_image(ANEW, nothing, DRAWS)]).memory, []);
     }

@@ -52,7 +52,7 @@ fn join(call: &mut Vec<Barrier>, barrier: Barrier) {
                 }
             }
         }
-        // The one on all memory comes first.
+        // A barrier on all memory must come first.
         None if barrier.image.is_none() => call.insert(0, barrier),
         None => call.push(barrier),
     }

@@ -6,8 +6,8 @@
 //! If all causes of a requirement precede the last call, that call gets the bits instead, so that there are as few
 //! calls as possible. For each pass the walk finds the requirements that the barriers so far do not meet: `needs`
 //! represents a requirement, `state` tracks the passes and the layouts, and `scopes` tracks the effect of the barriers.
-//! The module does not look at accesses: the plan lists the conflicts and the layout changes. A dependency on an access
-//! before a layout change counts as a dependency on the change, which waited for that access.
+//! The module does not look at accesses: the plan lists the conflicts and the layout changes. If a layout change
+//! follows an access, a dependency on the access counts as a dependency on the change, which waited for the access.
 //!
 //! Every frame records the same barriers, and follows such a frame. The walk over the frame is therefore repeated until
 //! the list of barriers is a fixpoint; usually two rounds find it and a third confirms it. Additional requirements of
@@ -144,7 +144,7 @@ impl Handover {
     /// Lists the requirements of the first frame that this handover does not meet yet.
     fn missing(&self, start: &SyncState, frame: &[Step], inputs: &Inputs) -> Vec<Requirement> {
         let mut state = start.clone();
-        // The call stands right before the first pass.
+        // The handover is recorded right before the first pass.
         let first = frame.first().map_or(PassId(0), |step| step.pass);
         state.call(&self.barriers(), first);
         state.start_frame();
@@ -158,7 +158,7 @@ impl Handover {
         let changed =
             |(t, ..): &&mut (Transition, Masks, Vec<Requirement>, PassId)| t.image == need.reason.resource;
         match self.images.iter_mut().find(changed) {
-            // It waits for the change of layout itself.
+            // The pass waits for the layout change itself.
             Some((_, masks, ..)) => masks.add(target),
             None => {
                 // The first frame's own barriers come after this call, so it cannot rely on a chain with them.

@@ -128,7 +128,7 @@ pub(super) fn causes(needs: &[Requirement]) -> Vec<(Cause, Masks)> {
     let mut causes: Vec<(Cause, Masks)> = Vec::new();
     for need in needs {
         let Reason { hazard, resource, alias, after, previous_frame, before, .. } = need.reason;
-        // A pass that both reads and writes gives one reason, as a reader.
+        // A pass that reads and writes a resource gets a single reason: its read.
         let apart = hazard == Hazard::WriteAfterRead;
         let same = |(d, _): &(Cause, Masks)| {
             (d.before, d.resource, d.alias, d.previous_frame) == (before, resource, alias, previous_frame)

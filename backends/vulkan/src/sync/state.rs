@@ -241,7 +241,7 @@ impl SyncState {
         missing
     }
 
-    /// Applies a call that is not before a pass, the handover. `pass` stands for it in causes.
+    /// Applies a call outside the passes: the handover. Causes name `pass` in its place.
     pub fn call(&mut self, barriers: &[Barrier], pass: PassId) {
         self.now += 2;
         self.apply(barriers, pass);
@@ -284,8 +284,8 @@ impl SyncState {
             }
             let known = needs.len();
             self.memory((dependency, Hazard::WriteAfterWrite), time, to, &self.scopes, &mut needs);
-            // An earlier barrier may have made the write available, and a chain with it would do. The change names the write all
-            // the same, because validation layers look for it there (docs/barriers.md).
+            // A chain with the earlier barrier that made the write available would suffice. The change still names the
+            // write, because validation layers look for it there (docs/barriers.md).
             let writes = needs[known..].iter_mut().filter(|need| named && !need.flush.is_empty());
             writes.for_each(|need| need.via = Stages::empty());
         }

@@ -1,11 +1,11 @@
-//! Out-of-range accesses to buffers and images.
+//! Tests out-of-range accesses to buffers and images.
 
 use crate::build::*;
 use splatgraph_api::{Bounds, Device, FrameInputs, Inspect};
 use splatgraph_framework::ir::*;
 
-/// Accesses a buffer of four words near and far beyond its end, and an image of two by two pixels outside of it; each
-/// invocation at another place.
+/// Accesses a buffer of four words near and far beyond its end, and an image of 2 x 2 pixels outside its bounds. Each
+/// invocation uses another offset.
 const STRAY: &str = "#version 460
 layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) buffer Words { uint words[]; };

@@ -1,8 +1,8 @@
-//! Small hand-made plans.
+//! Builds small plans by hand.
 //!
-//! [`Build`] builds them; the solver finds their dependencies. [`barriers_everywhere`] replaces the lowering, as simply
-//! as possible. Before every pass that touches a resource with a writer, it puts a barrier on all memory, from the
-//! accesses of all passes, and likewise for layout changes. This is more than necessary, and never less.
+//! [`Build`] builds a plan; the solver finds its dependencies. [`barriers_everywhere`] replaces the lowering, as simply
+//! as possible. Before every pass that uses a written resource, it places a barrier on all memory, from the accesses of
+//! all passes, and likewise for layout changes. This may be more than necessary, but is always sufficient.
 
 use splatgraph_api::{BackendError, Device, FrameInputs, FrameResult, Loader, SceneData};
 use splatgraph_framework::ir::ShaderStage;
@@ -30,7 +30,7 @@ pub fn new_context(vulkan: &Vulkan) -> Vulkan {
     vulkan.new_context().expect("there can be another")
 }
 
-/// Loads a plan with these barriers instead of its lowered ones.
+/// Loads a plan with the given barriers instead of its lowered ones.
 pub fn load_with(vulkan: &mut Vulkan, plan: Plan, barriers: Barriers) {
     let loader = vulkan.loader().synchronized_by(barriers);
     let ready = loader.prepare(plan, &Scene::default(), &mut |_| {}).expect("the plan loads");

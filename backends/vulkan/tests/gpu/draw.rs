@@ -143,7 +143,7 @@ void main() { first = color; second = vec4(1, 0, 0.2, 1); }";
     finish(vulkan);
 }
 
-/// A triangle as above, of the depth that the colour's alpha says.
+/// The same triangle, at the depth in the colour's alpha.
 const AT_ALPHA: &str = "#version 460
 layout(set = 0, binding = 0) readonly buffer Colors { vec4 colors[]; };
 layout(location = 0) flat out vec4 color;
@@ -153,8 +153,10 @@ void main() {
     gl_Position = vec4(corners[gl_VertexIndex], color.a, 1);
 }";
 
-/// Draws triangles of these colours, with depths in alpha: the first `written` write their depths, the others are tested in a second
-/// draw. Gives the colour inside, and the depths inside and outside.
+/// Draws triangles of these colours, with depths in alpha. The first `written` write their depths; a second draw only
+/// tests the others.
+///
+/// Returns the colour inside the triangles, and the depths inside and outside.
 fn tested(colors: &[[f32; 4]], written: usize) -> ([f32; 4], [f32; 2]) {
     let mut build = Build::new();
     let parts = [&colors[..written], &colors[written..]];
@@ -176,7 +178,7 @@ fn tested(colors: &[[f32; 4]], written: usize) -> ([f32; 4], [f32; 2]) {
     let plan = build.export(image);
     let bytes = |part: &[[f32; 4]]| {
         let mut bytes: Vec<u8> = part.iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
-        // No plane is empty.
+        // The scene's planes must not be empty.
         bytes.resize(bytes.len().max(16), 0);
         bytes
     };
@@ -185,7 +187,7 @@ fn tested(colors: &[[f32; 4]], written: usize) -> ([f32; 4], [f32; 2]) {
     splatgraph_api::Device::load(&mut vulkan, plan, &scene, &mut |_| {}).expect("the plan loads");
     let mut inputs = with_output();
     inputs.inspect.push(inspect);
-    // Twice: the second frame finds what the first left.
+    // Draws two frames: the second starts from the first frame's contents.
     frame(&mut vulkan, &inputs);
     let result = frame(&mut vulkan, &inputs);
     finish(vulkan);
@@ -210,7 +212,7 @@ fn a_draw_that_only_tests_is_hidden_by_what_is_nearer_and_leaves_the_depths() {
     let (behind, before) = ([0.0, 1.0, 0.0, 0.25], [0.0, 0.0, 1.0, 0.75]);
     assert_eq!(tested(&[wall, behind], 1), (wall, [0.5, 0.0]));
     assert_eq!(tested(&[wall, before], 1), (before, [0.5, 0.0]));
-    // A test writes no depth, so that a fragment behind another that was only tested is drawn over it.
+    // A depth test alone writes no depth, so a farther fragment drawn later still passes.
     let between = [1.0, 1.0, 0.0, 0.625];
     assert_eq!(tested(&[wall, before, between], 1), (between, [0.5, 0.0]));
 }

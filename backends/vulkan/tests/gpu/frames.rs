@@ -138,7 +138,7 @@ fn a_frame_without_a_plan_is_an_error() {
 
 #[test]
 fn the_handover_brings_an_image_that_frames_keep_to_where_the_frame_before_would_have_left_it() {
-    // The prologue sets the image to 100 and each frame adds 1; frames find it in the export's layout.
+    // The prologue sets the image to 100, and each frame adds 1. Frames find it in the layout that the export left.
     let mut build = Build::new();
     let image = build.image("kept", Format::R32Uint, 1, 1, Usage::STORAGE);
     let set = build.shader("set.comp", &image_shader("uvec4(100)"));
@@ -159,7 +159,7 @@ fn the_handover_brings_an_image_that_frames_keep_to_where_the_frame_before_would
 
 #[test]
 fn what_the_host_is_shown_by_the_plan_is_all_that_was_copied_before() {
-    // Statistics, the output and an inspected buffer, all before the host's pass; then one inspected after it.
+    // Inspects the buffer before the host pass in one frame, and after it in the next.
     let (plan, count) = counter();
     let host = PassId(plan.passes.len() as u32 - 1);
     assert_eq!(plan.pass(host).work, Work::Host);
@@ -171,7 +171,7 @@ fn what_the_host_is_shown_by_the_plan_is_all_that_was_copied_before() {
         assert_eq!(result.stats, [("count".to_string(), expected)]);
         assert_eq!(words(&result.output.unwrap().bytes), [expected]);
         assert_eq!(words(&result.inspected[0]), [expected]);
-        // The host's pass does nothing on the device and has no time.
+        // The host pass does nothing on the device, so it has no time.
         assert!(result.pass_ms.iter().all(|(pass, _)| *pass != host));
     }
     finish(vulkan);

@@ -59,7 +59,7 @@ fn given_bytes(vulkan: &Vulkan) -> Option<u64> {
 fn each_frame_in_flight_reads_its_own_buffer_however_long_it_is() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(2));
-    // It grows, stays and shrinks, always with two frames in flight.
+    // The buffer grows, stays and shrinks, always with two frames in flight.
     let lengths = [2, 3, 2, 5000, 4, 100_000, 2, 2, 1 << 20, 3];
     let frames: Vec<(FrameId, u32)> = (0..)
         .zip(lengths)
@@ -107,7 +107,7 @@ fn equal_words_in_another_allocation_are_other_words() {
     let mut vulkan = open();
     load(&mut vulkan, words_and_length(1));
     for index in 0..8 {
-        // It is freed when the slot holds the next one, so its address may be reused.
+        // The words are freed when the slot holds the next ones, so their address may be reused.
         assert_eq!(shown(&mut vulkan, &given(&[index])), [index, 1]);
     }
     finish(vulkan);
@@ -120,7 +120,7 @@ fn memory_for_words_grows_in_powers_of_two_and_is_not_there_before_they_come() {
     assert_eq!(given_bytes(&vulkan), None);
     let mut listed = Vec::new();
     for length in [1025, 1026, 2048, 1, 2049] {
-        // In both slots.
+        // Draws one frame in each slot.
         for _ in 0..2 {
             assert_eq!(shown(&mut vulkan, &given(&vec![7; length])), [7, length as u32]);
         }

@@ -188,5 +188,5 @@ fn a_plan_without_validation_runs_too() {
     vulkan.load(numbers(2, 1), &scene(1, &[1, 2]), &mut |_| {}).unwrap();
     assert_eq!(shown(&mut vulkan), [2, 3]);
     vulkan.submit(&FrameInputs::default()).unwrap();
-    // Dropped with a frame in flight.
+    // The device is dropped with a frame in flight.
 }

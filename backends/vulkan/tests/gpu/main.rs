@@ -1,9 +1,9 @@
 //! Hand-made plans, run on a real device (lavapipe suffices) with synchronization validation.
 //!
 //! Every test opens its own device and ends with [`build::finish`], which closes it and fails on any message, including
-//! about closing. Tests of windows ([`screen`]) also start an X server.
+//! messages about closing. Tests of windows ([`screen`]) also start an X server.
 //!
-//! Not for Apple's systems, which have no lavapipe.
+//! The tests do not run on Apple's systems, which have no lavapipe.
 #![cfg(not(target_vendor = "apple"))]
 
 mod bounds;

@@ -6,7 +6,7 @@ use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 use std::sync::Arc;
 
-/// Outputs a row of this many pixels, all equal to `frame.value`.
+/// Outputs a row of `width` pixels, all equal to `frame.value`.
 fn plain(width: u32) -> Plan {
     let mut build = Build::new();
     let value = build.given("frame.value", 4, 1);
@@ -185,7 +185,7 @@ fn a_picture_that_is_gone_cannot_be_given_and_frames_that_were_given_it_read_it_
     refused(&mut window, second);
     assert_eq!(row(&mut window, pending), [1, 9, 9, 1, 9, 9]);
     assert_eq!(row(&mut window, mixed), [2, 2, 2, 2, 2, 2]);
-    // A picture with a false size is refused.
+    // A picture with a wrong size is refused.
     let mut scene = new_context(&window);
     load(&mut scene, plain(2));
     let third = draw(&mut scene, 3);

@@ -21,8 +21,8 @@ fn open_in(window: &Arc<Window>, size: (u32, u32)) -> Vulkan {
         .expect("these tests need lavapipe and the Khronos validation layer")
 }
 
-/// Outputs a picture of `SIZE` whose pixels all differ: red grows to the right, green downwards, blue comes with the
-/// frame.
+/// Outputs a picture of `SIZE` whose pixels all differ: red grows to the right, green grows downwards, and blue is a
+/// frame input.
 fn gradients(format: Format) -> Plan {
     let (width, height) = SIZE;
     let mut build = Build::new();
@@ -172,7 +172,7 @@ fn vsync_can_be_switched_off_and_on_while_frames_are_shown() {
 fn a_window_without_pixels_shows_nothing_and_frames_are_drawn_all_the_same() {
     let server = Server::start();
     let window = server.window(SIZE.0 as u16, SIZE.1 as u16);
-    // At the beginning, and later.
+    // The window is hidden at first, and again later.
     let mut vulkan = open_in(&window, (0, 0));
     load(&mut vulkan, gradients(Format::Rgba8Unorm));
     show(&mut vulkan, 11);
@@ -204,7 +204,7 @@ fn a_plan_may_be_replaced_while_its_frames_are_on_their_way_to_the_window() {
     }
     window.expect(&drawn(5, SIZE), 0);
     vulkan.submit(&inputs(6, true)).unwrap();
-    // Closed with frames in flight.
+    // The device is closed with frames in flight.
     finish(vulkan);
 }
 
@@ -277,7 +277,7 @@ fn the_window_is_the_executors_that_was_opened_in_it_and_others_draw_on_without(
         other.submit(&FrameInputs { show: true, ..inputs(99, true) }).unwrap();
     }
     window.expect(&drawn(25, SIZE), 0);
-    // The device keeps the other one's window.
+    // The device keeps the second window open.
     assert_eq!(vulkan.close(), Vec::<String>::new());
     show(&mut other, 7);
     assert_eq!(window.pixels(), drawn(25, SIZE));

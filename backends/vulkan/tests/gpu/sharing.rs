@@ -22,8 +22,8 @@ layout(set = 0, binding = 0, r32ui) readonly uniform uimage2D source;
 layout(set = 0, binding = 1) writeonly buffer Target { uint target[]; };
 void main() { uint i = gl_WorkGroupID.x; target[i] = imageLoad(source, ivec2(i, 0)).x; }";
 
-/// `first` is filled and copied to `kept`, then `second` is copied from `kept`. The image `third` continues from there,
-/// and back to `kept`, which is the output.
+/// Fills `first`, then copies it to `kept`, to `second`, to `kept`, to the image `third`, and back to `kept`, the
+/// output.
 struct Aliases {
     build: Build,
     aliases: [ResourceId; 3],
@@ -47,7 +47,7 @@ fn aliases() -> Aliases {
     dispatch("second to kept", copy, second, kept);
     dispatch("kept to third", to_image, kept, third);
     dispatch("third to kept", from_image, third, kept);
-    // Declared last and moved to the front: the frame begins with it.
+    // The fill is declared last, then moved to the front of the frame.
     build.fill(Run::Frame, "fill", first, 5);
     build.plan.passes.rotate_right(1);
     Aliases { build, aliases: [first, second, third], kept }

@@ -5,9 +5,10 @@ use splatgraph_api::{BackendError, Device, FrameId, FrameInputs, Inspect};
 use splatgraph_framework::{ir::*, plan::*};
 use splatgraph_vulkan::Vulkan;
 
-/// A plan that adds `step` every frame to the first word of a buffer, and to every pixel of an image of this width.
-/// Both have a history. The statistic `name` is the word, the output the image. `alter` changes the plan before it is
-/// finished.
+/// A plan that adds `step` every frame to the first word of a buffer, and to every pixel of an image.
+///
+/// Both have a history. The image is `width` pixels wide and is the output; the statistic `name` is the word. `alter`
+/// changes the plan before it is finished.
 pub fn growing_with(
     name: &str,
     step: u32,

@@ -72,7 +72,7 @@ fn a_plan_goes_on_from_the_one_that_is_current_when_it_is_swapped_in() {
     let (first, second) = (prepare(vulkan.loader(), wide(10)), prepare(vulkan.loader(), wide(100)));
     let back = vulkan.loader();
     vulkan.swap(first).expect("it becomes the current plan");
-    // The image has another shape and starts anew; the word continues.
+    // The image has another shape and starts anew; the buffer continues.
     let result = frame(&mut vulkan, &with_output());
     assert_eq!(
         (result.stats[0].1, words(&result.output.expect("it was asked for").bytes)),
@@ -80,11 +80,11 @@ fn a_plan_goes_on_from_the_one_that_is_current_when_it_is_swapped_in() {
     );
     submit(&mut vulkan);
     vulkan.swap(second).expect("it becomes the current plan");
-    // The word and the image continue from the plan in between.
+    // The buffer and the image continue from the plan in between.
     let result = frame(&mut vulkan, &with_output());
     let pixels = words(&result.output.expect("it was asked for").bytes);
     assert_eq!((result.stats[0].1, pixels), (122, vec![120; 3]));
-    // Swaps back, with an old loader: the image of that time is gone.
+    // Swaps back with an old loader: that plan's image is gone.
     submit(&mut vulkan);
     vulkan.swap(prepare(back, growing("narrow", 1))).expect("it becomes the current plan");
     let result = frame(&mut vulkan, &with_output());
@@ -233,7 +233,7 @@ fn an_upload_that_fails_does_not_block_others() {
     let thread =
         thread::spawn(move || loader.prepare(numbers(2), &Broken { panics: true }, &mut |_| {}).map(drop));
     assert!(thread.join().is_err(), "the thread panics");
-    // An equal identity: nothing of the failed attempts is reused.
+    // The scene's identity is the same, but nothing of the failed attempts is reused.
     let data = scene(&[8, 9]);
     vulkan.load(numbers(2), &data, &mut |_| {}).expect("the plan loads");
     assert_eq!((data.asked(), shown(&mut vulkan)), (1, vec![8, 9]));

@@ -3,15 +3,15 @@
 //! The model submits the prologue and a few frames, encoder by encoder, and records which encoders are complete when
 //! each begins. An update stores this set in a fence, and a wait adds the stored set. Otherwise encoders and frames may
 //! overlap. The model then checks every dependency in every frame: in different encoders, the earlier pass must be
-//! complete; in one encoder, a barrier must be between the two. The framework's
+//! complete; in one encoder, a barrier must separate the two passes. The framework's
 //! [`oracle`](splatgraph_framework::oracle) checks that the dependencies are complete. The model shares no code with
 //! the lowering, so a mistake goes unnoticed only if it is made twice.
 //!
 //! The rules are listed in [`crate::sync`]. Where they leave a choice, the model assumes the worst:
 //!
 //! - copies of one encoder may run at the same time;
-//! - a barrier orders accesses to buffers, accesses to textures, or, if its scope has both, all of them;
-//! - a wait is for the last update submitted before it, not for earlier updates of the fence; without an update, it
+//! - a barrier orders only accesses to the kinds of resources in its scope: buffers, textures or both;
+//! - a wait refers to the last update submitted before it, not to earlier updates of the fence; without an update, it
 //!   blocks nothing;
 //! - an update may overtake a wait for the previous update, unless its encoder comes after the encoder that waits;
 //! - the vertices of a draw wait only for fences before vertices, and an update after vertices does not include
@@ -34,7 +34,7 @@ pub mod mutate;
 #[cfg(test)]
 mod tests;
 
-/// Number of frames to replay: the third frame's predecessor has a predecessor, too.
+/// Number of frames to replay. The third is the first frame that follows a frame like itself.
 const FRAMES: u32 = 3;
 
 /// A mistake in a list of encoders.
@@ -51,7 +51,7 @@ pub enum Objection {
         /// The resource of the first access, if it is an alias of `resource`.
         through: Option<ResourceId>,
     },
-    /// The encoders do not match the plan, or an update may overtake a wait. The text is a sentence.
+    /// The encoders do not match the plan, or an update may overtake a wait. The text is a complete sentence.
     Malformed(String),
 }
 
@@ -120,7 +120,7 @@ struct Pair<'a> {
     parts: [Part; 2],
     /// Scope that a barrier between the two needs, if they are in one encoder of dispatches.
     scope: MemoryBarrier,
-    /// True if both access an attachment, not through an alias: draws of one encoder blend in order.
+    /// True if both access an attachment directly, not through an alias: draws of one encoder blend in order.
     blend: bool,
 }
 
@@ -185,7 +185,7 @@ impl<'a> Model<'a> {
     /// Submits all encoders and checks all dependencies. Stops once `found` returns false.
     fn replay(&self, encoders: &Encoders, mut found: impl FnMut(Objection) -> bool) {
         let submitted = submit(encoders);
-        // Of each pass, the encoders that hold it and its place in them.
+        // For each pass, the encoders that contain it, and its index in each.
         let mut places: Vec<Vec<(usize, usize)>> = vec![Vec::new(); self.plan.passes.len()];
         for (instance, encoder) in submitted.iter().enumerate() {
             for (position, pass) in encoder.encoding.passes.iter().enumerate() {
@@ -274,7 +274,7 @@ fn overtaking(plan: &Plan, encoders: &Encoders) -> Vec<String> {
         }
         for update in &encoding.updates {
             let (fence, end) = (update.fence, part(update));
-            // An encoder waits before it updates: see `malformed`.
+            // `malformed` checks that an encoder waits before it updates.
             let early = |(waiter, begin): &(usize, Part)| {
                 *waiter != instance && !has(&over[end as usize], *waiter, *begin)
             };
@@ -325,7 +325,7 @@ fn submit(encoders: &Encoders) -> Vec<Submitted<'_>> {
         let mut over = [everyone_knows.clone(), everyone_knows.clone()];
         for wait in &encoding.waits {
             let Some(Some(known)) = fences.get(wait.fence as usize) else { continue };
-            // Fragments wait for their vertices.
+            // A wait before vertices delays fragments too.
             if wait.stages != Some(RenderStages::Fragment) {
                 add(&mut over[Part::Vertices as usize], known);
             }

@@ -1,10 +1,10 @@
-//! Encoders with one thing wrong, and what the model says of them.
+//! Tests that the model objects to encoders with one mistake.
 
 use super::mutate::{At, Mutation, apply, mutations};
 use super::*;
 use crate::testing::*;
 
-/// Lowers, changes, and returns the objections.
+/// Lowers a plan, changes its encoders, and returns the model's objections.
 fn told(sketch: &Sketch, change: impl FnOnce(&mut Encoders)) -> Vec<String> {
     let mut encoders = encoders(&sketch.plan, Division::Merged);
     change(&mut encoders);
@@ -80,7 +80,7 @@ fn a_fence_stands_for_its_last_update_alone() {
     s.dispatch("y", &[writes(y)]);
     s.dispatch("z", &[reads(x), reads(y), writes(z)]);
     let mut encoders = encoders(&s.plan, Division::Passes);
-    // Both of them update one fence, and `z` waits for it.
+    // `x` and `y` both update fence 1, and `z` waits for it.
     encoders.frame[0].updates[0].fence = 1;
     encoders.frame[1].waits.clear();
     encoders.frame[2].waits.retain(|wait| wait.fence == 1);
@@ -131,7 +131,8 @@ fn a_fence_that_is_updated_before_it_is_waited_for_is_refused() {
 #[test]
 fn a_fence_that_is_updated_while_an_earlier_encoder_may_wait_for_it_is_refused() {
     let s = fork();
-    // The export and the next `first` wait for one update of `end`. `first` then updates the fence, and need not wait for the export.
+    // The export and the next `first` wait for the same update by `end`. Then `first` can update the fence without
+    // waiting for the export.
     let found = told(&s, |encoders| {
         encoders.frame[2].updates.truncate(1);
         encoders.frame[3].waits[0].fence = 0;
@@ -163,7 +164,8 @@ fn each_part_of_the_synchronization_can_be_taken_away() {
     let s = chain();
     let encoders = encoders(&s.plan, Division::Merged);
     let all = mutations(&encoders);
-    // The handover; waits of all three encoders, updates, the barrier, and what the stages of the draw can lose.
+    // The mutations: the handover, the waits of all three encoders, their updates, the barrier, and weaker stages of
+    // the draw.
     assert!(
         all.contains(&Mutation::Handover) && all.contains(&Mutation::Barrier(At::Frame(0), 1)),
         "{all:?}"

@@ -238,7 +238,7 @@ impl Cell {
             }
         }
         for write in &self.writes {
-            // A stage that has read the older write has made its data visible to those that wait for the read.
+            // A stage that read the older write made its data visible to every stage that waits for the read.
             let settled =
                 self.reads.iter().any(|read| read.time > write.time && read.ordered.contains(stage));
             match write.lacks(stage, access, through) {

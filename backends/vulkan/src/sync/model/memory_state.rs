@@ -224,7 +224,8 @@ impl MemoryState {
                 let pass = plan.prologue[step];
                 let call = barriers.at(Some(pass));
                 match plan.pass(pass).work {
-                    // Its image is in the layout that the pass would have left; the call's other barriers may serve other passes.
+                    // The history's image is already in the layout that the pass would have left. The call's other
+                    // barriers may serve other passes.
                     Work::ClearHistory { resource } if self.skipped.contains(&pass) => {
                         let others = call.iter().filter(|b| b.image.is_none_or(|t| t.image != resource));
                         let others: Vec<Barrier> = others.cloned().collect();
@@ -416,7 +417,7 @@ impl MemoryState {
                 self.findings.add(violation(trace, conflict, actor, second.resource, number));
             }
         }
-        // Writes first: they clear away older records, and the pass's own reads are to stay.
+        // Writes come first: they remove older records, but the pass's own reads must stay.
         for access in actions.accesses.iter().filter(|access| access.writes()) {
             self.record_write(trace, access, actor, copy);
         }
@@ -491,8 +492,7 @@ impl MemoryState {
     }
 }
 
-/// Returns true if the prologue writes a resource other than by clearing it. The plan then does not continue its
-/// history.
+/// Returns true if the prologue writes a resource other than by clearing it. The plan then starts its history anew.
 fn writes_once(plan: &Plan, id: ResourceId) -> bool {
     let passes = plan.prologue.iter().map(|pass| plan.pass(*pass));
     let writers = passes.filter(|pass| !matches!(pass.work, Work::ClearHistory { .. }));

@@ -42,7 +42,7 @@ pub enum ViolationKind {
     Unwritten,
 }
 
-/// The guarantee that the later access lacks: of order, availability and visibility, the first one.
+/// The guarantee that the later access lacks; the first one missing of order, availability and visibility.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Missing {
     /// The earlier access may still be running.
@@ -219,7 +219,7 @@ impl Findings {
     pub fn add(&mut self, new: Violation) {
         match self.violations.iter_mut().find(|old| old.recurs_as(&new)) {
             None => self.violations.push(new),
-            // The same two accesses, on the bytes that follow.
+            // The same two accesses conflict on the bytes that follow: extends the earlier report.
             Some(old)
                 if (old.first, old.second, old.missing) == (new.first, new.second, new.missing)
                     && old.range.end == new.range.start =>

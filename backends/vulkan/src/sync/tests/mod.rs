@@ -1,4 +1,4 @@
-//! Tests of the barriers of small graphs, one sentence each. A failing assertion prints all of them.
+//! Tests the barriers of small graphs. A failing assertion prints all barriers.
 
 mod placement;
 #[allow(dead_code)]
@@ -8,7 +8,7 @@ mod testing;
 use super::*;
 use splatgraph_framework::ir::Run;
 use testing::{apart, dispatch, graph, plan};
-/// Every resource in memory of its own.
+/// Solves a graph without aliasing.
 fn solved(passes: &[String]) -> Plan {
     apart(&graph("", &passes.join("\n"))).unwrap_or_else(|error| panic!("{error}"))
 }
@@ -25,12 +25,12 @@ fn shown(plan: &Plan) -> String {
     format!("\n{}", placed(plan).calls(plan).map(call).collect::<String>())
 }
 
-/// The names of the frame's passes, as they run.
+/// Returns the names of the frame's passes, in execution order.
 fn frame(plan: &Plan) -> Vec<&str> {
     plan.frame.iter().map(|id| plan.pass(*id).name.as_str()).collect()
 }
 
-/// The barriers before a pass, as text.
+/// Returns the barriers before a pass; see [`line`] for the format.
 fn before(plan: &Plan, pass: &str) -> Vec<String> {
     let at = plan.order().find(|id| plan.pass(*id).name == pass);
     assert!(at.is_some(), "{}", shown(plan));
@@ -41,8 +41,9 @@ fn handover(plan: &Plan) -> Vec<String> {
     placed(plan).handover.iter().map(|barrier| line(plan, barrier, None)).collect()
 }
 
-/// `COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after make`.
-/// A later pass that needs it is named at the end.
+/// Formats a barrier: `COMPUTE STORAGE_WRITE -> COMPUTE STORAGE_READ: ReadAfterWrite on a after make`.
+///
+/// If a later pass than the next one needs the barrier, its name follows.
 fn line(plan: &Plan, barrier: &Barrier, step: Option<PassId>) -> String {
     let layouts = barrier
         .image
@@ -58,7 +59,7 @@ fn line(plan: &Plan, barrier: &Barrier, step: Option<PassId>) -> String {
         let resource = &plan.resource(d.resource).name;
         format!("{:?} on {resource}{alias} after {}{frame}{before}", d.hazard, after.join("+"))
     });
-    // Without spaces around the bars.
+    // Removes the spaces around the bars.
     let masks = barrier.masks.to_string().replace(" | ", "|");
     format!("{masks}{layouts}: {}", reasons.collect::<Vec<_>>().join(", "))
 }

@@ -1,4 +1,4 @@
-//! Barriers between the passes of a frame, between frames, and after the prologue.
+//! Tests the placement of barriers between passes, between frames, and after the prologue.
 
 use super::*;
 
@@ -36,7 +36,7 @@ fn the_next_frame_waits_before_it_overwrites_what_this_one_reads() {
         dispatch("make", "make.comp", r#""Out": "a""#),
         dispatch("show", "show.comp", r#""In": "a", "Image": "image""#),
     ]);
-    // It waits at the last frame's end, where there is a call anyway.
+    // The barrier for `make` joins the existing call at the end of the previous frame.
     assert_eq!(before(&plan, "make"), [""; 0]);
     assert_eq!(
         before(&plan, "export"),
@@ -177,7 +177,7 @@ fn a_draw_that_tests_waits_at_both_tests_for_the_depths_that_another_wrote() {
         "{}",
         shown(&plan)
     );
-    // The next frame's clear comes after this frame's tests.
+    // The next frame clears `depth` after this frame's depth tests.
     let mesh = before(&plan, "mesh").join("\n");
     assert!(mesh.contains("WriteAfterRead on depth after splats of the frame before"), "{}", shown(&plan));
 }
@@ -209,7 +209,8 @@ fn no_barrier_is_there_without_a_hazard() {
     ]);
     let hazards: Vec<Hazard> =
         placed(&plan).before.iter().flatten().flat_map(|b| &b.causes).map(|(d, _)| d.hazard).collect();
-    // make after the last frame's show; show after make, and the image after the last export; export after show.
+    // Expected: `make` after the previous frame's `show`; `show` after `make`, and its image after the last export; the
+    // export after `show`.
     assert_eq!(hazards.len(), 4, "{}", shown(&plan));
 }
 
@@ -233,7 +234,7 @@ fn a_target_that_is_drawn_to_twice_keeps_its_layout_and_waits() {
 
 #[test]
 fn an_image_whose_layout_only_the_first_frame_changes_still_waits_for_the_frame_before() {
-    // `paint` and `filter` touch `color` in the same layout, so that a later frame finds it as it needs it.
+    // `paint` and `filter` use `color` in the same layout, so later frames need no layout change.
     let plan = solved(&[
         dispatch("paint", "paint.comp", r#""Color": "color""#),
         dispatch("filter", "filter.comp", r#""Color": "color", "Image": "image""#),

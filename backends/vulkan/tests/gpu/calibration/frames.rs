@@ -22,7 +22,7 @@ fn caught_between_submissions(
     }
 }
 
-/// Two successive passes on one buffer per frame, with exactly this barrier between them.
+/// Two successive passes on one buffer, repeated every frame, with exactly this barrier between them.
 fn two(
     first: fn(&mut Build, &str, ResourceId),
     second: fn(&mut Build, &str, ResourceId),

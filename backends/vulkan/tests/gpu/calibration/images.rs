@@ -84,7 +84,7 @@ fn stored_then_drawn() -> Case {
     case(build).at_change("second", COMPUTE_WRITES, BLENDS)
 }
 
-/// An image for the host: its export is the second pass.
+/// Writes an image, then exports it: the export is the second pass.
 fn exported(first: impl FnOnce(&mut Build, ResourceId), source: Side) -> Case {
     let mut build = Build::new();
     let image = build.picture();

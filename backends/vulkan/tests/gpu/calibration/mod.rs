@@ -66,7 +66,7 @@ impl Case {
         self.barriers.at_mut(self.at(pass))
     }
 
-    /// Replaces the barrier before a pass by a memory barrier with these sides.
+    /// Replaces the memory barrier before a pass by one with these sides.
     fn between(mut self, pass: &str, source: Side, target: Side) -> Case {
         let call = self.before(pass);
         call.retain(|b| b.image.is_some());

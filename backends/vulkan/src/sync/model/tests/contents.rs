@@ -1,4 +1,4 @@
-//! Reads of bytes that hold nothing yet, another resource's data, or data of the previous frame.
+//! Tests reads of bytes that were never written, belong to another resource, or date from the previous frame.
 
 use super::*;
 
@@ -78,7 +78,7 @@ fn resources_in_one_memory_wait_for_each_other() {
 
 #[test]
 fn resources_in_one_memory_conflict_where_they_overlap() {
-    // The reader of the arguments has the end of `a`, which `b` does not reach.
+    // The indirect arguments lie at the end of `a`, which `b` does not reach.
     let mut sketch = Sketch::new();
     let (a, b) = (sketch.buffer("a"), sketch.sized("b", 16));
     sketch.share(b, a);
@@ -109,7 +109,7 @@ fn one_pass_must_not_use_two_resources_of_one_memory() {
     assert_eq!(used(READ, READ), NOTHING);
 }
 
-/// Written in the first frame only if the plan says so; read in every frame before it is written.
+/// Reads a buffer in every frame before writing it. Only `history` and `once` give it contents in the first frame.
 fn read_then_written(history: bool, once: bool) -> Vec<String> {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");

@@ -1,4 +1,4 @@
-//! Prologue, handover, frame after frame, and the host beside them.
+//! Tests the prologue, the handover, successive frames, and the host.
 
 use super::*;
 
@@ -24,7 +24,7 @@ fn prologue_passes_need_barriers_among_themselves() {
     assert_eq!(sketch.found_in(0), NOTHING);
 }
 
-/// Written and then read, in every frame.
+/// A dispatch writes a buffer, then a draw reads it, in every frame.
 fn every_frame(first: &[Barrier]) -> Sketch {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
@@ -54,7 +54,7 @@ fn four_frames_are_replayed_unless_told_otherwise_and_the_first_objection_suffic
     assert!(!violates(every_frame(&[order(VERTEX, COMPUTE)])));
 }
 
-/// A draw that reads a uniform block, with so many frames in flight and copies of it.
+/// Replays a draw that reads a uniform block, with `in_flight` frames in flight and `copies` copies of the block.
 fn with_uniform(in_flight: u32, copies: u32) -> Vec<String> {
     let mut sketch = Sketch::new();
     let camera = sketch.uniform("camera");
@@ -96,14 +96,14 @@ fn the_prologue_reads_the_uniforms_of_the_first_frame() {
     assert_eq!(sketch.found_in(4), NOTHING);
 }
 
-/// Two statistics of one buffer, exported to the host in every frame.
+/// Exports two statistics of one buffer to the host in every frame.
 fn with_statistics(to_host: &[Barrier]) -> Sketch {
     let mut sketch = Sketch::new();
     let counts = sketch.buffer("counts");
     let words = sketch.resource("words", Shape::Buffer { stride: 4, count: 2 }, Source::Readback);
     let stat = |name: &str, offset| Stat { name: name.into(), buffer: counts, offset };
     sketch.plan.stats = vec![stat("visible", 8), stat("drawn", 40)];
-    // The export reads two words: the others are still to be shown to those who write them again.
+    // The export reads only two words. The next write also needs the others made visible.
     sketch.frame("count", &[barrier((COPY, NO_ACCESS), (COMPUTE, WRITE))], &[writes(counts)]);
     let copied = [touch(counts, COPY, Accesses::TRANSFER_READ), touch(words, COPY, Accesses::TRANSFER_WRITE)];
     let exported = barrier((COMPUTE, WRITE), (COPY, Accesses::TRANSFER_READ));
@@ -124,7 +124,7 @@ fn the_host_reads_statistics_after_a_barrier_to_it() {
 
 #[test]
 fn the_fence_orders_exports_to_the_same_copy() {
-    // What is exported never changes, so that no other barrier orders one export after another.
+    // The exported data never change, so no other barrier orders successive exports.
     let mut sketch = Sketch::new();
     let source = Source::Scene { attribute: "scene.counts".into(), plane: 0 };
     let counts = sketch.resource("counts", Shape::Buffer { stride: 4, count: 1 }, source);
@@ -139,7 +139,7 @@ fn the_fence_orders_exports_to_the_same_copy() {
 
 #[test]
 fn a_fence_shows_the_host_nothing() {
-    // Nor does the fence of this frame order the copies before it: that is the barrier's to say.
+    // The fence of this frame does not order the host's read after the copies: a barrier must.
     let found = with_statistics(&[]).found_in(1);
     assert_eq!(found, ["ReadAfterWrite: export, host: words: Order"]);
     let unseen = barrier((COPY, Accesses::TRANSFER_WRITE), (Stages::HOST, NO_ACCESS));
@@ -183,7 +183,7 @@ fn statistics_are_the_words_that_the_export_copies() {
 #[test]
 fn the_host_must_not_read_the_statistics_of_an_earlier_frame() {
     let mut sketch = with_statistics(&[copy_to_host()]);
-    // The export comes after the host has looked.
+    // The host reads before the export copies.
     sketch.plan.frame.swap(1, 2);
     let found = sketch.found_in(3);
     assert!(found.contains(&"Unwritten: export, host: words: Contents".to_string()), "{found:?}");
@@ -191,7 +191,7 @@ fn the_host_must_not_read_the_statistics_of_an_earlier_frame() {
 
 #[test]
 fn a_fence_does_not_order_what_the_device_alone_touches() {
-    // Frame 2 starts when frame 0 is done, but frame 1 may still be running.
+    // Frame 2 starts once frame 0 is complete, but frame 1 may still be running.
     let sketch = every_frame(&[]);
     let replay = sketch.replay(&Replay { frames: 4, in_flight: 1, copies: 1 });
     assert!(!replay.is_empty());

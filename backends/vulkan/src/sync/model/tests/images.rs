@@ -1,11 +1,11 @@
-//! Layouts, and what their changes do to memory.
+//! Tests image layouts, and layout changes as writes to memory.
 
 use super::*;
 use splatgraph_framework::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
 
 const NONE: (Stages, Accesses) = (Stages::empty(), NO_ACCESS);
 
-/// Written as a storage image, then copied from, after `barriers`.
+/// Writes an image as a storage image, then copies from it after `barriers`.
 fn written_then_copied(barriers: &[Barrier]) -> Vec<String> {
     let (mut sketch, image) = written();
     let copied = Use { layout: Some(TransferSource), ..touch(image, COPY, Accesses::TRANSFER_READ) };
@@ -99,7 +99,7 @@ fn a_change_does_not_chain_with_the_other_barriers_of_its_call() {
     let found =
         written_then_copied(&[barrier((COMPUTE, WRITE), (CLEAR, NO_ACCESS)), to_copy((CLEAR, NO_ACCESS))]);
     assert_eq!(found, ["WriteAfterWrite: first, change before copy: image: Order"]);
-    // Nor do they show what it did.
+    // The call's other barriers do not make the change's write visible either.
     let all = (COPY, Accesses::TRANSFER_READ);
     let blind = change(IMAGE, (General, TransferSource), (COMPUTE, WRITE), NONE);
     let found = written_then_copied(&[barrier((COMPUTE, WRITE), all), blind]);
@@ -164,7 +164,7 @@ fn later_barriers_pass_on_what_a_change_did() {
         sketch.found()
     };
     assert_eq!(passed_on(barrier((CLEAR, NO_ACCESS), (COMPUTE, WRITE))), NOTHING);
-    // No source stage stands for a change of layout.
+    // No source stage includes a layout change.
     let all_but_fills = Stages::all().difference(CLEAR);
     let missing = "WriteAfterWrite: change before between, first: image: Order";
     assert_eq!(passed_on(barrier((all_but_fills, Accesses::all()), (COMPUTE, WRITE))), [missing]);
@@ -195,9 +195,9 @@ fn the_memory_part_of_an_image_barrier_is_about_that_image() {
         &[change(image, (Undefined, General), source, target)],
         &[reads(a), in_general(image, WRITE)],
     );
-    // Order is for all.
+    // The execution dependency applies to all memory, availability only to the image.
     assert_eq!(sketch.found(), ["ReadAfterWrite: first, second: a: Availability"]);
-    // What is available already is not shown, either.
+    // An image barrier does not make other resources visible, even if they are already available.
     sketch.before(1).push(barrier(source, (COPY, NO_ACCESS)));
     assert_eq!(sketch.found(), ["ReadAfterWrite: first, second: a: STORAGE_READ at COMPUTE"]);
     sketch.frame(
@@ -240,7 +240,7 @@ fn a_barrier_that_leaves_the_layout_is_no_write() {
     let stays = change(image, (General, General), (COMPUTE, WRITE), (FRAGMENT, READ));
     sketch.frame("read", &[stays], &[Use { stages: FRAGMENT, ..in_general(image, READ) }]);
     assert_eq!(sketch.found(), NOTHING);
-    // It shows the image to those who read it as such.
+    // It makes the image visible only to accesses through the image, not through an alias.
     let buffer = sketch.buffer("a");
     sketch.share(buffer, image);
     sketch.plan.passes[1].uses = vec![touch(buffer, FRAGMENT, WRITE)];
@@ -273,7 +273,7 @@ fn a_change_of_an_alias_makes_nothing_available_for_it() {
     };
     let from = |source| [change(IMAGE, (Undefined, General), source, (COMPUTE, WRITE))];
     assert_eq!(changed(&from((COPY, NO_ACCESS))), NOTHING);
-    // Its own source accesses are those of the image, which did not write.
+    // Source accesses of the change apply to the image, through which nothing was written.
     let missing = "WriteAfterWrite: first (as a), change before second: image: Availability";
     assert_eq!(changed(&from((COMPUTE, WRITE))), [missing]);
 }
@@ -287,7 +287,7 @@ fn writing_an_alias_leaves_an_image_in_no_layout() {
     let back = barrier((COMPUTE, WRITE), (COMPUTE, WRITE));
     sketch.frame("again", &[back], &[in_general(image, WRITE)]);
     assert_eq!(sketch.found(), ["Layout: none, again: image: General, not Undefined"]);
-    // So does changing the layout of an image in the same memory.
+    // A layout change of an aliasing image has the same effect.
     sketch.share(other, image);
     *sketch.before(1) = vec![change(other, (Undefined, General), (COMPUTE, WRITE), (COMPUTE, WRITE))];
     sketch.plan.passes[1].uses = vec![];

@@ -1,8 +1,8 @@
-//! Availability and visibility.
+//! Tests availability and visibility.
 
 use super::*;
 
-/// A compute write, calls of barriers with passes of no interest between them, and a touch.
+/// Replays a compute write, barrier calls with empty passes between them, and a final access.
 fn after_write(calls: &[&[Barrier]], second: (Stages, Accesses)) -> Vec<String> {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
@@ -86,7 +86,7 @@ fn what_is_available_is_passed_on_through_stages_that_are_not_named() {
 
 #[test]
 fn what_is_available_is_not_passed_on_past_the_chain() {
-    // The second barrier waits for the write itself, but not for its becoming available.
+    // The second barrier waits for the write itself, but does not chain with the barrier that made it available.
     let one = barrier((COMPUTE, WRITE), (COPY, NO_ACCESS));
     let two = barrier((COMPUTE, NO_ACCESS), (FRAGMENT, READ));
     let found = after_write(&[&[one], &[two]], (FRAGMENT, READ));
@@ -136,7 +136,7 @@ fn a_write_after_a_write_needs_memory_too() {
     assert_eq!(after_write(&[&[right]], second), NOTHING);
 }
 
-/// A write in a compute shader, a read of it in a fragment shader, and a write in a compute shader after `barriers`.
+/// Writes in a compute shader, reads in a fragment shader, and writes again in a compute shader after `barriers`.
 fn write_read_write(barriers: &[Barrier]) -> Vec<String> {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
@@ -192,7 +192,7 @@ fn a_reader_of_some_bytes_settles_those() {
 
 #[test]
 fn a_write_that_follows_properly_stands_for_the_one_before() {
-    // A scatter over a fill: the reader may meet either, and sees both through one barrier.
+    // A scatter overwrites parts of a fill. One barrier makes both visible to the reader.
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
     sketch.frame("fill", &[], &[fills(a)]);
@@ -240,7 +240,7 @@ fn a_write_over_several_cells_is_told_with_all_its_bytes() {
 
 #[test]
 fn a_touch_is_only_of_accesses_that_its_stages_perform() {
-    // The arguments and the data of a dispatch in one buffer, as one touch: no stage reads both.
+    // A dispatch reads its arguments and its data from one buffer, declared as one use: no stage reads both.
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
     let accesses = Accesses::INDIRECT_READ | READ;

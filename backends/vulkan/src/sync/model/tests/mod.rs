@@ -1,4 +1,4 @@
-//! Plans made by hand with barriers made by hand, each with one thing right or wrong.
+//! Tests of the model on handwritten plans and barriers, each correct or with one mistake.
 
 use super::*;
 use crate::sync::Barrier;
@@ -18,7 +18,7 @@ mod order;
 mod sketch;
 mod swap;
 
-/// A plan with barriers in the making.
+/// A handwritten plan and its barriers.
 struct Sketch {
     sketch: sketch::Sketch,
     barriers: Barriers,
@@ -43,7 +43,7 @@ impl Sketch {
         Sketch { sketch: sketch::Sketch::new(), barriers: Barriers { before: vec![], handover: vec![] } }
     }
 
-    /// A pass of the frame, after its barriers.
+    /// Adds a dispatch to the frame, with the barriers before it.
     fn frame(&mut self, name: &str, barriers: &[Barrier], uses: &[Use]) {
         self.frame_work(name, barriers, dispatch(), uses);
     }
@@ -53,7 +53,7 @@ impl Sketch {
         self.barriers.before.push(barriers.to_vec());
     }
 
-    /// A pass of the prologue, after its barriers.
+    /// Adds a dispatch to the prologue, with the barriers before it.
     fn once(&mut self, name: &str, barriers: &[Barrier], uses: &[Use]) {
         self.once_work(name, barriers, dispatch(), uses);
     }
@@ -63,13 +63,13 @@ impl Sketch {
         self.barriers.before.push(barriers.to_vec());
     }
 
-    /// The barriers before the pass at this place in the frame.
+    /// Returns the barriers before the frame's pass number `place`.
     fn before(&mut self, place: usize) -> &mut Vec<Barrier> {
         let pass = self.sketch.plan.frame[place];
         self.barriers.at_mut(Some(pass))
     }
 
-    /// The barriers before the pass at this place in the prologue.
+    /// Returns the barriers before the prologue's pass number `place`.
     fn before_once(&mut self, place: usize) -> &mut Vec<Barrier> {
         let pass = self.sketch.plan.prologue[place];
         self.barriers.at_mut(Some(pass))
@@ -79,7 +79,7 @@ impl Sketch {
         super::replay(&self.sketch.plan, &self.barriers, replay)
     }
 
-    /// Replays so many frames: kind, first pass, second pass, resource, missing guarantee of each violation.
+    /// Replays `frames` frames and returns the violations; see [`tell`].
     fn found_in(&self, frames: u32) -> Vec<String> {
         tell(&self.sketch.plan, &self.replay(&Replay { frames, ..Replay::default() }))
     }
@@ -92,7 +92,7 @@ impl Sketch {
 
 const NOTHING: [&str; 0] = [];
 
-/// Objections in short, for comparison.
+/// Formats violations as `kind: first pass, second pass: resource: missing guarantee`.
 fn tell(plan: &Plan, violations: &[Violation]) -> Vec<String> {
     let name = |actor: Actor| match actor {
         Actor::Pass { pass, .. } => plan.pass(pass).name.clone(),
@@ -122,12 +122,12 @@ fn order(source: Stages, target: Stages) -> Barrier {
     barrier((source, NO_ACCESS), (target, NO_ACCESS))
 }
 
-/// Makes the barrier that a read in a compute shader needs after a write in one.
+/// Returns the barrier for a read in a compute shader after a write in another one.
 fn compute_to_compute() -> Barrier {
     barrier((COMPUTE, WRITE), (COMPUTE, READ))
 }
 
-/// A change of layout from one scope to another.
+/// Returns a barrier that changes an image's layout.
 fn change(
     image: ResourceId,
     (old, new): (Layout, Layout),

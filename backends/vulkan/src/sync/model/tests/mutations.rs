@@ -1,11 +1,11 @@
-//! Plans with no more barriers than they need, and with one bit more.
+//! Tests that mutations cover every barrier, and that minimal barriers have no needless bit.
 
 use super::memory_state::At;
 use super::mutate::{Mutation, apply, mutations, needless};
 use super::*;
 use splatgraph_framework::ir::Layout::{ColorTarget, General, TransferSource, Undefined};
 
-/// Compute writes a buffer and an image, a draw reads the buffer, the image is exported.
+/// Returns a minimal plan: a dispatch writes a buffer and an image, a draw reads the buffer, and the image is exported.
 fn minimal() -> Sketch {
     let mut sketch = Sketch::new();
     let (table, keys, image) = (sketch.buffer("table"), sketch.buffer("keys"), sketch.image("image"));
@@ -19,7 +19,7 @@ fn minimal() -> Sketch {
         &[touch(table, COMPUTE, BOTH)],
     );
     sketch.barriers.handover = vec![compute_to_compute()];
-    // The draw of the frame before reads the keys, the export the image.
+    // In the previous frame, the draw reads the keys, and the export reads the image.
     let again = change(image, (Undefined, General), (COPY, NO_ACCESS), (COMPUTE, WRITE));
     sketch.frame(
         "key",
@@ -55,7 +55,7 @@ fn a_minimal_plan_is_sufficient_and_nothing_in_it_is_needless() {
 #[test]
 fn a_trial_leaves_the_replay_as_it_was() {
     let sketch = minimal();
-    // Without what fills the table and without any change of layout, there is much to find.
+    // Without the table's barriers and without layout changes, most positions give violations.
     let mut worse = minimal();
     worse.barriers.before[2..].iter_mut().for_each(|call| call.retain(|barrier| barrier.image.is_none()));
     let (trace, replay) = (Trace::new(&sketch.plan, 2), Replay::default());
@@ -63,7 +63,7 @@ fn a_trial_leaves_the_replay_as_it_was() {
     let mut next = Some(memory.start(&sketch.plan, &trace, &replay));
     let mut trials = 0;
     while let Some(at) = next {
-        // In the last frame, what comes after may well be harmless.
+        // Late in the last frame, the remaining steps may give none.
         let found = memory.trial((&worse.plan, &worse.barriers), &trace, &replay, at);
         assert!(found || at == At::Frame(3, 0) || trials > 3, "{at:?}");
         assert_eq!(memory.findings.violations, []);
@@ -79,10 +79,10 @@ fn a_trial_leaves_the_replay_as_it_was() {
 fn every_barrier_and_every_bit_is_tried() {
     let sketch = minimal();
     let all = mutations(&sketch.plan, &sketch.barriers);
-    // Seven barriers: their number and the bits of their masks.
+    // Seven barriers can be removed, and each bit of their masks can be cleared.
     assert_eq!(sketch.barriers.calls(&sketch.plan).flat_map(|(_, call)| call).count(), 7);
     assert_eq!(all.iter().filter(|m| matches!(m, Mutation::Remove { .. })).count(), 7);
-    // Of stages and accesses: 5 in the prologue, 4 in the handover, 2 + 3, 4 + 4 and 4 in the frame.
+    // Stage and access bits: 5 in the prologue, 4 in the handover, 2 + 3, 4 + 4 and 4 in the frame.
     assert_eq!(all.len(), 7 + 5 + 4 + 5 + 8 + 4);
     for mutation in &all {
         assert_ne!(apply(&sketch.barriers, mutation), sketch.barriers);

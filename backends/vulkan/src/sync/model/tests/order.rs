@@ -1,8 +1,8 @@
-//! The order of execution: logically earlier and later stages, chains, calls.
+//! Tests execution order: logically earlier and later stages, chains, and calls.
 
 use super::*;
 
-/// A write at one stage and a read at another, and what a plain barrier leaves missing between them.
+/// Writes at one stage, reads at another after the barrier calls, and returns the violations.
 fn order_of(write: Stages, barriers: &[&[Barrier]], read: (Stages, Accesses)) -> Vec<String> {
     let mut sketch = Sketch::new();
     let (a, other) = (sketch.buffer("a"), sketch.buffer("other"));
@@ -10,7 +10,7 @@ fn order_of(write: Stages, barriers: &[&[Barrier]], read: (Stages, Accesses)) ->
     for (index, call) in barriers.iter().enumerate() {
         match index + 1 == barriers.len() {
             true => sketch.frame("second", call, &[touch(a, read.0, read.1)]),
-            // A pass must stand between two calls.
+            // Calls belong to passes, so another pass separates two calls.
             false => sketch.frame("between", call, &[touch(other, Stages::HOST, Accesses::HOST_READ)]),
         }
     }
@@ -20,7 +20,7 @@ fn order_of(write: Stages, barriers: &[&[Barrier]], read: (Stages, Accesses)) ->
 const UNORDERED: [&str; 1] = ["ReadAfterWrite: first, second: a: Order"];
 const UNAVAILABLE: [&str; 1] = ["ReadAfterWrite: first, second: a: Availability"];
 
-/// Reads of a buffer, then a write at another stage. Only dispatches have the stage `COMPUTE`.
+/// Reads a buffer, then writes it at another stage. Only dispatches have the stage `COMPUTE`.
 fn write_after_read(read: (Stages, Accesses), barrier: Barrier, write: (Stages, Accesses)) -> Vec<String> {
     let work = if read.0 == COMPUTE { dispatch() } else { draw() };
     write_after_read_of(work, read, barrier, write)
@@ -38,7 +38,7 @@ fn write_after_read_of(
     sketch.frame("fill", &[], &[fills(a)]);
     sketch.frame_work("first", &[ready], reader, &[touch(a, read.0, read.1)]);
     sketch.frame("second", &[barrier], &[touch(a, write.0, write.1)]);
-    // The fill, two passes ago, is objected to as well; here it is about the reader.
+    // The replay also reports the fill, two passes earlier; this test is about the reader.
     sketch.found().into_iter().filter(|line| !line.contains("fill")).collect()
 }
 
@@ -83,7 +83,7 @@ fn a_barrier_from_a_later_stage_of_the_same_command_orders_its_arguments() {
     for stage in [Stages::INDIRECT, COMPUTE] {
         assert_eq!(found(dispatch(), stage), NOTHING);
     }
-    // A dispatch has no such stage, and a draw does not have `COMPUTE`.
+    // A dispatch has none of these stages, and a draw has no `COMPUTE`.
     assert_eq!(found(draw(), COMPUTE), OVERTAKEN);
     for stage in [VERTEX, FRAGMENT, Stages::COLOR_OUTPUT, COPY] {
         assert_eq!(found(dispatch(), stage), OVERTAKEN);
@@ -127,7 +127,7 @@ fn two_stages_of_one_pass_race_where_one_of_them_writes() {
     assert_eq!(found(draw(), &|a| vec![touch(a, VERTEX, READ), touch(a, FRAGMENT, READ)]), NOTHING);
     // A shader orders its own reads and writes.
     assert_eq!(found(dispatch(), &|a| vec![touch(a, COMPUTE, BOTH)]), NOTHING);
-    // A dispatch that writes the words of its own arguments, or others.
+    // A dispatch that writes the words of its own arguments, or other words of the same buffer.
     for (offset, expected) in [(0, race("WriteAfterRead")), (8, race("WriteAfterRead"))] {
         let mut sketch = Sketch::new();
         let a = sketch.buffer("a");
@@ -242,11 +242,11 @@ fn a_target_orders_the_stages_after_it_but_shows_them_nothing() {
 fn early_tests_are_before_fragment_shaders_and_late_tests_after_them() {
     let test = |stage| (stage, Accesses::DEPTH_READ);
     let write = (CLEAR, Accesses::TRANSFER_WRITE);
-    // A source covers what is earlier: the fragment stage the early tests, and the late ones not.
+    // A source stage covers earlier stages: `FRAGMENT` covers early tests, but not late tests.
     assert_eq!(write_after_read(test(Stages::EARLY_TESTS), order(FRAGMENT, CLEAR), write), NOTHING);
     assert_eq!(write_after_read(test(Stages::LATE_TESTS), order(FRAGMENT, CLEAR), write), OVERTAKEN);
     assert_eq!(write_after_read((FRAGMENT, READ), order(Stages::EARLY_TESTS, CLEAR), write), OVERTAKEN);
-    // A target covers what is later.
+    // A target stage covers later stages, not earlier ones.
     let early = test(Stages::EARLY_TESTS);
     assert_eq!(order_of(COMPUTE, &[&[order(COMPUTE, FRAGMENT)]], early), UNORDERED);
 }
@@ -276,7 +276,7 @@ fn chains_go_through_later_stages_of_the_target_and_earlier_ones_of_the_source()
         order_of(COMPUTE, &[&[order(COMPUTE, target)], &[order(source, COMPUTE)]], (COMPUTE, READ))
     };
     assert_eq!(through(VERTEX, Stages::COLOR_OUTPUT), UNAVAILABLE);
-    // Draws have no dispatch among them: the link is the stage that both start with.
+    // Draws and dispatches share only their first stage, through which the barriers chain.
     assert_eq!(through(Stages::INDIRECT, FRAGMENT), UNAVAILABLE);
     let disjoint = order_of(
         VERTEX,
@@ -299,7 +299,7 @@ fn barriers_of_one_call_do_not_chain() {
     assert_eq!(write_after_read_in_one_call(one, two), OVERTAKEN);
 }
 
-/// A read in a compute shader, then a fill after both barriers in one call.
+/// Reads in a compute shader, then writes after both barriers in one call.
 fn write_after_read_in_one_call(one: Barrier, two: Barrier) -> Vec<String> {
     let mut sketch = Sketch::new();
     let a = sketch.buffer("a");
@@ -366,7 +366,7 @@ fn what_one_stage_does_to_a_resource_is_its_own_affair() {
     let a = sketch.buffer("a");
     sketch.frame_work("draw", &[], draw(), &[touch(a, FRAGMENT, BOTH)]);
     assert_eq!(sketch.found(), NOTHING);
-    // But the next pass must wait for all of it.
+    // The next pass must wait for both the read and the write.
     sketch.frame("fill", &[barrier((VERTEX, WRITE), (CLEAR, Accesses::TRANSFER_WRITE))], &[fills(a)]);
     let expected = ["WriteAfterRead: draw, fill: a: Order", "WriteAfterWrite: draw, fill: a: Order"];
     assert_eq!(sketch.found(), expected);

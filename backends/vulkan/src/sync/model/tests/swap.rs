@@ -1,9 +1,9 @@
-//! Plans that follow one another.
+//! Tests successive plans.
 
 use super::*;
 use splatgraph_framework::ir::Layout::{General, TransferTarget, Undefined};
 
-/// Draws with what the last frame left in `kept`, then makes it anew.
+/// Reads the previous frame's contents of `kept`, then writes them anew.
 fn with_history(name: &str, bytes: u64) -> Sketch {
     let mut sketch = Sketch::new();
     let kept = sketch.sized("kept", bytes);
@@ -34,7 +34,7 @@ fn a_plan_that_needs_nothing_of_another_follows_it() {
     assert_eq!(swapped(&[(&sketch, 3), (&sketch, 3), (&sketch, 0), (&sketch, 1)]), NOTHING);
 }
 
-/// The same without its start: whether that is noticed tells whether the history was carried over.
+/// Omits the start of the history: the replay then has violations unless the history carries over.
 fn without_start(name: &str, bytes: u64) -> Sketch {
     let mut sketch = with_history(name, bytes);
     sketch.plan.prologue.clear();
@@ -45,7 +45,7 @@ fn without_start(name: &str, bytes: u64) -> Sketch {
 fn a_history_of_the_same_name_and_shape_lives_on() {
     let old = with_history("kept", BYTES);
     assert_eq!(swapped(&[(&old, 2), (&without_start("kept", BYTES), 2)]), NOTHING);
-    // Even if no frame of the old plan came to be.
+    // This holds even if the old plan submitted no frame.
     assert_eq!(swapped(&[(&old, 0), (&without_start("kept", BYTES), 2)]), NOTHING);
 }
 
@@ -82,7 +82,7 @@ fn a_history_that_was_never_written_is_none() {
 fn the_start_of_a_history_that_lives_on_is_left_out_and_the_barriers_of_others_stay() {
     let mut new = with_history("kept", BYTES);
     let other = new.buffer("other");
-    // What another pass of the prologue relies on may stand in the start's call.
+    // The call before the history's start may contain a barrier that another prologue pass relies on.
     let first = new.pass("first", Run::Once, dispatch(), &[writes(other)]);
     new.plan.prologue.insert(0, first);
     new.barriers.before.push(vec![]);
@@ -93,7 +93,7 @@ fn the_start_of_a_history_that_lives_on_is_left_out_and_the_barriers_of_others_s
     assert_eq!(swapped(&[(&old, 1), (&new, 1)]), NOTHING);
 }
 
-/// An image with a history, which its start leaves for transfers and the frame has in `General`.
+/// An image with a history: its start leaves it in `TransferTarget`, and frames use it in `General`.
 fn image_history() -> Sketch {
     let mut sketch = Sketch::new();
     let kept = sketch.image("kept");
