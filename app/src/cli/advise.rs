@@ -6,6 +6,7 @@ use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs, EffortArgs};
 use super::outcome::{Outcome, Usage};
 use crate::draw::fit;
 use crate::draw::keys::{self, Mapping, Need, WIDTHS};
+use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::shell_word;
 use crate::studies::advise::harmonics::Band;
@@ -69,6 +70,8 @@ pub struct Args {
     effort: EffortArgs,
     #[command(flatten)]
     device: DrawingBackendArgs,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 /// Parses a finite number above 0.
@@ -87,7 +90,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     claim_files(args)?;
     let sampled = args.cameras.is_none();
     let is_one = given.as_ref().is_none_or(|cameras| cameras.len() == 1);
-    let (scene, mut cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
+    let (scene, mut cameras) =
+        options::scene_and_cameras(args.scene.as_deref(), &args.load, given, &stems, args.size)?;
     if sampled {
         cameras = keys::around(&scene, cameras.first().context("no cameras")?, AROUND);
     }
@@ -105,7 +109,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if budget != Budget::default() {
         let device = args.device.open()?;
         if let Some(path) = &args.scene {
-            fit::check_header(path, device.info(), &args.pipeline, &args.set)?;
+            fit::check_header(path, &args.load, device.info(), &args.pipeline, &args.set)?;
         }
         let subject = Subject { device: &device, name, scene: scene.into(), cameras };
         let (pipeline, set) = (args.pipeline.clone(), args.set.clone());

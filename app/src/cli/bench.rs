@@ -7,7 +7,7 @@ use super::outcome::{Outcome, Usage};
 use crate::draw::backend::Backend;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::{Planner, without_effect};
-use crate::io::load;
+use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output, say};
 use crate::io::report::plot::Plot;
@@ -78,6 +78,8 @@ pub struct Args {
     effort: EffortArgs,
     #[command(flatten)]
     device: BackendArgs,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 /// Measurements of `bench`: whole frames, or the sort alone.
@@ -159,7 +161,7 @@ fn measure_sorts(args: &Args, device: &Backend, origin: Origin) -> Result<bool> 
 ///
 /// A graph that needs a feature of another device is not an error: it becomes a row with the reason.
 fn check_graphs(args: &Args, device: &DeviceInfo) -> Result<()> {
-    let scene = match args.scenes.first().map(|scene| load::header(scene)).transpose()? {
+    let scene = match args.scenes.first().map(|scene| args.load.header(scene)).transpose()? {
         Some(SceneHeader { count, stored_degree }) => SceneFacts {
             count,
             sh_degree: stored_degree,
@@ -216,7 +218,7 @@ fn measure_scene(
     report: &mut Report,
 ) -> Result<()> {
     let stems = names::unique(&options::camera_names(path, given.as_deref()), MAX_NAME_BYTES);
-    let (scene, cameras) = options::scene_and_cameras(path, given, &stems, None)?;
+    let (scene, cameras) = options::scene_and_cameras(path, &args.load, given, &stems, None)?;
     let name = path.map_or_else(|| "demo".into(), |path| path.display().to_string());
     let candidates = args.pipelines.iter().map(|pipeline| Setting::of_graph(pipeline, &args.set)).collect();
     let wanted = Wanted { candidates, splats: args.splats.clone(), sizes: args.sizes() };

@@ -10,6 +10,7 @@ use crate::draw::fit;
 use crate::draw::session::{FrameOptions, Session, image_of};
 use crate::draw::truth::Truth;
 use crate::io::image::Image;
+use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output, one_line, say};
 use crate::io::progress::Progress;
@@ -75,6 +76,8 @@ pub struct Args {
     pub shard: ShardArgs,
     #[command(flatten)]
     pub device: DeviceArgs,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 /// A camera of the dataset, with its photograph.
@@ -177,14 +180,15 @@ impl Drawer {
     /// Opens the device and loads the scene at the same time. A given scene is not loaded again.
     fn open(args: &Args, scene: Option<Arc<Scene>>) -> Result<Drawer> {
         let load = |cancel: &_| {
-            scene.map_or_else(|| options::load_scene_unless(cancel, &args.scene).map(Arc::new), Ok)
+            let load = || options::load_scene_unless(cancel, &args.scene, &args.load).map(Arc::new);
+            scene.map_or_else(load, Ok)
         };
         let Renderer::Device(api) = args.backend else {
             return Ok(Drawer::Reference(load(&options::NEVER)?));
         };
         let open = || {
             let device = Backend::open(api, &args.device.options())?;
-            fit::check_header(&args.scene, device.info(), &args.pipeline, &args.set)?;
+            fit::check_header(&args.scene, &args.load, device.info(), &args.pipeline, &args.set)?;
             Ok(device)
         };
         let (device, scene) = options::open_and_load(open, load)?;

@@ -6,6 +6,7 @@ use super::options::{self, DrawingBackendArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend::Backend;
 use crate::draw::fit;
+use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{OutputGuard, one_line, say};
 use crate::studies::experiment;
@@ -62,6 +63,8 @@ struct Common {
     output: Option<PathBuf>,
     #[command(flatten)]
     device: DrawingBackendArgs,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 /// Default width of the pictures, in pixels. It is small because a page holds about twenty pictures.
@@ -98,9 +101,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut guard = guard(args)?;
     let device = common.device.open()?;
     if let Some(path) = &common.scene {
-        fit::check_header(path, device.info(), GRAPH, &[])?;
+        fit::check_header(path, &common.load, device.info(), GRAPH, &[])?;
     }
-    let (scene, cameras) = options::scene_and_cameras(common.scene.as_deref(), given, &stems, common.size)?;
+    let (scene, cameras) =
+        options::scene_and_cameras(common.scene.as_deref(), &common.load, given, &stems, common.size)?;
     let cameras: Vec<Camera> = match common.size {
         Some(_) => cameras,
         None => cameras.iter().map(|camera| options::at_most(camera, WIDTH)).collect(),

@@ -8,6 +8,7 @@ use crate::draw::fit::{self, Target, Wanted};
 use crate::draw::keys::{self, Seen};
 use crate::draw::planner::Planner;
 use crate::draw::storage::Choice;
+use crate::io::load::LoadOptions;
 use crate::studies::advise::harmonics;
 use anyhow::Result;
 use serde_json::json;
@@ -43,6 +44,8 @@ pub struct Args {
     /// Print JSON, or write it to a file
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) load: LoadOptions,
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -51,7 +54,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(path) = &args.json {
         guard.output("--json", path).map_err(Usage::from)?;
     }
-    let scene = options::load_scene(&args.scene)?;
+    let scene = options::load_scene(&args.scene, &args.load)?;
     let given = args.drawing.cameras(Some(&args.scene))?;
     let in_scene = given.map(|cameras| options::in_scene(&cameras, &scene));
     let cameras = in_scene.unwrap_or_else(|| vec![options::framing(&scene)]);

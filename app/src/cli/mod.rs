@@ -45,7 +45,7 @@ mod view;
 use crate::draw::planner::{self, GraphErrors};
 use crate::draw::session::SessionError;
 use crate::draw::shader_cache::ShaderCache;
-use crate::io::load;
+use crate::io::load::LoadOptions;
 use crate::io::output::{self, say, say_styled, shell_word, terminal};
 use crate::io::timeline::Timeline;
 use crate::{draw::backend, draw::builtin};
@@ -104,15 +104,9 @@ struct Cli {
     /// Other files must be in the graph's folder, in the folders pipelines/ and shaders/ beside it, or built in.
     #[arg(long, value_name = "DIR", global = true)]
     include_root: Vec<PathBuf>,
-    /// Draw scenes by the published rules, regardless of the tags in their files
-    ///
-    /// Tags are the filter of the training, the order of the splats, and the direction up: see `splatgraph info`. --set
-    /// overrides a single one.
-    #[arg(long, global = true)]
-    ignore_tags: bool,
-    /// Level of a streamed SOG (lod-meta.json): 0 is the finest, and the default
-    #[arg(long, value_name = "N", global = true)]
-    level: Option<u32>,
+    /// Accepted before the command's name, and passed to the arguments of the command.
+    #[command(flatten)]
+    _load: LoadOptions,
 }
 
 #[derive(Debug, Subcommand)]
@@ -215,12 +209,6 @@ pub fn run(arguments: Vec<OsString>, worker: Option<Worker>, store: Option<Shade
         Err(error) => return report(&error.into()),
     };
     info_span!("start threads").in_scope(threads::build_pool);
-    if cli.ignore_tags {
-        load::ignore_tags();
-    }
-    if let Some(level) = cli.level {
-        load::set_level(level);
-    }
     let store = store.map(|cache| Arc::new(cache) as Arc<_>);
     planner::configure(planner::Settings { worker, store, include_roots: cli.include_root });
     let result = match cli.command.shard() {
@@ -372,6 +360,18 @@ mod tests {
         assert!(names.len() > 10, "{help}");
         for name in names {
             assert!(command(&[]).find_subcommand(name).is_some(), "`{name}` of the examples is no command");
+        }
+    }
+
+    #[test]
+    fn options_of_loading_may_stand_before_or_after_the_command() {
+        for line in
+            ["splatgraph --level 2 --ignore-tags info a.sog", "splatgraph info a.sog --level 2 --ignore-tags"]
+        {
+            let Command::Info(args) = Cli::try_parse_from(line.split(' ')).expect(line).command else {
+                panic!("{line}: expected info")
+            };
+            assert_eq!(args.load, LoadOptions { ignore_tags: true, level: Some(2) }, "{line}");
         }
     }
 

@@ -8,9 +8,10 @@ use crate::draw::facts;
 use crate::draw::fit::Target;
 use crate::draw::interleaved::Frames;
 use crate::draw::storage;
+use crate::io::demo;
+use crate::io::load::LoadOptions;
 use crate::io::output::{self, OutputGuard, say};
 use crate::io::progress::Progress;
-use crate::io::{demo, load};
 use crate::studies::bench;
 use anyhow::{Context, Result, bail};
 use splatgraph_api::{BackendError, Heap};
@@ -94,23 +95,23 @@ pub fn open_and_load<D: Send, L>(
 }
 
 /// Loads a scene and shows the progress.
-pub fn load_scene(path: &Path) -> Result<Scene> {
-    load_scene_unless(&NEVER, path)
+pub fn load_scene(path: &Path, load: &LoadOptions) -> Result<Scene> {
+    load_scene_unless(&NEVER, path, load)
 }
 
 /// Loads a scene and shows the progress. Fails soon after `cancel` becomes true.
-pub fn load_scene_unless(cancel: &AtomicBool, path: &Path) -> Result<Scene> {
-    match load_any_unless(cancel, path)? {
+pub fn load_scene_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> Result<Scene> {
+    match load_any_unless(cancel, path, load)? {
         Content::Splats(scene) => Ok(*scene),
         Content::Mesh(_) => bail!(LoadError { path: path.to_owned(), problem: SceneError::MeshAlone }),
     }
 }
 
 /// Loads a scene, or a mesh to draw with one, and shows the progress. Fails soon after `cancel` becomes true.
-pub fn load_any_unless(cancel: &AtomicBool, path: &Path) -> Result<Content> {
+pub fn load_any_unless(cancel: &AtomicBool, path: &Path, load: &LoadOptions) -> Result<Content> {
     let progress = Mutex::new(Progress::new(format!("loading {}", path.display())));
     let _span = info_span!("load the scene", path = %path.display()).entered();
-    let content = load::any(path, &|done, of| {
+    let content = load.any(path, &|done, of| {
         // Called on many threads. If one of them is reporting, the others skip their report.
         if let Ok(mut progress) = progress.try_lock() {
             progress.set(done, of, "");
@@ -128,7 +129,11 @@ pub fn load_any_unless(cancel: &AtomicBool, path: &Path) -> Result<Content> {
 /// Loads the scene at `path`, or the demo scene. Returns the scene, its path, and the demo scene's camera.
 ///
 /// Setting `cancel` stops the load of a scene file, but not of the demo scene.
-pub fn scene_or_demo(cancel: &AtomicBool, path: Option<&Path>) -> Result<(Scene, PathBuf, Option<Camera>)> {
+pub fn scene_or_demo(
+    cancel: &AtomicBool,
+    path: Option<&Path>,
+    load: &LoadOptions,
+) -> Result<(Scene, PathBuf, Option<Camera>)> {
     let Some(path) = path else {
         let path = demo::path().context(
             "the demo scene has no folder: set XDG_CACHE_HOME or HOME to an absolute path, or name a scene",
@@ -137,9 +142,9 @@ pub fn scene_or_demo(cancel: &AtomicBool, path: Option<&Path>) -> Result<(Scene,
         if generated.context("the demo scene cannot be generated")? {
             say(format!("the demo scene was generated into {}", path.display()));
         }
-        return Ok((load_scene(&path)?, path, demo::camera()));
+        return Ok((load_scene(&path, load)?, path, demo::camera()));
     };
-    Ok((load_scene_unless(cancel, path)?, path.to_owned(), None))
+    Ok((load_scene_unless(cancel, path, load)?, path.to_owned(), None))
 }
 
 /// Splits `RESOURCE@PASS` into the two names.
@@ -187,11 +192,12 @@ pub fn camera_names(scene: Option<&Path>, given: Option<&[Camera]>) -> Vec<Strin
 /// A camera with an empty or duplicate name gets its entry of `stems` as its name.
 pub fn scene_and_cameras(
     path: Option<&Path>,
+    load: &LoadOptions,
     given: Option<Vec<Camera>>,
     stems: &[String],
     size: Option<(u32, u32)>,
 ) -> Result<(Scene, Vec<Camera>)> {
-    let (scene, _, own) = scene_or_demo(&NEVER, path)?;
+    let (scene, _, own) = scene_or_demo(&NEVER, path, load)?;
     let cameras = cameras_of(&scene, given.or(own.map(|own| vec![own])), stems, size);
     Ok((scene, cameras))
 }

@@ -4,6 +4,7 @@ use super::options;
 use super::outcome::Outcome;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::Planner;
+use crate::io::load::LoadOptions;
 use crate::io::output::say;
 use anyhow::Result;
 use serde_json::{Value, json};
@@ -46,6 +47,8 @@ pub struct Args {
     /// Print JSON, or write it to a file
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     json: Option<PathBuf>,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -54,7 +57,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (device_name, device) = device(args.device.as_deref())?;
     let (scene, catalog) = match &args.scene {
         Some(path) => {
-            let scene = options::load_scene(path)?;
+            let scene = options::load_scene(path, &args.load)?;
             (SceneFacts::of(&scene), facts::catalog(&scene))
         }
         None => (SceneFacts::NOMINAL, options::nominal_catalog()),

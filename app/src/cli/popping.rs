@@ -5,6 +5,7 @@ use super::console::Console;
 use super::options::{self, DEFAULT_PIPELINE, DrawingBackendArgs};
 use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::fit;
+use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, OutputGuard, is_standard_output};
 use crate::studies::measurement::settings;
@@ -68,6 +69,8 @@ pub struct Args {
     output: Option<PathBuf>,
     #[command(flatten)]
     device: DrawingBackendArgs,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 /// Default number of frames of an orbit.
@@ -102,10 +105,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let device = args.device.open()?;
     if let Some(path) = &args.scene {
         for variant in &variants {
-            fit::check_header(path, device.info(), &variant.pipeline, &variant.set)?;
+            fit::check_header(path, &args.load, device.info(), &variant.pipeline, &variant.set)?;
         }
     }
-    let (scene, cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
+    let (scene, cameras) =
+        options::scene_and_cameras(args.scene.as_deref(), &args.load, given, &stems, args.size)?;
     let cameras = path(args, &scene, cameras)?;
     measure::check(&cameras)?;
     let name = args.scene.as_ref().map_or_else(|| "demo".into(), |path| path.display().to_string());

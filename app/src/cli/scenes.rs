@@ -4,6 +4,7 @@ use super::look_at::point;
 use super::options;
 use super::outcome::Usage;
 use crate::draw::fit;
+use crate::io::load::LoadOptions;
 use crate::io::output::OutputGuard;
 use anyhow::Result;
 use splatgraph_api::DeviceInfo;
@@ -23,6 +24,8 @@ pub struct ScenesArgs {
     /// Move a further scene or mesh by this vector; the first --at is for the first further file, the second for the second
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     at: Vec<[f64; 3]>,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 impl ScenesArgs {
@@ -42,7 +45,7 @@ impl ScenesArgs {
 
     /// Rejects a first scene that is too large for the device, judging by its header ([`fit::check_header`]).
     pub fn check_header(&self, device: &DeviceInfo, pipeline: &str, set: &[(String, String)]) -> Result<()> {
-        self.scene.iter().try_for_each(|path| fit::check_header(path, device, pipeline, set))
+        self.scene.iter().try_for_each(|path| fit::check_header(path, &self.load, device, pipeline, set))
     }
 
     /// Loads the scenes, moves all but the first, and joins them.
@@ -52,7 +55,7 @@ impl ScenesArgs {
     /// # Errors
     /// A scene cannot be loaded, the joined scene does not fit in memory, or `cancel` became true.
     pub fn load(&self, cancel: &AtomicBool) -> Result<(Scene, Option<Camera>)> {
-        let (first, _, camera) = options::scene_or_demo(cancel, self.scene.as_deref())?;
+        let (first, _, camera) = options::scene_or_demo(cancel, self.scene.as_deref(), &self.load)?;
         if self.more.is_empty() {
             return Ok((first, camera));
         }
@@ -60,7 +63,7 @@ impl ScenesArgs {
         for (index, path) in self.more.iter().enumerate() {
             let at = self.at.get(index).map(|at| (*at).into());
             let by = at.map(|translation| Similarity { translation, ..Similarity::IDENTITY });
-            match (options::load_any_unless(cancel, path)?, by) {
+            match (options::load_any_unless(cancel, path, &self.load)?, by) {
                 (Content::Splats(scene), Some(by)) => all.push(scene.transformed(&by)?),
                 (Content::Splats(scene), None) => all.push(*scene),
                 (Content::Mesh(mesh), by) => meshes.push((mesh, by.unwrap_or(Similarity::IDENTITY))),

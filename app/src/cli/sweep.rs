@@ -8,6 +8,7 @@ use crate::draw::backend::Backend;
 use crate::draw::fit;
 use crate::draw::projection;
 use crate::io::image::Image;
+use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, say};
 use crate::studies::study::Subject;
@@ -56,6 +57,8 @@ pub struct Args {
     pub shard: ShardArgs,
     #[command(flatten)]
     pub device: DrawingBackendArgs,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 /// Name of the HTML page, in the folder of `--output`.
@@ -77,10 +80,11 @@ impl Request {
         let given = args.drawing.cameras(args.scene.as_deref())?;
         let stems = stems(args, given.as_deref());
         if let Some(path) = &args.scene {
-            fit::check_header(path, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
+            fit::check_header(path, &args.load, device.info(), &args.drawing.pipeline, &args.drawing.set)?;
         }
+        let scene = args.scene.as_deref();
         let (scene, cameras) =
-            options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.drawing.size)?;
+            options::scene_and_cameras(scene, &args.load, given, &stems, args.drawing.size)?;
         let cameras = projection::convert_all(cameras, &args.drawing.pipeline, &args.drawing.set, &scene)?;
         let file = args.scene.as_deref().and_then(Path::file_stem);
         let name = file.map_or("demo".into(), |stem| stem.to_string_lossy()).into_owned();

@@ -4,6 +4,7 @@ use super::outcome::{Outcome, Usage};
 use super::{look_at, options};
 use crate::draw::orbit::Orbit;
 use crate::draw::truth::Truth;
+use crate::io::load::LoadOptions;
 use crate::io::output::{self, OutputGuard, is_standard_output, note, say};
 use anyhow::Result;
 use splatgraph_assets::{Camera, Dataset, grouped, synth};
@@ -54,6 +55,8 @@ pub struct Args {
     /// Size of the photographs [default: 480x270]
     #[arg(long, value_name = "WIDTHxHEIGHT", requires = "photograph", value_parser = options::size)]
     size: Option<(u32, u32)>,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 /// Lists the scenes that can be generated, for the help text.
@@ -131,7 +134,7 @@ fn photographs(args: &Args, folder: &Path) -> Vec<PathBuf> {
 
 /// Draws a scene exactly from a circle of cameras, and writes a COLMAP dataset of the pictures and cameras.
 fn photograph(args: &Args, scene: &Path, folder: &Path) -> Result<Outcome> {
-    let scene = options::load_scene(scene)?;
+    let scene = options::load_scene(scene, &args.load)?;
     let (width, height) = args.size.unwrap_or((480, 270));
     let paths = photographs(args, folder);
     let framing = Camera::framing(&scene, width, height);
@@ -161,7 +164,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         return write_mesh(output);
     }
     let (scene, cameras) = match (&args.name, &args.enlarge, args.count) {
-        (None, Some(path), Some(count)) => (synth::enlarge(&options::load_scene(path)?, count)?, None),
+        (None, Some(path), Some(count)) => {
+            (synth::enlarge(&options::load_scene(path, &args.load)?, count)?, None)
+        }
         (Some(name), ..) => {
             let generator = synth::generators().iter().find(|g| g.name == *name);
             let count = args.count.or(generator.map(|g| g.default_count)).unwrap_or(1);

@@ -9,6 +9,7 @@ use crate::draw::backend::Backend;
 use crate::draw::fit;
 use crate::draw::projection;
 use crate::io::image::{Format, Image};
+use crate::io::load::LoadOptions;
 use crate::io::output::names::{self, MAX_NAME_BYTES};
 use crate::io::output::{self, say, shell_word};
 use crate::studies::study::{StudyError, Subject};
@@ -83,6 +84,8 @@ pub struct Args {
     pub shard: ShardArgs,
     #[command(flatten)]
     pub device: DrawingBackendArgs,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 /// Name of the ledger's file, in the folder of `--output`.
@@ -105,9 +108,10 @@ impl Request {
         let given = cameras::load(args.cameras.as_deref(), args.scene.as_deref())?;
         let stems = stems(args, given.as_deref());
         if let Some(path) = &args.scene {
-            fit::check_header(path, device.info(), &args.pipeline, &args.set)?;
+            fit::check_header(path, &args.load, device.info(), &args.pipeline, &args.set)?;
         }
-        let (scene, cameras) = options::scene_and_cameras(args.scene.as_deref(), given, &stems, args.size)?;
+        let scene = args.scene.as_deref();
+        let (scene, cameras) = options::scene_and_cameras(scene, &args.load, given, &stems, args.size)?;
         let cameras = projection::convert_all(cameras, &args.pipeline, &args.set, &scene)?;
         let truths = |folder: &PathBuf| -> Result<_> {
             Ok((folder.display().to_string(), true_pictures(folder, &cameras, &stems)?))

@@ -10,6 +10,7 @@ use crate::draw::fit;
 use crate::draw::planner::Planner;
 use crate::draw::storage::Choice;
 use crate::io::image::Format;
+use crate::io::load::LoadOptions;
 use crate::io::output::{Log, OutputGuard, is_standard_output, say};
 use crate::view::events::RendererId;
 use crate::view::kept;
@@ -114,6 +115,8 @@ pub struct Args {
     /// Draw continuously, and close the window after this many frames (with --screenshot: draw at least this many)
     #[arg(long, value_name = "N")]
     frames: Option<u64>,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 /// Maximum width and height of a window, in pixels. Window systems allow more, but no display is larger.
@@ -304,7 +307,7 @@ fn storage(args: &Args, scene: &Scene) -> Result<Option<(String, String)>> {
 
 /// Loads the scene and its cameras. Also returns the scene's path.
 fn scene_and_cameras(args: &Args, given: Option<Vec<Camera>>) -> Result<((Scene, PathBuf), Vec<Camera>)> {
-    let (scene, path, own) = options::scene_or_demo(&options::NEVER, args.scene.as_deref())?;
+    let (scene, path, own) = options::scene_or_demo(&options::NEVER, args.scene.as_deref(), &args.load)?;
     let cameras = match (given, own, camera::beside(&path)) {
         (Some(cameras), ..) => options::in_scene(&cameras, &scene),
         (None, Some(own), _) => vec![own],
@@ -329,6 +332,7 @@ struct InitialState {
     select_box: Option<[f32; 4]>,
     measure: bool,
     theme: Option<Theme>,
+    load: LoadOptions,
 }
 
 impl InitialState {
@@ -358,6 +362,7 @@ impl InitialState {
             select_box: args.select_box,
             measure: args.measure,
             theme: args.theme,
+            load: args.load,
         }
     }
 
@@ -402,6 +407,7 @@ impl InitialState {
             });
         }
         let viewer = &mut shell.viewer;
+        viewer.set_load_options(self.load);
         viewer.background = self.background;
         (viewer.split, viewer.gain, viewer.scale) = (self.split, self.gain, self.scale);
         if let Some((mode, graph, set)) = self.compare {

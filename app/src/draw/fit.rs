@@ -9,7 +9,7 @@
 
 use crate::draw::facts;
 use crate::draw::planner::{GraphErrors, Planner};
-use crate::io::load;
+use crate::io::load::LoadOptions;
 use serde::Serialize;
 use splatgraph_api::{DeviceInfo, Heap};
 use splatgraph_assets::memory::display;
@@ -261,11 +261,12 @@ fn more(mut fit: u64, mut none: u64, mut fits: impl FnMut(u64) -> bool) -> Optio
 /// The header is invalid, or the scene is too large.
 pub fn check_header(
     path: &Path,
+    load: &LoadOptions,
     device: &DeviceInfo,
     graph: &str,
     set: &[(String, String)],
 ) -> anyhow::Result<()> {
-    let SceneHeader { count, stored_degree } = load::header(path)?;
+    let SceneHeader { count, stored_degree } = load.header(path)?;
     if !may_exceed(count, facts::DEFAULT_SIZE, &device.facts, &device.heap) {
         return Ok(());
     }

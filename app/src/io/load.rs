@@ -1,52 +1,54 @@
-//! Loads scenes, with or without the tags of their files.
+//! Loads scenes, at a level of detail, and with or without the tags of their files.
 
 use splatgraph_assets::{Content, LoadError, Progress, Scene, SceneHeader};
 use std::path::Path;
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, Ordering};
 
-static IGNORES_TAGS: AtomicBool = AtomicBool::new(false);
-
-static LEVEL: OnceLock<u32> = OnceLock::new();
-
-/// Makes all later loads ignore the tags of scenes' files.
-pub fn ignore_tags() {
-    IGNORES_TAGS.store(true, Ordering::Relaxed);
-}
-
-/// Sets the level of all scenes that are loaded from now on. Only the first call has an effect.
-pub fn set_level(level: u32) {
-    LEVEL.get_or_init(|| level);
-}
-
-/// Reads the header of a scene file.
+/// Options of loading scenes.
 ///
-/// # Errors
-/// Those of [`SceneHeader::load_level`].
-pub fn header(path: &Path) -> Result<SceneHeader, LoadError> {
-    SceneHeader::load_level(path, LEVEL.get().copied())
+/// They may stand before or after the name of a command.
+#[derive(Clone, Copy, Debug, Default, PartialEq, clap::Args)]
+pub struct LoadOptions {
+    /// Draw scenes by the published rules, regardless of the tags in their files
+    ///
+    /// Tags are the filter of the training, the order of the splats, and the direction up: see `splatgraph info`. --set
+    /// overrides a single one.
+    #[arg(long, global = true)]
+    pub ignore_tags: bool,
+    /// Level of a streamed SOG (lod-meta.json): 0 is the finest, and the default
+    #[arg(long, value_name = "N", global = true)]
+    pub level: Option<u32>,
 }
 
-/// Loads a scene.
-///
-/// # Errors
-/// See [`Scene::load_level`].
-pub fn scene(path: &Path, progress: Progress) -> Result<Scene, LoadError> {
-    Ok(tagged(Scene::load_level(path, LEVEL.get().copied(), progress)?))
-}
+impl LoadOptions {
+    /// Reads the header of a scene file.
+    ///
+    /// # Errors
+    /// Those of [`SceneHeader::load_level`].
+    pub fn header(&self, path: &Path) -> Result<SceneHeader, LoadError> {
+        SceneHeader::load_level(path, self.level)
+    }
 
-/// Loads a scene, or a mesh that is drawn together with one.
-///
-/// # Errors
-/// See [`Scene::load_any`].
-pub fn any(path: &Path, progress: Progress) -> Result<Content, LoadError> {
-    Ok(match Scene::load_any(path, LEVEL.get().copied(), progress)? {
-        Content::Splats(scene) => Content::Splats(tagged(*scene).into()),
-        mesh => mesh,
-    })
-}
+    /// Loads a scene.
+    ///
+    /// # Errors
+    /// See [`Scene::load_level`].
+    pub fn scene(&self, path: &Path, progress: Progress) -> Result<Scene, LoadError> {
+        Ok(self.tagged(Scene::load_level(path, self.level, progress)?))
+    }
 
-/// Removes the tags of a loaded scene if they are to be ignored.
-fn tagged(scene: Scene) -> Scene {
-    if IGNORES_TAGS.load(Ordering::Relaxed) { scene.without_tags() } else { scene }
+    /// Loads a scene, or a mesh that is drawn together with one.
+    ///
+    /// # Errors
+    /// See [`Scene::load_any`].
+    pub fn any(&self, path: &Path, progress: Progress) -> Result<Content, LoadError> {
+        Ok(match Scene::load_any(path, self.level, progress)? {
+            Content::Splats(scene) => Content::Splats(self.tagged(*scene).into()),
+            mesh => mesh,
+        })
+    }
+
+    /// Removes the tags of a loaded scene if they are to be ignored.
+    fn tagged(&self, scene: Scene) -> Scene {
+        if self.ignore_tags { scene.without_tags() } else { scene }
+    }
 }

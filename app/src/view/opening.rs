@@ -6,7 +6,7 @@
 use super::events::RendererId;
 use super::renderer::Wake;
 use crate::draw::camera;
-use crate::io::load;
+use crate::io::load::LoadOptions;
 use splatgraph_assets::{Camera, Scene};
 use std::any::Any;
 use std::ops::ControlFlow;
@@ -63,6 +63,8 @@ impl Drop for Request {
 
 /// Reader of files on other threads, with its requests in progress.
 pub struct Opening {
+    /// Options of loading scenes.
+    pub load: LoadOptions,
     next: u64,
     /// Requests for the scenes of A and B.
     scenes: [Option<Request>; 2],
@@ -76,6 +78,7 @@ impl Opening {
     /// Creates a reader that calls `wake` whenever a file has been read or has failed.
     pub fn new(wake: Wake) -> Opening {
         Opening {
+            load: LoadOptions::default(),
             next: 1,
             scenes: [const { None }; 2],
             cameras: [const { None }; 3],
@@ -106,12 +109,13 @@ impl Opening {
     pub fn open_scene(&mut self, id: RendererId, path: &Path) -> Result<(), String> {
         self.scenes[index(id)] = None;
         let failed = move |error| Content::Scene(id, Err(error), None);
+        let load = self.load;
         let request = self.start(path, failed, move |path, cancelled| {
             let progress = |_, _| match cancelled.load(Ordering::Relaxed) {
                 true => ControlFlow::Break(()),
                 false => ControlFlow::Continue(()),
             };
-            let scene = load::scene(path, &progress).map(Box::new).map_err(|error| error.to_string());
+            let scene = load.scene(path, &progress).map(Box::new).map_err(|error| error.to_string());
             if let Ok(scene) = &scene {
                 // Computed here rather than on the frame's thread; the scene caches it.
                 scene.identity();

@@ -3,6 +3,7 @@
 use crate::cli::options;
 use crate::cli::outcome::Usage;
 use crate::draw::splat_set::SplatSet;
+use crate::io::load::LoadOptions;
 use anyhow::Result;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -183,11 +184,11 @@ impl EditArgs {
     /// # Errors
     /// A scene or a selection cannot be loaded, a scene does not fit in memory, the condition cannot be evaluated, or
     /// no splat is left.
-    pub fn apply(&self, mut scene: Scene) -> Result<Scene> {
+    pub fn apply(&self, mut scene: Scene, load: &LoadOptions) -> Result<Scene> {
         if !self.merge.is_empty() {
             let mut all = vec![scene];
             for path in &self.merge {
-                all.push(options::load_scene(path)?);
+                all.push(options::load_scene(path, load)?);
             }
             scene = Scene::joined(&all)?;
         }
@@ -253,7 +254,7 @@ mod tests {
     fn edit(words: &[&str]) -> Result<Scene, String> {
         let line = Line::try_parse_from([&["convert"], words].concat()).map_err(|error| error.to_string())?;
         let scene = synth::generate("uniform", 400, 0).expect("a small scene");
-        line.edit.apply(scene).map_err(|error| error.to_string())
+        line.edit.apply(scene, &LoadOptions::default()).map_err(|error| error.to_string())
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod price;
 
 use super::options;
 use super::outcome::{Outcome, Usage};
+use crate::io::load::LoadOptions;
 use crate::io::output::{OutputGuard, is_standard_output, note, say};
 use crate::io::progress::Progress;
 use crate::io::scene_file::{self, Original};
@@ -53,6 +54,8 @@ pub struct Args {
     edit: EditArgs,
     #[command(flatten)]
     price: PriceArgs,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 /// Builds the parser for format names, which are file extensions.
@@ -97,9 +100,9 @@ pub(super) fn check_files(args: &Args) -> Result<Option<(&Path, SceneFormat)>, U
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let output = check_files(args)?;
-    let loaded = options::load_scene(&args.input)?;
+    let loaded = options::load_scene(&args.input, &args.load)?;
     let before = Original::of(&loaded);
-    let edited = args.edit.apply(loaded)?;
+    let edited = args.edit.apply(loaded, &args.load)?;
     let cut = args.degree.filter(|degree| *degree < edited.stored_degree());
     let cut = cut.map(|degree| edited.cut_to_degree(degree)).transpose()?;
     let scene = cut.as_ref().unwrap_or(&edited);

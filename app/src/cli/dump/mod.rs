@@ -5,6 +5,7 @@ use super::outcome::{Outcome, Usage, claim_graph_files};
 use crate::draw::backend;
 use crate::draw::facts::{self, SceneFacts};
 use crate::draw::planner::Planner;
+use crate::io::load::LoadOptions;
 use crate::io::output::{OutputGuard, say};
 use anyhow::Result;
 use clap::ValueEnum;
@@ -73,6 +74,8 @@ pub struct Args {
     /// Output file [default: standard output, as for `-`]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    load: LoadOptions,
 }
 
 /// Output format of a dump.
@@ -130,7 +133,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let times = args.times.as_deref().map(times::load).transpose()?;
     let (scene, catalog) = match &args.scene {
         Some(path) => {
-            let scene = options::load_scene(path)?;
+            let scene = options::load_scene(path, &args.load)?;
             (SceneFacts::of(&scene), facts::catalog(&scene))
         }
         None => (SceneFacts::NOMINAL, options::nominal_catalog()),

@@ -6,6 +6,7 @@ use super::Viewer;
 use super::parts::at_start;
 use super::subject::Subject;
 use crate::draw::camera_path;
+use crate::io::load::LoadOptions;
 use crate::view::events::{Event, RendererId};
 use crate::view::navigation::Navigation;
 use crate::view::opening::{self, CameraRole, Content, Opened};
@@ -41,6 +42,11 @@ impl<D: Device> Viewer<D> {
     /// Returns the path of a viewport's scene.
     pub fn scene_path_of(&self, id: RendererId) -> &Path {
         &self.subject_of(id).path
+    }
+
+    /// Sets the options of all later loads of scenes.
+    pub fn set_load_options(&mut self, load: LoadOptions) {
+        self.opening.load = load;
     }
 
     /// Returns true if viewport B has its own scene.
