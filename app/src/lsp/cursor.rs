@@ -9,7 +9,7 @@ use std::ops::Range;
 pub enum Meaning {
     /// A block or an image variable of the pass's shaders, as a key of `bind`.
     Block {
-        /// Shaders of the pass, as far as they precede the string.
+        /// Shaders of the pass that are named before the string.
         shaders: Vec<String>,
     },
     /// A resource, or an expression that selects one.
@@ -28,7 +28,7 @@ pub enum Meaning {
     Free,
 }
 
-/// A string in quotes at a position, with its meaning.
+/// The string at a position, with its meaning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cursor {
     /// Meaning of the string.
@@ -37,7 +37,7 @@ pub struct Cursor {
     pub inside: Range<usize>,
 }
 
-/// A bracket, with what precedes it and what it contains.
+/// A group in `()`, `[]` or `{}`, or the whole file.
 #[derive(Clone, Debug, Default)]
 pub struct Group {
     /// The name before the opening parenthesis, such as `Dispatch`; empty if there is none.
@@ -48,7 +48,7 @@ pub struct Group {
     pub parent: Option<usize>,
     /// True for a brace, which encloses a map.
     pub is_map: bool,
-    /// Fields or keys with a string or a name as their value, and that value.
+    /// Pairs of a field or key and its value, for values that are strings or names.
     pub values: Vec<(String, String)>,
 }
 
@@ -100,9 +100,9 @@ pub fn at(text: &str, offset: usize) -> Option<Cursor> {
 fn scan(text: &str, stop: Option<usize>) -> Scan {
     let bytes = text.as_bytes();
     let mut scan = Scan { groups: vec![Group::default()], texts: Vec::new() };
-    // The open brackets, each with the field or key whose value comes.
+    // Open brackets, each with the field or key whose value comes next.
     let mut open: Vec<(usize, Option<String>)> = vec![(0, None)];
-    // The last name or text, which a colon makes a key and a parenthesis a name.
+    // The last name or string. A colon after it makes it a key, an opening bracket the name of the group.
     let mut last = String::new();
     let mut at = 0;
     while at < stop.unwrap_or(bytes.len()).min(bytes.len()) {
@@ -181,7 +181,7 @@ fn end_of_text(text: &str, start: usize, offset: Option<usize>) -> usize {
     last
 }
 
-/// Determines the meaning of the value of `key` in the first of the brackets `around`; each encloses the previous one.
+/// Determines the meaning of the value of `key`. `around` lists the brackets around it, innermost first.
 fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
     let Some((group, around)) = around.split_first() else { return Meaning::Free };
     match (key, group.lead.as_str()) {
@@ -205,7 +205,7 @@ fn meaning(around: &[&Group], key: Option<&str>) -> Meaning {
     }
 }
 
-/// Lists the names of a pass's shaders.
+/// Lists the shaders that a pass names.
 pub fn shaders(pass: &Group) -> Vec<String> {
     let named = |key: &str| ["shader", "vertex", "fragment"].contains(&key);
     pass.values.iter().filter(|(key, _)| named(key)).map(|(_, text)| text.clone()).collect()
@@ -228,7 +228,7 @@ mod tests {
         }
     }
 
-    /// Returns the meaning of the text in which the mark `|` stands.
+    /// Returns the meaning of the string that contains the mark `|`.
     fn meaning_at(marked: &str) -> Option<Meaning> {
         let offset = marked.find('|').expect("a mark");
         at(&marked.replacen('|', "", 1), offset).map(|cursor| cursor.meaning)

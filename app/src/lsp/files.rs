@@ -1,4 +1,4 @@
-//! Finds the graphs that may use a file, and the facts with which they are built.
+//! Finds the graphs that may use a file, and provides the facts to build them with.
 
 use crate::draw::facts::{self, SceneFacts};
 use splatgraph_framework::ir::{Catalog, Facts};
@@ -14,12 +14,12 @@ const MAX_DEPTH: usize = 6;
 /// Subgroup sizes for which graphs are built: that of most GPUs, and that of a CPU.
 pub const LANES: [u32; 2] = [facts::USUAL_SUBGROUP_SIZE, 8];
 
-/// Returns true if a path is a graph's, by its extension.
+/// Returns true if a path has the extension of graph files.
 pub fn is_graph(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "ron")
 }
 
-/// Returns the facts and imports with which graphs are built, for a subgroup size of `lanes`.
+/// Returns the facts and imports to build graphs with, for a subgroup size of `lanes`.
 pub fn nominal(lanes: u32) -> (Facts, Catalog) {
     let device = facts::portable_device(lanes);
     (facts::facts(&SceneFacts::NOMINAL, &device, facts::DEFAULT_SIZE), facts::nominal_catalog())
@@ -30,10 +30,10 @@ pub fn canonical(path: &Path) -> PathBuf {
     if path.is_absolute() { path.canonicalize().unwrap_or_else(|_| path.to_owned()) } else { path.to_owned() }
 }
 
-/// Lists the open graphs, and the graphs in those of the editor's `folders` that contain the file.
+/// Lists the open graphs, and all graphs in the editor's `folders` that contain the file.
 ///
-/// If none contains it, its surroundings are searched instead: its folder, and the folders `pipelines` in the two
-/// folders above.
+/// If no such folder contains it, searches the file's own folder instead, and `pipelines` in that folder and in the
+/// two folders above it.
 pub fn graphs_near(path: &Path, open: &BTreeMap<PathBuf, String>, folders: &[PathBuf]) -> Vec<String> {
     let path = canonical(path);
     let mut searched: Vec<PathBuf> =
@@ -59,7 +59,7 @@ fn collect(folder: &Path, depth: usize, left: &mut usize, found: &mut BTreeSet<P
         *left -= 1;
         let path = entry.path();
         let name = entry.file_name();
-        // Links are not followed: they may lead around in a circle.
+        // Symbolic links are not followed: they can form cycles.
         match entry.file_type() {
             Ok(kind) if kind.is_dir() && depth > 0 => {
                 let is_output = ["target", "node_modules"].iter().any(|other| name == *other);

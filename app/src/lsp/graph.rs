@@ -22,7 +22,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops;
 use std::path::{Path, PathBuf};
 
-/// A planner, and what is known of each open graph.
+/// The planner, and the last declarations and plan of each open graph.
 #[derive(Default)]
 pub struct Workspace {
     planner: Planner,
@@ -31,7 +31,7 @@ pub struct Workspace {
     folders: Vec<PathBuf>,
 }
 
-/// The declarations of a graph, kept from its last version that could be read while it is edited.
+/// The declarations of a graph. They are kept from its last valid version while it has errors.
 #[derive(Default)]
 struct Known {
     /// The resources, each with a description.
@@ -91,10 +91,10 @@ impl Workspace {
                     known.dump.get_or_insert_with(|| backend::dump(&plan));
                     warnings.extend(self.planner.plain_warnings(&plan));
                 }
-                // The smallest device cannot draw it; that is no mistake.
+                // The nominal device does not meet the graph's requirements. That is not an error in the file.
                 Ok(None) => {}
                 Err(errors) if self.is_part(&graph) => {
-                    // A part is built where it is included: here, only what does not need the includer is said.
+                    // A part lacks what its includer provides. Errors that only follow from this are dropped.
                     let of_its_own =
                         |error: &PlainDiagnostic| !ONLY_OF_PARTS.contains(&error.message.as_str());
                     return errors.found.into_iter().filter(of_its_own).collect();
@@ -122,7 +122,7 @@ impl Workspace {
         let mut offer = |name: &str, kind, about: String| {
             offered.entry(name.to_owned()).or_insert((kind, about));
         };
-        // Whole texts are replaced; of an expression, the name that is being typed.
+        // A completion replaces the string before the cursor; in an expression, only the name before the cursor.
         let mut start = cursor.inside.start;
         match &cursor.meaning {
             Meaning::Free => {}
@@ -231,7 +231,7 @@ impl Workspace {
         Some(Hover { contents, range: Some(range) })
     }
 
-    /// Lists the barriers before the passes of a graph, and the values of its `let`s.
+    /// Lists the hints of a graph: the barriers before its passes, and the values of its `let`s.
     ///
     /// A part has no plan of its own: its passes are looked up in the plans of open graphs.
     pub fn hints(&self, path: &Path, text: &str) -> Vec<InlayHint> {
@@ -319,7 +319,7 @@ fn location(index: &Index, place: &Place, open: &BTreeMap<PathBuf, String>) -> O
     Some(Location { uri: text::uri_of(&as_opened(path, open))?, range })
 }
 
-/// Messages of the errors that every graph made to be included has.
+/// Messages of the errors that a graph made to be included always has when it is built alone.
 const ONLY_OF_PARTS: [&str; 2] = ["this graph is made to be included", "this graph has no output"];
 
 /// Returns the resources of a plan, each with a description.
@@ -330,7 +330,7 @@ fn resources(plan: &Plan) -> BTreeMap<String, String> {
             format!("an image of {width} x {height}, {}", format.name())
         }
     };
-    // The halves of a ping-pong buffer and planes are written without their numbers.
+    // Graphs write a ping-pong half (`keys#0`) and a plane (`sh[0]`) without the suffix.
     let name = |full: &str| full.split(['#', '[']).next().unwrap_or(full).to_owned();
     let named = |full: &str| !full.contains('(') && !full.starts_with("live");
     plan.resources.iter().filter(|r| named(&r.name)).map(|r| (name(&r.name), about(&r.shape))).collect()
@@ -387,7 +387,7 @@ fn word(text: &str, inside: &ops::Range<usize>, offset: usize) -> ops::Range<usi
     let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.');
     let before = text[inside.start..offset].rfind(|c| !is_part(c));
     let after = text[offset..inside.end].find(|c| !is_part(c));
-    // What ends the name before has one byte or more.
+    // `rfind` returns the start of a character, which can be several bytes long.
     let width = |at: usize| text[inside.start + at..].chars().next().map_or(0, char::len_utf8);
     before.map_or(inside.start, |at| inside.start + at + width(at))
         ..after.map_or(inside.end, |at| offset + at)

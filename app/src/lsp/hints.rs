@@ -1,4 +1,4 @@
-//! Makes hints of the barriers before the passes in a graph file, and of the values of its `let`s.
+//! Makes inlay hints: the barriers before each pass of a graph file, and the value of each `let`.
 
 use super::files::canonical;
 use super::text;
@@ -12,10 +12,10 @@ use std::path::Path;
 /// `text` is the text of the file, and `dumps` are the plans that may contain its passes. The first plan that contains
 /// a pass determines its hint.
 pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
-    // The export and the like stand at no pass of the file.
+    // Passes that the framework adds, such as the export, have no line of their own in the file.
     let is_written = |pass: &DumpPass| ["dispatch", "draw", "fill"].contains(&pass.kind.as_str());
     let is_here = |pass: &&DumpPass| is_written(pass) && canonical(Path::new(&pass.declared.file)) == path;
-    // The passes of each declaration: a repeat makes several of one.
+    // Passes by line and column of their declaration. A `Repeat` makes several passes of one declaration.
     let mut found: BTreeMap<(u32, u32), Vec<&DumpPass>> = BTreeMap::new();
     for dump in dumps {
         let mut of_plan: BTreeMap<(u32, u32), Vec<&DumpPass>> = BTreeMap::new();
@@ -53,7 +53,7 @@ pub fn barriers(path: &Path, text: &str, dumps: &[&Dump]) -> Vec<InlayHint> {
     found.into_iter().filter_map(hint).collect()
 }
 
-/// Lists the passes for which a pass's barriers wait, and the layout transitions without an earlier writer.
+/// Lists the passes that a pass's barriers wait for, and the layout transitions without an earlier writer.
 fn after(pass: &DumpPass) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     let causes = pass.barriers.iter().flat_map(|barrier| &barrier.dependencies);

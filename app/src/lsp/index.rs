@@ -40,7 +40,7 @@ struct Found {
     end: usize,
     form: Form,
     declarations: Vec<usize>,
-    /// Places in files other than graphs, or whole files, that the name refers to.
+    /// Whole files, or declarations in shaders, that the name refers to.
     places: Vec<Place>,
 }
 
@@ -61,7 +61,7 @@ struct Declaration {
 struct Graph {
     scan: Scan,
     mentions: Vec<Mention>,
-    /// Files of the graphs that this graph names, by that name.
+    /// Graphs that this graph names, by the name as written.
     graphs: HashMap<String, FileId>,
     shaders: HashMap<String, FileId>,
 }
@@ -129,7 +129,7 @@ impl Index {
         }
         for mention in &mentions {
             let Role::Declares(kind) = mention.role else { continue };
-            // The brackets of the value: `Live(Choice(of: [...]))`.
+            // The outer bracket of the parameter's value, such as `Live(Choice(of: [...]))`.
             let is_value = |group: &Group| group.lead == mention.name && group.parent == Some(mention.group);
             let value = scan.groups.iter().position(is_value).filter(|_| kind == Kind::Parameter);
             let is_live = value.is_some_and(|value| scan.groups[value].name == "Live");
@@ -222,7 +222,7 @@ impl Index {
         at
     }
 
-    /// Returns the declarations to which a name in a graph refers, and places in other files.
+    /// Returns the declarations in graphs that a name refers to, and the files or the declarations in shaders.
     fn meant(&self, file: FileId, mention: &Mention) -> (Vec<usize>, Vec<Place>) {
         let graph = &self.graphs[&file];
         let name = mention.name.as_str();
@@ -278,7 +278,7 @@ impl Index {
         if lets.is_empty() { self.parameter(file, name, 0) } else { lets }
     }
 
-    /// Finds a resource by its name, or a `let` or a parameter with the name of one as its value.
+    /// Finds a resource by its name, or a `let` or parameter whose value is the name of a resource.
     fn resource(&self, file: FileId, name: &str) -> Vec<usize> {
         let own = self.declared(file, |d| d.kind == Kind::Resource && d.name == name);
         if own.is_empty() { self.value(file, name) } else { own }
@@ -371,7 +371,7 @@ impl Index {
         file: FileId,
         found: &mut Vec<(FileId, Range<usize>, Form, Vec<usize>, Vec<Place>)>,
     ) {
-        // The word in a shader; how many of its bytes are the name.
+        // Words of the shaders, each with the length of the parameter's name in it: `MODE` in `MODE_FAST`.
         let mut known: HashMap<String, (usize, Form, Vec<usize>)> = HashMap::new();
         let lets = self.declared(file, |d| d.kind == Kind::Let);
         let lets = lets.into_iter().map(|d| self.declarations[d].name.clone());
@@ -406,7 +406,7 @@ impl Index {
         }
     }
 
-    /// Finds the first occurrence of a name in a shader or its includes, which is the declaration in GLSL.
+    /// Finds the first occurrence of a name in a shader or its includes. In GLSL, this is the declaration.
     fn first_word(&self, shader: FileId, name: &str) -> Option<Place> {
         let mut seen = BTreeSet::new();
         let mut waiting = vec![shader];
@@ -422,14 +422,14 @@ impl Index {
         None
     }
 
-    /// Returns the occurrence of a name at a byte offset of a file, with its key.
+    /// Returns the occurrence of a name at a byte offset of a file, with its file and start.
     fn at(&self, path: &str, offset: usize) -> Option<(&(FileId, usize), &Found)> {
         let (file, _) = self.paths.iter().find(|(_, (other, _))| other == path)?;
         let (key, found) = self.found.range((*file, 0)..=(*file, offset)).next_back()?;
         (offset <= found.end).then_some((key, found))
     }
 
-    /// Lists the places that declare the name at a byte offset, or the file that it names.
+    /// Lists the places that declare the name at a byte offset, and the files that it names.
     pub fn definitions(&self, path: &str, offset: usize) -> Vec<Place> {
         let Some((_, found)) = self.at(path, offset) else { return Vec::new() };
         let declared = found.declarations.iter().map(|d| self.place_of(&self.declarations[*d]));
@@ -527,7 +527,7 @@ impl Include {
     }
 }
 
-/// Converts a name to that of the constant in the graph's shaders: capitals, with `_` for other characters.
+/// Converts a name to the constant's name in the graph's shaders: capitals, with `_` for other characters.
 pub fn capital(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_uppercase() } else { '_' }).collect()
 }

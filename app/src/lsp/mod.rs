@@ -67,7 +67,7 @@ pub fn serve(connection: &Connection) -> Result<()> {
         match message {
             Message::Request(request) if connection.handle_shutdown(&request)? => return Ok(()),
             Message::Request(request) => {
-                // Places belong to the newest text. Completion and hovering use what is known of the last right one.
+                // Positions refer to the newest text, so build it first. Completion and hover use the last valid build.
                 if ![Completion::METHOD, HoverRequest::METHOD].contains(&request.method.as_str()) {
                     publish(&mut server, connection)?;
                 }
@@ -76,7 +76,7 @@ pub fn serve(connection: &Connection) -> Result<()> {
             Message::Notification(notification) => server.note(notification)?,
             Message::Response(_) => {}
         }
-        // Typing is faster than building: only the last of the waiting texts is built.
+        // A build is slower than typing, so only the last of several queued changes is built.
         if connection.receiver.is_empty() {
             publish(&mut server, connection)?;
         }
@@ -100,7 +100,7 @@ fn publish(server: &mut Server, connection: &Connection) -> Result<()> {
 fn folders(editor: &InitializeParams) -> Vec<PathBuf> {
     match &editor.workspace_folders {
         Some(folders) => folders.iter().filter_map(|folder| text::path_of(&folder.uri)).collect(),
-        // Of editors that follow an earlier version of the protocol.
+        // Editors that follow an earlier version of the protocol send one root folder.
         None => editor.root_uri.iter().filter_map(text::path_of).collect(),
     }
 }
@@ -108,7 +108,7 @@ fn folders(editor: &InitializeParams) -> Vec<PathBuf> {
 /// The result of a request as JSON, or the error that the editor shows.
 type Answer = Result<Value, (ErrorCode, String)>;
 
-/// Parses the parameters of a request, and serialises the result of `answer`.
+/// Parses the parameters of a request, calls `answer`, and serialises its result.
 fn answered<P: DeserializeOwned, R: serde::Serialize>(
     params: Value,
     answer: impl FnOnce(P) -> Result<R, String>,
@@ -122,7 +122,7 @@ fn answered<P: DeserializeOwned, R: serde::Serialize>(
 /// The state of the server for one connection.
 #[derive(Default)]
 struct Server {
-    /// The texts that the editor holds.
+    /// Texts of the files that are open in the editor, by path.
     open: BTreeMap<PathBuf, String>,
     /// True if a text has changed since the last build.
     changed: bool,
@@ -141,7 +141,7 @@ impl Server {
             }
             DidChangeTextDocument::METHOD => {
                 let mut change = serde_json::from_value::<DidChangeTextDocumentParams>(params)?;
-                // The whole text, as the capabilities ask for.
+                // The capabilities ask for full sync, so a change is the whole text.
                 if let Some(last) = change.content_changes.pop() {
                     self.set(&change.text_document.uri, Some(last.text));
                 }
@@ -156,7 +156,7 @@ impl Server {
     }
 
     fn set(&mut self, uri: &Uri, text: Option<String>) {
-        // What has no path, such as a file that was never saved, has no folder for its shaders either.
+        // A document without a path, such as an unsaved one, has no folder to find its shaders in.
         let Some(path) = text::path_of(uri) else { return };
         match text {
             Some(text) => drop(self.open.insert(path, text)),

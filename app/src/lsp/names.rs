@@ -1,4 +1,4 @@
-//! Lists the names in a graph file or a shader, with their positions, and what each declares or refers to.
+//! Lists the names in a graph file or a shader: their positions, and the declaration or reference that each is.
 
 use super::cursor::{Group, Meaning, Scan, shaders};
 use splatgraph_framework::schema::{ResourceName, is_choice};
@@ -55,7 +55,7 @@ pub struct Mention {
     pub range: Range<usize>,
     /// The name as written.
     pub name: String,
-    /// Declaration or reference that the name is.
+    /// Whether the name is a declaration or a reference, and of what.
     pub role: Role,
     /// Index in [`Scan::groups`] of the bracket that contains the name.
     pub group: usize,
@@ -76,7 +76,7 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
         let outer = around.get(1).copied();
         let graph = |include: Option<&Group>| value(include?, "graph");
         match (place.key.as_deref(), group.lead.as_str()) {
-            // Requirements are conditions over facts, with words.
+            // A requirement holds a condition over facts and an explanation, neither of which has names of the graph.
             _ if around.iter().any(|group| group.lead == "require") => {}
             (None, lead) if group.is_map => match (lead, outer.map_or("", |outer| outer.name.as_str())) {
                 ("params", "Graph") => add(whole, Role::Declares(Kind::Parameter)),
@@ -117,7 +117,7 @@ pub fn mentions(text: &str, scan: &Scan) -> Vec<Mention> {
     found
 }
 
-/// Returns the string or the name that is the value of field `key`; `None` without such a field.
+/// Returns the value of field `key` if it is a string or a name; `None` without such a field.
 pub fn value(group: &Group, key: &str) -> Option<String> {
     group.values.iter().find(|(other, _)| other == key).map(|(_, value)| value.clone())
 }
@@ -142,9 +142,9 @@ fn of_path(text: &str, range: Range<usize>, add: &mut impl FnMut(Range<usize>, R
     }
 }
 
-/// Adds the names in an expression, and its strings in single quotes: shaders, and resources if `resources` is true.
+/// Adds the names in an expression and in its single-quoted strings: shaders, and resources if `resources` is true.
 ///
-/// A string that is compared names a choice's option, not a resource.
+/// A string operand of `==` or `!=` is an option of a choice, not a resource.
 fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Role)) {
     let mut at = 0;
     while let Some(c) = text[at..].chars().next() {
@@ -170,7 +170,7 @@ fn expression(text: &str, resources: bool, add: &mut impl FnMut(Range<usize>, Ro
             }
         } else if c.is_ascii_alphanumeric() || c == '_' {
             let length = rest.find(|c: char| !continues_name(c) && c != '.').unwrap_or(rest.len());
-            // Numbers, and facts, which have a dot.
+            // Numbers and facts are skipped. The name of a fact has a dot.
             if !c.is_ascii_digit() && !rest[..length].contains('.') {
                 add(at..at + length, Role::Value);
             }
@@ -189,7 +189,7 @@ pub fn continues_name(c: char) -> bool {
 /// A word in a shader's text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Word {
-    /// The byte range of a name that is not a field.
+    /// The byte range of an identifier that does not follow a dot.
     Name(Range<usize>),
     /// Name of an included file.
     Include(String),

@@ -1,4 +1,4 @@
-//! Renames a declaration of a graph in all files. The graphs are built with the new name first, to check it.
+//! Renames a declaration of a graph in all files. The graphs are first built with the new name, as a check.
 
 use super::files::{LANES, nominal};
 use super::index::{Form, Index, Place, capital};
@@ -12,7 +12,7 @@ pub type Edit = (std::ops::Range<usize>, String);
 
 /// Lists the edits in each file that rename the name at a byte offset of a file.
 ///
-/// `open` holds the editor's texts, which the planner uses again afterwards.
+/// `open` holds the editor's texts. They are restored in the planner after the check.
 ///
 /// # Errors
 /// The byte has no name, the new name is not valid, a file cannot be changed, or the new name would break a graph.
@@ -35,7 +35,7 @@ pub fn rename(
     if !is_name {
         return Err(format!("expected a name of letters, digits and `_`, found `{new}`"));
     }
-    // Typed over a shader's constant, the name is in capitals.
+    // A new name for a shader's constant is entered in capitals.
     let new = if form == Form::Macro { new.to_ascii_lowercase() } else { new.to_owned() };
     let mut edits: BTreeMap<String, Vec<Edit>> = BTreeMap::new();
     for (Place { file, start, end }, form) in index.places(path, offset) {
@@ -73,7 +73,7 @@ pub fn rename(
                     "renaming `{old}` to `{new}` would change the plan of {user}: expected {before}, found {after}"
                 ));
             }
-            // A part is built where it is included; a graph with a mistake stays one.
+            // A graph that failed to build before, such as a part or one with an error, is not compared.
             _ => {}
         }
     }

@@ -35,7 +35,7 @@ layout(set = 0, binding = 2, std430) buffer Table { uint table[]; };
 void main() { imageStore(to, ivec2(0), imageLoad(from, ivec2(0)) * table[WIDTH]); }
 ";
 
-/// An editor with a server on another thread, and a folder with a graph and its shader.
+/// A simulated editor: a server on another thread, and a folder with two graphs and their shaders.
 struct Editor {
     connection: Connection,
     folder: tempfile::TempDir,
@@ -80,7 +80,7 @@ impl Editor {
         message["result"].clone()
     }
 
-    /// The answer to a request, a result or an error.
+    /// Sends a request. Returns the response with a result or an error.
     fn answer(&mut self, method: &str, params: Value) -> Value {
         self.requests += 1;
         let id = RequestId::from(self.requests);
@@ -106,7 +106,7 @@ impl Editor {
         self.notify("textDocument/didChange", json!({ "textDocument": document, "contentChanges": changes }));
     }
 
-    /// The diagnostics that are published next, of whichever file.
+    /// Waits for the next published diagnostics. Returns the file's URI and the diagnostics.
     fn published(&self) -> (String, Vec<Value>) {
         loop {
             let message = self.connection.receiver.recv().expect("a message");
@@ -117,7 +117,7 @@ impl Editor {
         }
     }
 
-    /// The position of a mark `|`, and the text without it.
+    /// Removes the mark `|` from a text. Returns the text, and the position of the mark in `graph.ron`.
     fn at(&self, marked: &str) -> (String, Value) {
         let text = marked.replacen('|', "", 1);
         let position = text::position_of(&text, marked.find('|').expect("a mark"));
@@ -125,7 +125,7 @@ impl Editor {
         (text, json!({ "textDocument": document, "position": position }))
     }
 
-    /// The place of the mark `|` in a file, which is opened without it.
+    /// Opens a file without the mark `|` of its text. Returns the position of the mark.
     fn place(&self, name: &str, marked: &str) -> Value {
         let text = marked.replacen('|', "", 1);
         self.open(name, &text);
@@ -133,7 +133,7 @@ impl Editor {
         json!({ "textDocument": { "uri": self.uri(name) }, "position": position })
     }
 
-    /// The files of the folder, by name, after a rename of what stands at a place; or the error.
+    /// Renames the name at `place`. Returns the changed files, text by name, or the error message.
     fn renamed(&mut self, mut place: Value, new: &str) -> Result<BTreeMap<String, String>, String> {
         place["newName"] = json!(new);
         let answer = self.answer("textDocument/rename", place);
@@ -156,7 +156,7 @@ impl Editor {
         Ok(changes.into_iter().map(apply).collect())
     }
 
-    /// Lists the places of a definition: file, line and column from 0, sorted.
+    /// Lists the places of a definition, sorted: file, line and column, counted from 0.
     fn defined(&mut self, place: Value) -> Vec<(String, u64, u64)> {
         let found = self.request("textDocument/definition", place);
         let place = |location: &Value| {
@@ -170,7 +170,7 @@ impl Editor {
         found
     }
 
-    /// The names that are offered where the mark stands.
+    /// Changes `graph.ron` to a text without its mark `|`, and lists the completions offered at the mark.
     fn offered(&mut self, marked: &str) -> Vec<String> {
         let (text, place) = self.at(marked);
         self.change("graph.ron", &text);
@@ -222,7 +222,7 @@ fn a_mistake_in_the_text_of_a_shader_that_is_not_saved_is_shown_in_the_shader() 
         (&json!(3), &json!(1)),
         "{found:?}"
     );
-    // The file on disk is right, and counts once the editor closes it.
+    // Closing the file discards the editor's text. The file on disk has no error.
     editor.notify("textDocument/didClose", json!({ "textDocument": { "uri": uri } }));
     assert_eq!(editor.published(), (editor.uri("show.comp"), vec![]));
     editor.end();
@@ -318,7 +318,7 @@ fn renaming_a_parameter_changes_the_graph_its_includer_and_the_constants_of_thei
         ("copy.comp".to_owned(), COPY.replace("WIDTH", "SIDE")),
     ]);
     assert_eq!(editor.renamed(place, "side"), Ok(expected.clone()));
-    // From the shader, whose constant is in capitals.
+    // Rename from the shader, where the name is a constant in capitals.
     let place = editor.place("copy.comp", &COPY.replace("WIDTH", "WI|DTH"));
     assert_eq!(editor.renamed(place, "SIDE"), Ok(expected));
     editor.end();
@@ -335,7 +335,7 @@ fn resources_includes_and_passes_are_renamed_where_dotted_names_use_them() {
     let place = editor.place("outer.ron", &OUTER.replace("inner.picture", "in|ner.picture"));
     let renamed = editor.renamed(place, "scene").expect("renamed");
     assert_eq!(renamed, BTreeMap::from([("outer.ron".to_owned(), OUTER.replace("inner", "scene"))]));
-    // A pass and a resource may have one name: only the pass is meant.
+    // A pass and a resource can have the same name: only the pass is renamed.
     let place = editor.place("outer.ron", &OUTER.replace("name: \"copy\"", "name: \"co|py\""));
     let renamed = editor.renamed(place, "paste").expect("renamed");
     assert_eq!(renamed["outer.ron"], OUTER.replace("name: \"copy\"", "name: \"paste\""));
@@ -352,7 +352,7 @@ fn a_rename_that_would_break_a_graph_is_refused_with_the_error() {
     assert_eq!(error, "expected a name of letters, digits and `_`, found `a-b`");
     let place = editor.place("graph.ron", &GRAPH.replace("rgba8", "rg|ba8"));
     assert_eq!(editor.request("textDocument/prepareRename", place), Value::Null);
-    // The texts of the files on disk are read again.
+    // The server still accepts changes after refused renames.
     editor.change("graph.ron", GRAPH);
     editor.end();
 }
@@ -377,7 +377,7 @@ fn definitions_lead_to_declarations_files_and_blocks() {
     assert_eq!(defined("outer.ron", OUTER, "copy.comp", "cop|y.comp"), [("copy.comp".to_owned(), 0, 0)]);
     let block = at(3, "Table", COPY, "copy.comp");
     assert_eq!(defined("outer.ron", OUTER, "\"Table\"", "\"|Table\""), [block]);
-    // A file that is built into the program cannot be opened.
+    // A built-in file has no path that an editor could open.
     let built_in = GRAPH.replace("show.comp", "sort/scan.comp");
     assert_eq!(defined("graph.ron", &built_in, "sort/scan", "sort/sc|an"), []);
     editor.end();
@@ -406,7 +406,7 @@ fn hints_show_the_barrier_before_a_pass_and_the_value_of_a_let() {
     let tooltip = all[0]["tooltip"].as_str().expect("text");
     assert!(tooltip.contains("read after write on inner.table, after inner.show"), "{tooltip}");
     assert_eq!(hints(&mut editor, "outer.ron", (0, 2)).0, [(1, "= 4".into())]);
-    // A mistake has no plan, and lines may have moved.
+    // A graph with an error has no plan, and its lines may have moved, so it has no hints.
     editor.change("outer.ron", &OUTER.replace("inner.table", "inner.tabel"));
     assert_eq!(hints(&mut editor, "outer.ron", (0, 20)).0, []);
     editor.end();
@@ -433,7 +433,7 @@ fn parameters_of_the_shipped_graphs_are_found_through_choices_and_shared_shaders
     for file in ["sort.ron", "tile_bins.ron", "depth_order.ron", "block.glsl"] {
         assert!(of_the_sort.contains(file), "{file} is not in {of_the_sort:?}");
     }
-    // The preset's parameter is that of the includer, which sets the sort's.
+    // The preset sets the parameter of `depth_order.ron`, which is another declaration than the sort's.
     assert!(!of_the_sort.contains("digit4.ron"), "{of_the_sort:?}");
     let of_the_order = files_with("parts/depth_order.ron");
     assert!(of_the_order.contains("digit4.ron") && !of_the_order.contains("sort.ron"), "{of_the_order:?}");

@@ -12,7 +12,7 @@ const RESERVED: &AsciiSet =
 /// Returns the path of a `file:` URI; `None` for a URI with another scheme.
 pub fn path_of(uri: &Uri) -> Option<PathBuf> {
     let rest = uri.as_str().strip_prefix("file://")?;
-    // An authority, mostly none, ends at the first slash.
+    // An authority, which is usually empty, ends at the first slash.
     let path = &rest[rest.find('/')?..];
     let path = percent_decode_str(path).decode_utf8().ok()?;
     Some(PathBuf::from(path.into_owned()))
@@ -23,7 +23,7 @@ pub fn uri_of(path: &Path) -> Option<Uri> {
     Uri::from_str(&format!("file://{}", utf8_percent_encode(path.to_str()?, RESERVED))).ok()
 }
 
-/// Converts a position, in UTF-16 units, to a byte offset. If the line is shorter, returns its end.
+/// Converts a position, in UTF-16 units, to a byte offset. A position after the end of its line gives the line's end.
 pub fn offset_of(text: &str, position: Position) -> usize {
     let start = match position.line {
         0 => 0,
@@ -77,7 +77,7 @@ mod tests {
         assert_eq!(position_of(text, b), Position { line: 1, character: 2 });
         assert_eq!(offset_of(text, Position { line: 1, character: 2 }), b);
         assert_eq!(position_of_column(text, 2, 2), Position { line: 1, character: 2 });
-        // Beyond the line, and beyond the text.
+        // After the end of a line, and after the end of the text.
         assert_eq!(offset_of(text, Position { line: 0, character: 9 }), 1);
         assert_eq!(offset_of(text, Position { line: 9, character: 0 }), text.len());
     }
