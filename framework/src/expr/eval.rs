@@ -1,4 +1,4 @@
-//! Evaluates expressions. If C would wrap, truncate or be undefined, evaluation fails with the place of the operand.
+//! Evaluates expressions. Where C would overflow or be undefined, evaluation fails with the place in the text.
 
 use super::tree::{BinaryOp, ExprError, Function, Node, NodeKind, Scope, UnaryOp};
 use crate::ir::Value;

@@ -4,8 +4,8 @@
 //! facts and `let`s. There are four types, the variants of [`Value`]: 64-bit integers, floats, bools and texts. The
 //! only implicit conversion is from integer to float, if the other operand is a float.
 //!
-//! Nothing wraps, rounds silently or becomes infinite. A size that overflows is a mistake in the graph, so every such
-//! case is an [`ExprError`] with the place of the operand or operation.
+//! Nothing wraps or becomes infinite. A size that overflows is a mistake in the graph, so every such case is an
+//! [`ExprError`] with the place of the operand or operation.
 //!
 //! ```text
 //! condition ? a : b          right to left            lowest precedence
@@ -39,9 +39,10 @@ pub struct Expr {
 }
 
 impl Expr {
-    /// Parses an expression. Fails on syntax errors, integers beyond 64 bits, unknown functions, wrong numbers
-    /// of arguments, and expressions nested more than 128 levels deep (such as a sum
-    /// of 129 terms).
+    /// Parses an expression.
+    ///
+    /// Fails on syntax errors, integers beyond 64 bits, unknown functions, wrong numbers of arguments, and nesting
+    /// deeper than 128 levels (such as a sum of 129 terms).
     pub fn parse(text: &str) -> Result<Expr, ExprError> {
         Ok(Expr { root: parse::parse(text)? })
     }

@@ -58,9 +58,9 @@ impl Tree {
 
 struct Parser<'a> {
     text: &'a str,
-    /// Offset of the next token, before white space.
+    /// Offset after `token`, where [`Parser::advance`] continues.
     at: usize,
-    /// The next token, and its place.
+    /// The next token, at `start..end`.
     token: Token,
     start: usize,
     end: usize,
@@ -71,7 +71,7 @@ struct Parser<'a> {
 }
 
 impl Parser<'_> {
-    /// Parses `a || b ? c : d`.
+    /// Parses a whole expression: operators, or `condition ? a : b`.
     fn expression(&mut self) -> Result<Tree, ExprError> {
         self.enter()?;
         let condition = self.binary(1)?;
@@ -255,7 +255,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Reads the next token.
+    /// Consumes the next token, and reads the one after it.
     fn advance(&mut self) -> Result<(), ExprError> {
         self.last_end = self.end;
         let rest = self.text[self.at..].trim_start();

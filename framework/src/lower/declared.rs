@@ -24,7 +24,7 @@ pub(super) struct Declared {
     /// Place of the parameter's declaration.
     pub place: Place,
     /// Replacement for the declared default: a value from an included graph's preset, or from the includer's `set`.
-    /// The number tells how many includes of `around`, from the innermost, the value was written outside of.
+    /// The number is the level whose names the value uses: 0 is the declaring graph, 1 its includer, and so on.
     pub default: Option<(Setting, usize)>,
     /// The include that exposes the parameter; `None` for the graph's own.
     pub part: Option<String>,
@@ -60,11 +60,11 @@ impl Given {
 /// The names that the expressions of a parameter depend on.
 #[derive(Debug, Default)]
 pub(super) struct Reach {
-    /// Names of the graph that has the parameter.
+    /// Names in the scope of the graph that has the parameter.
     pub names: BTreeSet<String>,
     /// Names in the `set` of an include, each with the include's index in [`Declared::around`].
     pub set: BTreeSet<(usize, String)>,
-    /// A name, if any, that an expression uses although its parameter is neither exposed nor set; with the place of its
+    /// A parameter that an expression uses but the include neither exposes nor sets, if any; with the place of its
     /// declaration.
     pub hidden: Option<(String, Span)>,
 }
@@ -75,7 +75,7 @@ impl Declared {
     }
 
     /// Collects the names that the parameter's expressions and `setting` depend on, through the includes around it.
-    /// `setting` replaces the default.
+    /// `setting` is a preset's value that overrides the default.
     pub fn reach(&self, setting: Option<&Setting>) -> Reach {
         let (ParamDecl::Const(kind) | ParamDecl::Live(kind)) = self.declaration();
         let mut open: Vec<(usize, String)> = Vec::new();

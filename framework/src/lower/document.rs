@@ -20,7 +20,7 @@ pub(super) struct Opened {
     pub set: IndexMap<String, Setting>,
     /// Names of the graphs and presets that the graph is based on, the graph last.
     pub based_on: Vec<String>,
-    /// Name of the graph in the choice, if it comes from one.
+    /// Name by which a choice refers to the graph; `None` if the graph comes from no choice.
     pub candidate: Option<String>,
     /// The other graphs of the choice.
     pub others: Rc<Vec<Opened>>,

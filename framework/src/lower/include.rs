@@ -170,7 +170,7 @@ impl Lowering<'_> {
     /// Adds the names of an included graph's resources to the includer: `include.resource`.
     ///
     /// Names have their meaning at the end of the included graph: the front of a ping-pong buffer is the half that is
-    /// in front there. A constant that holds the name of a resource works as well, and the output is `picture`.
+    /// in front there. A constant that holds a resource's name is added as well, and the output is added as `picture`.
     fn give(&mut self, level: &mut Level, include: &str, inner: &Level) {
         let ports = &inner.graph.ports;
         let own = inner.handles.iter().filter(|(name, _)| !ports.contains_key(*name));
@@ -202,7 +202,9 @@ impl Lowering<'_> {
         level.given.extend(decided.into_iter().map(|(name, params)| (format!("{include}.{name}"), params)));
     }
 
-    /// Resolves an included graph's parameters: exposed ones take the includer's value, the others `set` or their own default.
+    /// Resolves an included graph's parameters.
+    ///
+    /// Exposed parameters have the includer's value; the others have the value in `set`, or their own default.
     fn include_params(
         &self,
         level: &Level,

@@ -31,7 +31,7 @@ pub struct Lowered {
     pub live: ResourceId,
     /// For each live parameter, the parameter itself and those that its default depends on.
     pub live_params: BTreeMap<String, ParamSet>,
-    /// Parameters that conditions, counts of repeats and swaps depend on.
+    /// Parameters that decide which passes exist: those that conditions and counts of repeats depend on.
     pub shape: ParamSet,
     /// Parameters that the output and the statistics depend on.
     pub results: ParamSet,
@@ -58,7 +58,7 @@ impl Lowered {
         &self.declarations[id.index()]
     }
 
-    /// Returns the resource that owns the memory of `id`: `id` itself, unless it stands for `last(name)`.
+    /// Returns the resource that owns the memory of `id`: `id` itself, or for `last(name)` the resource `name`.
     pub fn real(&self, id: ResourceId) -> ResourceId {
         self.declaration(id).previous_frame_of.unwrap_or(id)
     }
@@ -100,10 +100,10 @@ pub struct RemovedUse {
     pub when: Span,
 }
 
-/// A pass or an include that was removed, or a pass of a removed repeat.
+/// A pass or an include that was removed because its `when` is false.
 #[derive(Clone, Debug)]
 pub struct RemovedPass {
-    /// Text of the `when` of the pass, or of its repeat.
+    /// Text of the `when`, on one line.
     pub condition: String,
     /// Place of the condition in the file.
     pub when: Span,
@@ -132,7 +132,7 @@ pub struct LoweredPass {
     pub span: Span,
     /// The include that the pass comes from, as an index into [`Lowered::includes`]; `None` for the root graph's own.
     pub include: Option<usize>,
-    /// Place of the `size` or the `call` in the file.
+    /// Place of the `size`, of the `call`, or of a fill's `buffer`.
     pub size_span: Span,
     /// Places of the targets' names in the file, and then of the depth attachment's.
     pub target_spans: Vec<Span>,

@@ -1,4 +1,4 @@
-//! Defines the state of the walk over the passes, and of each graph file on it.
+//! Defines the state of the walk over the passes, and the state of each graph file in it.
 
 use indexmap::IndexMap;
 use std::collections::BTreeMap;
@@ -103,7 +103,7 @@ pub(super) struct Scope {
     pub exposed: Exposed,
 }
 
-/// The meaning of a resource name in a graph.
+/// The resources that a name of a graph refers to.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Handle {
     /// One resource, or the planes of an attribute.
@@ -141,7 +141,7 @@ impl<'a> Lowering<'a> {
             steps: 0,
             choices: Choices::new(request),
             known: Default::default(),
-            // The frame's last passes, which the solver adds.
+            // Reserved for the frame's last passes, which the solver adds.
             pass_names: [EXPORT, HOST].map(|name| (name.to_string(), None)).into(),
             include_names: BTreeMap::new(),
             histories: Vec::new(),

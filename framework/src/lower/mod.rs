@@ -48,11 +48,11 @@ use crate::source::{Diagnostic, SourceMap};
 pub struct Control {
     /// Parameter with its value.
     pub param: Param,
-    /// A short label.
+    /// The declared label, or the parameter's name with spaces for `_`.
     pub label: String,
     /// The help text; may be empty.
     pub help: String,
-    /// The title of the part that exposes the parameter; `None` for the graph's own.
+    /// Name of the include that exposes the parameter, with spaces for `_`; `None` for the graph's own.
     pub part: Option<String>,
 }
 

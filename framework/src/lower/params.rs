@@ -65,7 +65,7 @@ pub(super) fn resolve(
         let declared = &parameters.all[index];
         let name = &declared.name;
         if declared.reach(root.set.get(name)).names.iter().any(|name| failed.contains(name.as_str())) {
-            // Another error would only be a consequence of that one.
+            // An error here would only be a consequence of the other parameter's error.
             failed.insert(name);
             continue;
         }
@@ -77,7 +77,7 @@ pub(super) fn resolve(
                 param.grows = grows;
                 let value = param.with_room(param.value.clone(), request.capacities);
                 if request.capacities.iter().any(|(capacities, _)| capacities == name) {
-                    // It is limited by the range's end.
+                    // The capacity is clamped to the end of the range.
                     behind.extend(&range);
                 }
                 if !others.is_empty() {
@@ -85,7 +85,7 @@ pub(super) fn resolve(
                     let reason = param.reason.clone();
                     skipped.push(SkippedUse { params: others, name, span, decided, reason });
                 }
-                // The file gives no reason for growth.
+                // The reason explains the value in the file, not a value raised to a capacity.
                 param.reason.take_if(|_| value != param.value);
                 param.value = value;
                 behind.insert(index);
@@ -170,10 +170,11 @@ fn one(
     Ok(Made { param, params, range, skipped })
 }
 
-/// Returns the scopes of a parameter's expressions: one per include around it, innermost first, then its graph's.
+/// Returns the scopes of a parameter's expressions: one per include around it, innermost first, then the scope of
+/// the graph that has it.
 ///
-/// An include adds the values of `set`, and evaluates only those that the parameter needs: the others may use `let`s of the
-/// includer, which have no values yet.
+/// An include adds the values of `set` that the parameter needs. The others are not evaluated: they may use `let`s
+/// of the includer, which have no values yet.
 fn around<'a>(
     declared: &Declared,
     setting: Option<&Setting>,
@@ -318,7 +319,6 @@ fn domain(
             };
             Domain::Float { min, max, step }
         }
-        // A name from the list, or an expression with that value.
         ParamKind::Choice { of, .. } => Domain::Choice(of.clone()),
     };
     let default = given(default, &domain, default_names, default_at)?;
@@ -326,7 +326,7 @@ fn domain(
     Ok((domain, default, exact))
 }
 
-/// Evaluates a parameter's value in a file. In a choice, a string equal to one of its options is a literal.
+/// Evaluates a value that a file gives a parameter. In a choice, a string equal to one of its options is a literal.
 pub(super) fn given(
     number: &Number,
     domain: &Domain,
@@ -344,8 +344,8 @@ pub(super) fn given(
     within(value, domain).map_err(|m| at.error("this value does not fit the parameter", m))
 }
 
-/// Returns the reason for a value of [`given`], and the parameters that it depends on. The second set has further
-/// parameters that its expression names. All are empty for a literal.
+/// Returns the reason for a value of [`given`], the parameters that its evaluation read, and the parameters that its
+/// expression names but did not read. All three are empty for a literal.
 fn reason(number: &Number, domain: &Domain, names: &Names) -> (Option<Reason>, ParamSet, ParamSet) {
     match (number, domain) {
         (Number::Literal(_), _) => Default::default(),
@@ -409,7 +409,7 @@ fn wanted(domain: &Domain) -> String {
 /// Parses a value from a command line or the viewer's settings: `true` or `false`, an integer, a number, or one of the
 /// names.
 ///
-/// The error has the form `expected X, found Y`.
+/// The error is a phrase about the value, such as `9 is not in 1 to 5` or `is not true or false`.
 pub fn parse_value(text: &str, domain: &Domain) -> Result<Value, String> {
     let parsed = match domain {
         Domain::Bool => text.parse().ok().map(Value::Bool),

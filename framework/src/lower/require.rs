@@ -171,7 +171,7 @@ fn unmet(require: &[Requirement], names: &Names) -> Result<Needs, Vec<Diagnostic
     if errors.is_empty() { Ok(needs) } else { Err(errors) }
 }
 
-/// Adds a note to errors that a fallback of the requested graph is being drawn.
+/// Adds every fallback to the errors as help, because they are about another graph than the preferred one.
 pub(super) fn explained(errors: Vec<Diagnostic>, fallbacks: &[Fallback]) -> Vec<Diagnostic> {
     let explain = |error: Diagnostic| fallbacks.iter().fold(error, |error, s| error.with_help(s.to_string()));
     errors.into_iter().map(explain).collect()

@@ -236,7 +236,7 @@ impl Lowering<'_> {
 
     pub(super) fn add(&mut self, name: String, shape: Shape, source: Source, span: Span) -> ResourceId {
         let id = ResourceId(self.plan.resources.len() as u32);
-        // The name of the live block is reserved.
+        // Also finds a resource with the name of the live block, which is added last.
         if let Some(first) = self.resource_names.insert(name.clone(), span) {
             self.errors.push(
                 Diagnostic::new(format!("two resources are called `{name}`"), span, "the second")
@@ -297,7 +297,7 @@ impl Lowering<'_> {
             let diagnostic = Diagnostic::new(format!("there is no resource `{name}`"), span, "not declared");
             match name.split_once('.').and_then(|(include, _)| level.absent.get(include)) {
                 None => {}
-                // Its own errors have been reported.
+                // The include is invalid, and its own errors have been reported.
                 Some(None) => return Ok(None),
                 Some(Some(when)) => return Err(diagnostic.with_label(*when, "its include is left out here")),
             }

@@ -25,7 +25,7 @@ impl<'a> Lowering<'a> {
         Some((self.output_image(level, name, &at)?, at.span()))
     }
 
-    /// Refuses outputs, requested by facts such as `outputs.depth`, that the graph does not have.
+    /// Reports requested outputs (facts such as `outputs.depth`) that the graph does not have.
     pub(super) fn check_outputs(&mut self, level: &Level) {
         let known = || level.graph.outputs.keys().map(String::as_str);
         for name in self.asked().filter(|name| known().all(|other| other != *name)).collect::<Vec<_>>() {
@@ -38,7 +38,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Finds the images of the outputs besides the picture, and returns the requested ones.
+    /// Checks the images of all outputs besides the picture, and returns the requested ones.
     pub(super) fn outputs(&mut self, level: &Level) -> Vec<Output> {
         let root = level.root.clone();
         let mut found = Vec::new();
@@ -83,7 +83,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    /// Refuses `last(name)` as a result: this frame has overwritten it by then.
+    /// Rejects `last(name)` as a result: by the end of the frame it is overwritten.
     fn of_this_frame(&self, id: Option<ResourceId>, at: &Place) -> Result<Option<ResourceId>, Diagnostic> {
         match id.and_then(|id| self.histories.iter().find(|history| history.previous_frame == id)) {
             None => Ok(id),

@@ -47,7 +47,7 @@ impl Scope for Names {
         if let Some(params) = self.params.get(name) {
             self.notes.borrow_mut().read.extend(params);
         }
-        // An output that was not requested.
+        // A missing fact of this prefix is an output that was not requested.
         let unasked = || name.starts_with(OUTPUTS).then_some(Value::Bool(false));
         self.values.get(name).cloned().or_else(unasked)
     }
@@ -70,7 +70,7 @@ impl Names {
         }
     }
 
-    /// Defines a name, and hides what it meant before: another value or a live parameter.
+    /// Defines a name in place of another value or a live parameter.
     pub fn shadow(&mut self, name: &str, value: Value, params: ParamSet) {
         self.live.remove(name);
         self.params.remove(name);

@@ -45,7 +45,7 @@ pub fn folded(text: &str) -> String {
 pub struct Reference {
     /// The text in the file.
     pub text: String,
-    /// `name`, `front(name)`, `back(name)` or `last(name)`; `None` for a choice and for invalid text.
+    /// The reference, parsed; `None` for a choice and for invalid text.
     pub name: Option<ResourceName>,
     /// An expression that chooses the resource: `condition ? 'a' : 'b'`; `None` for the other forms.
     pub choice: Option<Expression>,
@@ -62,7 +62,7 @@ impl From<String> for Reference {
     }
 }
 
-/// Returns true if a text is an expression rather than the name of a resource.
+/// Returns true if a text is an expression rather than a resource's name: it contains `?` or a quote.
 pub fn is_choice(text: &str) -> bool {
     text.contains(['?', '\''])
 }

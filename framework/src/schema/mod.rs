@@ -23,11 +23,11 @@ pub const GRAPH_VERSION: u32 = 1;
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, Deserialize)]
 pub enum Document {
-    /// A graph.
+    /// A graph with passes of its own.
     Graph(Graph),
-    /// A preset.
+    /// Another graph with other defaults.
     Preset(Preset),
-    /// A choice of graphs.
+    /// Graphs in order of preference.
     Choice(GraphChoice),
 }
 
@@ -102,15 +102,15 @@ pub struct Graph {
     /// Resources that an includer supplies.
     #[serde(default)]
     pub ports: IndexMap<String, Port>,
-    /// Buffers and images. An includer names them `include.resource`.
+    /// Buffers and images. An includer refers to `r` as `include.r`, where `include` is the include's name.
     #[serde(default)]
     pub resources: IndexMap<String, ResourceDecl>,
     /// Passes, in order.
     pub passes: Vec<PassDecl>,
-    /// 32-bit words to read back after each frame: buffer and byte offset. An includer inherits them.
+    /// 32-bit words to read back after each frame, each as a buffer and a byte offset. An includer inherits them.
     #[serde(default)]
     pub stats: IndexMap<String, (Reference, Number)>,
-    /// The output image; `include.picture` for an includer. Parts of a renderer have none.
+    /// The output image; an includer refers to it as `include.picture`. A graph made only for includes needs none.
     #[serde(default)]
     pub output: Option<Reference>,
     /// More images of a frame, by name, produced on request: see [`crate::ir::OUTPUTS`].
@@ -179,7 +179,7 @@ pub enum ParamDecl {
 pub enum ParamKind {
     /// A parameter that is true or false.
     Bool {
-        /// Default value.
+        /// Default: a value, or an expression over other parameters and facts.
         default: Number,
         /// Value at which the result is exact.
         #[serde(default)]
@@ -191,16 +191,16 @@ pub enum ParamKind {
         #[serde(default)]
         help: String,
     },
-    /// A 64-bit integer.
+    /// An integer. Its range must fit into 32 bits.
     Int {
-        /// Default value.
+        /// Default: a value, or an expression over other parameters and facts.
         default: Number,
         /// Minimum and maximum, inclusive.
         range: (Number, Number),
         /// Value at which the result is exact.
         #[serde(default)]
         exact: Option<Number>,
-        /// Statistic of the graph that the value grows with, if any; only for constants.
+        /// Statistic that this capacity must cover, if any: the value is raised to it. Only for `Const`.
         #[serde(default)]
         grows: Option<String>,
         /// Short text for the control; empty by default.
@@ -210,9 +210,9 @@ pub enum ParamKind {
         #[serde(default)]
         help: String,
     },
-    /// A floating-point number.
+    /// A floating-point number; 32 bits in shaders.
     Float {
-        /// Default value.
+        /// Default: a value, or an expression over other parameters and facts.
         default: Number,
         /// Minimum and maximum, inclusive.
         range: (Number, Number),
@@ -306,7 +306,7 @@ pub enum Port {
 pub enum Expose {
     /// Every parameter that is not in `set`.
     All,
-    /// These parameters, with values in `set` as their defaults.
+    /// These parameters. A value in `set` replaces a parameter's default.
     Only(Vec<String>),
 }
 
@@ -437,7 +437,7 @@ pub enum PassDecl {
         /// Resource of this graph for each port, by the port's name.
         #[serde(default)]
         with: IndexMap<String, Reference>,
-        /// Parameters of the included graph that differ from their defaults, by name.
+        /// Values for parameters of the included graph, by parameter name.
         #[serde(default)]
         set: IndexMap<String, Number>,
         /// Parameters of the included graph that become this graph's; none by default.
@@ -463,7 +463,7 @@ pub enum Size {
     Threads(Extent),
     /// This many workgroups.
     Groups(Extent),
-    /// Numbers of workgroups from three words of a buffer, at a byte offset.
+    /// Three words of a buffer, at a byte offset: the numbers of workgroups in x, y and z.
     Indirect(Reference, Number),
 }
 
@@ -507,7 +507,7 @@ pub enum Call {
         /// Number of instances.
         instances: Number,
     },
-    /// Numbers from four words of a buffer, at a byte offset: vertices, instances, first vertex, first instance.
+    /// Four words of a buffer, at a byte offset: vertices, instances, first vertex, first instance.
     Indirect(Reference, Number),
 }
 
@@ -519,7 +519,7 @@ pub struct TargetDecl {
     pub image: Reference,
     /// Contents of the target before the draw.
     pub load: Load,
-    /// The blend mode.
+    /// How a fragment's colour combines with the target's.
     pub blend: Blend,
     /// Removes the attachment if false.
     #[serde(default)]
