@@ -28,9 +28,7 @@ pub(crate) fn sigmoid(logit: f32) -> f32 {
     if logit.is_finite() { (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32 } else { f32::NAN }
 }
 
-/// Computes the inverse of the sigmoid.
-///
-/// The result is clamped to -104 and 18, where the sigmoid rounds to 0 and 1 in f32.
+/// Computes the inverse of the sigmoid, clamped to -104 and 18, where the sigmoid rounds to 0 and 1 in f32.
 pub(crate) fn logit(opacity: f32) -> f32 {
     let p = f64::from(opacity);
     (p / (1.0 - p)).ln().clamp(-104.0, 18.0) as f32
@@ -43,8 +41,9 @@ pub(crate) fn unit(raw: [f64; 4]) -> ([f32; 4], f64) {
     (raw.map(|c| if norm > 0.0 { (c / norm) as f32 } else { c as f32 }), norm)
 }
 
-/// Computes the component of a unit quaternion that was omitted, its largest, and inserts it at index `omitted`. The
-/// `others` are in ascending order of index.
+/// Computes the omitted component of a unit quaternion, its largest, and inserts it at index `omitted`.
+///
+/// `others` are the other components, in ascending order of index.
 #[inline]
 pub(crate) fn with_omitted(omitted: usize, others: [f64; 3]) -> [f64; 4] {
     let largest = (1.0 - others.iter().map(|c| c * c).sum::<f64>()).max(0.0).sqrt();

@@ -141,7 +141,7 @@ mod tests {
     fn floats(scene: &Scene, name: &str, plane: u32) -> Vec<f32> {
         let stride = scene.attribute(name).unwrap().stride as usize;
         let mut bytes = vec![0xAA; stride * scene.count() as usize];
-        // In two pieces.
+        // Two calls cover a nonzero offset.
         let (first, second) = bytes.split_at_mut(stride * (scene.count() as usize / 3));
         scene.write_attribute(name, plane, 0, first).unwrap();
         scene.write_attribute(name, plane, first.len() as u64, second).unwrap();

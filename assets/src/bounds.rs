@@ -30,22 +30,22 @@ impl Bounds {
         self.max = std::array::from_fn(|a| self.max[a].max(other.max[a]));
     }
 
-    /// Returns the centre.
+    /// Returns the centre; NaN for [`Bounds::EMPTY`].
     pub fn center(&self) -> [f64; 3] {
         std::array::from_fn(|a| 0.5 * (f64::from(self.min[a]) + f64::from(self.max[a])))
     }
 
-    /// Returns the length of each side.
+    /// Returns the length of each side; -inf for [`Bounds::EMPTY`].
     pub fn size(&self) -> [f64; 3] {
         std::array::from_fn(|a| f64::from(self.max[a]) - f64::from(self.min[a]))
     }
 
-    /// Returns the length of the longest side.
+    /// Returns the length of the longest side; 0 for [`Bounds::EMPTY`].
     pub fn extent(&self) -> f64 {
         self.size().into_iter().fold(0.0, f64::max)
     }
 
-    /// Returns the eight corners.
+    /// Returns the eight corners; bit `a` of the index selects the maximum of axis `a`.
     pub fn corners(&self) -> [[f64; 3]; 8] {
         std::array::from_fn(|corner| {
             std::array::from_fn(|a| f64::from(if corner >> a & 1 == 0 { self.min[a] } else { self.max[a] }))
@@ -66,7 +66,9 @@ impl Bounds {
         }
     }
 
-    /// Computes the box between two quantiles (0 to 1, nearest rank) of each coordinate; [`Bounds::ORIGIN`] without points.
+    /// Computes the box between two quantiles of each coordinate; [`Bounds::ORIGIN`] without points.
+    ///
+    /// `low` and `high` are from 0 to 1; the nearest rank is taken.
     pub fn percentiles(points: &[[f32; 3]], low: f64, high: f64) -> Self {
         if points.is_empty() {
             return Self::ORIGIN;

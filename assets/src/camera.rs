@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// A camera. Unknown fields of the file are ignored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
-    /// The trainer's number of the camera.
+    /// Number that the trainer assigned to the camera.
     #[serde(default)]
     pub id: i64,
     /// The name of the camera's photograph.
@@ -46,7 +46,8 @@ impl Camera {
 
     /// Creates a camera like [`Camera::looking_at`], upright with respect to the vector `up`, of any length.
     ///
-    /// For a view along `up`, the camera's x axis is the world's x or z.
+    /// For a view along `up`, the camera's x axis is the world's x axis (or z, for a view near x), made perpendicular
+    /// to the view.
     pub fn looking_at_upright(
         eye: [f64; 3],
         target: [f64; 3],
@@ -135,22 +136,22 @@ impl Camera {
         Self { width, height, fx: self.fx * factor, fy: self.fy * factor, ..self.clone() }
     }
 
-    /// Returns the camera with another image size and the same view, so pixels may not be square.
+    /// Returns the camera with another image size and the same view. Its pixels may not be square.
     pub fn stretched(&self, width: u32, height: u32) -> Self {
         let [x, y] =
             [(width, self.width), (height, self.height)].map(|(to, from)| f64::from(to) / f64::from(from));
         Self { width, height, fx: self.fx * x, fy: self.fy * y, ..self.clone() }
     }
 
-    /// Returns a pinhole camera with another projection, the same position and about the same view.
+    /// Converts a pinhole camera to another projection, with the same position and about the same view.
     ///
-    /// A fisheye view keeps its scale at the picture's centre. An orthographic one keeps it at the distance of the scene's
-    /// [`robust_bounds`](Scene::robust_bounds). Cameras with a projection other than pinhole are returned unchanged.
+    /// A fisheye view keeps its scale at the picture's centre. An orthographic one keeps it at the distance of the
+    /// centre of [`Scene::robust_bounds`]. Cameras with a projection other than pinhole are returned unchanged.
     pub fn projected(&self, projection: Projection, scene: &Scene) -> Camera {
         if !self.projection.is_pinhole() || projection.is_pinhole() {
             return self.clone();
         }
-        /// The smallest distance that scales an orthographic view, for a camera in the middle of the scene.
+        /// Minimum distance for the scale of an orthographic view. It bounds the scale near the scene's centre.
         const LEAST: f64 = 0.2;
         let scale = match projection {
             Projection::Orthographic => {
@@ -172,15 +173,16 @@ impl Camera {
         }
     }
 
-    /// Describes the first reason that the camera is unusable: its numbers are inconsistent, or exceed f32, the
-    /// renderers' precision.
+    /// Describes the first reason why the camera is unusable; `None` for a usable camera.
+    ///
+    /// A camera is unusable if its numbers are inconsistent, or leave the range of f32, in which renderers compute.
     pub fn fault(&self) -> Option<String> {
-        /// Maximum deviation of the rotation from orthonormal: files have as few as three decimals.
+        /// Maximum deviation of the rotation from orthonormal. Some files have only three decimals.
         const TOLERANCE: f64 = 0.01;
-        /// Minimum focal length, in pixels. Multiplied by 2^32 pixels, neither it nor its inverse exceeds the range of
-        /// f32.
+        /// Minimum focal length, in pixels. The focal length and its inverse, times 2^32 pixels, are within the range
+        /// of f32.
         const LEAST: f64 = 1e-20;
-        /// Maximum coordinate, in world units. The squared distance between two of them is within f32.
+        /// Maximum coordinate, in world units. The squared distance between two such positions is within f32.
         const FARTHEST: f64 = 1e18;
         if self.width == 0 || self.height == 0 {
             return Some(format!("the image is {} x {} pixels", self.width, self.height));
@@ -189,7 +191,7 @@ impl Camera {
             if !(focal > 0.0 && focal.is_finite()) {
                 return Some(format!("expected a positive {name}, found {focal}"));
             }
-            // Renderers also use its inverse times a number of pixels.
+            // Renderers also multiply the inverse focal length by a number of pixels.
             if !(LEAST..=1.0 / LEAST).contains(&focal) {
                 return Some(format!(
                     "expected {name} from {LEAST:e} to {:e} pixels, found {focal:e}",
@@ -198,7 +200,7 @@ impl Camera {
             }
         }
         for (axis, value) in ["x", "y", "z"].into_iter().zip(self.position) {
-            // Distances to it are squared and summed.
+            // Renderers square and sum the distances to the camera.
             if value.is_nan() || value.abs() > FARTHEST {
                 return Some(format!(
                     "expected a position within {FARTHEST:e} of the origin, found {axis} = {value:e}"
@@ -209,7 +211,7 @@ impl Camera {
         for (i, a) in axes.iter().enumerate() {
             for (j, b) in axes.iter().enumerate().skip(i) {
                 let (product, wanted) = (a.dot(*b), f64::from(i == j));
-                // NaN fails this.
+                // The comparison is false for NaN.
                 let within = (product - wanted).abs() <= TOLERANCE;
                 if !within {
                     return Some(format!(

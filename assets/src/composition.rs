@@ -8,8 +8,8 @@
 //! ```
 //!
 //! A scene is scaled first, then rotated about an axis through its origin, and then translated. Its harmonics rotate
-//! with it. Paths are relative to the folder of this file. The splats of all are joined into one scene, so that a
-//! single sort orders them.
+//! with it. Paths are relative to the folder of this file. The splats of all scenes are joined into one scene, so that
+//! a single sort orders them.
 
 use crate::error::SceneError;
 use crate::similarity::Similarity;
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 /// Maximum length of the text, in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 20;
 
-/// The content of the file, as written.
+/// The parsed file, before its numbers are checked.
 #[derive(Deserialize)]
 struct Scenes(Vec<Part>);
 
@@ -58,11 +58,11 @@ fn one() -> f64 {
 pub(crate) struct Placed {
     /// Path of the scene file.
     pub file: PathBuf,
-    /// Transform of the scene into the world.
+    /// Transform from the scene's coordinates to the world's.
     pub by: Similarity,
 }
 
-/// Returns true for a composition: its first word is `Scenes`.
+/// Returns true for a composition: its text begins with `Scenes`, after blanks and comments.
 pub(crate) fn begins_as_scenes(head: &[u8]) -> bool {
     let mut rest = head;
     loop {
@@ -107,7 +107,7 @@ fn placed(index: usize, part: Part, folder: &Path) -> Result<Placed, SceneError>
     };
     let rotation = DQuat::from_axis_angle(unit, degrees.to_radians());
     let translation = DVec3::from(part.translate);
-    // The limit of camera positions.
+    // The same limit as for camera positions.
     if !part.translate.iter().all(|v| v.abs() <= 1e18) {
         return wrong(format!("expected a translation within 1e18, found {:?}", part.translate));
     }

@@ -26,8 +26,9 @@ impl Scene {
         self.picked_as(indices, |_, splat| splat)
     }
 
-    /// Copies splats like [`Scene::picked`], changed by `change`, which gets each index with its splat. Positions are
-    /// kept.
+    /// Copies splats like [`Scene::picked`], and changes each with `change`.
+    ///
+    /// `change` gets each splat with its index in this scene, and must keep its position.
     ///
     /// # Errors
     /// The copy does not fit in memory.
@@ -73,7 +74,7 @@ impl Scene {
     pub fn transformed(&self, by: &Similarity) -> Result<Self, SceneMemoryError> {
         let turn = Turn::new(by.rotation);
         let degree = self.stored_degree();
-        // Near the scene, so that f32 keeps its precision.
+        // The offset moves with the scene, so that positions relative to it stay exact in f32.
         let offset = by.point(DVec3::from(self.offset()));
         let offset = if self.offset() == [0.0; 3] { DVec3::ZERO } else { offset };
         let moved = Self::try_generate_wide(self.count(), degree, |index| {
@@ -92,10 +93,12 @@ impl Scene {
         Ok(moved.with_offset(offset.into()).with_notes(notes).with_mesh(mesh))
     }
 
-    /// Joins scenes, one after the other, and their meshes. Harmonics that a scene lacks are 0. Tags that differ are dropped.
+    /// Joins scenes, one after the other, and their meshes.
+    ///
+    /// Harmonics that a scene lacks are 0. Tags that differ are dropped.
     ///
     /// # Errors
-    /// The copy does not fit in memory, or there are more than 2^32 splats.
+    /// The copy does not fit in memory, or there are 2^32 splats or more.
     ///
     /// # Panics
     /// Panics if `scenes` is empty.

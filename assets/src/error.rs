@@ -9,7 +9,7 @@ use std::path::PathBuf;
 pub struct LoadError {
     /// Path of the file.
     pub path: PathBuf,
-    /// Problem with the file's contents.
+    /// The problem with the file or its contents.
     pub problem: SceneError,
 }
 
@@ -50,7 +50,7 @@ pub enum SceneError {
         advice: &'static str,
     },
 
-    /// A level was asked for, and the scene has none.
+    /// A level was requested of a scene without levels.
     #[error("expected a scene with levels, a streamed SOG (lod-meta.json), found one without")]
     NoLevels,
 
@@ -171,7 +171,7 @@ pub enum SceneError {
         line: u32,
     },
 
-    /// A row count exceeds the bytes that follow the header.
+    /// An element declares more rows than fit in the bytes after the header.
     #[error(
         "the header is damaged: `element {element}` (line {line}) declares {promised} rows, but only {available} bytes \
          follow the header"
@@ -227,10 +227,10 @@ pub enum SceneError {
         message: String,
     },
 
-    /// A number in the text of a composition gives no valid transform.
+    /// A composition is invalid: too long, not UTF-8, nested, without scenes, or with a transform out of range.
     #[error("{message}")]
     Scenes {
-        /// Name of the scene, and the expected and found values.
+        /// Expected and found values, after the name of the scene if one is at fault.
         message: String,
     },
 
@@ -249,13 +249,13 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    /// The error for splats that are disks (2DGS), which are projected by other rules.
+    /// The error for 2D Gaussians (2DGS): they are disks, which are projected by other rules.
     pub(crate) const SURFELS: Self = Self::Unsupported {
         format: "a scene of 2D Gaussians (2DGS), which are disks",
         advice: "only 3D Gaussians are drawn",
     };
 
-    /// Names the file, within an archive or beside the scene, in an error that counts its bytes or lines.
+    /// Adds the name of a file, in the archive or beside the scene, to an error that gives a byte or a line of it.
     pub(crate) fn in_file(self, name: &str) -> Self {
         match self {
             Self::Field { .. } | Self::Row { .. } => {
@@ -283,7 +283,7 @@ fn found_elements(found: &[String]) -> String {
     if found.is_empty() { String::new() } else { format!("; it has {}", found.join(", ")) }
 }
 
-/// Finds the candidate with the smallest edit distance to `name`, if it is within a third of its length.
+/// Finds the candidate nearest to `name`, at an edit distance of at most a third of `name`'s length, or 1.
 pub(crate) fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     candidates
         .into_iter()

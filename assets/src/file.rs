@@ -13,7 +13,7 @@ use std::path::Path;
 /// System errors, and [`ErrorKind::InvalidInput`] for a folder, a FIFO, a socket or a device.
 pub fn open(path: impl AsRef<Path>) -> Result<File> {
     let path = path.as_ref();
-    // Check before opening, which would block for a FIFO, and after it, because the path may have changed.
+    // Checked before the path is opened, which blocks for a FIFO, and again after, because the path may have changed.
     require_regular(std::fs::metadata(path)?.file_type())?;
     let file = File::open(path)?;
     require_regular(file.metadata()?.file_type())?;
@@ -35,9 +35,9 @@ pub fn read(path: impl AsRef<Path>, limit: u64) -> Result<Vec<u8>> {
         return Err(too_large(length));
     }
     let mut bytes = Vec::new();
-    // One byte more, to find the end without another allocation.
+    // With one byte more, `read_to_end` finds the end without another allocation.
     bytes.try_reserve_exact(length as usize + 1)?;
-    // The file may have grown since.
+    // `take`, because the file may have grown since its length was read.
     file.take(limit + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit {
         return Err(too_large(bytes.len() as u64));

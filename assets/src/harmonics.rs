@@ -4,7 +4,7 @@
 //! channel. Coefficient 0 is band 0, 1 to 3 band 1, 4 to 8 band 2, 9 to 15 band 3.
 //!
 //! A *lobe*, a function that is symmetric about an axis, is a polynomial in the cosine to that axis. The addition
-//! theorem of spherical harmonics converts its Legendre coefficients to all sixteen coefficients (see [`Zonal`]).
+//! theorem of spherical harmonics converts its Legendre coefficients to the sixteen coefficients above (see [`Zonal`]).
 
 use glam::{DQuat, DVec3};
 use std::f64::consts::{PI, TAU};
@@ -94,11 +94,11 @@ impl Turn {
     }
 }
 
-/// Bounds a splat's colour over all directions: no channel is above the bound, or further below 0.
+/// Returns an upper bound of the absolute value of a splat's colour, over all channels and directions.
 ///
 /// `sh` holds the coefficients of a splat, with the channels of each coefficient together. By the addition theorem
-/// (Unsöld), the squared functions of band `l` sum to (2l+1)/(4 pi) in every direction, so a band is at most the root
-/// of that times the length of its coefficients.
+/// (Unsöld), the squared functions of band `l` sum to (2l+1)/(4 pi) in every direction. By Cauchy-Schwarz, a band is
+/// at most the root of that sum times the norm of the band's coefficients.
 pub fn brightest(sh: &[f32]) -> f64 {
     let channel = |channel: usize| {
         let band = |l: usize| {
@@ -112,7 +112,7 @@ pub fn brightest(sh: &[f32]) -> f64 {
     (0..3).map(channel).fold(0.0, f64::max)
 }
 
-/// A function of the cosine to an axis: the coefficients of the Legendre polynomials P0 to P3.
+/// A function of the cosine to an axis, as coefficients of the Legendre polynomials P0 to P3.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zonal(pub [f64; 4]);
 
@@ -215,7 +215,7 @@ mod tests {
             })
             .collect();
         for floats in [3, 12, 27, 48] {
-            // The coefficients of a lobe: all bands are largest in one direction.
+            // The coefficients of a lobe: every band is largest in the same direction.
             let axis = basis([0.36, -0.48, -0.8]);
             let sh: Vec<f32> =
                 (0..floats).map(|i| (axis[i / 3] * [900.0, -3.0, 1.0][i % 3]) as f32).collect();

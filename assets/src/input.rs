@@ -57,8 +57,10 @@ pub(crate) struct Input<'a> {
 }
 
 impl Input<'_> {
-    /// Allocates the arrays of a scene. Fails if the available memory is less than the arrays, `beside` more bytes, and
-    /// a buffer per thread for rows of `stride` bytes. Positions that are `wide` have more precision than f32.
+    /// Allocates the arrays of a scene. Positions that are `wide` have more precision than f32.
+    ///
+    /// Fails if the available memory is less than the arrays, `beside` more bytes, and a buffer per thread for rows of
+    /// `stride` bytes.
     pub(crate) fn allocate(
         &self,
         count: u64,
@@ -222,7 +224,7 @@ impl Source<'_> {
     }
 }
 
-/// Finds a file that a document names: only files in the document's `folder` are read.
+/// Resolves the name of a file that a document names; fails for a path outside the document's `folder`.
 pub(crate) fn beside(folder: Option<&Path>, name: &str) -> Result<PathBuf, SceneError> {
     let inside = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
     let folder = folder.filter(|_| inside && !name.is_empty());
@@ -288,8 +290,8 @@ pub(crate) struct OpenFile {
     modified: Option<SystemTime>,
 }
 
-/// Minimum age of a file's modification time: a later change then gets another time, as file system clocks tick at
-/// least every 10 ms.
+/// Minimum age of a file's modification time. File system clocks tick at least every 10 ms, so a change after this
+/// time sets a different modification time.
 const SETTLED: Duration = Duration::from_millis(20);
 
 impl OpenFile {
@@ -298,7 +300,7 @@ impl OpenFile {
         let file = file::open(path)?;
         let metadata = file.metadata()?;
         let modified = metadata.modified().ok();
-        // A change within the clock tick of the previous one would go unnoticed.
+        // Waits: a change within the clock tick of the previous change would go unnoticed.
         if let Some(age) = modified.and_then(|modified| modified.elapsed().ok()).filter(|age| *age < SETTLED)
         {
             std::thread::sleep(SETTLED - age);
@@ -342,7 +344,7 @@ fn read_at(file: &File, buffer: &mut [u8], at: u64) -> io::Result<usize> {
 
 #[cfg(windows)]
 fn read_at(file: &File, buffer: &mut [u8], at: u64) -> io::Result<usize> {
-    // It moves the file's cursor, which nothing here uses.
+    // `seek_read` moves the file's cursor, which nothing here uses.
     std::os::windows::fs::FileExt::seek_read(file, buffer, at)
 }
 

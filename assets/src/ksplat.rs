@@ -6,11 +6,12 @@
 //! | 12 / 6 / 6 | standard deviations, `f32` or `f16` |
 //! | 16 / 8 / 8 | quaternion w, x, y, z, `f32` or `f16` |
 //! | 4 | red, green and blue of band 0, and opacity, 0 to 255 for 0 to 1 |
-//! | 4 / 2 / 1 per coefficient and channel | harmonics, band by band, all of red, then green, then blue within a band: `f32`, `f16`, or `u / 255` between the header's bounds |
+//! | 4 / 2 / 1 per coefficient and channel | harmonics: `f32`, `f16`, or `u / 255` between the header's bounds |
 //!
-//! Positions of levels 1 and 2 are `(u - range) * blockSize / 2 / range + centre`. The first `fullBuckets` buckets have
-//! `bucketCapacity` rows each; the lengths of the others come before the centres. Format:
-//! <https://github.com/mkkellogg/GaussianSplats3D>, `SplatBuffer.js`.
+//! Harmonics are stored band by band; within a band all of red, then green, then blue. Positions of levels 1 and 2 are
+//! `(u - range) * blockSize / 2 / range + centre`. The first `fullBuckets` buckets have `bucketCapacity` rows each; the
+//! lengths of the other buckets come before the centres. Format: <https://github.com/mkkellogg/GaussianSplats3D>,
+//! `SplatBuffer.js`.
 
 use crate::activation::{self, SH_C0};
 use crate::error::{SceneError, field};
@@ -38,7 +39,7 @@ fn float(bytes: &[u8], at: usize) -> f32 {
     f32::from_bits(word(bytes, at))
 }
 
-/// Returns true if the bytes may begin a `.ksplat` file. The format has no magic number, so header fields are checked.
+/// Returns true if the fields of a `.ksplat` header are plausible. The format has no magic number.
 pub(crate) fn is_plausible(head: &[u8]) -> bool {
     head.len() >= HEADER
         && head[0] == 0
@@ -76,7 +77,7 @@ struct Section {
     centers: Vec<[f32; 3]>,
 }
 
-/// Bytes per value at each level: of position, scale and rotation, and then of the harmonics.
+/// Bytes per value at each level: `VALUE` for positions, scales and rotations, `HARMONIC` for harmonics.
 const VALUE: [usize; 3] = [4, 2, 2];
 const HARMONIC: [usize; 3] = [4, 2, 1];
 
@@ -137,7 +138,7 @@ impl Header {
                 ));
             }
             let stride = self.plain() + (sh_floats(degree) - 3) * HARMONIC[self.level];
-            // The uncompressed level does not use buckets.
+            // The uncompressed level has no buckets, and both numbers are 0.
             let lengths = partial * 4;
             let centers = bucket_count * u64::from(half_word(&head, 20));
             let left = source.length() - at;
@@ -232,7 +233,7 @@ impl Header {
 }
 
 impl Section {
-    /// Reads the buckets of a section of quantised positions; `at` are the offsets of its header and of its data.
+    /// Reads the buckets of a section with quantised positions, given the offsets of its header and of its data.
     fn read_buckets(
         &mut self,
         source: &Source,
@@ -255,7 +256,7 @@ impl Section {
             );
             return Err(field(header_at + 32, "fullBucketCount", text));
         }
-        // At most as long as the file: the section was checked against it.
+        // No longer than the file, which the section's length was checked against.
         let mut data = Vec::new();
         grow(&mut data, 4 * partial + 12 * buckets)?;
         source.read(at, &mut data)?;
@@ -358,7 +359,7 @@ mod tests {
     use super::*;
     use crate::testing::parse as read;
 
-    /// Builds the file of a section: three splats in two buckets of at most two; the second has 1 of 1.
+    /// Builds a file of one section with three splats. At levels 1 and 2, a full bucket has two, a partial one has one.
     fn file(level: u16, degree: u16) -> Vec<u8> {
         let mut bytes = vec![0; HEADER + SECTION];
         let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
@@ -386,7 +387,7 @@ mod tests {
                 bytes.extend([1.0, 2.0, 3.0f32].map(f32::to_le_bytes).as_flattened());
                 bytes.extend(values.map(f32::to_le_bytes).as_flattened());
             } else {
-                // 4 units to each side: a step of 4 / 32767.
+                // The block size is 8, so a step is 4 / 32767.
                 bytes.extend([32_767u16, 0, 65_534].map(u16::to_le_bytes).as_flattened());
                 bytes.extend(values.map(|v| f16::from_f32(v).to_le_bytes()).as_flattened());
             }

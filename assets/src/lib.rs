@@ -1,9 +1,10 @@
 //! Loads, checks, measures and generates 3D Gaussian Splatting scenes.
 //!
-//! [`Scene::load`] reads a scene file of any [`SceneFormat`] and converts it in parallel; [`Scene::write`] writes one;
-//! [`Report`] counts its flaws, [`SizeBreakdown`] accounts for the file's bytes, and [`Scene::write_attribute`] writes the
-//! contents of GPU buffers. [`Dataset`] reads cameras with the names of their photographs. [`synth`] generates scenes: one for
-//! demonstration, and extreme ones for tests.
+//! - [`Scene::load`] reads a scene file of any [`SceneFormat`], in parallel; [`Scene::write`] writes one.
+//! - [`Report`] counts a scene's flaws; [`SizeBreakdown`] accounts for the bytes of its file.
+//! - [`Scene::write_attribute`] writes the contents of GPU buffers.
+//! - [`Dataset`] reads cameras with the names of their photographs.
+//! - [`synth`] generates scenes: one for demonstration, and extreme ones for tests.
 //!
 //! The crate depends on no GPU and no window. Lengths are in the scene's own unit; y points down.
 //!

@@ -31,7 +31,7 @@ impl SceneMemoryError {
         Self::check_against(count, degree, needed, available())
     }
 
-    /// Refuses a scene that needs more than `available` bytes, if known.
+    /// Refuses a scene that needs more than `available` bytes. Accepts every scene if that is unknown.
     pub(crate) fn check_against(
         count: u64,
         degree: u32,
@@ -65,7 +65,7 @@ pub fn available() -> Option<u64> {
     if cfg!(target_os = "linux") { under(Path::new("/")) } else { None }
 }
 
-/// Reads the limits from the files `proc` and `sys/fs/cgroup` under `root`.
+/// Reads the limits from the folders `proc` and `sys/fs/cgroup` under `root`.
 fn under(root: &Path) -> Option<u64> {
     let text = |path: &str| std::fs::read_to_string(root.join(path)).ok();
     let system = text("proc/meminfo").and_then(|info| of_system(&info));
@@ -85,7 +85,7 @@ fn of_system(meminfo: &str) -> Option<u64> {
     Some(field("MemAvailable:")?.saturating_add(field("SwapFree:").unwrap_or(0)))
 }
 
-/// Computes the rest of the address-space limit; `None` without a limit.
+/// Computes the unused part of the address-space limit; `None` without a limit.
 fn of_address_space(limits: &str, statm: &str) -> Option<u64> {
     let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
     let limit: u64 = line.split_ascii_whitespace().next()?.parse().ok()?;
@@ -94,7 +94,7 @@ fn of_address_space(limits: &str, statm: &str) -> Option<u64> {
     Some(limit.saturating_sub(used))
 }
 
-/// Computes the rest of the limits of the control group and its ancestors; `None` if none has a limit.
+/// Computes the unused memory of the control group: the least over it and its ancestors. `None` if none has a limit.
 fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
     let mut least: Option<u64> = None;
     for line in groups.lines() {
@@ -111,8 +111,8 @@ fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
             ("sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
         };
         let mount = root.join(mount);
-        // In a container the path may be the host's, which does not exist there: the mount itself is the container's
-        // group.
+        // In a container the path may be the host's, which does not exist there. The last ancestor is the mount
+        // itself, which is the container's group.
         for folder in Path::new(path.trim_start_matches('/')).ancestors() {
             let folder = mount.join(folder);
             let text = |name: &str| std::fs::read_to_string(folder.join(name)).ok();
@@ -132,8 +132,8 @@ fn of_control_group(root: &Path, groups: &str) -> Option<u64> {
 
 /// Allocates a column of `count` zeros; `None` if there is not enough memory.
 ///
-/// The system provides zero pages on first touch, by the thread that fills them. `try_reserve` followed by a fill on
-/// one thread would touch all of them there.
+/// The system provides a zero page when a thread first touches it. Here each thread first touches the pages that it
+/// fills; `try_reserve` followed by `resize` would touch all pages on one thread.
 pub(crate) fn zeroed<T: bytemuck::Zeroable>(count: usize) -> Option<Vec<T>> {
     let layout = Layout::array::<T>(count).ok()?;
     if layout.size() == 0 {
@@ -154,14 +154,14 @@ pub(crate) fn zeroed<T: bytemuck::Zeroable>(count: usize) -> Option<Vec<T>> {
 #[cfg(target_os = "linux")]
 const LARGE: usize = 8 << 20;
 
-/// Asks the system to back fresh memory with large pages, which are touched and freed in less time.
+/// Asks the system to back fresh memory with large pages, which are faster to touch and to free.
 #[cfg(target_os = "linux")]
 fn use_large_pages(start: *mut u8, bytes: usize) {
     const PAGE: usize = 2 << 20;
     let skipped = start.align_offset(PAGE);
     if bytes >= LARGE && skipped < bytes {
         // SAFETY: the range lies within an allocation, and the advice changes no contents. A system without large pages
-        // refuses it, to no harm.
+        // returns an error, which is ignored.
         unsafe {
             libc::madvise(start.add(skipped).cast(), (bytes - skipped) / PAGE * PAGE, libc::MADV_HUGEPAGE)
         };

@@ -9,7 +9,7 @@ use glam::{DQuat, DVec3};
 /// Largest coordinate of a node's origin, in world units. Beyond it, positions are stored relative to the origin.
 const FAR: f64 = 4096.0;
 
-/// A transform from the space of a node to a scene's. The node's world has axes that point left, up and to the front.
+/// A transform from the space of a node to a scene's. In the node's world, x points left, y up and z to the front.
 pub(crate) struct NodeTransform {
     place: Similarity,
     turn: Option<Turn>,
@@ -30,7 +30,7 @@ impl NodeTransform {
     /// Returns the origin, converted to the axes of scenes.
     pub(crate) fn offset(&self) -> [f64; 3] {
         let [x, y, z] = self.origin.to_array();
-        // Without the sign of a zero.
+        // Subtraction from 0 avoids a negative zero.
         [0.0 - x, 0.0 - y, z]
     }
 

@@ -1,7 +1,7 @@
 //! Defines the projections of a camera: the mappings from view space to the picture.
 //!
-//! A point in view space is (x, y, z): right, down and forward of the camera. All projections put the camera's axis at the
-//! picture's centre. The focal length scales the picture, and its unit depends on the projection.
+//! A point in view space is (x, y, z): right, down and forward of the camera. All projections put the camera's axis at
+//! the picture's centre. The focal length scales the picture, and its unit depends on the projection.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -18,8 +18,8 @@ pub enum Projection {
     Orthographic,
     /// Equidistant fisheye: the angle from the axis, times a focal length in pixels per radian.
     Fisheye,
-    /// Full panorama: longitude and latitude around the camera's y axis. The picture spans 360 by 180 degrees, whatever the
-    /// focal length.
+    /// Full panorama: longitude and latitude around the camera's y axis. The picture spans 360 by 180 degrees, whatever
+    /// the focal length.
     Equirectangular,
 }
 
@@ -28,7 +28,7 @@ impl Projection {
     pub const ALL: [Projection; 4] =
         [Projection::Pinhole, Projection::Orthographic, Projection::Fisheye, Projection::Equirectangular];
 
-    /// Returns the name: of the preset, of the graphs' value, and in camera files.
+    /// Returns the name, the same in camera files, as a preset and as a value in graphs.
     pub fn name(self) -> &'static str {
         match self {
             Projection::Pinhole => "pinhole",
@@ -38,13 +38,13 @@ impl Projection {
         }
     }
 
-    /// Returns true for a pinhole camera.
+    /// Returns true for [`Projection::Pinhole`]. Takes a reference for serde's `skip_serializing_if`.
     pub fn is_pinhole(&self) -> bool {
         *self == Projection::Pinhole
     }
 
-    /// Returns true if the picture can show points behind the camera. Splats are then culled and sorted by their
-    /// distance from it.
+    /// Returns true if the picture can show points behind the camera. Renderers then cull and sort splats by distance
+    /// instead of depth.
     pub fn sees_behind(self) -> bool {
         matches!(self, Projection::Fisheye | Projection::Equirectangular)
     }

@@ -41,8 +41,8 @@ pub enum SceneFormat {
     Spz,
     /// antimatter15's `.splat`.
     Splat,
-    /// PlayCanvas's SOG: both versions are read, in one file or a folder, and levels of a streamed scene; version 2 is written, in
-    /// one file.
+    /// PlayCanvas's SOG. Versions 1 and 2 are read, in one file or a folder, and so are levels of a streamed scene.
+    /// Version 2 is written, in one file.
     Sog,
     /// Mark Kellogg's `.ksplat`; read, not written.
     Ksplat,
@@ -164,9 +164,10 @@ impl SceneFormat {
     }
 }
 
-/// Recognises the format of a file of `length` bytes that begins with `head`: its first [`HEAD`](crate::input::HEAD) bytes, or all.
+/// Recognises the format of a scene file of `length` bytes from its first bytes.
 ///
-/// Both layouts of PLY are [`SceneFormat::Ply`] here: the header distinguishes them.
+/// `head` has the first [`HEAD`](crate::input::HEAD) bytes, or the whole of a shorter file. Both layouts of PLY are
+/// [`SceneFormat::Ply`] here: the header distinguishes them.
 ///
 /// # Errors
 /// The file is empty or not a scene; `path`, if given, helps to describe it.
@@ -191,7 +192,8 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     if is_layer || usd::begins_as_package(head) {
         return Ok(SceneFormat::Usd);
     }
-    // Its reader decides whether it is a scene. Its JSON has keys of glTF, too, so it comes first.
+    // SOG comes before glTF: a SOG's JSON can have keys of glTF, too. Any other ZIP archive matches as well; SOG's
+    // reader reports it.
     if head.starts_with(sog::MAGIC) || sog::begins_as_json(head) {
         return Ok(SceneFormat::Sog);
     }
@@ -200,14 +202,14 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     }
     let magic = MAGIC.iter().find(|(magic, _)| head.starts_with(magic));
     let known = |(_, what): &(&[u8], &str)| Err(SceneError::NotScene { found: (*what).to_owned() });
-    // One or two bytes are not enough: a `.splat` can begin with any bytes.
+    // Magic numbers of one or two bytes come last: a `.splat`, which has none, can begin with any bytes.
     if let Some(magic) = magic.filter(|(magic, _)| magic.len() > 2) {
         return known(magic);
     }
     if extension == "ksplat" || ksplat::is_plausible(head) {
         return Ok(SceneFormat::Ksplat);
     }
-    // Without a magic number, recognise it by its values, or else by its name; its reader then reports any errors.
+    // `.splat` has no magic number, so its name or its values identify it. Its reader reports any errors.
     let whole = length.is_multiple_of(splat::STRIDE as u64);
     if extension == "splat" || (whole && splat::is_plausible(head)) {
         return Ok(SceneFormat::Splat);
@@ -218,7 +220,7 @@ pub(crate) fn format(path: Option<&Path>, head: &[u8], length: u64) -> Result<Sc
     Err(SceneError::NotScene { found: format!("the bytes {}", quoted(&head[..head.len().min(16)])) })
 }
 
-/// Quotes bytes and escapes those that are not printable.
+/// Quotes bytes, and escapes unprintable ones.
 fn quoted(bytes: &[u8]) -> String {
     format!("\"{}\"", bytes.escape_ascii())
 }

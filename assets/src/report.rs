@@ -15,7 +15,7 @@ use std::fmt;
 /// View depth of the reference rasteriser's near plane, in world units.
 pub const NEAR: f64 = 0.2;
 
-/// Largest half float.
+/// Largest finite half float.
 const LARGEST_HALF: f64 = 65_504.0;
 
 /// The statistics of a scene.
@@ -25,7 +25,7 @@ pub struct Report {
     pub file: FileNotes,
     /// Number of splats that can be drawn.
     pub splats: u32,
-    /// Counts of the dropped splats.
+    /// Counts of the dropped splats, by reason.
     pub dropped: Dropped,
     /// Degree of the stored spherical harmonics.
     pub stored_sh_degree: u32,

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DMat4, DQuat, DVec3, DVec4};
 
-/// Maximum difference of a matrix from a rotation with a uniform scale, relative to the scale.
+/// Maximum deviation from the identity of `R * transpose(R)`, where `R` is the matrix divided by its scale.
 const TOLERANCE: f64 = 1e-4;
 
 /// Maximum coordinate of a translation in a file, in world units.

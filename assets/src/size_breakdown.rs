@@ -38,9 +38,9 @@ pub struct ElementSize {
 /// The bytes of one field, a column of an element.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FieldSize {
-    /// The property's name.
+    /// Name of the field; in PLY, of the property.
     pub name: String,
-    /// The property's type, by PLY's name.
+    /// Type of the field: a scalar type, or `row`, `array` or `file` for data without columns.
     pub kind: String,
     /// Bytes in each row; `None` if rows vary.
     pub bytes_per_row: Option<u64>,

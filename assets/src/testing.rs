@@ -31,7 +31,7 @@ pub(crate) fn captures(test: &str) -> Option<PathBuf> {
     folder
 }
 
-/// Returns the folder with the files of the scene `rules`.
+/// Returns the folder `golden`, which has the files of the scene `rules`.
 pub(crate) fn golden() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("golden")
 }

@@ -35,17 +35,17 @@ fn parse(input: &Input, path: Option<&Path>, level: Option<u32>) -> Result<Scene
     }
 }
 
-/// Content of a file that [`Scene::load`] accepts.
+/// Content of a file, with a single scene as `T`.
 enum Found<T> {
-    /// One scene.
+    /// A single scene.
     One(T),
     /// A mesh.
     Mesh(Mesh),
-    /// The parts of a composition. Its file was unchanged during the read.
+    /// The parts of a composition.
     Several(Vec<Placed>),
 }
 
-/// The content of a file.
+/// Content that [`Scene::load_any`] loaded.
 #[derive(Debug)]
 pub enum Content {
     /// Splats.
@@ -54,14 +54,15 @@ pub enum Content {
     Mesh(Mesh),
 }
 
-/// Finds the document of a folder that is a scene.
+/// Finds the JSON document of a folder with a SOG scene; `None` for a file or another folder.
 fn document(path: &Path) -> Option<PathBuf> {
     let names = ["lod-meta.json", "meta.json"].iter().filter(|_| path.is_dir());
     names.map(|name| path.join(name)).find(|document| document.is_file())
 }
 
-/// Opens a file, or the document of a folder, and recognises its content. Reads a single scene with `one`, and a mesh or a
-/// composition itself.
+/// Opens a file, or the document of a folder, and reads its content.
+///
+/// `one` reads a single scene; this function reads a mesh or a composition itself.
 fn open<T>(
     path: &Path,
     one: impl FnOnce(&Source, &Path) -> Result<T, SceneError>,
@@ -79,7 +80,7 @@ fn open<T>(
         } else {
             one(&source, path).map(Found::One)
         };
-        // If the file was modified during the read, its contents mean nothing.
+        // If the file was modified during the read, that error replaces any other, which may be a consequence.
         file.check_unchanged().and(content)
     };
     inner().map_err(|problem| LoadError { path: path.to_owned(), problem })
@@ -103,7 +104,7 @@ fn is_mesh(source: &Source, head: &[u8]) -> Result<bool, SceneError> {
     /// Maximum number of bytes that are searched.
     const MOST: u64 = 1 << 26;
     let binary = head.starts_with(b"glTF");
-    // A header of 12 bytes, the length of the JSON, and its kind.
+    // GLB has a header of 12 bytes, followed by the length and the type of the JSON chunk.
     let length = head.get(12..16).map_or(0, |b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
     let end = if binary { length.saturating_add(20) } else { source.length() };
     let text = source.head(end.min(source.length()).min(MOST) as usize)?;
@@ -186,8 +187,9 @@ pub fn names_scenes(path: &Path) -> bool {
 }
 
 impl Scene {
-    /// Loads a scene file of any [`SceneFormat`], recognised by its bytes, a folder of SOG, or a `.ron` composition of several.
-    /// A streamed SOG is loaded at its finest level.
+    /// Loads a scene file of any [`SceneFormat`], a folder of SOG, or a composition of several scenes (`.ron`).
+    ///
+    /// The format is recognised by the file's bytes. A streamed SOG is loaded at its finest level.
     ///
     /// # Errors
     /// The file cannot be read, is not a scene, is damaged, does not fit in memory, or was modified during the read.
@@ -196,10 +198,10 @@ impl Scene {
         Self::load_level(path, None, progress)
     }
 
-    /// Loads a level of a streamed SOG: 0 is the finest, which `None` means as well.
+    /// Loads a level of a streamed SOG. Level 0 is the finest, and the default.
     ///
     /// # Errors
-    /// The errors of [`Scene::load`]. Scenes of other formats have no levels, and the number can be too large.
+    /// The errors of [`Scene::load`], a level for a scene of another format, and a level that the scene lacks.
     pub fn load_level(
         path: impl AsRef<Path>,
         level: Option<u32>,
@@ -212,10 +214,10 @@ impl Scene {
         }
     }
 
-    /// Loads what [`Scene::load_level`] loads, or a mesh (glTF).
+    /// Loads a scene like [`Scene::load_level`], or a mesh (glTF).
     ///
     /// # Errors
-    /// Those of [`Scene::load_level`], and of [`Mesh::parse`].
+    /// The errors of [`Scene::load_level`] and of [`Mesh::parse`].
     pub fn load_any(
         path: impl AsRef<Path>,
         level: Option<u32>,
@@ -246,7 +248,7 @@ impl Scene {
         let (mut scenes, mut meshes, mut before) = (Vec::with_capacity(parts.len()), Vec::new(), 0);
         for part in parts {
             let length = bytes(part);
-            // Counts bytes of the file, whatever its reader counts.
+            // Readers count decompressed or used bytes, so their share is scaled to the file's length.
             let tell = |done: u64, of: u64| {
                 let share = done as f64 / of.max(1) as f64;
                 progress(before + (share * length as f64) as u64, total)
@@ -295,10 +297,10 @@ impl Scene {
     /// Writes the scene in a format, in the world's coordinates.
     ///
     /// All formats but [`SceneFormat::Ply`] and [`SceneFormat::Gltf`] round the values: [`SceneFormat::losses`]
-    /// describes how. `progress` is called in the search for the palette of [`SceneFormat::Sog`], which takes longest.
+    /// describes how. Only [`SceneFormat::Sog`] calls `progress`, with the palette's entries found so far and in total.
     ///
     /// # Errors
-    /// The writer fails, the progress cancels ([`Interrupted`](std::io::ErrorKind::Interrupted)), or the format is not in
+    /// The writer fails, `progress` cancels ([`Interrupted`](std::io::ErrorKind::Interrupted)), or the format is not in
     /// [`SceneFormat::WRITTEN`].
     pub fn write(
         &self,

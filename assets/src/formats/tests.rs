@@ -26,10 +26,10 @@ fn written(scene: &Scene, format: SceneFormat) -> Vec<u8> {
     bytes
 }
 
-/// The largest error that a format may make, per kind of value.
+/// Maximum rounding error of a format, per kind of value.
 struct Steps {
     position: f32,
-    /// Of the logarithm.
+    /// Tolerance of the logarithm of a scale.
     scale: f32,
     /// Tolerance of a component of the quaternion.
     rotation: f32,
@@ -48,7 +48,7 @@ fn steps(format: SceneFormat) -> Steps {
         SceneFormat::Gltf => {
             Steps { position: 0.0, scale: 0.0, rotation: 1e-6, opacity: 0.0, dc: 0.0, rest: Some(0.0) }
         }
-        // Positions and scales of half a step of 10 bits, of 20 units and of a range of 4.
+        // Half a step of 10 bits: of 20 units for positions, of a range of 4 for the logarithms of scales.
         SceneFormat::CompressedPly => Steps {
             position: 0.5 * 20.0 / 1023.0,
             scale: 0.5 * 4.0 / 1023.0 + 1e-5,
@@ -73,7 +73,7 @@ fn steps(format: SceneFormat) -> Steps {
             dc: byte / 0.282 + 1e-5,
             rest: None,
         },
-        // Of codes, the widest gaps are at the ends of the range.
+        // The values of a codebook have their widest gaps at the ends of the range.
         SceneFormat::Sog => {
             Steps { position: 4e-4, scale: 0.03, rotation: 0.015, opacity: byte, dc: 0.02, rest: Some(0.01) }
         }
