@@ -14,15 +14,15 @@ pub const NAME: &str = "demo";
 
 /// Returns the demo scene's path: `assets/splats/demo.ply` in a checkout, otherwise in the user's cache folder.
 ///
-/// `None` if there is no cache folder. The temporary folder is not used: its names are predictable, and another user could plant
-/// a file.
+/// `None` if there is no cache folder. The temporary folder is not used: its names are predictable, and another user
+/// could plant a file.
 pub fn path() -> Option<PathBuf> {
     let here = env::current_dir().unwrap_or_default();
     let in_checkout =
         |folder: &&Path| folder.join("pipelines/splat.ron").is_file() && folder.join("assets").is_dir();
     match here.ancestors().find(in_checkout) {
         Some(root) => Some(root.join("assets/splats/demo.ply")),
-        // Another version of the program may make another scene.
+        // The name includes the version, because other versions may generate another scene.
         None => Some(folders::cache()?.join(concat!("splatgraph/demo-", env!("CARGO_PKG_VERSION"), ".ply"))),
     }
 }
@@ -45,7 +45,7 @@ fn generate() -> Result<Scene, synth::SynthError> {
     synth::generate(NAME, generator.map_or(0, |g| g.default_count), 0)
 }
 
-/// Makes the camera from which the demo scene is drawn first.
+/// Returns the initial camera of the demo scene.
 pub fn camera() -> Option<Camera> {
     synth::demo_cameras().into_iter().next()
 }
@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn in_a_checkout_the_scene_lies_among_the_assets() {
-        // Tests run in app/.
+        // The working directory of tests is `app/`.
         assert!(path().is_some_and(|path| path.ends_with("assets/splats/demo.ply")), "{:?}", path());
     }
 

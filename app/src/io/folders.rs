@@ -31,9 +31,9 @@ impl Kind {
         variable: impl Fn(&str) -> Option<PathBuf>,
         listed_home: impl Fn() -> Option<PathBuf>,
     ) -> Option<PathBuf> {
-        // The specification has relative paths ignored.
+        // The specification requires relative paths to be ignored.
         let variable = |name| variable(name).filter(|path| path.is_absolute());
-        // Without the variable HOME, the system's list of users has it.
+        // If HOME is not set, the user database names the home folder.
         let home = || variable("HOME").or_else(&listed_home).filter(|path| path.is_absolute());
         if cfg!(windows) {
             return variable("LOCALAPPDATA");

@@ -23,7 +23,7 @@ impl LoadOptions {
     /// Reads the header of a scene file.
     ///
     /// # Errors
-    /// Those of [`SceneHeader::load_level`].
+    /// See [`SceneHeader::load_level`].
     pub fn header(&self, path: &Path) -> Result<SceneHeader, LoadError> {
         SceneHeader::load_level(path, self.level)
     }

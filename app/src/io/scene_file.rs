@@ -21,7 +21,7 @@ pub fn format_of(path: &Path) -> Result<SceneFormat, String> {
 
 /// Writes a scene in a format, and returns the number of bytes; `-` is standard output.
 ///
-/// `version` is for [`SceneFormat::Spz`] alone. `progress` is called as by [`Scene::write`].
+/// `version` applies only to [`SceneFormat::Spz`]. `progress` is called as by [`Scene::write`].
 ///
 /// # Errors
 /// The file cannot be written. An existing file is then kept.

@@ -53,7 +53,7 @@ impl<'a> Film<'a> {
 impl Writer for Film<'_> {
     fn add(&mut self, frame: Frame) -> Result<(), Cause> {
         let Frame::Gif(mut frame) = frame else { return Err(mixed()) };
-        // Rounded times, not rounded delays: the film does not run away from its rate.
+        // Rounding start times instead of delays prevents an accumulated error.
         let delay = self.hundredths(self.frames + 1) - self.hundredths(self.frames);
         frame.delay = u16::try_from(delay).unwrap_or(u16::MAX);
         self.frames += 1;

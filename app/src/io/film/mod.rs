@@ -123,7 +123,7 @@ mod tests {
             assert_eq!(found, expected, "frame {}", delays.len());
             delays.push(frame.delay);
         }
-        // 13.3 hundredths in all.
+        // The four frames take 13.3 hundredths of a second.
         assert_eq!(delays, [3, 4, 3, 3]);
         assert_eq!(decoder.repeat(), ::gif::Repeat::Infinite);
     }
@@ -185,7 +185,7 @@ mod tests {
         let mut keys = Vec::new();
         while let Some(sample) = demuxer.next_sample().expect("a sample") {
             assert_eq!(sample.duration, 1001);
-            // A sequence header comes first (AV1 specification, 5.3.2), and no temporal delimiter.
+            // A key frame starts with its sequence header (AV1 specification, 5.3.2), not with a temporal delimiter.
             let first = bytes[sample.data_offset as usize];
             assert_eq!(sample.keyframe, first >> 3 == 1, "sample {}", keys.len());
             keys.push(sample.keyframe);

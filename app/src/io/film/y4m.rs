@@ -32,7 +32,7 @@ pub(super) fn planes(image: &Image) -> Vec<u8> {
     let mut chroma = [Vec::with_capacity(across * down), Vec::with_capacity(across * down)];
     for y in (0..height).step_by(2) {
         for x in (0..width).step_by(2) {
-            // At the edge of an odd side, its last pixels count twice.
+            // With an odd width or height, the last column or row counts twice.
             let (right, below) = ((x + 1).min(width - 1), (y + 1).min(height - 1));
             let four = [clamped(x, y), clamped(right, y), clamped(x, below), clamped(right, below)];
             let mean: [f32; 3] =
@@ -68,7 +68,7 @@ impl<'a> Film<'a> {
         rate: Rate,
     ) -> Result<Self, Cause> {
         let Rate { frames, seconds } = rate;
-        // FFmpeg reads the two last words, where others see comments.
+        // FFmpeg reads the last two words. Other programs skip them as comments.
         writeln!(
             out,
             "YUV4MPEG2 W{width} H{height} F{frames}:{seconds} Ip A1:1 C420jpeg XYSCSS=420JPEG XCOLORRANGE=LIMITED"

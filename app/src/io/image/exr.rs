@@ -32,13 +32,13 @@ pub(super) fn write(image: &Image, out: &mut dyn Write) -> Result<(), Cause> {
     });
     let layer =
         x::Layer::new((image.width, image.height), attributes, x::Encoding::SMALL_FAST_LOSSLESS, channels);
-    // The table of offsets at the start is written last, which a pipe could not do.
+    // The writer seeks back to the offset table at the start. A pipe cannot seek, so the file is built in memory.
     let mut bytes = Vec::new();
     x::Image::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes))?;
     Ok(out.write_all(&bytes)?)
 }
 
-/// Writes values other than colours to the named channels, pixel by pixel. `names` are in alphabetical order.
+/// Writes values other than colours, one channel per name. `values` are interleaved, in the order of `names`.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -110,7 +110,7 @@ fn quietly<T>(body: impl FnOnce() -> T) -> Option<T> {
         }));
     });
     QUIET.set(true);
-    // What the body leaves behind is dropped with it.
+    // Unwind safe: after a panic, nothing reads the state that `body` changed.
     let result = panic::catch_unwind(AssertUnwindSafe(body));
     QUIET.set(false);
     result.ok()

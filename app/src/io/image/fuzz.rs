@@ -1,8 +1,8 @@
 //! Loads randomly damaged pictures: each reader returns a picture or an error, in a bounded time.
 //!
-//! The case's number determines the case, so all runs are equal. In half of the cases, checksums of PNG's chunks are
-//! repaired, and arrays are damaged both before and after they are put into an archive, so that the damage reaches the
-//! decoders.
+//! The case's number determines the case, so all runs are identical. In half of the cases, the checksums of PNG chunks
+//! are repaired, and arrays are damaged both before and after they are put into an archive, so that the damage reaches
+//! the decoders.
 //!
 //! `SPLATGRAPH_LONG=1` (`./x test --long`) runs 100,000 cases of each format.
 
@@ -36,7 +36,7 @@ const NUMBERS: [u64; 12] = [
 
 fn damage(bytes: &mut Vec<u8>, words: &[&str], random: &mut Random) {
     for _ in 0..=random.below(3) {
-        // Headers decide most: half of the damage is among the first bytes.
+        // Headers matter most, so half of the damage is in the first 160 bytes.
         let reach = if random.below(2) == 0 { bytes.len().min(160) } else { bytes.len() };
         let at = random.below(reach);
         let left = bytes.len() - at;
@@ -67,7 +67,7 @@ fn damage(bytes: &mut Vec<u8>, words: &[&str], random: &mut Random) {
     }
 }
 
-/// Writes the correct checksum behind every chunk that is still whole.
+/// Writes the correct checksum after every chunk that is still complete.
 fn mend_sums(png: &mut [u8]) {
     let mut at = 8;
     while let Some(length) = png.get(at..at + 4) {
@@ -119,7 +119,7 @@ fn saved(name: &str) -> Vec<u8> {
     fs::read(path).expect("it is there")
 }
 
-/// Damages pictures of a format, and loads each from a file with this name. `last` completes the bytes of a file.
+/// Damages pictures of a format, and loads each from a file named `name`. `last` runs after the damage.
 fn fuzz(name: &str, seeds: &[Vec<u8>], words: &[&str], last: impl Fn(&mut Vec<u8>, &mut Random)) {
     let cases = if std::env::var_os("SPLATGRAPH_LONG").is_some() { CASES.0 } else { CASES.1 };
     let folder = tempfile::tempdir().expect("a folder");
@@ -132,7 +132,7 @@ fn fuzz(name: &str, seeds: &[Vec<u8>], words: &[&str], last: impl Fn(&mut Vec<u8
         match (&image, &size) {
             (Ok(image), Ok(size)) => assert_eq!((image.width, image.height), *size),
             (Ok(_), Err(error)) => panic!("a picture without a size: {error}"),
-            // Control characters are spelled out where errors are printed.
+            // The message may contain control characters. They are escaped when it is printed.
             (Err(error), _) => assert!(!error.to_string().is_empty()),
         }
         image.inspect(|image| assert_eq!(image.rgb.len(), image.width * image.height)).is_ok()
@@ -153,7 +153,7 @@ fn fuzz(name: &str, seeds: &[Vec<u8>], words: &[&str], last: impl Fn(&mut Vec<u8
         slowest = slowest.max(begun.elapsed());
         assert!(begun.elapsed() < LONGEST, "{name}: case {case} takes {:?}", begun.elapsed());
     }
-    // Not by `eprintln!`, which is kept back in tests that pass.
+    // Tests that pass do not show the output of `eprintln!`.
     let _ = writeln!(
         std::io::stderr(),
         "fuzz: {cases} of {name}: {pictures} are pictures, {} errors; the slowest took {slowest:?}",

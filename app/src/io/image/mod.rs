@@ -4,8 +4,9 @@
 //! are trained on ordinary photographs, so their colours already have that encoding, and nothing here converts to or
 //! from linear light.
 //!
-//! Three formats can be written and read: `.npy` (float32, exact), `.exr` (float32, exact, with attributes for the encoding)
-//! and `.png` (8 bits per channel, for display). `#` selects an array of a `.npz` archive: `golden.npz#camera0`.
+//! Three formats can be written and read: `.npy` (float32, exact), `.exr` (float32, exact, with attributes for the
+//! encoding) and `.png` (8 bits per channel, for display). `#` selects an array of a `.npz` archive:
+//! `golden.npz#camera0`.
 
 mod exr;
 #[cfg(test)]
@@ -284,7 +285,7 @@ mod tests {
             ramp().save(&path).unwrap();
             let bytes = std::fs::read(&path).unwrap();
             assert_eq!(Image::size_of(&path).unwrap(), (7, 5), "{name}");
-            // Most of the pixels are missing.
+            // The header is complete, but pixels are missing.
             std::fs::write(&path, &bytes[..bytes.len() - 40]).unwrap();
             assert_eq!(Image::size_of(&path).unwrap(), (7, 5), "{name}");
             assert!(Image::load(&path).is_err());

@@ -33,7 +33,7 @@ fn write_array<T: npyz::AutoSerialize>(
     shape: &[u64],
     values: impl Iterator<Item = T>,
 ) -> Result<(), Cause> {
-    // Every value is a call of its writer: a buffer of a known type makes most of them a copy of four bytes.
+    // The library writes each value separately. With a concrete buffer type, most writes are a copy of four bytes.
     let mut out = BufWriter::new(out);
     let mut npy: NpyWriter<T, _> =
         WriteOptions::new().default_dtype().shape(shape).writer(&mut out).begin_nd()?;

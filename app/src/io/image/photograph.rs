@@ -82,7 +82,7 @@ impl Image {
     }
 }
 
-/// Lists, for each of the `to` new pixels, the old ones out of `from` that it covers, with their weights.
+/// Lists, for each of `to` new pixels, the old pixels out of `from` that it covers, with their weights.
 fn weights(from: usize, to: usize) -> Vec<Vec<(usize, f64)>> {
     let step = from as f64 / to as f64;
     let covered = |index: usize| {
@@ -98,7 +98,8 @@ fn weights(from: usize, to: usize) -> Vec<Vec<(usize, f64)>> {
 mod tests {
     use super::*;
 
-    /// A JPEG of 16 x 8 pixels, one half rgb(200, 60, 30) and the other rgb(20, 90, 220), of quality 95 without subsampling.
+    /// A JPEG of 16 x 8 pixels: the left half is rgb(200, 60, 30), the right one rgb(20, 90, 220). Quality 95, no
+    /// subsampling.
     const JPEG: &[u8] = include_bytes!("halves.jpg");
 
     #[test]
@@ -124,7 +125,7 @@ mod tests {
         assert!(said(b"").contains("photo.png: "));
         for end in 4..JPEG.len() / 2 {
             std::fs::write(&path, &JPEG[..end]).unwrap();
-            // Never a panic; a cut inside the pixels may still give a picture.
+            // Must not panic. A file cut inside the pixels may still give a picture.
             _ = Image::load_photograph(&path, [0.0; 3]);
         }
     }

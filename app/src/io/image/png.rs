@@ -60,10 +60,10 @@ pub(super) fn load_over(path: &Path, background: Option<[f32; 3]>) -> Result<(Im
         png::ColorType::GrayscaleAlpha => 2,
         png::ColorType::Rgb => 3,
         png::ColorType::Rgba => 4,
-        // EXPAND turns a palette into RGB.
+        // Does not occur: EXPAND turns a palette into RGB.
         png::ColorType::Indexed => return Err(ImageError::new(path, "the palette cannot be read")),
     };
-    // Grey is that of its one channel three times.
+    // Red, green and blue of a grey picture are its one channel.
     let [r, g, b] = if channels < 3 { [0; 3] } else { [0, 1, 2] };
     let mut rgb = room(path, width * height)?;
     let background = background.filter(|_| channels % 2 == 0);

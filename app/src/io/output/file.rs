@@ -9,7 +9,7 @@
 //! The new file gets the permissions of the file that it replaces. A link is followed, not replaced. Anything but a
 //! regular file (a pipe, a terminal, `/dev/null`) is written directly.
 
-// What is disallowed elsewhere is done here.
+// Only this module and `log` create files. The lint forbids it elsewhere.
 #![allow(clippy::disallowed_methods)]
 
 use super::terminal;
@@ -88,7 +88,7 @@ fn write_to(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>)
             }
         }
         Target::Direct(path) => {
-            // Nothing that stands there is truncated or overwritten.
+            // Appends, so existing contents are neither truncated nor overwritten.
             let file = OpenOptions::new().append(true).open(path)?;
             fill(&mut Faulty(&file), body)
         }
@@ -107,7 +107,7 @@ fn write_to(path: &Path, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>)
 fn fill(writer: &mut dyn Write, body: impl FnOnce(&mut dyn Write) -> Result<(), Cause>) -> Result<(), Cause> {
     let mut out = BufWriter::with_capacity(BUFFER_BYTES, writer);
     let filled = body(&mut out).and_then(|()| Ok(out.flush()?));
-    // Dropped otherwise, the buffer would be written once more after a failure.
+    // Discards the buffer: dropping the writer would write it again after a failure.
     let _ = out.into_parts();
     filled
 }
@@ -165,7 +165,7 @@ impl Target {
         if terminal::is_standard_output(path) {
             return Ok(Target::StandardOutput);
         }
-        // These lead to open files. Replacing or truncating what they lead to would lose what others wrote there.
+        // These name open files. Replacing or truncating such a file would lose what other processes wrote to it.
         match path.to_str() {
             Some("/dev/stdout" | "/dev/fd/1" | "/proc/self/fd/1") => return Ok(Target::StandardOutput),
             Some(name)
@@ -212,7 +212,7 @@ pub(super) fn hidden_names() -> MutexGuard<'static, BTreeSet<PathBuf>> {
 
 /// Removes unfinished files. No file can be named while the returned guard lives.
 ///
-/// `None` if a thread holds the lock for longer than naming takes, because it waits for the reader of a full pipe.
+/// `None` if a thread holds the lock for half a second: it then waits for the reader of a full pipe.
 #[cfg(unix)]
 pub(super) fn abandon() -> Option<MutexGuard<'static, BTreeSet<PathBuf>>> {
     for _ in 0..100 {
@@ -265,7 +265,7 @@ impl Unfinished {
                     names.insert(name.clone());
                     return Ok(Unfinished { file, target, hidden: Some(name) });
                 }
-                // Left by a killed process whose number this one has.
+                // Left by a killed process that had this process's ID.
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(error),
             }
@@ -280,10 +280,10 @@ impl Unfinished {
         faults::step()?;
         info_span!("put on the disk").in_scope(|| synced(self.file.sync_all()))?;
         self.name()?;
-        // The name is on the disk when the folder is.
+        // The name survives a crash only once the folder is synced.
         match File::open(folder_of(&self.target)) {
             Ok(folder) => info_span!("put on the disk").in_scope(|| synced(folder.sync_all())),
-            // A folder that may be written need not be readable.
+            // A writable folder may be unreadable, and then cannot be synced.
             Err(_) => Ok(()),
         }
     }
@@ -296,7 +296,7 @@ impl Unfinished {
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 linked => return linked,
             }
-            // The loop ends: every name is tried once.
+            // Each name is tried once, so the loop ends.
             loop {
                 let name = hidden_name(folder_of(&self.target));
                 match nameless::link(&self.file, &name) {
@@ -359,10 +359,10 @@ fn hand_on_permissions(old: &fs::Metadata, file: &File) {
         if let Ok(new) = file.metadata()
             && (new.uid(), new.gid()) != (old.uid(), old.gid())
         {
-            // Only root may give files away.
+            // Fails for most users: only root can change the owner.
             let _ = fchown(file, Some(old.uid()), Some(old.gid()));
         }
-        // Without the bits that give a program its owner's rights.
+        // Without the set-user-ID, set-group-ID and sticky bits.
         let _ = file.set_permissions(fs::Permissions::from_mode(old.permissions().mode() & 0o777));
     }
     #[cfg(not(unix))]
@@ -390,7 +390,7 @@ mod nameless {
         let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
         match open(folder, flags, Mode::from_raw_mode(0o666)) {
             Ok(file) => Ok(Some(file.into())),
-            // Kernels and file systems that do not know the flag try to open the folder itself.
+            // Kernels and file systems without `O_TMPFILE` ignore the flag, and fail to open the folder for writing.
             Err(Errno::ISDIR | Errno::NOENT) => Ok(None),
             Err(error) if is_unsupported(&error.into()) => Ok(None),
             Err(error) => Err(error.into()),
@@ -417,7 +417,7 @@ mod nameless {
     }
 }
 
-/// Injects faults for tests: the nth step of writing files on this thread fails.
+/// Injects faults in tests: the nth step of writing files on a thread fails.
 #[cfg(not(test))]
 mod faults {
     #[inline]
@@ -468,9 +468,9 @@ pub(crate) mod faults {
         result
     }
 
-    /// Fails each step of `save` once, with and without an old file: the old file stays, and nothing else is left.
+    /// Runs `save` once per step, with this step failing, with and without an old file.
     ///
-    /// Returns the number of steps.
+    /// Checks that the old file stays and that no other file is left. Returns the number of steps.
     pub fn at_every_step<E: std::fmt::Display>(
         path: &std::path::Path,
         save: impl Fn(&std::path::Path) -> Result<(), E>,

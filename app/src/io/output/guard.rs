@@ -99,7 +99,7 @@ impl OutputGuard {
             return Err(Conflict(format!("{what} names {}, which is the folder of {other}", path.display())));
         }
         if let Identity::New(root, parts) = &identity {
-            // A path on systems without such numbers.
+            // `Existing` is `Copy` on Unix, but a path on other systems.
             #[allow(clippy::clone_on_copy)]
             for length in 1..parts.len() {
                 let folder = Identity::New(root.clone(), parts[..length].to_vec());
@@ -169,7 +169,7 @@ fn new(
     let mut rest = target;
     let (root, found) = loop {
         let Some(Component::Normal(name)) = rest.components().next_back() else {
-            // The file's name is `..` or nothing, or a folder that does not exist is left again.
+            // There is no file name, or `..` follows a folder that does not exist.
             return Err(Conflict(format!("{what} names {}; expected the name of a file", path.display())));
         };
         parts.push(spelling(name.to_owned()));
@@ -239,7 +239,7 @@ mod tests {
             guard.input("the scene", &scene).unwrap();
             let text = refused(&mut guard, "--json", &name);
             assert!(text.starts_with("--json would overwrite the scene, "), "{text}");
-            // The other way round, for files that are known late.
+            // The reverse order, for inputs that are found after the outputs.
             let mut guard = OutputGuard::default();
             guard.output("--json", &name).unwrap();
             assert!(guard.input("the scene", &scene).is_err(), "{}", name.display());
@@ -283,7 +283,7 @@ mod tests {
             (&"x/".repeat(2048), "expected less than 4096"),
         ] {
             let text = refused(&mut OutputGuard::default(), "-o", &at(name));
-            // The system's own words, where it was asked first.
+            // Some paths fail in a system call, with the system's message.
             assert!(text.contains(why) || text.contains("Not a directory"), "{name}: {text}");
         }
         let mut guard = OutputGuard::default();

@@ -1,6 +1,6 @@
 //! Writes a file of lines that others read while it grows.
 
-// What is disallowed elsewhere is done here.
+// Only this module and `file` create files. The lint forbids it elsewhere.
 #![allow(clippy::disallowed_methods)]
 
 use super::file::{OutputError, Target, folder_of, hidden_names};
@@ -41,16 +41,16 @@ impl Log {
         }
     }
 
-    /// Adds a line, given without its line break, to those that the next [`Log::flush`] writes.
+    /// Queues a line, given without its line break, for the next [`Log::flush`].
     pub fn line(&mut self, line: &str) {
         self.pending.extend_from_slice(terminal::harmless(line).as_bytes());
         self.pending.push(b'\n');
     }
 
-    /// Writes the added lines. The first failure is reported and ends the log.
+    /// Writes the queued lines. The first failure is reported and ends the log.
     pub fn flush(&mut self) {
         if let Some(out) = &mut self.out {
-            // A signal does not end the program in the middle of a line.
+            // A signal's cleanup waits for this lock, so the program does not end in the middle of a line.
             let _names = hidden_names();
             if let Err(error) = out.write_all(&self.pending).and_then(|()| out.flush()) {
                 self.out = None;

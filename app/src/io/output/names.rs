@@ -24,14 +24,14 @@ pub fn first_free(path: impl Fn(u32) -> PathBuf) -> PathBuf {
 
 /// Makes a unique file name from each name, without extension, of at most `room` bytes.
 ///
-/// `room` must be at least [`MIN_ROOM_BYTES`].
+/// A `room` below [`MIN_ROOM_BYTES`] is raised to it.
 pub fn unique(names: &[String], room: usize) -> Vec<String> {
     let room = room.max(MIN_ROOM_BYTES);
     let fit: Vec<String> =
         names.iter().enumerate().map(|(index, name)| shortened(&sanitized(name, index), room)).collect();
     let mut taken: HashSet<String> = HashSet::with_capacity(names.len());
     let mut found: Vec<Option<String>> = vec![None; names.len()];
-    // Unchanged names first: whatever the others become, these files are where their names say.
+    // Unchanged names are assigned first, so that no changed name can displace them.
     for changed in [false, true] {
         for (index, name) in fit.iter().enumerate() {
             if (*name != names[index]) == changed && taken.insert(key(name)) {

@@ -18,14 +18,14 @@ pub fn end_cleanly() {
     use std::sync::atomic::AtomicBool;
     use std::thread::Builder;
 
-    // A handler that does nothing makes the write fail instead.
+    // A handler that does nothing replaces the default, which would end the program. The write then fails.
     let _ = flag::register(libc::SIGXFSZ, Arc::default());
     let wanted: Vec<i32> =
         [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| !is_ignored(*signal)).collect();
     let wait = move || {
         let Ok(mut signals) = Signals::new(&wanted) else { return };
         let again: Arc<AtomicBool> = Arc::default();
-        // In this order, the first signal only arms what ends the program at the second.
+        // In this order, the first signal only sets `again`. The second signal then ends the program.
         for signal in &wanted {
             let _ = flag::register_conditional_shutdown(*signal, 128 + signal, again.clone());
             let _ = flag::register(*signal, again.clone());
@@ -43,7 +43,7 @@ pub fn end_cleanly() {
 pub fn end_now(code: u8) {
     use std::io::Write;
 
-    // What cannot be written is lost either way.
+    // If the flush fails, the text is lost either way.
     let _ = std::io::stdout().flush();
     let _held = super::file::abandon();
     signal_hook::low_level::exit(code.into());

@@ -11,8 +11,8 @@ use std::path::Path;
 
 /// Returns true for characters that move the cursor, change the terminal's state, or reorder the text around them.
 ///
-/// These are the control characters C0 and C1 and DEL (except the line break and the tabulator), the bidirectional
-/// controls of Unicode, and its line and paragraph separators.
+/// These are the control characters C0, C1 and DEL (except the line break and the tab), the bidirectional controls of
+/// Unicode, and its line and paragraph separators.
 pub fn is_harmful(c: char) -> bool {
     match c {
         '\n' | '\t' => false,
@@ -80,7 +80,7 @@ fn harmless_styled(text: &str) -> String {
 /// Writes to standard error immediately; ignores failures.
 fn to_standard_error(text: &str) {
     let mut err = io::stderr().lock();
-    // There is nobody left to tell.
+    // A failure of standard error cannot be reported anywhere.
     let _ = err.write_all(text.as_bytes()).and_then(|()| err.flush());
 }
 

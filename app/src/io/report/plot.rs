@@ -78,7 +78,7 @@ pub struct Plot {
     pub x: Axis,
     /// The vertical axis.
     pub y: Axis,
-    /// Series of points, drawn in this order.
+    /// Series, drawn in this order. Muted ones are drawn first.
     pub series: Vec<Series>,
     /// Error bars, behind the points.
     pub bars: Vec<Bar>,
@@ -99,7 +99,7 @@ const INK: RGBColor = RGBColor(27, 31, 36);
 const RULE: RGBColor = RGBColor(225, 228, 233);
 
 const FONT: &str = "sans-serif";
-/// Height of the text, in pixels.
+/// Height of the text of axes and legend, in pixels.
 const TEXT: u32 = 14;
 const NAME: u32 = 13;
 /// Height of the title and the legend, in pixels.
@@ -201,7 +201,7 @@ impl Plot {
         let mark_of: Vec<Mark> = (0..self.series.len())
             .map(|at| if muted(&at) { behind_all } else { *marks.next().unwrap_or(&behind_all) })
             .collect();
-        // What is muted lies behind the others, and its names take the room that is left.
+        // Muted series are drawn first, below the others. Their names are placed last, where there is room left.
         let (behind, before): (Vec<usize>, Vec<usize>) = (0..self.series.len()).partition(muted);
         self.head(area, &mark_of)?;
         let bar = |(low, high, y): &(f64, f64, f64)| PathElement::new(vec![(*low, *y), (*high, *y)], GREY);
@@ -283,7 +283,7 @@ impl Plot {
 /// Registers the font for pictures, once. An SVG only names a font family, so its viewer chooses the font.
 fn register() {
     static ONCE: Once = Once::new();
-    // The font is a constant, so that it is always valid.
+    // Registering fails only for an invalid font, and this one is a constant.
     ONCE.call_once(|| drop(register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)));
 }
 
@@ -312,7 +312,7 @@ impl Ticks {
         };
         let mut digits = (-step.log10().floor()).max(0.0) as usize;
         let at = if logarithmic {
-            // The finer set where the coarser gives no three of them.
+            // The coarsest set with at least four ticks in the range is used.
             let sets: [&[f64]; 4] =
                 [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]];
             let decades = first.floor() as i32..=last.ceil() as i32;
@@ -323,7 +323,7 @@ impl Ticks {
             let found = sets.iter().map(|set| ticks(set)).find(|ticks| ticks.len() >= 4);
             match found {
                 Some(ticks) => ticks,
-                // Less than a factor of two: equal steps will do.
+                // The range is too narrow for these sets: use equal steps.
                 None => {
                     let (a, b) = (10f64.powf(first), 10f64.powf(last));
                     let step = step_for(b - a);
@@ -354,7 +354,7 @@ impl Ticks {
             1e4.. => {
                 format!("{:.3}", value / 1e3).trim_end_matches('0').trim_end_matches('.').to_owned() + " k"
             }
-            // Six digits are enough to tell ticks apart and hide the rounding of the logarithm.
+            // Six decimals distinguish the ticks, and hide the rounding of the logarithm.
             _ => format!("{:.6}", value).trim_end_matches('0').trim_end_matches('.').to_owned(),
         }
     }
@@ -505,7 +505,7 @@ mod tests {
         assert_eq!(labels(&[1000.0, 1e6], true), ["1000", "10 k", "100 k", "1 M"]);
         assert_eq!(labels(&[1.0, 10.0], true), ["1", "2", "5", "10"]);
         assert_eq!(labels(&[1.0, 1.4], true), ["1", "1.1", "1.2", "1.3", "1.4"]);
-        // One value alone, and none.
+        // A single value, and no value.
         assert!(labels(&[3.0], false).contains(&"3.00".to_owned()), "{:?}", labels(&[3.0], false));
         assert!(!labels(&[], true).is_empty());
     }

@@ -1,7 +1,7 @@
 //! Records the spans of host threads, and the frames of the device.
 //!
 //! The program's crates open spans with the crate `tracing`. Without a subscriber, each costs an atomic load. [`start`]
-//! installs this module's subscriber, which keeps every closed span with its thread, its begin and its end. [`finish`]
+//! installs this module's subscriber, which keeps every closed span with its thread, start and end. [`finish`]
 //! returns them. Spans of other libraries are ignored.
 
 use std::collections::HashMap;
@@ -19,7 +19,7 @@ use tracing::{Event, Metadata};
 /// Prefix of the module paths of the program's own crates.
 const OWN: &str = "splatgraph";
 
-/// A closed span. Times are relative to the begin of the recording.
+/// A closed span. Times are relative to the start of the recording.
 #[derive(Clone, Debug)]
 pub struct Span {
     /// Index of the span's thread in [`Recording::threads`].
@@ -34,7 +34,7 @@ pub struct Span {
     pub end: Duration,
 }
 
-/// A frame that the device drew. Times of the host are relative to the begin of the recording.
+/// A frame that the device drew. Times of the host are relative to the start of the recording.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// The frame's number on the device.
@@ -62,7 +62,7 @@ pub struct Pass {
     pub ms: f64,
 }
 
-/// A finished recording. Its times are relative to its begin.
+/// A finished recording. Its times are relative to its start.
 #[derive(Clone, Debug, Default)]
 pub struct Recording {
     /// Names of the threads. The first is the main thread.
@@ -126,7 +126,7 @@ pub fn start(begun: Instant, before: &'static str) {
     *running = Some(Running { begun, threads, open: HashMap::new(), flying: HashMap::new(), recording });
     drop(running);
     ACTIVE.store(true, Ordering::Relaxed);
-    // A second call comes from a second test in one process.
+    // Fails from the second recording of a process on, when the subscriber is already set.
     let _ = tracing::subscriber::set_global_default(Recorder);
 }
 

@@ -147,12 +147,13 @@ mod tests {
 
     #[test]
     fn frames_start_as_late_as_the_frame_that_was_noticed_soonest_allows() {
-        // The first bounds the offset by 80 - 510, the second by 92 - 522: equal. A frame that was noticed late changes nothing.
+        // The first two frames bound the offset by 80 - 510 and by 92 - 522, which are equal. The third is noticed late, so
+        // its bound is larger and has no effect.
         let mut frames = recording().frames;
         assert_eq!(trace::starts(&frames), [Some(70.0), Some(82.0)]);
         frames.push(frame(2, (90, 200), 530.0));
         assert_eq!(trace::starts(&frames), [Some(70.0), Some(82.0), Some(100.0)]);
-        // The clock wrapped: each frame then ends when it was seen.
+        // The device's clock wrapped: each frame is then taken to end when the host saw it.
         frames.push(frame(3, (200, 230), 1.0));
         assert_eq!(trace::starts(&frames)[3], Some(220.0));
         assert_eq!(trace::starts(&[Frame { start_ms: None, ..frame(0, (1, 2), 0.0) }]), [None]);
@@ -173,7 +174,7 @@ mod tests {
         assert_eq!(names("GPU"), ["frame 0", "sort", "draw", "frame 1", "sort", "draw"]);
         assert_eq!((names("in flight 1"), names("in flight 2")), (vec!["frame 0"], vec!["frame 1"]));
         let sort = events.iter().find(|e| e["name"] == "sort").unwrap();
-        // It overlaps the next pass by 1 ms, which events of one track cannot.
+        // The pass overlaps the next one by 1 ms. Events of a track must not overlap, so its event is cut.
         assert_eq!(
             (&sort["ts"], &sort["dur"], &sort["args"]["ms"]),
             (&70_000.0.into(), &3_000.0.into(), &4.0.into())

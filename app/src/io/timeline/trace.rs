@@ -1,8 +1,8 @@
 //! Converts a recording to a trace in Chrome's JSON format, which Perfetto opens.
 //!
-//! The events are those of the Trace Event Format: complete events (`ph: "X"`) with times in microseconds, and the names
-//! of threads as metadata (`ph: "M"`). Frames have tracks after those of the threads: one for the passes on the device,
-//! and one for each frame in flight.
+//! The events are those of the Trace Event Format: complete events (`ph: "X"`) with times in microseconds, and the
+//! names of threads as metadata (`ph: "M"`). Frames have tracks after those of the threads: one for the passes on the
+//! device, and one for each frame in flight.
 
 use super::record::{Frame, Recording};
 use serde_json::{Value as Json, json};
@@ -21,7 +21,7 @@ pub fn json(recording: &Recording, command: &str) -> Json {
         events.push(sorted(thread, thread));
     }
     let mut spans: Vec<_> = recording.spans.iter().collect();
-    // A span before those within it.
+    // Puts each span before the spans inside it.
     spans.sort_by(|a, b| a.begin.cmp(&b.begin).then(b.end.cmp(&a.end)));
     for span in spans {
         let details = span.details.iter().map(|(name, value)| ((*name).to_owned(), json!(value)));
@@ -47,7 +47,7 @@ fn frames(frames: &[Frame]) -> Vec<Json> {
         return events;
     }
     track(&mut events, 0, "GPU");
-    // The end of the last frame on each track.
+    // For each track of frames in flight, the end of its last frame.
     let mut ends: Vec<Duration> = Vec::new();
     for (frame, start) in frames.iter().zip(starts(frames)) {
         let number = format!("frame {}", frame.number);
@@ -75,7 +75,8 @@ fn frames(frames: &[Frame]) -> Vec<Json> {
     events
 }
 
-/// Converts the starts of frames from the device's clock to the recording's, in milliseconds; `None` without timestamps.
+/// Converts the starts of frames from the device's clock to the recording's, in milliseconds.
+/// `None` without timestamps.
 ///
 /// The clocks differ by an unknown offset. A frame ends before the host sees that it is complete, so each frame bounds
 /// the offset from above, and the smallest bound is used. The results are late by the shortest time that the host took
