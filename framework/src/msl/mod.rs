@@ -7,7 +7,7 @@
 //! The function requires of the executor:
 //!
 //! - `MTLCompileOptions` of [`VERSION`] without fast math, because keys and culling depend on exact rounding;
-//! - a pipeline whose `threadExecutionWidth` is the plan's subgroup size, a constant of the text;
+//! - a pipeline whose `threadExecutionWidth` is the plan's subgroup size, because the text contains it as a constant;
 //! - buffers with the push constants and sizes at the indices [`Msl::push`] and [`Msl::sizes`];
 //! - no flip of the y axis: the vertex function returns positions with y upwards, as in Metal's clip space.
 //!

@@ -1,4 +1,4 @@
-//! Argument indices, and refusals.
+//! Tests the argument indices, and the errors for shaders that Metal cannot run.
 
 use super::*;
 use crate::build;

@@ -33,7 +33,7 @@ pub struct Compiled {
     ///
     /// Other defines do not change the SPIR-V.
     pub reached: Arc<BTreeSet<String>>,
-    /// Declarations and accesses.
+    /// Bindings, accesses, stage inputs and outputs, read from the SPIR-V.
     pub reflection: Reflection,
     /// Names of all blocks and images that the texts declare, in any branch of an `#if`. [`Reflection::bindings`] has
     /// only the used ones.

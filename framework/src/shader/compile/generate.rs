@@ -28,7 +28,7 @@ pub(super) struct Key {
     pub defines: Vec<(String, String)>,
     /// Texts in the order of first mention, the shader itself first, as passed to the compiler.
     pub texts: Vec<String>,
-    /// For each text, the names that it includes, with the indices of their texts.
+    /// For each text, the names that it includes, with the indices of their texts; `None` for a missing file.
     pub includes: Vec<BTreeMap<String, Option<usize>>>,
 }
 

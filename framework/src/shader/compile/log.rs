@@ -219,7 +219,7 @@ fn locate(
     let tokens: Vec<Token> = lex(text).into_iter().filter(|t| line.contains(&t.start)).collect();
     let tokens: Vec<Token> = tokens.into_iter().filter(|t| t.kind != TokenKind::Newline).collect();
     let printed = printed_columns(text, line.start, &tokens);
-    // The preprocessor's errors have the file's columns, the parser's have printed ones.
+    // Errors of the preprocessor have the file's columns; errors of the parser have printed columns.
     let distance = |i: usize| {
         let in_file = tokens[i].start - line.start + 1;
         in_file.abs_diff(place.column).min(printed[i].abs_diff(place.column))

@@ -128,7 +128,7 @@ impl ShaderCompiler for Glslang {
             Ok(spirv) => spirv,
             Err(failure) => {
                 let diagnostics = failure.diagnose(files, request, &sources);
-                // A plan asks for a shader several times, and one that exceeds a limit takes seconds each time.
+                // Cache the failure: a plan requests a shader several times, and reaching a limit takes seconds.
                 if failure.is_lasting() {
                     self.remember(key, Err(failure));
                 }

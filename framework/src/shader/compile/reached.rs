@@ -19,7 +19,7 @@ use super::scan::{Token, TokenKind, lex};
 /// Maximum number of words visited while expanding a condition, macro names included; beyond it, the condition is
 /// not evaluated.
 const MOST_WORDS: usize = 10_000;
-/// Maximum nesting of parentheses and signs; deeper ones are not evaluated.
+/// Maximum nesting of parentheses and signs; a condition with deeper nesting is not evaluated.
 const MOST_NESTED: usize = 100;
 
 /// A text of a shader, and its includes: indices of their texts, by name.
@@ -444,11 +444,11 @@ fn combine(operator: &str, left: Option<i64>, right: Option<i64>) -> Option<i64>
         "/" => a.checked_div(b)?,
         _ => a.checked_rem(b)?,
     };
-    // The compiler uses 32 bits.
+    // The compiler computes in 32 bits: a larger result counts as unknown.
     i32::try_from(value).is_ok().then_some(value)
 }
 
-/// Parses an integer of 32 bits, as a signed value. `None` for octal integers, which do not occur, and other texts.
+/// Parses an integer of 32 bits, as a signed value. `None` for other texts, and for octal integers.
 fn number(text: &str) -> Option<i64> {
     let digits = text.trim_end_matches(['u', 'U']);
     let value = match digits.strip_prefix("0x").or(digits.strip_prefix("0X")) {

@@ -147,7 +147,7 @@ pub(super) struct Scan<'t> {
     pub macros: HashSet<&'t str>,
     /// Names in `#if` and `#elif`.
     pub conditions: HashSet<&'t str>,
-    /// Names that follow the name of a type, as in declarations, with their places.
+    /// Names that follow a number type, as in `uint count`, with their places.
     pub declared: Vec<(&'t str, Range<usize>)>,
     /// Names of blocks and other `uniform` declarations, without push constants.
     pub bindings: Vec<&'t str>,
@@ -212,8 +212,8 @@ pub(super) fn scan(text: &str) -> Scan<'_> {
     scan
 }
 
-/// Returns the name that a declaration after `buffer` or `uniform` declares: the last word before a brace, a bracket or a
-/// semicolon. `None` if it only sets a default layout.
+/// Returns the name that a declaration after `buffer` or `uniform` declares: the last word before a brace, a bracket
+/// or a semicolon. `None` if it only sets a default layout.
 fn binding_name<'t>(text: &'t str, tokens: &[Token]) -> Option<&'t str> {
     let is_word = |token: &&Token| matches!(token.kind, TokenKind::Identifier | TokenKind::Newline);
     let words = tokens.iter().take_while(is_word).filter(|token| token.kind == TokenKind::Identifier);

@@ -8,8 +8,8 @@ use std::time::Duration;
 use super::generate::{self, Failure, Key};
 use super::worker::{Limits, MAGIC, OUT_OF_MEMORY, OUT_OF_TIME, Reply, VARIABLE, receive, send};
 
-/// Stack sizes to try for the compiler's thread, largest first. glslang recurses once per operand of
-/// a sum; the first size suffices for the longest text. Only used pages take memory.
+/// Stack sizes to try for the compiler's thread, largest first. glslang recurses once per operand of a sum; the first
+/// size suffices for the longest text. Only used pages take memory.
 pub(super) const STACK_BYTES: [usize; 3] = [256 << 20, 64 << 20, 8 << 20];
 
 /// Bytes of address space that the process needs beyond the limit, for its program and its stacks.
@@ -40,7 +40,7 @@ pub(super) fn on_large_stack<T: Send, W: FnOnce() -> T + Send>(work: W) -> Optio
         for bytes in STACK_BYTES {
             let (sender, receiver) = channel::<W>();
             let builder = thread::Builder::new().name("glslang".into()).stack_size(bytes);
-            // Pass on the work only once the thread has started.
+            // A failed spawn drops its closure, so send the work only to a thread that has started.
             let spawned = builder.spawn_scoped(scope, move || receiver.recv().ok().map(|work| work()));
             if let Ok(thread) = spawned {
                 sender.send(work).ok()?;

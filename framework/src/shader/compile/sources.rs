@@ -16,7 +16,7 @@ pub(super) const MOST_FILES: usize = 256;
 
 /// A shader and all files that it includes, scanned.
 pub(super) struct Sources {
-    /// The shader itself comes first.
+    /// The files, the shader itself first.
     pub units: Vec<Unit>,
     /// Every identifier of every unit.
     pub identifiers: BTreeSet<String>,
@@ -34,7 +34,7 @@ pub(super) struct Unit {
     pub text: String,
     /// Included files, by the name in the `#include`.
     pub includes: BTreeMap<String, Include>,
-    /// Names that follow the name of a type, as in declarations.
+    /// Names that follow a number type, as in `uint count`, with their places.
     pub declared: Vec<(String, Range<usize>)>,
 }
 
@@ -48,7 +48,7 @@ pub(super) enum UnitOrigin {
 pub(super) struct Include {
     /// Place of the name in the including file.
     pub place: Range<usize>,
-    /// The unit, if it was found.
+    /// Index of the included unit, or the error if the file is missing.
     pub target: Result<usize, NotFound>,
 }
 

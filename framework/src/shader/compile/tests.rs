@@ -10,7 +10,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// Files by their path, such as `shaders/sort.comp`.
+    /// Creates a bench with these files: path, such as `shaders/sort.comp`, and text.
     fn new(files: &[(&str, &str)]) -> Bench {
         let memory = files.iter().map(|(path, text)| (path.to_string(), text.to_string())).collect();
         Bench { files: SourceMap::new(Library { memory, ..Library::default() }), compiler: Glslang::new() }
@@ -337,7 +337,7 @@ fn a_byte_order_mark_and_foreign_comments_are_allowed() {
     assert_eq!(errors("uint \0;").len(), 1);
 }
 
-/// Does something only in the worker's process.
+/// Serves in the worker's process; does nothing in the process that runs all tests.
 #[test]
 fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
     serve_if_asked();
@@ -350,10 +350,10 @@ fn next(bench: &mut Bench, body: &str) -> Result<Compiled, String> {
 }
 
 const SOUND: &str = "void main() { o[0] = 1; }";
-/// A shared array with the name of a block.
+/// Crashes glslang: a shared array has the name of a block.
 const CRASH: &str = "shared uint Out[64];\nvoid main() { Out[0] = 1; }";
 
-/// A sum of 2^`doublings` terms.
+/// Returns a shader whose macros expand to a sum of 2^`doublings` terms.
 fn bomb(doublings: usize) -> String {
     let lines: String = (1..=doublings).map(|i| format!("#define M{i} M{0} + M{0}\n", i - 1)).collect();
     format!("#define M0 o[1]\n{lines}void main() {{ o[0] = M{doublings}; }}")

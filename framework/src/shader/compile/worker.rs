@@ -126,7 +126,8 @@ impl Parent {
         Parent { worker, process: None }
     }
 
-    /// Compiles in the worker, and starts one if none is running. Retries once if the worker had ended before.
+    /// Compiles in the worker, and starts one if none is running. If a running worker crashes, tries once more in a new
+    /// one.
     pub fn generate(&mut self, key: &Key, cancel: &Cancel) -> Result<Vec<u32>, Failure> {
         let request = serde_json::to_vec(key).map_err(|error| Failure::Log(format!("ERROR: {error}")))?;
         loop {

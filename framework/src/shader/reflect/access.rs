@@ -26,12 +26,12 @@ pub(super) struct Accesses {
     pub written_first: HashSet<Word>,
     /// All variables mentioned. Querying an array's length or an image's size is neither a read nor a write.
     pub touched: HashSet<Word>,
-    /// Variables with the index of the first member that an access chain selects; `None` for other uses.
+    /// Pairs of a variable and the member of it that an access chain selects first; `None` for all other uses.
     pub members: HashSet<(Word, Option<u64>)>,
 }
 
 impl Accesses {
-    /// Returns true if the code may use a member of a block (not an array).
+    /// Returns true if the code may use a member of a block variable that is not an array.
     pub fn uses_member(&self, variable: Word, member: u32) -> bool {
         [None, Some(member.into())].iter().any(|member| self.members.contains(&(variable, *member)))
     }
@@ -83,7 +83,7 @@ fn selected(module: &Module, i: &Instruction, variable: Word) -> Option<u64> {
 
 type Roots = HashMap<Word, BTreeSet<Word>>;
 
-/// Returns the reachable functions, callers before callees where possible.
+/// Returns the reachable functions, in breadth-first order from the entry point.
 fn reachable(module: &Module) -> Result<Vec<Word>, String> {
     let mut functions = vec![module.entry];
     let mut seen = HashSet::from([module.entry]);

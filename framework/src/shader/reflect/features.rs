@@ -13,7 +13,7 @@ use super::access::Accesses;
 use super::module::{Module, Type, id};
 use crate::ir::{Features, ShaderStage};
 
-/// Returns the features that a module needs; fails, with a message, on what no backend enables.
+/// Returns the features that a module needs. Fails, with a message, if no backend enables one of them.
 pub(super) fn features(module: &Module, accesses: &Accesses) -> Result<Features, String> {
     let mut needed = Features::empty();
     let mut int64_atomics = false;
@@ -83,7 +83,7 @@ fn of_capability(capability: Capability) -> Option<Features> {
         Capability::UniformAndStorageBuffer16BitAccess => Features::UNIFORM_16,
         Capability::StorageBuffer8BitAccess => Features::STORAGE_8,
         Capability::UniformAndStorageBuffer8BitAccess => Features::UNIFORM_8,
-        // The code decides which feature.
+        // The feature depends on the storage class, which `of_code` finds.
         Capability::AtomicFloat32AddEXT => Features::empty(),
         Capability::StorageImageReadWithoutFormat => Features::IMAGE_READ_WITHOUT_FORMAT,
         Capability::StorageImageWriteWithoutFormat => Features::IMAGE_WRITE_WITHOUT_FORMAT,
@@ -207,7 +207,7 @@ fn atomic(wide: bool, adds: bool, class: Option<StorageClass>) -> Features {
     }
 }
 
-/// Returns the feature of a variable index into an array of blocks or images.
+/// Returns the feature for variable indices into an array of blocks or images; empty if all indices are constants.
 fn array_index(
     module: &Module,
     chain: &Instruction,

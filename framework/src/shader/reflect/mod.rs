@@ -4,7 +4,8 @@
 //! be out of date. rspirv parses the module, [`module`] indexes the instructions, [`access`] follows pointers through
 //! functions, and this file assembles the result.
 //!
-//! `spirv-reflect` is not used: its version 0.2.3 lists no storage buffers at SPIR-V 1.3, and aborts the process from 1.4 on.
+//! `spirv-reflect` is not used: its version 0.2.3 lists no storage buffers at SPIR-V 1.3, and aborts the process from
+//! 1.4 on.
 
 mod access;
 mod features;
@@ -95,7 +96,7 @@ fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<
     }
     let (name, kind) = match &module.type_of(element)?.kind {
         Type::Struct { members } => {
-            // Storage buffers before SPIR-V 1.3.
+            // Before SPIR-V 1.3, this decoration distinguished storage buffers from uniform blocks.
             let old = module.decoration(element, None, Decoration::BufferBlock).is_some();
             let name = match module.name(element, None) {
                 "" => own_name(),
@@ -104,7 +105,7 @@ fn binding(module: &Module, variable: &Variable, accesses: &Accesses) -> Result<
             let kind = if variable.class == StorageClass::StorageBuffer || old {
                 storage_buffer(module, element, members, &name)?
             } else {
-                // Access chains select elements of an array before members.
+                // In an array of blocks, access chains select the element first, so every member counts as used.
                 let used = |member| variable.pointee != element || accesses.uses_member(variable.id, member);
                 let (bytes, members) = block(module, element, &format!("`{name}`"), used)?;
                 ReflectedKind::UniformBuffer { bytes, members }

@@ -1,7 +1,7 @@
 //! Indexes a SPIR-V module: types with their sizes, constants with their values, names, decorations, functions.
 //!
 //! SPIR-V requires definitions before uses, so one pass over the global instructions finds every size and every value
-//! without recursion. Other modules are refused.
+//! without recursion. A module that breaks this rule is rejected.
 
 use std::collections::HashMap;
 
@@ -13,7 +13,7 @@ use rspirv::spirv::{
 
 use crate::ir::ShaderStage;
 
-/// The operands of an `OpType...` instruction. `element` and the like are ids of other types.
+/// The operands of an `OpType...` instruction. Words such as `element` and `pointee` are ids of other types.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Type {
     Bool,
@@ -110,13 +110,13 @@ pub(super) struct Module {
 /// An id, or a member of the type with that id.
 type Named = (Word, Option<u32>);
 
-/// Returns an operand that is an id.
+/// Returns operand `index`, which must be an id.
 pub(super) fn id(instruction: &Instruction, index: usize) -> Result<Word, String> {
     let operand = instruction.operands.get(index).and_then(Operand::id_ref_any);
     operand.ok_or_else(|| format!("Op{} lacks operand {index}", instruction.class.opname))
 }
 
-/// Returns an operand that is a number.
+/// Returns operand `index`, which must be a 32-bit number.
 fn literal(instruction: &Instruction, index: usize) -> Result<u32, String> {
     match instruction.operands.get(index) {
         Some(Operand::LiteralBit32(value)) => Ok(*value),
@@ -124,7 +124,7 @@ fn literal(instruction: &Instruction, index: usize) -> Result<u32, String> {
     }
 }
 
-/// Checks that every instruction, and every string in it, ends within the module: the parser does not.
+/// Checks that every instruction ends within the module. The parser panics on a string that does not.
 fn check_lengths(spirv: &[u32]) -> Result<(), String> {
     const HEADER: usize = 5;
     let mut at = HEADER;
