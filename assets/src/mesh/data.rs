@@ -85,13 +85,13 @@ impl Default for Light {
 /// A mesh: triangles with materials, and the light on them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Corners, in world units, relative to [`Scene::offset`](crate::Scene::offset).
+    /// Vertex positions, in world units, relative to [`Scene::offset`](crate::Scene::offset).
     pub positions: Vec<[f32; 3]>,
     /// Unit normals, one per position.
     pub normals: Vec<[f32; 3]>,
     /// Texture coordinates, one per position. (0, 0) is the image's top left corner; images repeat.
     pub uvs: Vec<[f32; 2]>,
-    /// Indices of the corners of each triangle.
+    /// Indices of the vertices of each triangle.
     pub triangles: Vec<[u32; 3]>,
     /// Index of the material of each triangle.
     pub material_of: Vec<u32>,

@@ -25,7 +25,7 @@ const MOST_BYTES: u64 = 1 << 30;
 /// Maximum number of triangles, and of vertices, over all nodes.
 const MOST_ELEMENTS: usize = 1 << 26;
 
-/// Returns true if a file begins as glTF: with its magic number, or with a JSON object.
+/// Returns true if a file begins as glTF: with its magic number, or with a JSON object that has an `asset`.
 pub(crate) fn begins_as_gltf(head: &[u8]) -> bool {
     head.starts_with(b"glTF") || (head.trim_ascii_start().starts_with(b"{") && mentions(head, b"\"asset\""))
 }
@@ -40,11 +40,11 @@ fn wrong(part: impl ToString, message: impl ToString) -> SceneError {
 }
 
 impl Mesh {
-    /// Parses the bytes of a glTF file in `folder`, where its buffers and images are found.
+    /// Parses the bytes of a glTF file. Its buffers and images are read from `folder`.
     ///
     /// # Errors
-    /// The bytes are not glTF 2.0, need an extension, or hold something other than triangles; the text names the accessor, node or
-    /// image.
+    /// The bytes are not glTF 2.0, need an extension, or contain primitives other than triangles; the text names the
+    /// accessor, node or image.
     pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Self, SceneError> {
         check_length(bytes)?;
         let gltf = Gltf::from_slice_without_validation(bytes).map_err(|error| wrong("glTF", error))?;
@@ -105,7 +105,7 @@ fn check_length(bytes: &[u8]) -> Result<(), SceneError> {
     }
 }
 
-/// Checks that the accessors of primitives exist. The crate's own validation would use them before it checks them.
+/// Checks that the accessors of primitives exist. The crate's own validation uses accessors before it checks them.
 fn check_accessors(json: &gltf::json::Root) -> Result<(), SceneError> {
     let count = json.accessors.len();
     for (index, mesh) in json.meshes.iter().enumerate() {
@@ -162,7 +162,7 @@ impl<'a> Reader<'a> {
     fn nodes(&mut self) -> Result<(), SceneError> {
         let scene = self.document.default_scene().or_else(|| self.document.scenes().next());
         let scene = scene.ok_or_else(|| wrong("scenes", "expected a scene, found none"))?;
-        // Left, up and front become right, down and front, as for splats in glTF.
+        // Converts axes that point left, up and to the front to right, down and front, as for splats in glTF.
         let axes = DMat4::from_scale(DVec3::new(-1.0, -1.0, 1.0));
         let mut open: Vec<_> = scene.nodes().map(|node| (node, axes)).collect();
         let (mut seen, mut lit) = (0, false);
@@ -178,7 +178,7 @@ impl<'a> Reader<'a> {
                 matches!(light.kind(), gltf::khr_lights_punctual::Kind::Directional)
             };
             if let Some(light) = node.light().filter(|light| sun(light) && !lit) {
-                // It shines along the node's -z.
+                // A light shines along its node's -z.
                 let direction = world.transform_vector3(DVec3::Z).normalize_or(DVec3::NEG_Y);
                 let direction = direction.as_vec3().into();
                 self.mesh.light = Light { direction, color: light.color(), ..Light::default() };
@@ -232,7 +232,7 @@ impl<'a> Reader<'a> {
         let first = vertices as u32;
         match normals {
             Some(normals) => {
-                // Normals are covectors, which keep them perpendicular under any scaling.
+                // The cofactor matrix keeps normals perpendicular to their surface under a non-uniform scale.
                 let turn = cofactors(world);
                 let normal = |n: [f32; 3]| turn * DVec3::from(n.map(f64::from));
                 let unit = |n| <[f32; 3]>::from(normal(n).normalize_or(DVec3::NEG_Y).as_vec3());
@@ -242,12 +242,12 @@ impl<'a> Reader<'a> {
                 self.mesh.uvs.extend(uvs.unwrap_or_else(|| vec![[0.0; 2]; points.len()]));
                 self.mesh.triangles.extend(triangles.iter().map(|t| t.map(|corner| corner + first)));
             }
-            // Without normals, triangles are flat: each has vertices of its own.
+            // Without normals, triangles are flat-shaded, and each has its own vertices.
             None => {
                 for (number, triangle) in triangles.iter().enumerate() {
                     let corners = triangle.map(|corner| points[corner as usize]);
                     let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-                    // A mirroring transform turns triangles inside out.
+                    // A mirroring transform reverses the winding.
                     let normal = normal.normalize_or(DVec3::NEG_Y) * world.determinant().signum();
                     for (corner, place) in triangle.iter().zip(corners) {
                         self.mesh.positions.push(place.as_vec3().into());
@@ -294,7 +294,7 @@ impl<'a> Reader<'a> {
         bytes.ok_or_else(|| wrong(part, format!("buffer view {} is beyond its buffer", view.index())))
     }
 
-    /// Reads vectors of floats, or of normalised 8- or 16-bit integers.
+    /// Reads vectors of floats. Vectors of two can also be normalised 8- or 16-bit integers.
     fn floats<const N: usize>(&self, accessor: &Accessor) -> Result<Vec<[f32; N]>, SceneError> {
         let expected = if N == 3 { Dimensions::Vec3 } else { Dimensions::Vec2 };
         let part = format!("accessor {}", accessor.index());
@@ -373,14 +373,14 @@ impl<'a> Reader<'a> {
         Ok(index)
     }
 
-    /// Unpacks an image into the mesh's texels, unless it already is. Without an index, returns the empty texture.
+    /// Unpacks an image into the mesh's texels, once per index. Without an index, returns the empty texture.
     fn image(&mut self, index: Option<usize>) -> Result<Texture, SceneError> {
         let Some(index) = index else { return Ok(Texture::default()) };
         if let Some(known) = self.images.get(&index) {
             return Ok(*known);
         }
         let part = format!("image {index}");
-        // Of the JSON: the crate's own accessor panics where a type is missing.
+        // The JSON is read directly: `gltf::Image::source` panics if the MIME type is missing.
         let image = &self.document.as_json().images[index];
         let bytes = match (&image.uri, &image.buffer_view) {
             (Some(uri), _) => Cow::Owned(self.files.read(uri, &part)?),
@@ -400,7 +400,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Computes the matrix that transforms normals: the cofactors of the linear part.
+/// Computes the matrix that transforms normals: the cofactors of the linear part, negated if it mirrors.
 fn cofactors(world: &DMat4) -> DMat3 {
     let m = DMat3::from_mat4(*world);
     let sign = m.determinant().signum();

@@ -4,7 +4,7 @@ use crate::testing::splat;
 use crate::{Content, Scene};
 use glam::{DQuat, DVec3};
 
-/// Returns a quad with an image, and a triangle without.
+/// Returns a quad without an image, and a triangle with one.
 fn mesh() -> Mesh {
     let image = Texture { first: 0, width: 2, height: 1 };
     let red = MeshMaterial { base_color: [0.5, 0.25, 0.0, 1.0], metallic: 0.0, ..MeshMaterial::default() };
@@ -34,7 +34,7 @@ fn glb(mesh: &Mesh) -> Vec<u8> {
     bytes
 }
 
-/// Returns the file of one triangle, whose JSON has a text in place of another.
+/// Returns a glTF file of one triangle, with `from` replaced by `to` in its JSON.
 fn changed(from: &str, to: &str) -> String {
     let text = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
         "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
@@ -56,7 +56,7 @@ fn a_written_mesh_reads_as_the_same_mesh() {
 
 #[test]
 fn x_and_y_of_a_file_change_their_signs_and_flat_triangles_get_their_normals() {
-    // The triangle (0, 0, 0), (1, 0, 0), (0, 1, 0), counter-clockwise from +z, where glTF has its front.
+    // The triangle (0, 0, 0), (1, 0, 0), (0, 1, 0) is counter-clockwise as seen from +z, the front in glTF.
     let read =
         Mesh::parse(changed("\"mesh\":0", "\"mesh\":0,\"translation\":[0,0,2]").as_bytes(), None).unwrap();
     assert_eq!(read.positions, [[0.0, 0.0, 2.0], [-1.0, 0.0, 2.0], [0.0, -1.0, 2.0]]);
@@ -168,7 +168,7 @@ fn damaged_files_are_errors_or_meshes_but_never_a_panic() {
         for value in [0, 0xFF, b'9', bytes[at] ^ 1] {
             let mut damaged = bytes.clone();
             damaged[at] = value;
-            // Either will do.
+            // Both an error and a mesh are correct.
             let _ = Mesh::parse(&damaged, None);
         }
         let _ = Mesh::parse(&bytes[..at], None);

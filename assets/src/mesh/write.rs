@@ -32,7 +32,7 @@ impl Writer {
         let mut accessor = json!({
             "bufferView": view, "componentType": 5126, "count": values.len(), "type": kind,
         });
-        // glTF asks for the box of positions alone; it does no harm for others.
+        // glTF requires the minimum and maximum of positions, and allows them for other attributes.
         let bound = |pick: fn(f32, f32) -> f32, start: f32| {
             values
                 .iter()
@@ -87,7 +87,7 @@ impl Writer {
 }
 
 impl Mesh {
-    /// Writes the mesh as binary glTF, with y up.
+    /// Writes the mesh as binary glTF, with y up. The light is not written.
     ///
     /// # Errors
     /// The writer fails.

@@ -52,7 +52,7 @@ impl Rows<'_> {
         self.push_wide(splat, splat.position.map(f64::from), norm);
     }
 
-    /// Stores a splat with a position beyond f32 precision; [`Splat::position`] is ignored.
+    /// Stores a splat with a position beyond f32 precision. [`Splat::position`] must be `position` rounded to f32.
     #[inline]
     pub(crate) fn push_wide(&mut self, splat: &Splat, position: [f64; 3], norm: f64) {
         let floats = sh_floats(self.degree);
@@ -86,13 +86,13 @@ impl Columns {
     /// Bytes of the remainder of a position.
     pub(crate) const LOW_BYTES: u64 = size_of::<[f32; 3]>() as u64;
 
-    /// Computes the bytes per splat in all arrays.
+    /// Computes the bytes per splat in all arrays but the remainders of positions.
     pub(crate) const fn bytes_per_splat(degree: u32) -> u64 {
         (size_of::<[f32; 3]>() * 2 + size_of::<[f32; 4]>() + size_of::<f32>() * (1 + sh_floats(degree)))
             as u64
     }
 
-    /// Allocates the arrays.
+    /// Allocates all arrays but the remainders of positions.
     ///
     /// # Errors
     /// The arrays do not fit in memory.
@@ -129,8 +129,9 @@ impl Columns {
         Ok(())
     }
 
-    /// Fills all rows in parallel, one chunk per task, and closes the gaps of dropped splats. Of several errors,
-    /// returns the first chunk's.
+    /// Fills all rows in parallel, one chunk per task, and closes the gaps of dropped splats.
+    ///
+    /// If several chunks fail, returns the error of the first.
     pub(crate) fn fill<E: Send>(
         &mut self,
         convert: impl Fn(&mut Rows) -> Result<(), E> + Sync,

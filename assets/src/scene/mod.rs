@@ -31,11 +31,11 @@ use tracing::info_span;
 /// Opacity below which the reference rasteriser never draws a splat.
 pub const ALPHA_FLOOR: f32 = 1.0 / 255.0;
 
-/// Rounding error of positions that is ignored, in standard deviations of the splat. Its effect on a picture, at 100
-/// dB, is below that of rounding the picture.
+/// Rounding error of positions that is ignored, in standard deviations of the splat. It changes a picture less (a PSNR
+/// of 100 dB) than rounding the picture does.
 const INVISIBLE: f32 = 1.0 / 16_384.0;
 
-/// The range of a scene's colours, which storage formats must cover.
+/// The range of a scene's coefficients and colours, which storage formats must cover.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ColorRange {
     /// Largest absolute value of a coefficient of the spherical harmonics.
@@ -130,7 +130,7 @@ impl Scene {
         }))
     }
 
-    /// Creates a scene from columns that `fill` fills.
+    /// Creates a scene after `fill` has filled its columns.
     fn filled(mut columns: Columns, fill: impl Fn(&mut Rows) + Sync) -> Self {
         let filled = columns.fill(|rows| {
             fill(rows);
@@ -144,7 +144,7 @@ impl Scene {
 
     /// Generates a scene like [`Scene::try_generate`], with positions of more precision than f32.
     ///
-    /// `splat` returns the position separately; the splat's own is ignored.
+    /// `splat` returns the position separately; [`Splat::position`] is ignored. Its quaternion must have unit length.
     ///
     /// # Errors
     /// The scene does not fit in memory.
@@ -217,7 +217,7 @@ impl Scene {
         self.notes
     }
 
-    /// Returns the world's direction up: the file's, or -y.
+    /// Returns the world's up direction: the tag of the file, or -y.
     pub fn up(&self) -> [f64; 3] {
         self.notes.up.unwrap_or(FileNotes::UP)
     }

@@ -1,4 +1,4 @@
-//! Defines the tags of scene files: the rules by which the splats were trained.
+//! Defines the tags of scene files: the rules that the splats were trained with.
 
 use crate::size_breakdown::grouped;
 use serde::{Serialize, Serializer};
@@ -27,7 +27,7 @@ impl Filter {
     }
 }
 
-/// The distance by which splats are sorted.
+/// The quantity that splats are sorted by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SortKey {
     /// The view depth, as in the published rasteriser.
@@ -66,18 +66,18 @@ impl Serialize for SortKey {
 /// Tags of a file: the rules for drawing its splats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct FileNotes {
-    /// The filter of the training.
+    /// Low-pass filter that the splats were trained with.
     pub low_pass: Filter,
-    /// The distance by which the splats are sorted.
+    /// Quantity that the splats are sorted by.
     pub key_of: SortKey,
-    /// The world's direction up, of unit length; `None` if the file names none.
+    /// The world's up direction, as a unit vector; `None` if the file names none.
     pub up: Option<[f64; 3]>,
-    /// Degree of the file's spherical harmonics, if it is above 3: the bands above 3 were cut off.
+    /// Degree of the file's spherical harmonics if it is above 3. The bands above 3 are not read.
     pub cut_degree: Option<u32>,
-    /// Nodes of a tree of levels of detail that were not read: all above the leaves.
+    /// Number of inner nodes of the file's level-of-detail tree. Only the leaves are read.
     #[serde(skip_serializing_if = "is_zero")]
     pub lod_nodes: u64,
-    /// Opacities above 1 in the file, which were read as 1.
+    /// Number of opacities above 1 in the file. They are read as 1.
     #[serde(skip_serializing_if = "is_zero")]
     pub clamped_opacities: u64,
 }
@@ -87,7 +87,7 @@ fn is_zero(count: &u64) -> bool {
 }
 
 impl FileNotes {
-    /// Direction up of files that name none: y points down.
+    /// Up direction of a file that names none: y points down.
     pub const UP: [f64; 3] = [0.0, -1.0, 0.0];
 
     /// Returns true if the splats were trained with an anti-aliasing filter.
@@ -95,7 +95,7 @@ impl FileNotes {
         self.low_pass != Filter::Dilated
     }
 
-    /// Lists what the file has and the scene lacks, one phrase per kind of value.
+    /// Lists the values of the file that were left out or changed, one phrase per kind of value.
     pub fn left_out(&self) -> Vec<String> {
         let counted = [
             (self.lod_nodes, "nodes of a tree of levels of detail above its leaves"),
@@ -125,7 +125,7 @@ impl FileNotes {
         tags
     }
 
-    /// Keeps the tags that both files share; others are reset to those of a file without tags.
+    /// Keeps the tags that are equal in both files and resets the others to their defaults. Counts are summed.
     pub(crate) fn common(self, other: Self) -> Self {
         fn both<T: PartialEq + Default>(a: T, b: T) -> T {
             if a == b { a } else { T::default() }
