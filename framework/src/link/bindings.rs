@@ -91,7 +91,7 @@ impl Linker<'_> {
             pass.span,
             "in this pass",
         );
-        // An entry of `bind` that names no block may be meant for this one.
+        // An entry of `bind` that names no block may be a misspelling of this block's name.
         let stray: Vec<&str> = pass.bind.iter().map(|b| b.block.as_str()).filter(|b| !known(b)).collect();
         let near = nearest(&block.name, stray.iter().copied()).or(match stray[..] {
             [only] => Some(only),
@@ -315,7 +315,7 @@ impl Linker<'_> {
         for (shader, _) in stages {
             let shader = self.shaders[shader.index()].clone();
             let Some(block) = &shader.reflection.push else { continue };
-            // The stages of a draw share the bytes.
+            // The stages of a draw share the push constants, so their blocks must be equal.
             let other = stages.iter().filter_map(|(s, _)| self.shaders[s.index()].reflection.push.as_ref());
             if other.clone().any(|b| b != block) {
                 self.errors.push(Diagnostic::new(

@@ -96,7 +96,7 @@ impl Linker<'_> {
         depth: Option<DepthTarget>,
         uses: &mut Vec<Use>,
     ) {
-        // Its name is the last of the attachments'.
+        // The last span is that of the depth attachment.
         let (Some(DepthTarget { image, access }), Some(&span)) = (depth, pass.target_spans.last()) else {
             return;
         };
@@ -141,7 +141,7 @@ fn outputs_and_targets(shader: &str, outputs: usize, targets: usize, pass: Span)
     let (outputs_found, targets_found) = (counted(outputs, "output"), counted(targets, "target"));
     let message = format!("expected {expected}, found {outputs_found}");
     let error = Diagnostic::new(message, pass, format!("this pass has {targets_found}"));
-    // Points at the side with fewer.
+    // The help shows how to add to the side with fewer.
     if outputs < targets.max(1) {
         error.with_help(format!(
             "an output is a line of the shader: `layout(location = {outputs}) out vec4 colour;`"

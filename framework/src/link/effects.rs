@@ -51,7 +51,8 @@ pub(super) fn mentioned(
     if used.len() == lowered.plan.params.len() {
         return Vec::new();
     }
-    // Including the file names the block, but uses no parameter by itself.
+    // This stand-in for the generated file mentions the block and no parameter, so only parameters that the shader's
+    // own text mentions count.
     let generated = [("live.glsl".to_string(), LIVE_BLOCK.to_string())];
     let mut known: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
     let mut of_shader = |removed: &RemovedPass, name: &String| -> ParamSet {
@@ -59,7 +60,7 @@ pub(super) fn mentioned(
             return ParamSet::new();
         }
         let names = known.entry((removed.file, name.clone())).or_insert_with(|| {
-            // Shaders that are not compiled are not checked.
+            // The shader of a removed pass is not compiled, so it is no error if its file is missing.
             let Ok(file) = files.find(Some(removed.file), name, Kind::Shader) else {
                 return BTreeSet::new();
             };

@@ -18,7 +18,7 @@ use crate::source::{Diagnostic, SourceMap};
 pub struct Linked {
     /// The graph; its plan has the compiled shaders, one per file and set of defines.
     pub lowered: Lowered,
-    /// Passes in file order, prologue and frame mixed.
+    /// Passes of the prologue and of the frame, in file order.
     pub passes: Vec<LinkedPass>,
 }
 
@@ -40,7 +40,8 @@ pub struct LinkedPass {
 pub struct PassParams {
     /// Parameters with any effect on the pass.
     pub all: ParamSet,
-    /// Parameters that decide whether the pass exists, and which resources it uses and how. They can affect other passes.
+    /// Parameters that decide whether the pass exists, and which resources it uses and how. They can affect other
+    /// passes.
     pub structure: ParamSet,
     /// Parameters that the pass's shaders mention only in code that is not compiled.
     pub skipped: ParamSet,

@@ -50,7 +50,7 @@ pub fn link(
         if let Some(pass) = linker.pass(pass) {
             passes.push(pass);
         }
-        // Report each mistake in a repeated pass or a shared include once.
+        // Stop after 20 errors. Duplicates, from repeated passes and shared includes, are removed below.
         if linker.errors.len() >= 20 {
             break;
         }

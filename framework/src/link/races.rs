@@ -25,7 +25,7 @@ impl Linker<'_> {
 
     /// Refuses a resource that is bound twice to a pass that writes it: invocations run in any order.
     fn bound_twice(&mut self, pass: &LoweredPass, uses: &[Use]) {
-        // The previous frame's contents are in the resource itself.
+        // `last(name)` is in the memory of `name`.
         let real = |id: &ResourceId| self.lowered.real(*id);
         for (i, bind) in pass.bind.iter().enumerate() {
             for id in &bind.resources {
@@ -44,7 +44,7 @@ impl Linker<'_> {
                         other.resources.iter().chain([id]).filter(|other| real(other) == real(id));
                     let last = bound.find(|id| real(id) != **id);
                     self.errors.push(match last.map(|id| &self.resource(*id).name) {
-                        // Halves of a ping-pong buffer are numbered.
+                        // Only the halves of a ping-pong buffer have `#` in their names: `keys#0` and `keys#1`.
                         Some(last) if name.contains('#') => diagnostic.with_help(format!(
                             "`{last}` is `{name}`, the half in front at the end of a frame; with an even number of swaps in \
                              a frame, its first pass can read `{last}` and write the back"

@@ -190,8 +190,8 @@ impl Linker<'_> {
             ));
             return None;
         }
-        // Indices of invocations (or of groups, if groups are counted) are `uint`s in shaders: all of them in one
-        // dimension, else per dimension.
+        // Shaders number invocations (workgroups, for `Groups`) with a `uint`: all together if there is one dimension,
+        // otherwise per dimension.
         let counted = match dimensions {
             1 => (groups[0] * groups[1]).saturating_mul(each[0]),
             _ => (0..3).map(|axis| groups[axis].saturating_mul(each[axis])).max().unwrap_or(0),

@@ -1,7 +1,6 @@
 //! Drops unused resources and shaders, renumbers the others in the same order, and collects the uses of each resource.
 //!
-//! The previous frame's contents become the resource itself: the order of the passes already accounts for the
-//! difference.
+//! `last(name)` becomes `name` itself: the order of the passes already puts its readers before this frame's writers.
 
 use crate::ir::{Accesses, DescriptorKind, ResourceId, ShaderId, Usage};
 use crate::link::LinkedPass;

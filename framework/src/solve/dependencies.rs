@@ -48,7 +48,7 @@ fn layout_changes(
     prologue: &[PassId],
     frame: &[PassId],
 ) -> Vec<LayoutChange> {
-    // Resources whose contents a frame finds: written by a `Once` pass, or with a history.
+    // Resources whose contents survive from frame to frame: written by a `Once` pass, or with a history.
     let mut kept: Vec<bool> = plan.resources.iter().map(|r| r.history.is_some()).collect();
     for touch in plan.passes.iter().filter(|p| p.run == Run::Once).flat_map(|p| &p.uses) {
         kept[touch.resource.index()] |= touch.accesses.writes();
@@ -65,7 +65,7 @@ fn layout_changes(
                 let first = !std::mem::replace(&mut touched[at], true);
                 let uses = || group.accesses.iter().map(|access| &access.touch);
                 let Some(new) = uses().find_map(|touch| touch.layout) else { continue };
-                // An alias used since the last frame has left the image without a layout.
+                // If an alias was used since the last frame, the image has lost its layout.
                 let lost = first && shared[at] && !kept[at];
                 if new == layouts[at] && !lost {
                     continue;
@@ -90,7 +90,8 @@ fn layout_changes(
     let mut steady = vec![Layout::Undefined; plan.resources.len()];
     walk(&mut steady, frame);
     let of_frame = walk(&mut steady.clone(), frame);
-    // Images that a frame expects in the layout left by the previous frame.
+    // A frame expects some images in the layout that the previous frame leaves. Before the first frame, the handover
+    // changes them from the prologue's layout.
     let mut met = vec![false; plan.resources.len()];
     for before in frame {
         for group in &extents.passes[before.index()] {
@@ -180,7 +181,7 @@ impl Walk<'_> {
             }
         }
         self.found.append(&mut found);
-        // All accesses of the pass were compared with earlier ones.
+        // Record the accesses only now, so that the pass does not depend on itself.
         for group in &self.extents.passes[pass.index()] {
             self.record(pass, group);
         }
@@ -197,7 +198,7 @@ impl Walk<'_> {
                     let target = (touch.stages, accesses);
                     self.add(found, hazard, first, (pass, group.resource), target, number, false);
                 };
-                // A write after reads also comes after the write before them.
+                // A write that waits for reads need not also wait for the write before them.
                 let is_read = cell.writes.iter().any(|w| cell.reads.iter().any(|r| !r.is_of(w)));
                 let seen = if is_read { read } else { touch.accesses };
                 let hazard = match read.is_empty() || touch.discards {
@@ -253,7 +254,7 @@ impl Walk<'_> {
             (Part::Prologue, Part::Prologue) | (Part::Second, Part::Second) => Since::Same,
             (Part::First, Part::Second) => Since::PreviousFrame,
             (Part::Prologue, Part::First) => Since::Prologue,
-            // Found in the second frame, and already in the first.
+            // Another part of the walk finds it: from the prologue to the first frame, or within the second frame.
             _ => return,
         };
         let accesses = match hazard {

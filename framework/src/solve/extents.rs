@@ -107,7 +107,7 @@ fn bytes(plan: &Plan, pass: &Pass, touch: &Use) -> Vec<Range<u64>> {
         Work::Export => {
             let words = plan.stats.iter().filter(|stat| stat.buffer == touch.resource);
             let words: Vec<_> = words.map(|stat| stat.offset..stat.offset + 4).collect();
-            // The output is exported whole.
+            // Without statistics, the resource is an output, which is exported whole.
             (!words.is_empty()).then_some(words)
         }
         _ => None,

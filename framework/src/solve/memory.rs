@@ -6,8 +6,8 @@
 //! large as its largest alias.
 //!
 //! Sharing must not cost time. The next alias waits for the previous one, which would add a barrier call unless there
-//! is one between the two anyway. An alias therefore only follows one whose last pass is on a lower level; the level of
-//! a pass is the length of the longest chain of dependent passes before it.
+//! is one between the two anyway. An alias therefore only follows another if the other's last pass is on a lower level;
+//! the level of a pass is the length of the longest chain of dependent passes before it.
 //!
 //! The packing is greedy: the largest resource first, each into the smallest block that is free for its lifetime (first
 //! fit by decreasing size, as in register allocation over intervals; optimal packing is NP-hard).
@@ -135,7 +135,7 @@ fn levels(passes: &[Pass], frame: &[PassId], resources: usize) -> Vec<u32> {
 
 /// Returns true if no alias is alive during `life`, or so shortly before or after it that a pass would have to wait.
 fn is_free(aliases: &BTreeMap<usize, Life>, life: Life) -> bool {
-    // They are disjoint, so only the immediate neighbours in time can overlap.
+    // The aliases of a block are disjoint in time, so only the two neighbours can overlap `life`.
     let before = aliases.range(..=life.last).next_back();
     let after = aliases.range(life.last + 1..).next();
     before.is_none_or(|(_, other)| other.last < life.first && other.levels.1 < life.levels.0)

@@ -83,8 +83,8 @@ pub fn add_dependencies(plan: &mut Plan) {
     (plan.layout_changes, plan.dependencies) = dependencies::dependencies(plan);
 }
 
-/// Creates the last passes of a frame: the export makes outputs and statistics readable by copies, and the host pass
-/// reads the statistics.
+/// Creates the last passes of a frame: the export, which prepares outputs for copies and copies the statistics, and the
+/// host pass, which reads the statistics.
 fn end(lowered: &mut Lowered, files: &SourceMap) -> Vec<LinkedPass> {
     let span = lowered.output_span;
     let touch =
@@ -180,8 +180,8 @@ fn writes_all(pass: &LinkedPass, resource: ResourceId) -> bool {
     uses.all(|touch| !touch.accesses.reads() && (fills || touch.discards))
 }
 
-/// Returns the passes that zero histories. A `Once` pass that writes one runs after them, because it may write only a
-/// part.
+/// Returns the passes that zero histories. They precede every `Once` pass, because a `Once` pass may write only a part
+/// of a history.
 fn starts(resources: &[Resource]) -> Vec<Pass> {
     let mut starts = Vec::new();
     for (index, resource) in resources.iter().enumerate() {

@@ -281,7 +281,7 @@ impl Sources {
             let writer = users[self.writers[before]];
             open.push(writer.pass);
             if writer.accesses.reads() {
-                // A pass that needs this one also needs everything that it read.
+                // This writer modifies earlier contents: the search continues from its own reads.
                 break;
             }
         }

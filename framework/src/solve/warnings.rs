@@ -25,7 +25,7 @@ pub(super) fn warnings(
     let mut found: Vec<Diagnostic> = Vec::new();
     let mut spans = HashSet::new();
     for (pass, resource) in unwritten {
-        // Once for all iterations of a repeat.
+        // Warn once for all iterations of a repeat.
         if spans.insert(passes[*pass].span) {
             found.push(first_touch(&passes[*pass], *resource, lowered));
         }

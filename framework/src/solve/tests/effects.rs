@@ -1,4 +1,4 @@
-//! The passes that depend on a parameter, for each kind of dependency, and the reasons for having none.
+//! Tests which passes depend on a parameter, for each kind of dependency, and the reasons for having no effect.
 
 use crate::plan::Plan;
 use crate::testing::{SHADERS, dispatch, graph, plan_of, plan_with_capacities};
@@ -31,7 +31,7 @@ fn effect_with(text: &str, set: &[(&str, &str)], more: &[(&str, &str)]) -> Strin
     effect_in(&plan, "p")
 }
 
-/// The effect of `p` with these passes.
+/// Returns the effect of `p` on a graph of these passes.
 fn effect(passes: &[String]) -> String {
     effect_with(&graph(P, &passes.join("\n")), &[], &[])
 }
@@ -103,7 +103,7 @@ fn a_define_counts_where_the_text_of_a_shader_depends_on_it() {
     let skipped = format!("{NONE}; the shader of `make` uses it where an `#if` does not hold");
     assert_eq!(with(&make(), "", "#if 0 P"), skipped);
     assert_eq!(with(&make(), r#""half_p": "p / 2""#, "HALF_P"), "make");
-    // A text has no define, but with another value of `p` there would be one.
+    // A text has no define. Still, a shader that mentions the name counts as depending on its value.
     assert_eq!(with(&make(), r#""kind": "p > 4 ? 'many' : 'few'""#, "KIND"), "make");
     let of_both = r#""k": "p > 4 ? 'many' : 'few'""#;
     assert_eq!(with(&make(), of_both, "K P"), "make");
@@ -149,7 +149,7 @@ fn the_passes_that_use_a_resource_depend_on_its_declaration() {
 fn the_choice_of_a_resource_counts_for_the_pass_that_uses_it() {
     let both = [make(), make().replace("make\"", "other\"").replace("\"a\"", "\"b\"")].join("\n");
     let chosen = show().replace(r#""In": "a""#, r#""In": "p > 4 ? 'a' : 'b'""#);
-    // `other` is left out: with another value, it is not.
+    // `other` is culled here; with another value of `p`, `make` would be.
     assert_eq!(effect(&[both.clone(), chosen]), "show");
     let named = graph(P, &[both, show().replace(r#""In": "a""#, r#""In": "from""#)].join("\n"))
         .replace("resources:", r#"let: {"from": "p > 4 ? 'a' : 'b'"}, resources:"#);
@@ -237,7 +237,7 @@ fn a_pass_that_is_left_out_counts_as_far_as_its_accesses_go() {
         effect(&[make(), twice.replace("unread", "first"), twice, show()]),
         format!("{NONE}; it is used by `first` and others, and nothing reads what they write")
     );
-    // With another value, it could be a pass whose result is read.
+    // With another value of `p`, it could be a pass whose result is read.
     assert_eq!(effect(&[make(), unread("when: \"p > 4\", size:"), show()]), "+ ");
     assert_eq!(effect(&[make(), unread("size:").replace("\"b\"", "\"p > 4 ? 'b' : 'a'\""), show()]), "+ ");
     let text = graph(P, &[make(), unread("size:").replace("make.comp", "text.comp"), show()].join("\n"));

@@ -1,4 +1,4 @@
-//! Resources with a history.
+//! Tests resources with a history.
 
 use super::*;
 
@@ -97,7 +97,7 @@ fn an_image_with_a_history_keeps_its_contents_through_changes_of_layout() {
         .filter(|change| plan.resource(change.image).name == "trail")
         .map(|change| (change.old, change.new))
         .collect();
-    // Its start, the handover, since frames find it as they leave it, and twice in a frame.
+    // The clear before the first frame, the handover to the layout that frames leave, and two changes per frame.
     let expected = [
         (Layout::Undefined, Layout::TransferTarget),
         (Layout::TransferTarget, Layout::ColorTarget),
@@ -155,7 +155,7 @@ fn a_history_that_frames_write_in_part_keeps_the_rest() {
     let plan = plan(&with_history(&passes), &[]).unwrap();
     assert_eq!(kept_and_shared(&plan, "past"), (true, false), "{}", shown(&plan));
     assert_eq!(plan.pass(plan.prologue[0]).name, "start(past)");
-    // Without the keyword, the buffer is an ordinary one.
+    // Without `history`, the buffer is an ordinary one.
     let plain = with_history(&passes).replace(
         "past\": Buffer(stride: 4, count: 64, history: true)",
         "past\": Buffer(stride: 4, count: 64)",

@@ -1,8 +1,8 @@
-//! Transient resources that share memory.
+//! Tests the sharing of memory by transient resources.
 
 use super::*;
 
-/// The resources of each block that has several.
+/// Lists the resources of each block that has several.
 fn aliases(plan: &Plan) -> Vec<Vec<&str>> {
     let names = |block: &crate::plan::Block| {
         block.aliases.iter().map(|id| plan.resource(*id).name.as_str()).collect::<Vec<_>>()
@@ -19,7 +19,7 @@ fn resources_that_are_never_alive_together_share_memory_and_the_next_alias_waits
         dispatch("show", "show.comp", r#""In": "c", "Image": "image""#),
     ];
     let plan = packed(&passes);
-    // `a` ends before the image begins; each of the others meets one of the two.
+    // `a` ends before `image` begins; `b` and `c` each overlap one of the two.
     assert_eq!(aliases(&plan), [["image", "a"]], "{}", shown(&plan));
     assert_eq!(plan.unshared_bytes() - plan.transient_bytes(), 256);
     let expected = ["WriteAfterRead on a (image) after export of the frame before"];

@@ -33,7 +33,7 @@ fn frame(plan: &Plan) -> Vec<&str> {
     plan.frame.iter().map(|id| plan.pass(*id).name.as_str()).collect()
 }
 
-/// The dependencies of a pass, as text.
+/// Formats the dependencies of a pass, one text each.
 fn dependencies(plan: &Plan, pass: &str) -> Vec<String> {
     let id = plan.order().find(|id| plan.pass(*id).name == pass);
     let id = id.unwrap_or_else(|| panic!("{}", shown(plan)));
@@ -59,7 +59,7 @@ fn draw(name: &str, load: &str) -> String {
     )
 }
 
-/// [`graph`] with a buffer, a ping-pong buffer and an image with histories: `past`, `order`, `trail`.
+/// Returns [`graph`] with a buffer, a ping-pong buffer and an image with histories: `past`, `order`, `trail`.
 fn with_history(passes: &[String]) -> String {
     graph("", &passes.join("\n")).replace(
         "resources: {",

@@ -1,4 +1,4 @@
-//! The order of passes, and the passes that are culled.
+//! Tests the order of passes, and which passes are culled.
 
 use super::*;
 
