@@ -6,7 +6,7 @@ use crate::error::SceneError;
 use crate::input::{Source, grow};
 use std::ops::Range;
 
-/// Bytes read at a time.
+/// Bytes read at a time; more for a line that is longer.
 const PIECE: usize = 256 << 10;
 
 /// Maximum length of a line, in bytes. A splat's line has a few hundred.
@@ -160,7 +160,7 @@ pub(crate) fn row(
                 Some(wide) => {
                     let value = parsed::<f64>(word).map(|value| value - origin[slot]);
                     position[slot] = value.unwrap_or_default();
-                    // A text is rounded once.
+                    // Each decimal is rounded to f32 once: after the subtraction, or directly.
                     if *wide { value.map(|value| value as f32) } else { parsed(word) }
                 }
                 None => parsed(word),

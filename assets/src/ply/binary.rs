@@ -63,7 +63,7 @@ fn length(raw: &[u8], scalar: Scalar, big: bool) -> Option<u64> {
 
 /// Sums the bytes of each property over all rows of an element, from offset `start` on.
 ///
-/// The inner error is that of a truncated file: the number of whole rows.
+/// The inner `Err` reports a truncated file, with its number of whole rows.
 ///
 /// # Errors
 /// The file cannot be read.

@@ -5,7 +5,7 @@ use crate::error::SceneError;
 use crate::scene::FileNotes;
 use crate::size_breakdown::{ElementSize, FieldSize};
 
-/// Maximum number of bytes in a header. The reference layout needs about 1,600; comments may be long.
+/// Maximum number of bytes in a header. The reference layout needs about 1,600; the rest is for comments.
 pub(crate) const HEADER_LIMIT: usize = 64 * 1024;
 
 /// The encoding of the rows.
@@ -199,7 +199,7 @@ impl Header {
             let words: Vec<&str> = text.split_ascii_whitespace().collect();
             let fail = |message: String| SceneError::Header { line: number, message };
             match words.as_slice() {
-                // A blank line does no harm.
+                // Blank lines and `obj_info` are ignored.
                 [] | ["obj_info", ..] => {}
                 ["comment", comment @ ..] => tags::read(comment, &mut notes)?,
                 ["ply"] if number == 1 => {}
@@ -261,7 +261,7 @@ impl Header {
     }
 }
 
-/// Parses a declaration: the words after `property`.
+/// Parses the words after `property` in a declaration.
 fn property(words: &[&str]) -> Result<Property, String> {
     let scalar = |name: &str| {
         Scalar::parse(name).ok_or_else(|| {

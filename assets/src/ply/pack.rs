@@ -40,7 +40,7 @@ fn ranged(scene: &Scene, index: usize) -> Ranged {
     std::array::from_fn(|k| [position, scale, color][k / 3][k % 3])
 }
 
-/// Packs values from 0 to 1 in 11, 10 and 11 bits.
+/// Packs three values from 0 to 1 into 11, 10 and 11 bits.
 fn pack(t: &[f64]) -> u32 {
     quantised(t[0], 2047) << 21 | quantised(t[1], 1023) << 11 | quantised(t[2], 2047)
 }
@@ -65,7 +65,7 @@ pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     let degree = scene.stored_degree();
     out.write_all(header(scene.count() as usize, degree, scene.notes()).as_bytes())?;
     let order = scene.morton_order();
-    // The bounds of all chunks come before the first splat.
+    // Splats are buffered, because the bounds of all chunks precede the first splat in the file.
     let mut vertices = Vec::new();
     vertices.try_reserve_exact(order.len() * 16)?;
     for chunk in order.chunks(CHUNK_SPLATS) {

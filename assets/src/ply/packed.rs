@@ -2,13 +2,14 @@
 //!
 //! | element | rows | properties |
 //! |---|---|---|
-//! | `chunk` | one per 256 splats | bounds, `float`: of positions, of the scales' logarithms, and (not in older files) of colours |
+//! | `chunk` | one per 256 splats | bounds, `float`: of positions, log scales and (not in older files) colours |
 //! | `vertex` | splats | `packed_position`, `packed_rotation`, `packed_scale`, `packed_color`, `uint` |
 //! | `sh` | splats, or absent | `f_rest_*`, `uchar`, channel-major |
 //!
-//! Positions and scales have 11, 10 and 11 bits of the range of their chunk, from the highest bit down. A rotation has the index of
-//! the largest of w, x, y, z in its two highest bits, and the other three in 10 bits each. A colour has 8 bits per channel and 8 of
-//! opacity. Format and names are those of <https://github.com/playcanvas/splat-transform>.
+//! Positions and scales have 11, 10 and 11 bits of the range of their chunk, from the highest bit down. A rotation has
+//! the index of the largest of w, x, y, z in its two highest bits, and the other three in 10 bits each. A colour has 8
+//! bits per channel and 8 bits of opacity. Format and names are those of
+//! <https://github.com/playcanvas/splat-transform>.
 
 use super::binary;
 use super::header::{Element, Encoding, Header, Property, PropertyType, Scalar};
@@ -48,13 +49,13 @@ pub(super) const CHUNK: [&str; 18] = [
     "max_b",
 ];
 
-/// The offsets of the values in a file of the compressed layout.
+/// The offsets of the values in the rows of a compressed file.
 pub(super) struct Packed {
     /// Degree of the spherical harmonics.
     pub degree: u32,
     /// Offset of each of [`VERTEX`] in a row.
     vertex: [usize; 4],
-    /// Offset of each of [`CHUNK`] in a row; only the first 12 if the file has no bounds of colours.
+    /// Offset of each of [`CHUNK`] in a row; only the first 12 if the file has no bounds for colours.
     chunk: Vec<usize>,
     /// Offset of each `f_rest_*` in a row.
     rest: Vec<usize>,
@@ -247,7 +248,7 @@ fn offset(element: &Element, name: &str, scalar: Scalar) -> Result<usize, SceneE
     Err(SceneError::Header { line, message })
 }
 
-/// Unpacks values from 0 to 1 in 11, 10 and 11 bits.
+/// Unpacks three values from 0 to 1, stored in 11, 10 and 11 bits.
 fn unpack(word: u32) -> [f64; 3] {
     [f64::from(word >> 21) / 2047.0, f64::from(word >> 11 & 1023) / 1023.0, f64::from(word & 2047) / 2047.0]
 }

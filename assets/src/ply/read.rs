@@ -1,4 +1,4 @@
-//! Reads a scene file: parses the header, then converts the rows in parallel.
+//! Reads a PLY file: parses the header, then converts the rows in parallel.
 //!
 //! The file is read in pieces ([`crate::input`]), so that at most one piece per thread is in memory. Binary rows have a
 //! fixed length, so every chunk of splats is read and converted into the scene's arrays independently. ASCII rows vary
@@ -41,7 +41,7 @@ fn header(source: &Source) -> Result<(Header, Stored, u64), SceneError> {
         return Err(SceneError::NoSplats { line: vertex.line });
     }
     let available = source.length() - header.bytes as u64;
-    // A row has at least one byte, so a truncated file cannot explain a larger count.
+    // A row has at least one byte. A larger count is reported as a damaged header, even if the file is truncated.
     if let Some(absurd) = header.elements.iter().find(|e| e.count > available && !e.properties.is_empty()) {
         return Err(SceneError::AbsurdCount {
             element: absurd.name.clone(),
@@ -202,7 +202,7 @@ impl File<'_> {
         Ok((splats, elements, lines.place().at))
     }
 
-    /// Reads the splats and advances `lines` past the last.
+    /// Reads the splats, and advances `lines` past the last. Also returns the bytes of each column's words.
     fn ascii_splats(
         &self,
         lines: &mut ascii::Lines,
@@ -212,7 +212,7 @@ impl File<'_> {
         let mut sample = Sample::of(self.layout, vertex.count);
         let mut chunks = Vec::new();
         chunks.try_reserve_exact(vertex.count as usize / CHUNK + 1).map_err(std::io::Error::from)?;
-        // A value and a blank per column: a shorter line cannot be a row. Checked before the allocation.
+        // A row has at least one digit per column, and blanks between them. A shorter line fails before the allocation.
         let least = 2 * vertex.properties.len() - 1;
         for row in 0..vertex.count {
             if row % CHUNK as u64 == 0 {

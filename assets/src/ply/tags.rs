@@ -2,11 +2,11 @@
 //!
 //! | comment | meaning | written by |
 //! |---|---|---|
-//! | `SplatRenderMode: default`, `mip` or `2dgs` | the filter of the training | Brush, splat-transform |
-//! | `antialiased 0` or `1` | the filter of gsplat | Postshot |
-//! | `vertical axis: x`, `y` or `z` | the axis that is vertical; up is +x, -y or -z, as Brush reads it | |
+//! | `SplatRenderMode: default`, `mip` or `2dgs` | the training's filter, or 2D Gaussians | Brush, splat-transform |
+//! | `antialiased 0` or `1` | gsplat's filter, off or on | Postshot |
+//! | `vertical axis: x`, `y` or `z` | the vertical axis; up is +x, -y or -z, as in Brush | |
 //!
-//! Words are compared without regard to case. The last comment of a kind counts.
+//! Case is ignored. If several comments set the same tag, the last one counts.
 
 use crate::error::SceneError;
 use crate::scene::{FileNotes, Filter};

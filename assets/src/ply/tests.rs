@@ -7,7 +7,7 @@ use crate::{Scene, sh_floats};
 use proptest::prelude::*;
 use std::path::PathBuf;
 
-/// The form of a file to write.
+/// Parameters of a generated file.
 struct Made {
     format: &'static str,
     kind: &'static str,
@@ -29,7 +29,7 @@ const PLAIN: Made = Made {
     line_end: "\n",
 };
 
-/// Computes a splat's values as files hold them, by property.
+/// Computes the stored value of a splat's property.
 fn raw(index: usize, name: &str) -> f64 {
     let t = index as f64;
     match name.rsplit_once('_').map(|(stem, n)| (stem, n.parse::<f64>().unwrap())) {
@@ -58,7 +58,7 @@ impl Made {
         }
     }
 
-    /// Makes two faces: a list of 3 and one of 4 indices, and a byte.
+    /// Appends two faces, with lists of 3 and 4 indices, and a byte of flags each.
     fn put_faces(&self, out: &mut Vec<u8>) {
         for n in [3u8, 4] {
             match self.format {
@@ -114,7 +114,7 @@ fn error(bytes: &[u8]) -> String {
     parse(bytes).unwrap_err().to_string()
 }
 
-/// Replaces a part of a file's header.
+/// Returns a file in which a part of the header is replaced.
 fn edited(made: &Made, from: &str, to: &str) -> Vec<u8> {
     let bytes = made.bytes();
     let at =
@@ -210,7 +210,7 @@ fn doubles_beyond_f32_drop_their_splat_and_are_counted() {
     assert_eq!(scene.unwrap().dropped().position, 1);
 }
 
-/// Writes splats around a place, as doubles; the first is far away from the others.
+/// Returns a file of splats around `place`, as doubles; the first is far from the others.
 fn surveyed(format: &'static str, place: [f64; 3]) -> Vec<u8> {
     let made = Made { format, kind: "double", degree: 0, count: 3000, ..PLAIN };
     let position = |index: usize, axis: usize| {
@@ -238,7 +238,7 @@ fn doubles_far_from_the_origin_keep_the_digits_that_f32_has_not() {
     let place = [5_340_123.25, -410_777.5, 120.0];
     for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
         let scene = parse(&surveyed(format, place)).unwrap();
-        // A multiple of 1,024 near the median, which the outlier did not move; the third axis is near the origin already.
+        // A multiple of 1,024 near the median, which the outlier does not move. The third axis is near the origin.
         assert_eq!(scene.offset(), [5_340_160.0, -410_624.0, 0.0], "{format}");
         for index in [1, 17, 2999] {
             for (axis, place) in place.iter().enumerate() {
@@ -298,7 +298,7 @@ fn a_scene_that_exceeds_the_memory_is_refused_from_its_header() {
     assert!(with(enough - 1).is_err());
 }
 
-/// Creates a sparse file of `count` splats of bytes, whose rows take no room on disk.
+/// Creates a sparse file of `count` splats with properties of one byte. Its rows use no disk space.
 #[cfg(unix)]
 fn sparse(folder: &std::path::Path, count: u64) -> std::path::PathBuf {
     let properties: String = property_names(3).iter().map(|n| format!("property uchar {n}\n")).collect();
@@ -350,7 +350,7 @@ fn a_line_of_text_has_a_limit() {
     let ascii = Made { format: "ascii", degree: 0, ..PLAIN };
     let mut bytes = ascii.bytes();
     bytes.extend(std::iter::repeat_n(b'7', super::ascii::LONGEST_LINE + 1));
-    // Behind the last row nothing is read.
+    // Nothing after the last row is read.
     assert_eq!(parse(&bytes).unwrap().count(), 20);
     let long = " ".repeat(super::ascii::LONGEST_LINE + 1);
     let text =
@@ -451,7 +451,7 @@ fn rows_of_text_that_do_not_parse_are_named_by_line() {
     assert!(said.starts_with(&number) && said.contains("expected 17 values, found 18"), "{said}");
     let said = replaced(row.rsplit_once(' ').unwrap().0.into());
     assert!(said.starts_with(&number) && said.contains("expected 17 values, found 16"), "{said}");
-    // A blank line is passed over.
+    // Blank lines are skipped.
     let spaced = text.replacen("end_header\n", "end_header\n\n", 1);
     assert_eq!(parse(spaced.as_bytes()).unwrap().count(), 20);
 }
