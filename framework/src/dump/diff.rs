@@ -26,11 +26,11 @@ pub struct Diff {
     pub facts: Vec<PropertyChange>,
     /// All totals, including equal ones.
     pub totals: Vec<TotalChange>,
-    /// Passes. The one-sided lists hold names.
+    /// Passes; `only_a` and `only_b` have their names.
     pub passes: Differences<String, NamedChange>,
-    /// Barriers. The one-sided lists hold them in full.
+    /// Barriers; `only_a` and `only_b` have them in full.
     pub barriers: Differences<DumpBarrier, BarrierChange>,
-    /// Resources. The one-sided lists hold their sizes.
+    /// Resources; `only_a` and `only_b` have their sizes.
     pub resources: Differences<ResourceSize, NamedChange>,
 }
 
@@ -54,14 +54,14 @@ pub struct PropertyChange {
     pub b: Option<String>,
 }
 
-/// A total of both dumps.
+/// A total of the plan, in both dumps.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TotalChange {
-    /// Name of the total.
+    /// Name of the total, such as `barriers of the frame`.
     pub name: String,
-    /// Number in the first dump.
+    /// The total in the first dump.
     pub a: u64,
-    /// Number in the second dump.
+    /// The total in the second dump.
     pub b: u64,
     /// `b - a`.
     pub change: i64,
@@ -100,7 +100,7 @@ pub struct ResourceSize {
     pub bytes: u64,
 }
 
-/// A barrier at the same place on both sides, with different masks, layouts or dependencies.
+/// A barrier before the same pass and on the same image in both dumps, with different masks, layouts or dependencies.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BarrierChange {
     /// The barrier in the first dump.

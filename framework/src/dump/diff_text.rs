@@ -77,7 +77,7 @@ fn write_only(out: &mut String, side: &str, names: &[String]) -> fmt::Result {
     writeln!(out, "  only in {side} ({count}): {}", ranges(names).join(", "))
 }
 
-/// Writes one line for all iterations of a member with the same changed properties.
+/// Writes one entry for all iterations of a member that differ in the same properties.
 fn write_changed(out: &mut String, changed: &[NamedChange]) -> fmt::Result {
     let mut lines: Vec<(String, Vec<&str>, Vec<&NamedChange>)> = Vec::new();
     for change in changed {

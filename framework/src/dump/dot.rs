@@ -7,9 +7,9 @@ use std::collections::HashMap;
 
 /// Formats a dump as a DOT graph.
 ///
-/// Edges are the dependencies of barriers, from the earlier passes to the one that waits. Dashed edges are execution
-/// dependencies, or come from the previous frame. There is no edge for a read of data that an earlier barrier has
-/// already made visible.
+/// Edges are the dependencies of barriers, from the earlier passes to the one that waits. Only read after write within
+/// a frame is solid; other hazards, and all edges from the previous frame, are dashed. There is no edge for a read of
+/// data that an earlier barrier has already made visible.
 pub fn dot(dump: &Dump) -> String {
     let mut out = format!(
         "digraph {} {{\n  rankdir=TB;\n  node [shape=box, style=\"rounded,filled\", fontname=\"sans-serif\"];\n  edge [fontname=\"sans-serif\", fontsize=9];\n",

@@ -12,7 +12,7 @@ use crate::plan::{Cause, Dependency, Transition};
 /// Version of the JSON form; raised when a field changes its meaning or is removed.
 pub const DUMP_VERSION: u32 = 4;
 
-/// A plan with names in place of numbers.
+/// A plan with names in place of numbers: what `splatgraph dump` writes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dump {
     /// Version of the form, [`DUMP_VERSION`].
@@ -35,7 +35,7 @@ pub struct Dump {
     pub facts: BTreeMap<String, Value>,
     /// Sums over the whole plan.
     pub totals: Totals,
-    /// The memory of the transient resources.
+    /// Memory blocks of the transient resources.
     pub blocks: Vec<DumpBlock>,
     /// Buffers and images.
     pub resources: Vec<DumpResource>,
@@ -56,7 +56,7 @@ pub struct Dump {
     /// The images requested besides the output, by output name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub outputs: BTreeMap<String, String>,
-    /// Numbers that the host reads after each frame.
+    /// Statistics: words that the host reads after each frame.
     pub stats: Vec<Stat<String>>,
     /// Total GPU milliseconds of the frame's passes. Filled in by [`Dump::with_times`].
     pub gpu_ms: Option<f64>,
@@ -68,24 +68,24 @@ pub struct Dump {
 /// A parameter of the graph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpParameter {
-    /// Name in the graph.
+    /// Name of the parameter, as in the graph file.
     pub name: String,
-    /// Value in use.
+    /// The value that the plan was built with.
     pub value: Value,
-    /// Default value.
+    /// The value if neither a preset nor the request sets one.
     pub default: Value,
     /// Reason for the value, if it comes from an expression in the default or in a preset.
     pub reason: Option<Reason>,
     /// The value that costs no accuracy, if the graph names one.
     pub exact: Option<Value>,
-    /// The statistic that the value grows with, if any: a frame whose statistic exceeds the value was incomplete.
+    /// The statistic that this capacity must cover, if any. A frame whose statistic exceeds the value is incomplete.
     pub grows: Option<String>,
     /// True if the parameter can be changed between frames; otherwise it is baked into the plan.
     pub live: bool,
     /// The passes that depend on the parameter, in the order of [`Dump::passes`].
     #[serde(default)]
     pub affects: Vec<String>,
-    /// True if the parameter decides which passes exist: a condition, the count of a repeat, or a swap depends on it.
+    /// True if the parameter decides which passes exist: a condition or the count of a repeat depends on it.
     #[serde(default)]
     pub shape: bool,
     /// The reason why nothing in the plan depends on the parameter, a phrase; `None` if something does.
@@ -130,7 +130,7 @@ pub struct Totals {
 pub struct BarrierTotals {
     /// Number of calls; barriers recorded together are one call.
     pub calls: usize,
-    /// Number of all barriers.
+    /// Number of barriers of both kinds.
     pub barriers: usize,
     /// Number of memory barriers.
     pub memory_barriers: usize,
@@ -156,9 +156,9 @@ pub struct DumpBlock {
 pub struct DumpResource {
     /// Name in the plan; the halves of a ping-pong buffer `keys` are `keys#0` and `keys#1`.
     pub name: String,
-    /// `transient`, `scene`, `frame`, `live` or `readback`.
+    /// `transient`, `scene`, `frame`, `given`, `live` or `readback`; see [`Source`](crate::ir::Source).
     pub source: String,
-    /// The scene's attribute, or the uniform block or buffer that comes with each frame; `None` for other sources.
+    /// Name of the attribute (`scene`), uniform block (`frame`) or buffer (`given`); `None` for other sources.
     pub from: Option<String>,
     /// For buffers `count x stride`, for images `width x height format`.
     pub shape: String,
@@ -168,7 +168,7 @@ pub struct DumpResource {
     pub bytes: u64,
     /// Uses of the resource, for instance `STORAGE` and `INDIRECT`.
     pub usage: Usage,
-    /// The block of a transient resource, which lists the resource's aliases; `None` for other sources.
+    /// The [block](DumpBlock::id) of a transient resource; `None` for other sources.
     pub block: Option<u32>,
     /// First and last use; `None` for a resource that outlives the frame.
     pub lifetime: Option<Lifetime>,
@@ -181,8 +181,9 @@ pub struct DumpResource {
     pub declared: Origin,
 }
 
-/// First and last use, as indices into [`Dump::passes`]. The contents are undefined before the first and unused after
-/// the last.
+/// First and last use, as indices into [`Dump::passes`].
+///
+/// The contents are undefined before the first use, and not needed after the last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lifetime {
     /// Index of the first pass that accesses the resource.
@@ -194,7 +195,7 @@ pub struct Lifetime {
 /// A group of passes whose times are summed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpPhase {
-    /// Name in the graph.
+    /// Name of the phase, as in the graph file.
     pub name: String,
     /// The part of the plan in which the passes run. A phase with passes in the prologue and in the frame appears
     /// twice.
@@ -208,7 +209,8 @@ pub struct DumpPhase {
 /// A run of passes from one repeat.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DumpRepeat {
-    /// Common prefix of the passes' names, or the first pass's name if there is none; unique.
+    /// Name of the include around the repeat, or the first pass's name without index. A number makes it unique:
+    /// `sort (2)`.
     pub name: String,
     /// Number of times that the body runs; for nested repeats, the product.
     pub iterations: usize,
@@ -225,7 +227,7 @@ pub struct DumpPass {
     pub name: String,
     /// Group under which the pass's GPU time is summed.
     pub phase: String,
-    /// Prologue or frame.
+    /// The part of the plan in which the pass runs: prologue or frame.
     pub run: Run,
     /// `dispatch`, `draw`, `fill`, `start`, `export` or `host`.
     pub kind: String,
@@ -246,9 +248,9 @@ pub struct DumpPass {
     pub reads: Vec<Use<String>>,
     /// Resources that the pass writes.
     pub writes: Vec<Use<String>>,
-    /// Descriptors that are bound.
+    /// Descriptors that the pass binds.
     pub bindings: Vec<Binding<String>>,
-    /// Push constants.
+    /// Push constants, one per 32-bit word.
     pub push: Vec<DumpPush>,
     /// Dependencies on earlier passes, with reasons.
     #[serde(default)]
@@ -301,7 +303,7 @@ pub struct DumpPush {
     pub name: Option<String>,
     /// Offset in bytes.
     pub offset: usize,
-    /// The number, as the shader reads it.
+    /// The word, in the type that the shader declares; an unsigned integer if it declares none.
     pub value: Value,
 }
 
@@ -314,7 +316,7 @@ pub struct Declared {
     pub declared: Origin,
 }
 
-/// A barrier between earlier and later commands, with Vulkan's meaning.
+/// A barrier between earlier and later commands, with the semantics of Vulkan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DumpBarrier {
     /// Number of the barrier, from 1 in recording order: prologue, handover, frame.
@@ -387,7 +389,7 @@ pub struct DumpEncoder {
 pub struct DumpWait {
     /// Number of the fence.
     pub fence: u32,
-    /// The stage of draws that waits: `vertex` (so both stages wait) or `fragment`.
+    /// The stage of draws that waits: `vertex` (so both stages wait) or `fragment`; `None` in other encoders.
     pub stage: Option<String>,
     /// The conflicts that the wait resolves.
     pub reasons: Vec<Cause<Declared, Declared>>,
@@ -398,7 +400,8 @@ pub struct DumpWait {
 pub struct DumpUpdate {
     /// Number of the fence.
     pub fence: u32,
-    /// The stage of draws after which the fence is updated: `vertex`, or `fragment` (so after both stages).
+    /// The stage of draws after which the fence is updated: `vertex`, or `fragment` (so after both stages). `None` in
+    /// other encoders.
     pub stage: Option<String>,
 }
 
@@ -436,7 +439,7 @@ pub struct EncoderTotals {
 }
 
 impl Dump {
-    /// Adds the times of a run, in milliseconds by pass name, and returns the number of passes that got one. Unknown
+    /// Adds the times of a run, in milliseconds by pass name, and returns the number of passes with a time. Unknown
     /// names are ignored.
     pub fn with_times(mut self, times: &[(String, f64)]) -> (Dump, usize) {
         let by_name: BTreeMap<&str, f64> = times.iter().map(|(name, ms)| (name.as_str(), *ms)).collect();
@@ -458,8 +461,8 @@ impl Dump {
 
     /// Adds the barriers of an API that has them, and numbers them.
     ///
-    /// There is one call before each pass in execution order, with the handover between the prologue's passes and the
-    /// frame's.
+    /// `calls` has one list per pass, in execution order, and the handover's list between those of the prologue and
+    /// those of the frame.
     pub fn with_barriers(mut self, calls: impl IntoIterator<Item = Vec<DumpBarrier>>) -> Dump {
         let Dump { passes, totals, handover, .. } = &mut self;
         let (mut calls, mut next) = (calls.into_iter(), 1);

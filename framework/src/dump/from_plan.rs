@@ -153,8 +153,8 @@ fn resource_of(plan: &Plan, id: ResourceId, lifetimes: &[Option<Lifetime>], free
 
 /// Returns each resource's first and last use in the frame.
 ///
-/// `None` for resources that live longer: used by the prologue, with a history, or already written when the frame
-/// begins.
+/// `None` for resources that passes do not own, and for contents that outlive a frame: used by the prologue, with a
+/// history, or first used by a pass that does not write them.
 fn lifetimes(plan: &Plan) -> Vec<Option<Lifetime>> {
     let mut found: Vec<Option<Lifetime>> = vec![None; plan.resources.len()];
     let mut longer: Vec<bool> =
@@ -287,7 +287,7 @@ fn dependency_of(plan: &Plan, dependency: &Dependency) -> Dependency<Declared, D
     Dependency {
         hazard,
         first: Declared::pass(plan, dependency.first),
-        // The pass that holds it.
+        // Left empty: the dependency is listed under this pass.
         second: Declared::default(),
         since,
         resource: Declared::resource(plan, dependency.resource),

@@ -7,8 +7,8 @@
 //! either barriers ([`Dump::with_barriers`]), each with its hazards, its passes and the lines of the graph that cause
 //! it, or encoders ([`DumpEncoders`], shown by [`encoders_text`]).
 //!
-//! The fields are documented here, in `docs/dump.md`, and for programs in `docs/dump.schema.json`; a test keeps the three
-//! consistent.
+//! The fields are documented here, in `docs/dump.md`, and for programs in `docs/dump.schema.json`. A test checks that
+//! all three have the same fields.
 
 mod diff;
 mod diff_text;

@@ -155,7 +155,7 @@ fn write_pass(out: &mut String, pass: &DumpPass) -> fmt::Result {
 }
 
 /// Formats the passes that a pass waits for, with the resources: `project (visible, splats), draw and export of the
-/// previous frame (color in the memory of depth)`.
+/// frame before (color in the memory of depth)`.
 pub(super) fn comes_after(pass: &DumpPass) -> String {
     // For each earlier pass and its run, the resources.
     let mut passes: Vec<((&str, Since), Vec<String>)> = Vec::new();
@@ -199,8 +199,8 @@ fn subject_of(dependency: &Dependency<Declared, Declared>) -> String {
     format!("{}{}", dependency.resource.name, alias.unwrap_or_default())
 }
 
-/// Formats a dependency: `write after read on color in the memory of depth, after compose of the previous frame:
-/// COMPUTE STORAGE_READ -> ...`.
+/// Formats a dependency: `write after read on color in the memory of depth, after compose of the frame before: COMPUTE
+/// STORAGE_READ -> ...`.
 pub fn dependency_line(dependency: &Dependency<Declared, Declared>) -> String {
     let Dependency { hazard, first, since, masks, .. } = dependency;
     let (hazard, resource) = (hazard_words(*hazard), subject_of(dependency));
@@ -223,7 +223,7 @@ fn write_barrier(out: &mut String, barrier: &DumpBarrier) -> fmt::Result {
 pub fn left_out_counts(dump: &Dump) -> String {
     let mut reasons: Vec<(&str, usize)> = Vec::new();
     for left_out in &dump.left_out {
-        // Without the condition itself, which the list shows.
+        // Drop the condition itself: the list of culled passes shows it.
         let why = left_out.why.split(": ").next().unwrap_or_default();
         match reasons.iter_mut().find(|(known, _)| *known == why) {
             Some((_, count)) => *count += 1,

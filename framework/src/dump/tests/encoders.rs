@@ -1,4 +1,4 @@
-//! Encoders that a backend has added, as text and as JSON.
+//! Tests the encoders that a backend adds, as text and as JSON.
 
 use super::*;
 use crate::plan::Cause;

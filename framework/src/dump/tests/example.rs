@@ -1,5 +1,5 @@
 //! A hand-made plan for tests: a graph that sorts splats, with every construct that a plan can have; and its dump, with
-//! barriers as an API may place them.
+//! barriers as an API could place them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -11,7 +11,7 @@ use crate::plan::Plan;
 use crate::testing;
 use example::dump;
 
-/// Returns a dump whose frame passes take 1, 2, 3, ... milliseconds, where a run has times for them.
+/// Returns a dump whose frame passes take 1, 2, 3, ... milliseconds, except passes that need no time.
 fn timed(plan: Plan) -> Dump {
     let dump = dump(&plan);
     let times =
@@ -54,7 +54,7 @@ fn barriers_are_numbered_in_the_order_of_recording() {
     let plain = dump(&example::splat(4, 1000));
     let mut calls: Vec<_> = plain.passes.iter().map(|pass| pass.barriers.clone()).collect();
     calls.insert(2, plain.handover.clone());
-    // The prologue has one as well.
+    // Give the prologue a barrier as well.
     calls[1] = plain.handover.clone();
     let dump = super::dump(&example::splat(4, 1000)).with_barriers(calls);
     let ids: Vec<u32> = dump.barriers().map(|b| b.id).collect();
@@ -164,7 +164,7 @@ fn times_are_summed_by_phase_and_frame_and_a_missing_one_leaves_no_sum() {
     let phase = |name: &str| dump.phases.iter().find(|p| p.name == name).unwrap();
     assert_eq!(phase("key").gpu_ms, Some(ms("scan_blocks") + ms("compact")));
     assert_eq!(phase("load").gpu_ms, None, "the prologue has no times");
-    // A run times 18 passes of the frame.
+    // 18 passes of the frame have times.
     assert_eq!(dump.gpu_ms, Some((1..=18).map(f64::from).sum()));
     assert_eq!(dump.pass("export").unwrap().gpu_ms, None);
 

@@ -1,4 +1,4 @@
-//! The JSON against `docs/dump.schema.json`, and the schema against `docs/dump.md`.
+//! Checks the JSON of dumps against `docs/dump.schema.json`, and the schema against `docs/dump.md`.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -15,7 +15,7 @@ const PAGE: &str = include_str!("../../../../docs/dump.md");
 /// Validates JSON against the part of JSON Schema (2020-12) that this schema uses.
 struct Validator<'a> {
     root: &'a Value,
-    /// Places of the schema whose field had a value other than null and the empty list.
+    /// Schema places of the fields found with a value other than null or an empty list.
     seen: BTreeSet<String>,
 }
 
@@ -181,7 +181,7 @@ fn the_validator_finds_what_does_not_fit() {
     }
 }
 
-/// The fields in the table under a heading.
+/// Lists the fields in the table under a heading.
 fn documented(heading: &str) -> Vec<&str> {
     let (_, section) =
         PAGE.split_once(&format!("\n### {heading}\n")).unwrap_or_else(|| panic!("no section {heading}"));
