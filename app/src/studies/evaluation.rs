@@ -88,7 +88,7 @@ impl Evaluation {
             format!("{:width$} {:>8} {:>8} {:>8}  {}\n", "view", "PSNR dB", "SSIM", "FLIP", "size");
         for (name, score) in names.iter().zip(&self.views) {
             let size = format!("{} x {}", score.width, score.height);
-            // Equal pictures have no finite ratio.
+            // `None` is the infinite PSNR of equal pictures.
             text += &row(name, score.psnr_db.or(Some(f64::INFINITY)), score.ssim, Some(score.flip), &size);
         }
         let Mean { psnr_db, ssim, flip } = self.mean;
@@ -113,7 +113,7 @@ mod tests {
             score("b.jpg", &grey(0.5), &grey(0.51)).unwrap(),
         ];
         let all = Evaluation::new(scores.to_vec());
-        // 20 and 40 dB.
+        // The mean of 20 and 40 dB.
         assert!((all.mean.psnr_db.unwrap() - 30.0).abs() < 1e-4, "{all:?}");
         let text = all.table();
         assert!(

@@ -202,7 +202,7 @@ impl From<BackendError> for StudyError {
 mod tests {
     use super::*;
 
-    /// Keeps what it hears, and cancels after some steps.
+    /// Keeps its progress reports, and cancels at the one with the given number.
     struct Kept(Vec<String>, usize);
 
     impl Listener for Kept {

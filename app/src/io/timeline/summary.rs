@@ -147,8 +147,8 @@ mod tests {
 
     #[test]
     fn frames_start_as_late_as_the_frame_that_was_noticed_soonest_allows() {
-        // The first two frames bound the offset by 80 - 510 and by 92 - 522, which are equal. The third is noticed late, so
-        // its bound is larger and has no effect.
+        // The first two frames bound the offset by 80 - 510 and by 92 - 522, which are equal. The third is noticed
+        // late, so its bound is larger and has no effect.
         let mut frames = recording().frames;
         assert_eq!(trace::starts(&frames), [Some(70.0), Some(82.0)]);
         frames.push(frame(2, (90, 200), 530.0));

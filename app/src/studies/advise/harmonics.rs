@@ -38,7 +38,7 @@ pub fn bands(scene: &Scene) -> Vec<Band> {
     let of_splat = |index: usize| {
         let weight = f64::from(scene.opacities()[index]) * world_area(scene, index);
         let weight = if scene.can_show(index) { weight } else { 0.0 };
-        // A splat as large as f32 allows still has a finite weight in f64; one that is not has none.
+        // The weight is finite in f64 for all finite sizes in f32. Splats of infinite size get no weight.
         let weight = if weight.is_finite() { weight } else { 0.0 };
         let [a, b, c, d] = energy(&Splats::get(scene, index).sh).map(|energy| weight * energy);
         [a, b, c, d, weight]
@@ -68,7 +68,7 @@ mod tests {
             scale: [1.0, 2.0, 0.5],
             rotation: [1.0, 0.0, 0.0, 0.0],
             opacity: if i == 2 { 0.0039 } else { 0.5 },
-            // What cannot be seen does not count.
+            // Splat 2 is below the alpha floor, so its large coefficients do not count.
             sh: std::array::from_fn(|at| if i == 2 { 9.0 } else { sh(at) }),
         })
     }
@@ -85,7 +85,7 @@ mod tests {
             let r = (1.0 - z * z).sqrt();
             (f64::from(0.7f32) * basis([r * angle.cos(), r * angle.sin(), z])[5]).powi(2)
         };
-        // One channel of three.
+        // The mean over three channels, of which two are 0.
         let expected = ((0..count).map(square).sum::<f64>() / f64::from(count) / 3.0).sqrt();
         assert!((bands[2].rms - expected).abs() < 1e-5, "{bands:?}, expected {expected}");
         assert_eq!((bands[2].share, bands[1].share, bands[3].rms), (1.0, 0.0, 0.0));

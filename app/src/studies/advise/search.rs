@@ -1,8 +1,9 @@
 //! Searches for the cheapest setting within a budget.
 //!
-//! Every parameter is measured alone, one step away from the exact settings. Combinations are predicted: squared errors add, as
-//! errors of independent causes do, and shares of time multiply. The cheapest predictions are then drawn, and only settings that
-//! were drawn and measured are advised. Differences within the noise are reported: see [`crate::studies::measurement::noise`].
+//! Every parameter is measured alone, one step away from the exact settings. Combinations are predicted: squared errors
+//! add, as errors of independent causes do, and shares of time multiply. The cheapest predictions are then drawn, and
+//! only settings that were drawn and measured are advised. Differences within the noise are reported: see
+//! [`crate::studies::measurement::noise`].
 
 use crate::studies::measurement::noise::Share;
 use crate::studies::measurement::settings::{DEFAULTS, EXACT};
@@ -65,7 +66,6 @@ impl Tried {
     fn faster(&self, other: &Tried) -> Option<bool> {
         match (self.share, other.share) {
             (Some(own), Some(other)) => own.faster(&other),
-            // Without timestamps, nothing is faster than anything.
             _ => Some(false),
         }
     }
@@ -85,9 +85,7 @@ pub fn own_share(rows: &[Row]) -> Option<Share> {
 impl Budget {
     /// Returns true if a setting is certainly within the limits, and false if it certainly is not.
     ///
-    /// `None` if noise hides it.
-    ///
-    /// Without timestamps, no setting is within a time limit.
+    /// `None` if noise hides the answer. Without timestamps, no setting is within a time limit.
     pub fn allows(&self, tried: &Tried) -> Option<bool> {
         if self.psnr.is_some_and(|least| tried.least_psnr() < least) {
             return Some(false);
@@ -136,7 +134,7 @@ pub fn combinations(singles: &[Tried], budget: &Budget) -> (Vec<Setting>, Vec<St
     let mut parameters: Vec<(String, Vec<(String, &Tried)>)> = Vec::new();
     for tried in singles {
         let Some((name, value)) = single_change(&exact.setting, &tried.setting) else { continue };
-        // What misses the budget alone is in no combination that keeps it.
+        // A setting that misses the budget alone also misses it in every combination.
         if budget.psnr.is_some_and(|least| tried.least_psnr() < least - SLACK_DB) {
             continue;
         }
@@ -228,7 +226,7 @@ pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
         Some(_) => {
             let quicker = |a: &'a Tried, b: &'a Tried| if b.median() < a.median() { b } else { a };
             of(Some(true)).reduce(quicker).and_then(|fastest| {
-                // The exact settings' range is a point, so that the order of the two matters.
+                // The exact settings' range is a point, so `faster` is not symmetric and the order matters.
                 let near =
                     |other: &&Tried| fastest.faster(other) != Some(true) || std::ptr::eq(*other, fastest);
                 let found = of(Some(true)).filter(near).reduce(more_accurate)?;
@@ -249,7 +247,7 @@ pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
         }
         (found, _) => found,
     };
-    // One that is less accurate than what was found is no better where accuracy counts.
+    // Without a limit on the error, accuracy decides: drop the settings that are less accurate than `found`.
     if let (None, Some(found)) = (budget.psnr, found) {
         hidden.retain(|other| other.least_psnr() > found.least_psnr());
     }
@@ -275,7 +273,7 @@ mod tests {
         noisy(name, set, psnr_db, ms, 0.001)
     }
 
-    /// A setting whose share of 10 ms has a range of so much to both sides.
+    /// Returns a setting that takes `ms` of 10 ms; the range of its share extends by `half` to both sides.
     fn noisy(name: &str, set: [&str; 2], psnr_db: f64, ms: f64, half: f64) -> Tried {
         let set =
             [("target", set[0]), ("cutoff", set[1])].map(|(n, v)| (n.to_owned(), v.to_owned())).to_vec();
@@ -304,7 +302,8 @@ mod tests {
         let budget = Budget { psnr: Some(45.0), ms: None };
         let (found, unsure) = combinations(&singles(), &budget);
         let names: Vec<String> = found.into_iter().map(|s| s.name).collect();
-        // Together 49.6 dB and 3 ms; what saves nothing for sure is not combined, and 30 dB are out of the question.
+        // The prediction for both is 49.6 dB and 3 ms. `cutoff = 4` and `cutoff = 5` do not save time beyond the noise,
+        // and `cutoff = 1` misses the budget with its 30 dB.
         assert_eq!(names, ["target = h, cutoff = 2", "target = h", "cutoff = 2", EXACT]);
         assert_eq!(unsure, ["cutoff = 5"]);
         let strict = Budget { psnr: Some(55.0), ms: None };
@@ -338,21 +337,21 @@ mod tests {
         let name = |all: &[Tried], budget| best(all, &budget).found.map(|t| t.setting.name.clone());
         let all = [exact.clone(), slow, defaults.clone()];
         assert_eq!(name(&all, budget).as_deref(), Some(DEFAULTS));
-        // More accurate, and not distinguished in time: no reason to leave the defaults.
+        // A setting that is more accurate, but as fast within the noise, does not replace the defaults.
         let near = noisy("target = f", ["f", "4"], 79.0, 4.6, 0.1);
         let all = [exact.clone(), near, defaults.clone()];
         assert_eq!(name(&all, budget).as_deref(), Some(DEFAULTS));
         let quick = tried("cutoff = 1", ["h", "1"], 46.0, 2.0);
         let all = [exact.clone(), quick, defaults.clone()];
         assert_eq!(name(&all, budget).as_deref(), Some("cutoff = 1"), "faster by far more than the noise");
-        // Within a limit of time, more accuracy counts.
+        // With a time limit, a gain in accuracy counts.
         let limit = Budget { psnr: None, ms: Some(6.0) };
         let (same, closer) = (tried("a", ["f", "5"], 77.05, 5.0), tried("b", ["f", "6"], 79.0, 5.0));
         assert_eq!(name(&[exact.clone(), same.clone(), defaults.clone()], limit).as_deref(), Some(DEFAULTS));
         assert_eq!(name(&[exact, same, closer, defaults], limit).as_deref(), Some("b"));
     }
 
-    /// Measures fixed true shares in rounds with pseudo-random noise, as a run of `advise` with this seed would.
+    /// Simulates a run of `advise`: rounds of settings with fixed true shares, with pseudo-random noise.
     fn run(seed: u64) -> Vec<Tried> {
         const ROUNDS: usize = 15;
         const NOISE: f64 = 0.05;
@@ -397,7 +396,7 @@ mod tests {
                 );
             }
         }
-        // The noise changes the advice, and is not always too large to tell.
+        // Some runs hide no setting, and not all runs have the same advice.
         let sure = runs.iter().filter(|(_, hidden)| hidden.is_empty()).count();
         assert!(sure > 0 && runs.iter().any(|(found, _)| *found != runs[0].0), "{sure}");
     }
@@ -405,20 +404,20 @@ mod tests {
     #[test]
     fn what_noise_hides_is_told_and_the_most_accurate_is_taken() {
         let defaults = noisy("defaults", ["h", "4"], 77.5, 7.0, 0.1);
-        // By its median, a combination is faster by a tenth, and by 20 dB less accurate.
+        // By its median, the combination takes a tenth less time than the defaults, and is 20 dB less accurate.
         let pair = noisy("target = h, cutoff = 2", ["h", "2"], 57.5, 6.3, 0.1);
         let exact = tried(EXACT, ["f", "3.33"], 80.0, 10.0);
         let all = [exact.clone(), pair.clone(), defaults.clone()];
         let budget = Budget { psnr: Some(45.0), ms: None };
         assert_eq!(best(&all, &budget), Best { found: Some(&all[2]), hidden: vec![&all[1]] });
-        // Without noise it is the fastest.
+        // Without noise, the combination is the fastest.
         let quiet =
             [exact.clone(), tried("pair", ["h", "2"], 57.5, 6.3), tried("defaults", ["h", "4"], 77.5, 7.0)];
         assert_eq!(best(&quiet, &budget), Best { found: Some(&quiet[1]), hidden: vec![] });
-        // A limit of time within the noise.
+        // The time limit is within the ranges of both settings.
         let ms = Budget { psnr: None, ms: Some(7.1) };
         assert_eq!(best(&all, &ms), Best { found: None, hidden: vec![&all[1], &all[2]] });
-        // Without ranges nothing is told.
+        // Without ranges, no difference is certain.
         let glance =
             |tried: Tried| Tried { share: tried.share.map(|share| Share { range: None, ..share }), ..tried };
         let glances = [exact, glance(pair), glance(defaults)];

@@ -103,7 +103,7 @@ pub fn study<D: Device>(
     for (setting, _) in &singles {
         let Some(rows) = measured(setting)? else { continue };
         if setting.name == EXACT {
-            // The exact settings against themselves show the noise.
+            // The exact settings, measured against themselves, give the noise floor.
             floor = own_share(&rows).and_then(|share| share.floor());
         }
         tried.extend(Tried::new(setting, &rows, floor));
@@ -112,7 +112,7 @@ pub fn study<D: Device>(
     let (combined, unsure) = combinations(&tried, &wanted.budget);
     let new = combined.iter().filter(|setting| singles.iter().all(|(other, _)| other.name != setting.name));
     for setting in new.take(DRAWN.0) {
-        // The command need not name defaults.
+        // Default values are left out, so that the advised command is short.
         let setting = Setting { set: changed(&setting.set, &controls), ..setting.clone() };
         let found = measured(&setting)?.and_then(|rows| Tried::new(&setting, &rows, floor));
         within += usize::from(found.as_ref().is_some_and(|found| wanted.budget.allows(found) == Some(true)));

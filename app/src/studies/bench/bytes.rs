@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 /// alone, moves less.
 pub fn of_pass(plan: &Plan, pass: &Pass) -> u64 {
     if let Work::Export = pass.work {
-        // The output is copied only if it is read back, which no measured frame does: of a statistic, its word is.
+        // Measured frames do not read the output back. Only the statistics are copied, of 4 bytes each.
         return 8 * plan.stats.len() as u64;
     }
     let mut touched: BTreeMap<ResourceId, (bool, bool)> = BTreeMap::new();
@@ -46,19 +46,19 @@ mod tests {
         let (n, args) = (1_000_000, 36);
         let blocks = 489u64;
         let (table, totals) = (4 * 256 * blocks, 4 * 4 * 256 * 8);
-        // Keys and values are read and written, the table is read. Its row per bin is as docs/sort.md counts it.
+        // Keys and values are read and written. The table is read; docs/sort.md explains its row per bin.
         assert_eq!(bytes("order.sort.scatter[0]"), 16 * n + table + args);
-        // The totals are added to: read and written.
+        // The totals are accumulated, so they are read and written.
         assert_eq!(bytes("order.sort.histogram[1]"), 4 * n + table + 2 * totals + args);
         assert_eq!(bytes("order.sort.scan[2]"), 2 * table + totals + args);
         assert_eq!(bytes("order.sort.clear"), totals);
         let (camera, pixels) = (256, 640 * 480);
-        // The cleared target is blended into, which is writing alone as far as the memory must see it.
+        // The target is cleared and blended into. Only the write counts, because no earlier contents are read.
         assert_eq!(bytes("back_to_front"), camera + args + 4 * n + (32 + 16) * n + 8 * pixels + LIVE);
         assert_eq!(bytes("compose"), camera + (8 + 16) * pixels);
         assert_eq!(bytes("export"), 2 * 2 * 4);
     }
 
-    /// The block of live parameters that the draw reads.
+    /// Size of the block of live parameters that the draw reads, in bytes.
     const LIVE: u64 = 32;
 }

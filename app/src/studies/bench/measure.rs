@@ -176,7 +176,7 @@ impl<D: Device> Bench<'_, D> {
             for runner in &mut all {
                 let Ok(candidate) = runner else { continue };
                 if let Err(error) = self.prepare(candidate, camera) {
-                    // Its memory is free for the others.
+                    // Dropping the session frees its memory for the other candidates.
                     *runner = Err(reason(error)?);
                 }
             }
@@ -222,7 +222,7 @@ impl<D: Device> Bench<'_, D> {
         let usual = || interleaved::frames_of(turn_ms / sessions.len() as f64);
         let effort = Effort { rounds: self.frames.rounds, frames: self.frames.frames.unwrap_or_else(usual) };
         let profiled = interleaved::rounds(&mut sessions, camera, effort, Timestamps::Passes)?;
-        // A frame that is so slow that one has to do takes no time for timestamps that could be seen.
+        // With one frame per round, a frame takes so long that timestamps of passes do not slow it noticeably.
         let mut whole = match effort.frames {
             1 => None,
             _ => Some(interleaved::rounds(&mut sessions, camera, effort, Timestamps::Frame)?.into_iter()),
@@ -276,7 +276,7 @@ fn figures(plan: &Plan, rounds: &Rounds, whole: &Rounds, copy: Option<f64>) -> F
     }
 }
 
-/// Combines the views of a candidate to its measurements.
+/// Combines the views of a candidate into its measurements.
 fn found<D: Device>(mut runner: Runner<D>, copy: Option<f64>) -> Result<Found, SessionError> {
     let plan = runner.session.plan().ok_or(SessionError::NotPrepared)?;
     let parameters =
@@ -338,7 +338,7 @@ fn mean(views: &[View], copy: Option<f64>) -> Figures {
 pub(super) mod testing {
     use super::*;
 
-    /// Returns a candidate of one pass that took so long in each of two views.
+    /// Returns measurements of two views, with one pass that takes `gpu_ms` in each.
     pub fn found(gpu_ms: Option<f64>) -> Found {
         let figure = |median| Figure { median, spread: 0.25 };
         let ms = gpu_ms.map(figure);
@@ -472,7 +472,7 @@ mod tests {
             phases.sum::<f64>() + figures.between_ms.expect("timed").median
         };
         assert!(of_parts(figures) > median(figures), "timestamps of passes take time, too");
-        // One frame a round has all timestamps, and its parts are the whole.
+        // With one frame per round, all times come from the same frames, so the parts add up to the whole.
         let one = Frames { frames: Some(1), ..FRAMES };
         let one = measured_in(one, &device, &[candidate("splat", &[])], &["one"]).remove(0);
         let one = one.expect("it is drawn").mean;

@@ -29,7 +29,7 @@ pub fn names(stem: &str, splats: &[u32], sizes: Sizes) -> Vec<String> {
     names
 }
 
-/// Plots the times of a scene. `splats` are the numbers of splats that were asked for; if empty, the scene has its own.
+/// Plots the times of a scene. `splats` are the requested numbers of splats; empty if the scene keeps its own.
 pub fn plots(report: &Report, scene: &str, splats: &[u32], sizes: Sizes) -> Vec<Plot> {
     let rows: Vec<&Row> = report.rows.iter().filter(|row| row.scene == scene).collect();
     let counts = unique(rows.iter().map(|row| row.splats));

@@ -225,7 +225,8 @@ mod tests {
         let commas = |line: &str| line.matches(',').count();
         let header = csv.lines().next().expect("a header");
         assert!(csv.lines().all(|line| commas(line) == commas(header)), "{csv}");
-        // Five times of the frame, a phase and a pass in two views and in the mean; the memory; the one that failed.
+        // The header. Five times of the frame, one phase and one pass, for two views and the mean. One memory size, and
+        // one failed candidate.
         assert_eq!(csv.lines().count(), 1 + 3 * (5 + 1 + 1) + 1 + 1, "{csv}");
         for line in [
             r#""scenes/a.ply",1000,64,48,"a","two",pass,"draw",2,0.25,4000000,2,0.001"#,

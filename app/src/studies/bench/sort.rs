@@ -49,7 +49,7 @@ pub struct Sorted {
 }
 
 impl Sorted {
-    /// Extracts the measurements of the sort, or says why they are worth nothing.
+    /// Extracts the measurements of the sort. Fails if a pair is in the wrong place, or if the sort's phase is missing.
     fn new(pairs: u32, found: Found) -> Result<Sorted, String> {
         let wrong: u32 = found.views.iter().filter_map(|view| view.counts.get(WRONG)).sum();
         if wrong > 0 {

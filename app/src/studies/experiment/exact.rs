@@ -10,8 +10,7 @@ use splatgraph_assets::Camera;
 /// Name of the graph that the experiments draw.
 pub const GRAPH: &str = "splat";
 
-/// Gain of difference pictures. An error of one 8-bit step is just visible, and a large error does not fill the
-/// picture.
+/// Gain of difference pictures: an error of one 8-bit step is just visible, and errors up to 0.25 do not saturate.
 pub const GAIN: f32 = 4.0;
 
 /// Names and values of parameters, as `--set` takes them.

@@ -27,7 +27,7 @@ impl<F: Fn(&Gaussian) -> [f64; 3] + Sync> Splats for Painted<'_, F> {
     fn get(&self, index: usize) -> Gaussian {
         let splat = Splats::get(self.scene, index);
         let mut sh = [[0.0; 3]; 16];
-        // The renderer adds a half to what band 0 gives.
+        // The renderer's colour is 0.5 plus the coefficient of band 0 times its basis function.
         sh[0] = (self.color)(&splat).map(|channel| (channel - 0.5) / basis([0.0, 0.0, 1.0])[0]);
         Gaussian { sh, ..splat }
     }
@@ -50,7 +50,7 @@ pub struct Part {
 
 /// Finds the window with the most energy in bands 1 to 3. Its sides are a third of the picture's.
 ///
-/// Equal windows give the first by rows. `None` if nothing in the picture depends on the direction.
+/// Of equal windows, returns the first by rows. `None` if nothing in the picture depends on the direction.
 pub fn find(scene: &Scene, camera: &Camera) -> Option<Part> {
     let draw = |color: &(dyn Fn(&Gaussian) -> [f64; 3] + Sync)| -> Picture {
         let rules = Rules { color_floor: None, sh_degree: 0, ..Rules::PUBLISHED };
@@ -96,7 +96,7 @@ pub fn find(scene: &Scene, camera: &Camera) -> Option<Part> {
 
 /// Finds the corner of the window with the largest sum; `None` if all of them are 0.
 fn richest(values: &[f64], [width, height]: [usize; 2], size: [usize; 2]) -> Option<[usize; 2]> {
-    // Sums of all above and to the left: a window's sum is of four of them.
+    // A summed-area table: four of its entries give the sum of a window.
     let mut sums = vec![0.0; (width + 1) * (height + 1)];
     for y in 0..height {
         for x in 0..width {
@@ -143,7 +143,7 @@ mod tests {
         for (k, coefficients) in sh.iter_mut().enumerate() {
             *coefficients = [0.1 * k as f64, 0.3 - 0.05 * k as f64, 0.02];
         }
-        // Directions of equal weight: equal steps of height (Archimedes) and of angle, offset from each other.
+        // Directions of equal weight: equal steps of height (Archimedes) and of angle.
         const STEPS: usize = 400;
         let mut sums = [0.0; 4];
         for i in 0..STEPS {
@@ -168,7 +168,7 @@ mod tests {
 
     #[test]
     fn the_part_is_around_the_splat_that_changes_with_the_direction_and_hidden_ones_do_not_count() {
-        // A plain splat at the left, a glossy one at the right, and a glossier one hidden behind the plain one.
+        // A plain splat on the left, a glossy one on the right, and a glossier one hidden behind the plain one.
         let list = [
             splat([-1.0, 0.0, 4.0], &[(0, 1.0)]),
             splat([1.0, 0.3, 4.0], &[(3, 0.3), (12, 0.2)]),

@@ -84,7 +84,7 @@ pub fn measure<D: Device>(
     let mut ways = Vec::new();
     for way in &WAYS {
         steps.next(way.name)?;
-        // `over` wants the farthest first, and `under` the nearest.
+        // The order is wrong as a whole if `over` blends the nearest first, or `under` the farthest.
         ways.push(drawn(way.name, way.set, way.nearest_first != way.under)?);
     }
     let mut keys = Vec::new();
@@ -210,7 +210,7 @@ fn worked_example(page: &mut Page, two: &Two) -> Result<(), StudyError> {
         .ways
         .iter()
         .map(|blended| {
-            // The first is nothing yet.
+            // The first entry is the state before any splat.
             let steps: Vec<String> = blended.steps[1..]
                 .iter()
                 .map(|(sum, left)| {

@@ -100,7 +100,7 @@ pub fn measure<D: Device>(
         let exact = Truth::draw(session.scene(), camera, [0.0; 3], &Rules::of(session.scene())).image();
         directions.push(Direction { name: name.clone(), exact, degrees: Vec::new() });
     }
-    // By degree first: a plan is built for each.
+    // The outer loop is over degrees, because each degree needs its own plan.
     let mut pictures: Vec<Vec<Image>> = vec![Vec::new(); views.len()];
     for highest in 0..=degree[1] {
         steps.next(&format!("bands up to {highest}"))?;
@@ -130,7 +130,7 @@ fn mean_energy(scene: &Scene) -> Energy {
     sums.map(|sum| sum / count.max(1) as f64)
 }
 
-/// Lists cameras that show the part, with names. They magnify it: a third of the picture, at half the picture's size.
+/// Lists named cameras that show only the part, a third of the picture's width, at half the picture's size.
 fn views(cameras: &[Camera], first: &Camera, part: &Part) -> Vec<(String, Camera)> {
     let size = (first.width.div_ceil(2), first.height.div_ceil(2));
     let close = |camera: &Camera| orbit::facing(camera, part.point, f64::from(gloss::SHARE), size);
@@ -244,7 +244,7 @@ fn errors(page: &mut Page, glossy: &Glossy, highest: u32) {
     header.extend(directions.iter().map(|direction| format!("{}, dB to exact", direction.name)));
     let rows: Vec<Vec<String>> = (0..=highest as usize)
         .map(|degree| {
-            // A sum from 0.0: that of no numbers would be -0.0.
+            // Not `sum`, which is -0.0 for no numbers.
             let predicted = part.within[degree..].iter().fold(0.0, |sum, energy| sum + energy);
             let errors = directions.iter().map(|direction| squared_error(direction.degrees[degree].to_all));
             let measured = errors.sum::<f64>() / directions.len() as f64;
@@ -312,7 +312,7 @@ fn framed(image: &Image, part: &Part) -> Image {
     let distance = |at: usize, axis: usize| {
         let (first, last) = (part.corner[axis] as i64, (part.corner[axis] + part.size[axis]) as i64 - 1);
         let at = at as i64;
-        // Pixels inside of the nearer edge; negative outside.
+        // Distance from the nearer edge, in pixels; negative outside the part.
         (at - first).min(last - at)
     };
     Image::from_fn(image.width, image.height, |x, y| match distance(x, 0).min(distance(y, 1)) {

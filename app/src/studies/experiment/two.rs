@@ -68,7 +68,7 @@ pub fn work_out<D: Device>(session: &mut Session<D>) -> Result<Two, StudyError> 
     let camera = Camera::looking_at([0.0; 3], [0.0, 0.0, 1.0], 60.0, SIZE);
     let truth = Truth::draw(&scene, &camera, [0.0; 3], &Rules::PUBLISHED);
     let pixel = (SIZE.1 / 2 * SIZE.0 + SIZE.0 / 2) as usize;
-    // In the file, the far splat is first: without a sort it counts as the near one.
+    // The scene lists the far splat first, so without a sort it is blended as the near one.
     let layers = [1, 0].map(|index| layer(&scene.get(index), &camera, pixel));
     let mut own = Session::new(session.device().new_context()?, scene, GRAPH, &[]);
     let exact = exact::values(&mut own, SIZE)?;
@@ -89,7 +89,7 @@ fn scene() -> Scene {
         for (sh, color) in sh.iter_mut().zip(color) {
             *sh = ((color - 0.5) / basis([0.0, 0.0, 1.0])[0]) as f32;
         }
-        // The same size on the image, one to the left and one to the right of the middle.
+        // Both have the same size in the picture, one left and one right of the middle.
         let (x, deviation) = (0.09 * side * z, 0.11 * z);
         let position = [x as f32, 0.0, z as f32];
         Splat { position, scale: [deviation as f32; 3], rotation: [1.0, 0.0, 0.0, 0.0], opacity, sh }

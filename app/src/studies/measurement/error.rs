@@ -67,7 +67,7 @@ mod tests {
         picture.rgb[4] = [0.502, 0.5, 0.5];
         let covered: Vec<bool> = (0..256).map(|i| i < 4).collect();
         let error = measure(&picture, &truth, &covered).unwrap();
-        // MSE 0.0625 / (3 * 4) over the four covered ones.
+        // The MSE over the four covered pixels is 0.0625 / (3 * 4).
         assert!((error.covered_psnr_db.unwrap() - 10.0 * 192f64.log10()).abs() < 1e-9, "{error:?}");
         assert_eq!((error.off, error.covered_off), (1.0 / 256.0, 0.25));
         assert!((error.worst - 0.25).abs() < 1e-9 && error.flip > 0.0, "{error:?}");

@@ -59,7 +59,7 @@ impl Share {
         Some(Share { median: mean(&|view| Some(view.median))?, range })
     }
 
-    /// Computes the noise floor, for the exact settings' share against themselves: its distance from 1.
+    /// Computes the noise floor from the exact settings' share against themselves: its distance from 1.
     ///
     /// `None` without a range.
     pub fn floor(&self) -> Option<f64> {
@@ -91,7 +91,7 @@ impl Share {
 
 /// Returns the number of rounds outside of the median's range, on each side; `None` if there are too few rounds.
 fn outside(rounds: usize) -> Option<usize> {
-    // The probability that at most so many of the rounds are below the median, from that of none.
+    // `term` is the probability that exactly `count` rounds are below the median; `below`, that at most `count` are.
     let mut term = 0.5f64.powi(i32::try_from(rounds).ok()?);
     let (mut below, mut found) = (0.0, None);
     for count in 0..=rounds / 2 {
@@ -150,7 +150,7 @@ pub fn front(points: &[Point]) -> Vec<Mark> {
         (Some(a), Some(b)) => a.faster(&b),
         _ => Some(false),
     };
-    // By the medians alone.
+    // Compares the medians, without the ranges.
     let seems_faster = |a: &Point, b: &Point| match (a.share, b.share) {
         (Some(a), Some(b)) => a.median < (1.0 - LEAST_SAVING) * b.median,
         _ => false,
@@ -168,7 +168,7 @@ pub fn front(points: &[Point]) -> Vec<Mark> {
             }
             let later_equal = as_accurate && at < other_at;
             let (beats, seems_beaten) = match later_equal {
-                // It need not be faster than its equal; it must not be slower.
+                // Of equally accurate points, the first need not be faster than the later one, only not slower.
                 true => (faster(other, point).map(|slower| !slower), seems_faster(other, point)),
                 false => (faster(point, other), !seems_faster(point, other)),
             };
@@ -206,7 +206,7 @@ mod tests {
             [0, 7, 8, 10, 11, 16, 20].map(outside),
             [None, None, Some(0), Some(0), Some(0), Some(2), Some(3)]
         );
-        // Rounds of 1 with a noise that is wide at one side, as a busy machine's: its median is 1.
+        // Rounds with a median of 1 and one-sided noise, as on a busy machine.
         let mut state = 1u64;
         let mut random = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -252,7 +252,7 @@ mod tests {
         assert_eq!(front(&[exact]), [Mark::Best]);
         assert_eq!(marks(&[point(share(0.8, 0.02), 60.0)]), [Mark::Best]);
         assert_eq!(marks(&[point(share(1.0, 0.01), 60.0)]), [Mark::Beaten], "no faster, less accurate");
-        // A setting without an effect, timed in noise.
+        // A setting without an effect, measured with noise.
         assert_eq!(marks(&[point(share(0.9, 0.15), 100.0)]), [Mark::Likely]);
         assert_eq!(marks(&[point(share(1.05, 0.15), 100.0)]), [Mark::Unlikely]);
         assert_eq!(
@@ -260,20 +260,20 @@ mod tests {
             [Mark::Beaten],
             "the first of equals is on the front"
         );
-        // 0.795 is no saving beside 0.8, and less accurate.
+        // 0.795 saves less than `LEAST_SAVING` compared with 0.8, and is less accurate.
         let close = [point(share(0.8, 0.003), 60.0), point(share(0.795, 0.003), 50.0)];
         assert_eq!(marks(&close), [Mark::Best, Mark::Beaten]);
         let noisy = [point(share(0.8, 0.03), 60.0), point(share(0.77, 0.03), 50.0)];
         assert_eq!(marks(&noisy), [Mark::Best, Mark::Likely]);
         let hidden = Point { hidden: true, ..point(share(0.5, 0.0), 200.0) };
         assert_eq!(marks(&[hidden, close[0]]), [Mark::Hidden, Mark::Best], "it beats nothing either");
-        // A hundredth of a decibel is no accuracy, and equal pictures are equal.
+        // A gain of 0.01 dB does not count, and of two equal pictures only the first is on the front.
         let hair = [point(share(1.0, 0.01), 100.01), point(share(1.0, 0.01), 100.06)];
         assert_eq!(marks(&hair[..1]), [Mark::Beaten]);
         assert_eq!(marks(&hair[1..]), [Mark::Best]);
         let same = [point(share(1.0, 0.01), f64::INFINITY), point(share(1.0, 0.01), f64::INFINITY)];
         assert_eq!(marks(&same), [Mark::Best, Mark::Beaten]);
-        // Without timestamps, the most accurate.
+        // Without timestamps, only the most accurate point is on the front.
         assert_eq!(
             front(&[point(None, 50.0), point(None, 60.0), point(None, 60.0)]),
             [Mark::Beaten, Mark::Best, Mark::Beaten]

@@ -63,9 +63,9 @@ fn of_setting<D: Device>(
 
 /// Leaves out the settings that draw the same pictures as another, and reports each with the reason.
 ///
-/// Either its parameter has no effect in the plan of `exact`, or its plans for all cameras equal an earlier setting's.
-/// `exact` draws the first setting, and is prepared. Only the plans of settings that `wanted` accepts are built.
-/// Returns each setting with the hash of its plans, `None` if one cannot be built.
+/// A setting is left out if its parameter has no effect in the plan of `exact`, or if its plans for all cameras equal
+/// an earlier setting's. `exact` draws the first setting, and is prepared. Only the plans of settings that `wanted`
+/// accepts are built. Returns each setting with the hash of its plans, `None` if one cannot be built.
 ///
 /// # Errors
 /// The device fails, or the listener cancels.

@@ -70,8 +70,7 @@ pub fn list(pipeline: &str, controls: &[Control], presets: &[&str]) -> Vec<Setti
 
 /// Sets parameters in every setting, and leaves out the settings that vary one of them.
 ///
-/// Settings of another graph are kept only if it has all of these parameters, which `has` tells from the graph and the
-/// parameter.
+/// Settings of another graph are kept only if it has all of these parameters. `has` takes the graph and a parameter.
 fn fixed(all: Vec<Setting>, set: &[(String, String)], has: impl Fn(&str, &str) -> bool) -> Vec<Setting> {
     let Some(pipeline) = all.first().map(|exact| exact.pipeline.clone()) else { return all };
     let is_fixed = |name: &str| set.iter().any(|(fixed, _)| fixed == name);
@@ -120,7 +119,7 @@ fn alternatives(param: &Param) -> Vec<Value> {
             (0..=4).map(|i| Value::Int(min + (i128::from(max - min) * i / 4) as i64)).collect()
         }
         Domain::Float { min, max, .. } => {
-            // Three digits are what people would type.
+            // Rounds to three decimals, as a person would type.
             let rounded = |v: f64| (v * 1000.0).round() / 1000.0;
             (1..=4).map(|i| Value::Float(rounded(min + (max - min) * f64::from(i) / 4.0))).collect()
         }
@@ -167,7 +166,7 @@ mod tests {
         let presets = builtin::presets();
         let tiled = presets.iter().find(|preset| preset.name == "tiled").expect("it is built in");
         let all = list("tiled", &tiled.params, &["tiled", "key16"]);
-        // Where pairs are sorted, all splats are drawn.
+        // `tiled` sorts pairs and draws all splats, so `budget` has no effect.
         let facts = facts::facts(&SceneFacts::NOMINAL, &facts::portable_device(8), facts::DEFAULT_SIZE);
         let plan = Planner::default().plan("tiled", &[], &facts, &facts::nominal_catalog());
         let (kept, lines) = with_effect(all.clone(), &plan.expect("a plan"));

@@ -60,7 +60,7 @@ pub fn time_in_turns<D: Device>(
     effort: Effort,
     longest: Duration,
 ) -> Result<Option<Time>, SessionError> {
-    // A single round is a glance: nothing is told from it, and two frames side by side are as warm as each other.
+    // A single round has no range and is not precise, so it needs no warm-up.
     if effort.rounds > 1 {
         interleaved::warm_up(&mut [&mut *exact.session, &mut *session], camera)?;
     }
@@ -144,7 +144,7 @@ fn time(rounds: &[Round], exact_ms: Option<f64>) -> Option<Time> {
     let exact_of_rounds = over(|round| round.exact_ms)?;
     let exact_ms = exact_ms.unwrap_or(exact_of_rounds);
     let gpu_ms = share.median * exact_ms;
-    // What a phase took in these rounds, at the clock of the exact settings' time.
+    // Converts a phase's times in these rounds to the clock speed of `exact_ms`.
     let scale = if own_ms > 0.0 { gpu_ms / own_ms } else { 1.0 };
     let figure = |(name, _): &(String, Option<f64>)| {
         let ms = |round: &Round| vec![round.phase_ms(name).map(|ms| scale * ms)];
@@ -199,7 +199,7 @@ mod tests {
                 journal.take().into_iter().filter(|call| matches!(call, Call::Submit { .. })).count();
             (time, submits)
         };
-        // The null device's passes take as long in every frame, so that eight rounds are enough.
+        // The null device's passes take the same time in every frame, so eight rounds are enough.
         let effort = Effort { rounds: 16, frames: 2 };
         let (own, submits) = timed(None, effort);
         assert_eq!((own.rounds, own.share.range), (8, Some((own.share.median, own.share.median))));
@@ -210,7 +210,7 @@ mod tests {
         assert!((other.gpu_ms - 100.0 * own.share.median).abs() < 1e-9, "{other:?}");
         let phase = |time: &Time| time.phases["draw"] / time.gpu_ms;
         assert!((phase(&other) - phase(&own)).abs() < 1e-9, "phases are of the same time: {own:?} {other:?}");
-        // One round is a glance: no warm-up, and no range.
+        // A single round has no warm-up and no range.
         let (glance, submits) = timed(None, Effort { rounds: 1, frames: 1 });
         assert_eq!((glance.rounds, glance.share.range, submits), (1, None, 2));
     }

@@ -1,12 +1,12 @@
 //! Measures the difference that a viewer perceives when flipping between two pictures.
 //!
-//! The source is Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström and Fairchild, "FLIP: A Difference Evaluator for
-//! Alternating Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020; numbers in brackets are its equations.
-//! Both pictures are filtered by the contrast sensitivity of the eye at the display's distance. Their colours are
-//! compared in a perceptually uniform space, and the difference is amplified where edges or points differ.
+//! The source is Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström and Fairchild, "FLIP: A Difference Evaluator
+//! for Alternating Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020; numbers in brackets are its
+//! equations. Both pictures are filtered by the contrast sensitivity of the eye at the display's distance. Their
+//! colours are compared in a perceptually uniform space, and the difference is amplified where edges or points differ.
 //!
 //! [`of_floats`] compares the pictures as they are. [`of_8_bits`] first rounds them to 8 bits, as a file or a display
-//! does, and calls NVIDIA's own program. The two disagree for pictures that differ by less than a step, because
+//! does, and calls NVIDIA's own implementation. The two disagree for pictures that differ by less than a step, because
 //! rounding either hides the difference or amplifies it to a whole step.
 
 use super::Channel;
@@ -24,14 +24,14 @@ const PIXELS_PER_DEGREE: f64 = nv_flip::DEFAULT_PIXELS_PER_DEGREE as f64;
 pub fn of_floats<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
     assert_eq!((a.width, a.height), (b.width, b.height), "pictures of one size");
     let (a, b) = (Seen::of(a), Seen::of(b));
-    // Green and blue are the farthest apart.
+    // No two colours are farther apart than green and blue.
     let most = distance(hunt(to_lab([0.0, 1.0, 0.0])), hunt(to_lab([0.0, 0.0, 1.0])));
     let of = |at: usize| difference(a.colour[at], b.colour[at], most).powf(1.0 - a.feature(&b, at));
     let sum: f64 = (0..a.colour.len()).map(of).sum();
     sum / a.colour.len().max(1) as f64
 }
 
-/// Computes the mean FLIP of the pictures in 8 bits, with NVIDIA's program.
+/// Computes the mean FLIP of the pictures in 8 bits, with NVIDIA's implementation.
 ///
 /// Panics if the sizes differ.
 pub fn of_8_bits<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
@@ -41,7 +41,7 @@ pub fn of_8_bits<C: Channel>(a: &Image<C>, b: &Image<C>) -> f64 {
 /// Number of rows per band, the unit of work of a thread in [`of_8_bits`].
 const BAND: usize = 64;
 
-/// Computes FLIP in 8 bits by bands of rows, on all processors, because NVIDIA's program uses only one.
+/// Computes FLIP in 8 bits by bands of rows, on all processors, because NVIDIA's implementation uses only one.
 ///
 /// Each band is extended above and below by the radius of the filters, so that its pixels have the same values as in
 /// the whole picture.
@@ -91,7 +91,7 @@ impl Seen {
             let rgb = from_opponent([0, 1, 2].map(|channel| filtered[channel].values[at]), &inverse);
             hunt(to_lab(rgb.map(|value| value.clamp(0.0, 1.0))))
         });
-        // The features are those of the lightness, 0 to 1.
+        // Features are detected in the lightness, scaled to 0..1.
         let mut lightness = plane(0);
         lightness.values.iter_mut().for_each(|value| *value = (*value + 16.0) / 116.0);
         Seen { colour: colour.collect(), features: features(&lightness) }
@@ -223,7 +223,7 @@ fn contrast(plane: &Plane, gaussians: &[(f64, f64)]) -> Plane {
     let of = |(amplitude, width): &(f64, f64)| {
         let taps = taps(reach(), |x| (-(PI * x / PIXELS_PER_DEGREE).powi(2) / width).exp());
         let sum: f64 = taps.iter().sum();
-        // In two dimensions, a Gaussian is the product of one across and one down.
+        // A two-dimensional Gaussian is the product of a horizontal and a vertical one.
         let weight = amplitude * (PI / width).sqrt() * sum * sum;
         (taps.into_iter().map(|tap| tap / sum).collect::<Vec<f64>>(), weight)
     };
@@ -242,7 +242,7 @@ const FEATURE: f64 = 0.082;
 
 /// Computes the strength of the edge and of the point at each pixel [11 to 14].
 ///
-/// They are the first and second derivatives of a Gaussian.
+/// The filters are the first and the second derivative of a Gaussian.
 fn features(lightness: &Plane) -> Vec<[f64; 2]> {
     let deviation = 0.5 * FEATURE * PIXELS_PER_DEGREE;
     let radius = (3.0 * deviation).ceil() as usize;
@@ -250,7 +250,7 @@ fn features(lightness: &Plane) -> Vec<[f64; 2]> {
     let smooth = taps(radius, bell);
     let sum: f64 = smooth.iter().sum();
     let smooth: Vec<f64> = smooth.into_iter().map(|tap| tap / sum).collect();
-    // What is above 0 has the sum 1, and what is below it -1.
+    // Scales the positive taps to a sum of 1, and the negative ones to a sum of -1.
     let balanced = |taps: Vec<f64>| -> Vec<f64> {
         let of = |sign: f64| taps.iter().map(|tap| (sign * tap).max(0.0)).sum::<f64>();
         let (above, below) = (of(1.0), of(-1.0));
@@ -313,7 +313,7 @@ mod tests {
         let b = Image::from_fn(20, 20, |_, _| [100.3 / 255.0; 3]);
         assert_eq!((of_floats(&a, &a), of_8_bits(&a, &b)), (0.0, 0.0));
         assert!(of_floats(&a, &b) > 1e-4);
-        // Black and white are as far apart as can be, and values beyond them are not seen.
+        // Values above white are clamped. Black and white have nearly the largest difference.
         let grey = |value: f32| Image::from_fn(20, 20, |_, _| [value; 3]);
         assert_eq!(of_floats(&grey(1.0), &grey(1.5)), 0.0);
         assert!(of_floats(&grey(0.0), &grey(1.0)) > 0.9);

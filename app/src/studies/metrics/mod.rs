@@ -168,9 +168,9 @@ fn worst_pixel<C: Channel>(a: &Image<C>, b: &Image<C>) -> WorstPixel {
 /// Similarity", IEEE TIP 13(4), 2004, with its constants: a Gaussian window of 11 x 11 with standard deviation 1.5 and
 /// sum 1, K1 = 0.01, K2 = 0.03, and a dynamic range of 1. Values are clamped to 0..1 first.
 ///
-/// The paper leaves three choices: the map covers only pixels whose window is inside the picture (no padding), variances
-/// are weighted by the window (not scaled to n - 1), and a colour picture's value is the mean over its channels.
-/// scikit-image computes the same as `structural_similarity(a, b, gaussian_weights=True, sigma=1.5,
+/// The paper leaves three choices: the map covers only pixels whose window is inside the picture (no padding),
+/// variances are weighted by the window (not scaled to n - 1), and a colour picture's value is the mean over its
+/// channels. scikit-image computes the same as `structural_similarity(a, b, gaussian_weights=True, sigma=1.5,
 /// use_sample_covariance=False, data_range=1, channel_axis=2)`.
 ///
 /// Returns `None` for pictures with fewer than 11 columns or rows. Panics if the sizes differ.
@@ -181,7 +181,7 @@ pub fn ssim<C: Channel>(a: &Image<C>, b: &Image<C>) -> Option<f64> {
         return None;
     }
     let window = gaussian_window();
-    // Rows in parallel, but summed in order, so that the same pictures always give the same number.
+    // Rows are computed in parallel but summed in order, so that the result is deterministic.
     let sums: Vec<f64> = (0..rows).into_par_iter().map(|y| ssim_row(a, b, y, &window)).collect();
     Some(sums.iter().sum::<f64>() / (3 * columns * rows) as f64)
 }
@@ -244,7 +244,7 @@ pub fn difference<C: Channel>(a: &Image<C>, b: &Image<C>, gain: f32) -> Image {
 mod tests {
     use super::*;
 
-    /// Makes a picture by integer arithmetic, so that another program can make the same.
+    /// Makes a picture by integer arithmetic, so that another program can reproduce it exactly.
     fn pattern(width: usize, height: usize, seed: usize) -> Image {
         Image::from_fn(width, height, |x, y| {
             std::array::from_fn(|c| ((x * 7 + y * 13 + c * 29 + x * y * seed) % 101) as f32 / 100.0)

@@ -39,8 +39,8 @@ pub struct Track {
     pub steps: Vec<Step>,
 }
 
-/// Makes a path of cameras around the middle of a scene, with `camera` halfway. `step` is the angle between two, in
-/// degrees.
+/// Makes a path of cameras around the middle of a scene, with `camera` halfway. `step` is the angle between
+/// neighbours, in degrees.
 pub fn orbit(scene: &Scene, camera: &Camera, frames: u32, step: f64) -> Vec<Camera> {
     let center = scene.robust_bounds().center();
     let first = -0.5 * f64::from(frames.saturating_sub(1)) * step;
@@ -82,7 +82,8 @@ pub fn check(cameras: &[Camera]) -> Result<(), StudyError> {
 
 /// Draws the path of the subject's cameras with each variant, and scores the steps.
 ///
-/// The true pictures take longest and are drawn first. Use [`Subject::check`] before to report mistakes in a graph.
+/// The true pictures take longest and are drawn first. Call [`Subject::check`] before, so that errors in a graph are
+/// reported at once.
 ///
 /// # Errors
 /// The path cannot be measured, a graph has errors, its pictures cannot be scored, the device fails, or the listener

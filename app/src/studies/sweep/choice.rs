@@ -81,7 +81,7 @@ pub fn ranking(scene: &Scene, camera: &Camera, choice: Choice) -> Option<Vec<u32
     };
     let mut all: Vec<(f64, u32)> =
         (0..scene.count() as usize).into_par_iter().map(|index| (weight(index), index as u32)).collect();
-    // Stable, so that equal ones stay in the order of the file.
+    // A stable sort: equal splats keep the order of the file.
     all.par_sort_by(|a, b| b.0.total_cmp(&a.0));
     Some(all.into_iter().map(|(_, index)| index).collect())
 }
@@ -92,13 +92,13 @@ pub fn world_area(scene: &Scene, index: usize) -> f64 {
     (a * b).max(b * c).max(a * c)
 }
 
-/// Computes the area on the screen of a splat that faces the camera, in square pixels over pi; 0 if it is not visible.
+/// Computes a splat's area on the screen as if it faced the camera, in square pixels over pi; 0 if it is not visible.
 fn screen_area(scene: &Scene, camera: &Camera, index: usize) -> f64 {
     let [x, y, z] = camera.to_view(scene.positions()[index].map(f64::from));
     if z <= NEAR {
         return 0.0;
     }
-    // Three deviations, at which a splat has 1 % of its opacity.
+    // At three deviations, a splat has 1 % of its opacity.
     let reach = 3.0 * scene.scales()[index].map(f64::from).iter().fold(0.0, |a: f64, b| a.max(*b));
     let outside = |at: f64, focal: f64, side: u32| focal * (at.abs() - reach) > 0.5 * f64::from(side) * z;
     if outside(x, camera.fx, camera.width) || outside(y, camera.fy, camera.height) {
@@ -119,7 +119,7 @@ mod tests {
     use super::*;
     use splatgraph_assets::Splat;
 
-    /// Splats on the axis of the camera below: index, depth, deviation, opacity.
+    /// Returns splats on the axis of a camera, with their indices as coefficients; and the camera.
     fn scene() -> (Scene, Camera) {
         let at = [(2.0, 0.1, 0.9), (10.0, 0.2, 0.9), (-5.0, 9.0, 0.9), (3.0, 0.01, 0.9), (2.0, 0.1, 0.5)];
         let splat = |i: usize| {
@@ -141,7 +141,7 @@ mod tests {
         let (scene, camera) = scene();
         let order = |choice| ranking(&scene, &camera, choice);
         assert_eq!(order(Choice::FileOrder), Some(vec![0, 1, 2, 3, 4]));
-        // The large one behind the camera comes first where no camera counts, and last where one does.
+        // The large splat behind the camera is first by size in the world, and last by size on the screen.
         assert_eq!(order(Choice::WorldSize), Some(vec![2, 1, 0, 4, 3]));
         assert_eq!(order(Choice::ScreenSize), Some(vec![0, 4, 1, 3, 2]));
         assert_eq!(order(Choice::Nearest), None);

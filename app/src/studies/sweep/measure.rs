@@ -18,7 +18,7 @@ pub struct Step {
     pub choice: Option<Choice>,
     /// The camera's name.
     pub camera: String,
-    /// Number of splats that are kept. [`Choice::Nearest`] instead keeps this share of the visible splats.
+    /// Number of splats that are kept. [`Choice::Nearest`] instead keeps the same share of the visible splats.
     pub count: u32,
     /// Number of visible splats; `None` if the graph does not count them.
     pub visible: Option<u32>,
@@ -94,7 +94,7 @@ impl<D: Device> Sweep<'_, D> {
                 None => {
                     let Some(needed) = self.nearest else { return Ok(Ok(())) };
                     let share = f64::from(count) / f64::from(all);
-                    // Later values win.
+                    // Later values override earlier ones.
                     let budget = [(BUDGET.to_owned(), share.to_string())];
                     self.whole.beside(self.pipeline, &[self.set, needed, &budget].concat())?
                 }

@@ -65,7 +65,7 @@ impl Swept {
     fn means(&self, choice: Choice) -> Vec<Mean> {
         let of = |step: &&Step| step.choice.is_none_or(|own| own == choice);
         let counts: BTreeSet<u32> = self.steps.iter().filter(of).map(|step| step.count).collect();
-        // A choice that was not measured has the step with all splats alone.
+        // The step with all splats counts for every choice, so it alone does not show that this choice was measured.
         if !self.steps.iter().any(|step| step.choice == Some(choice)) {
             return Vec::new();
         }
@@ -370,7 +370,7 @@ impl Swept {
 /// Phases with a time that depends on the number of splats.
 const PHASES: [&str; 5] = ["project", "sort", "bin", "draw", "rasterise"];
 
-/// Fits the line to an approach, and combines it with the steps to a sweep.
+/// Fits the line to an approach, and combines it with the steps into a sweep.
 pub fn gather(
     (scene, splats): (String, u32),
     pipeline: String,

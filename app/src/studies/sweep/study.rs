@@ -76,7 +76,7 @@ impl<D: Device> Study<D> {
             listener
                 .say(&format!("{pipeline}: no parameter `{BUDGET}`: the nearest splats are not measured"));
         }
-        // Quads blend every fragment.
+        // A graph without the parameter `stop` blends every fragment.
         let stops = controls.iter().any(|control| control.param.name == "stop");
         let counts = counts(subject.scene.count(), wanted.steps);
         whole.prepare((first.width, first.height), &mut |_| {})?;
@@ -102,7 +102,7 @@ impl<D: Device> Study<D> {
     ) -> Result<(Vec<Step>, Vec<Shown>), StudyError> {
         let camera = &subject.cameras[at];
         let (pipeline, set) = (wanted.pipeline.as_str(), wanted.set.as_slice());
-        // The orders of different parts of the scene cannot be compared.
+        // Without the true order: indices in a part of the scene are not those in the whole scene.
         let view = View::exact(self.whole.scene(), camera);
         self.whole.prepare((camera.width, camera.height), &mut |_| {})?;
         let effort = wanted.frames.choose(&mut self.whole, camera, 4)?;
@@ -143,7 +143,7 @@ impl<D: Device> Study<D> {
         approach::measure(&mut self.whole, &closer, self.stops, effort, &mut progress)
     }
 
-    /// Combines the measurements of all views to a sweep.
+    /// Combines the measurements of all views into a sweep.
     pub fn gather(
         &self,
         subject: &Subject<D>,

@@ -126,7 +126,7 @@ impl Book {
                 |names: Vec<&str>| format!("measured with another {}", names.join(" and another "));
             lost = (!changes.is_empty()).then(|| of_another(changes));
             if lost.is_none() {
-                // A setting that is not wanted now may be later.
+                // Rows of settings that this run does not want are kept for later runs.
                 let stale =
                     |row: &Row| plans.iter().any(|(name, plan)| row.setting == *name && row.plan != *plan);
                 let all = found.rows.len();
@@ -158,7 +158,7 @@ impl Book {
 
     /// Adds a row after the rows of its camera and of earlier cameras, and writes the file.
     ///
-    /// Rows are thus in the order of the cameras, in whatever order they were measured, and by however many processes.
+    /// Rows are thus in the order of the cameras, even if several processes measured them in another order.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -214,7 +214,7 @@ impl Ledger {
         let rows = self.rows.iter().filter(|row| row.setting == setting);
         let drawn =
             rows.filter_map(|row| Some((row.camera.as_str(), row.found.as_ref().ok()?.error.psnr_db)));
-        // Of equals the first, as `pictures` keeps it.
+        // Of equal rows, the first: `Album::keep` stores its pictures.
         drawn.reduce(|a, b| if squared_error(b.1) > squared_error(a.1) { b } else { a })
     }
 
@@ -310,7 +310,7 @@ fn mark(lines: &mut [Line]) {
         line.share = line.share.map(|share| share.widened(floor));
     }
     let point = |line: &Line| Point {
-        // Their time is 1 by definition; what was measured against themselves is the noise.
+        // The exact settings' share is 1 by definition. Their measured share only gives the noise floor.
         share: if line.setting == EXACT { line.share.map(|_| Share::EXACT) } else { line.share },
         psnr_db: line.psnr_db,
         hidden: line.mark == Mark::Hidden,
@@ -355,7 +355,7 @@ pub(super) mod testing {
         within(ms, 0.005, psnr_db)
     }
 
-    /// Returns a setting whose share has a range of `half` to either side.
+    /// Returns measurements with a time of `ms`; the range of the share extends by `half` to both sides.
     pub fn within(ms: f64, half: f64, psnr_db: Option<f64>) -> Measured {
         let share = ms / 4.0;
         let time = Time {
@@ -442,7 +442,7 @@ mod tests {
     #[test]
     fn a_setting_within_the_noise_of_the_exact_ones_is_not_on_the_front_for_sure() {
         let quiet = row("exact", "a", Ok(measured(4.0, Some(90.0))));
-        // The exact settings against themselves: 81 %.
+        // Measured against themselves, the exact settings have a share of 81 %.
         let noisy = row("exact", "a", Ok(within(4.0 * 0.81, 0.05, Some(90.0))));
         let faster = row("x", "a", Ok(measured(3.4, Some(60.0))));
         let none = row("y", "a", Ok(measured(4.0, Some(60.0))));
@@ -491,7 +491,7 @@ mod tests {
             let lost = lost.unwrap_or_default();
             assert!(found.ledger.rows.is_empty() && lost.ends_with(&format!("another {what}")), "{lost}");
         }
-        // A preset whose file was edited, alone.
+        // Only the file of one preset was edited.
         let (found, lost) =
             Book::open(Some(path.clone()), origin(), &[("exact", Some(1)), ("broken", Some(2))]);
         assert!(found.has("exact", "a") && !found.has("broken", "a"));

@@ -23,7 +23,7 @@ pub struct Row {
     pub found: Result<Measured, String>,
 }
 
-/// The exact settings are measured against themselves in this many times the rounds: all rows depend on their noise.
+/// Factor on the rounds when the exact settings are measured against themselves: all rows depend on their noise.
 const ROUNDS_OF_EXACT: u32 = 4;
 
 /// Measures the setting of `session`, interleaved with the exact settings. Returns the row and its picture.

@@ -82,7 +82,7 @@ impl<D: Device> Study<D> {
         let mut session = subject.session(&wanted.pipeline, &wanted.set)?;
         let settings = chosen(wanted, &mut session, camera)?;
         let mut exact = subject.session(&settings[0].pipeline, &settings[0].set)?;
-        // The files of the graph and its shaders are known once they are built.
+        // `to_measure` needs the plan of the exact settings.
         exact.prepare((camera.width, camera.height), &mut |_| {})?;
         let is_wanted = |setting: &Setting| setting.name == settings::EXACT || only(wanted, &setting.name);
         let settings = to_measure(settings, &mut exact, &subject.cameras, &is_wanted, listener)?;
@@ -138,7 +138,7 @@ impl<D: Device> Study<D> {
             if together.len() < VIEWS_AT_ONCE && index + 1 < last {
                 continue;
             }
-            // The views of a setting follow each other: its plan is built and its shaders are compiled once for all of them.
+            // All views of a setting are measured together, so that its plan and its shaders are built only once.
             for (setting, plan) in settings.iter() {
                 let mut loaded = None;
                 for (view, effort) in &together {
@@ -148,7 +148,7 @@ impl<D: Device> Study<D> {
                     }
                     steps.next(&format!("{name}, {}", setting.name))?;
                     exact.prepare((view.camera.width, view.camera.height), &mut |_| {})?;
-                    // A list that grew for one view would count in the memory of the next.
+                    // Reload after a list grew for the previous view, so that its memory does not count in this view.
                     if loaded != Some(session.growths()) {
                         session.set_graph(&setting.pipeline, &setting.set);
                     }
@@ -178,7 +178,7 @@ fn only(wanted: &Wanted, setting: &str) -> bool {
     wanted.only.is_empty() || wanted.only.iter().any(|name| setting.starts_with(name.as_str()))
 }
 
-/// Lists the wanted settings, the exact ones first.
+/// Lists all settings of the graph, the exact ones first, and checks the prefixes of [`Wanted::only`].
 ///
 /// # Errors
 /// The graph has errors, or no setting's name begins with a prefix of [`Wanted::only`].
