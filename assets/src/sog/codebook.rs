@@ -1,29 +1,29 @@
-//! Chooses the codebooks of SOG: 256 numbers that stand near many.
+//! Chooses the codebooks of SOG: 256 codes that approximate many numbers.
 //!
-//! The sorted numbers are divided into intervals, always the one with the largest error, so that rare numbers far from all
-//! others have codes. Lloyd's algorithm (k-means) then moves the borders of all intervals.
+//! The sorted numbers are split into intervals, always the interval with the largest error, so that rare numbers far
+//! from all others get codes of their own. Lloyd's algorithm (k-means) then moves the borders of all intervals.
 
 use super::meta::CODES;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Steps of Lloyd's algorithm. More change less than the bytes that the numbers are stored in.
+/// Iterations of Lloyd's algorithm. Further ones have less effect than the quantisation to a byte.
 const STEPS: usize = 48;
 
-/// Steps that move the border between the two halves of an interval.
+/// Iterations that move the border between the two halves of an interval.
 const BORDER_STEPS: usize = 8;
 
-/// 256 ascending numbers.
+/// A codebook: 256 ascending numbers.
 pub(super) struct Codebook {
     pub codes: Vec<f32>,
-    /// The ends of the numbers that each code but the last stands for.
+    /// Midpoints of neighbouring codes: the upper end of the range of each code but the last.
     ends: Vec<f32>,
 }
 
 impl Codebook {
-    /// Chooses codes for finite numbers, each with the weight of its squared error, above 0; there is at least one number.
+    /// Chooses the codes for at least one number; all are finite.
     ///
-    /// Numbers of at most 256 different values are codes themselves.
+    /// Each number has a weight above 0, a factor on its squared error. At most 256 distinct numbers have exact codes.
     pub(super) fn of(numbers: Vec<(f32, f32)>) -> Self {
         let sorted = Sorted::new(numbers);
         let mut codes: Vec<f32> = sorted.intervals(CODES).iter().map(|of| sorted.mean(of) as f32).collect();
@@ -49,7 +49,7 @@ impl Codebook {
         Self { codes, ends }
     }
 
-    /// Returns the code that is nearest to a number.
+    /// Returns the index of the code nearest to a number.
     pub(super) fn nearest(&self, number: f32) -> u8 {
         self.ends.partition_point(|end| *end <= number) as u8
     }
@@ -59,10 +59,10 @@ fn middles(codes: &[f32]) -> Vec<f32> {
     codes.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect()
 }
 
-/// Ascending numbers.
+/// Numbers in ascending order, with prefix sums.
 struct Sorted {
     numbers: Vec<f32>,
-    /// Sums up to each number: of the weights, of the weighted numbers, and of their weighted squares.
+    /// Prefix sums of the weights, of the weighted numbers, and of the weighted squares; the first is 0.
     sums: Vec<[f64; 3]>,
 }
 
@@ -89,7 +89,7 @@ impl Sorted {
         self.numbers[interval.start] == self.numbers[interval.end - 1]
     }
 
-    /// Returns the mean of an interval, without rounding if its numbers are equal.
+    /// Returns the weighted mean of an interval, without rounding if its numbers are equal.
     fn mean(&self, interval: &Range<usize>) -> f64 {
         if self.is_equal(interval) {
             return self.numbers[interval.start].into();
@@ -98,7 +98,7 @@ impl Sorted {
         sum / weight
     }
 
-    /// Sums the squared distances from the mean; 0 only if the numbers are equal.
+    /// Sums the weighted squared distances from the mean; 0 only if the numbers are equal.
     fn error(&self, interval: &Range<usize>) -> f64 {
         if self.is_equal(interval) {
             return 0.0;
@@ -107,7 +107,7 @@ impl Sorted {
         (squares - sum * sum / weight).max(f64::MIN_POSITIVE)
     }
 
-    /// Divides the numbers into at most `count` intervals of small error.
+    /// Splits the numbers into at most `count` intervals, always the interval with the largest error.
     fn intervals(&self, count: usize) -> Vec<Range<usize>> {
         let whole = 0..self.numbers.len();
         let mut intervals = vec![(self.error(&whole), whole)];
@@ -123,11 +123,11 @@ impl Sorted {
         intervals.into_iter().map(|(_, interval)| interval).collect()
     }
 
-    /// Divides an interval of numbers that are not all equal.
+    /// Splits an interval at the midpoint between the means of its halves. Its numbers are not all equal.
     fn halves(&self, interval: Range<usize>) -> [Range<usize>; 2] {
         let numbers = &self.numbers[interval.clone()];
         let halves = |border: f64| {
-            // The mean of so many numbers may be rounded beyond all of them.
+            // Rounding can put a mean beyond all numbers. The clamp keeps both halves nonempty.
             let middle = numbers.partition_point(|number| f64::from(*number) <= border);
             let middle = interval.start + middle.clamp(1, numbers.len() - 1);
             [interval.start..middle, middle..interval.end]
@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     fn the_codes_of_another_codebook_stay() {
-        // Most numbers are near 0, and the codes far from it have one number each.
+        // The first code has 90,001 equal numbers, the last one has 2.
         let code = |at: usize| ((at as f32 - 100.0) / 60.0).powi(3);
         let codebook = of((0..CODES).flat_map(|at| vec![code(at); 1 + 90_000 / (1 + at * at)]));
         assert!((0..CODES).all(|at| coded(&codebook, code(at)) == code(at)));

@@ -1,4 +1,4 @@
-//! Reads the files of a scene, in an archive or in a folder, and unpacks textures into rows of one texel per splat.
+//! Reads the files of a scene, in an archive or in a folder, and unpacks textures.
 
 use super::meta::wrong;
 use crate::error::SceneError;
@@ -12,17 +12,17 @@ use zip::result::ZipError;
 /// First bytes of a ZIP archive.
 pub(crate) const MAGIC: &[u8; 4] = b"PK\x03\x04";
 
-/// Maximum bytes of `meta.json`.
+/// Maximum length of `meta.json`, in bytes.
 pub(super) const MOST_META: u64 = 1 << 20;
 
 /// Maximum number of padding rows: writers round a texture's height up to a multiple of 4.
 const PADDING: u64 = 4;
 
-/// The place of the files.
+/// Location of a scene's files.
 enum Place<'a> {
-    /// A ZIP archive of so many bytes.
+    /// A ZIP archive, and its length in bytes.
     Archive(ZipArchive<BufReader<SourceReader<'a>>>, u64),
-    /// A `meta.json` and, if it is a file itself, the folder of the others.
+    /// A `meta.json`, and the folder of the other files; `None` if the `meta.json` is not read from a file.
     Folder(&'a Source<'a>, Option<PathBuf>),
 }
 
@@ -55,7 +55,7 @@ impl<'a> Container<'a> {
         Ok(Self { place, sizes: Vec::new() })
     }
 
-    /// Describes the place, for the size breakdown.
+    /// Returns the suffix of the format's name in the size breakdown.
     pub(super) fn kind(&self) -> &'static str {
         match self.place {
             Place::Archive(..) => "",
@@ -85,8 +85,9 @@ impl<'a> Container<'a> {
         }
     }
 
-    /// Returns the bytes of the archive, or of the files with these names. A file that cannot be read counts 0: reading it will
-    /// name the problem.
+    /// Returns the length of the archive, or the total length of the files with these names.
+    ///
+    /// A file that cannot be read counts as 0; a later read reports the problem.
     pub(super) fn bytes_of<'n>(&self, names: impl Iterator<Item = &'n str>) -> u64 {
         match &self.place {
             Place::Archive(_, length) => *length,
@@ -145,14 +146,17 @@ impl<'a> Container<'a> {
         })
     }
 
-    /// Reads a texture of about `count` texels; `fault` checks its width and height before it is unpacked.
+    /// Reads a texture of about `count` texels.
+    ///
+    /// `fault` gets the width and height before the texture is unpacked, and describes the expected ones if they are
+    /// wrong.
     pub(super) fn texture(
         &mut self,
         name: &str,
         count: u64,
         fault: impl Fn(u64, u64) -> Option<String>,
     ) -> Result<Texture, SceneError> {
-        // A file can be only a little longer than its bytes in an archive, or than its texels: WebP packs better than ZIP.
+        // Generous limits: ZIP hardly compresses WebP, and a WebP file is hardly longer than its texels.
         let most = match &self.place {
             Place::Archive(_, length) => 4 * length + MOST_META,
             Place::Folder(..) => 8 * count + MOST_META,
@@ -183,7 +187,9 @@ impl<'a> Container<'a> {
         Ok(Texture { width, height, texels })
     }
 
-    /// Sums the packed bytes of the files read, which an archive must contain, and returns them with the bytes of all.
+    /// Returns the packed bytes of the files that were read, and the bytes of the archive or of all files.
+    ///
+    /// Fails if the files claim more bytes than the archive has.
     pub(super) fn packed_bytes(&self) -> Result<(u64, u64), SceneError> {
         let sum = self.sizes.iter().fold(0u64, |sum, (_, bytes)| sum.saturating_add(*bytes));
         match self.place {

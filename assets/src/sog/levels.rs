@@ -1,5 +1,7 @@
-//! Reads one level of a streamed SOG: a `lod-meta.json` names folders of SOG, and a tree of boxes has, for each level, the run of
-//! splats in one of the folders. Level 0 is the finest. The splats of `environment` belong to every level. Format:
+//! Reads one level of a streamed SOG.
+//!
+//! A `lod-meta.json` names several SOG scenes, and has a tree of boxes. A leaf has, for each level, a run of splats in
+//! one of the scenes. Level 0 is the finest. The splats of `environment` belong to every level. Format:
 //! <https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/streamed-sog/>.
 
 use super::container::damaged;
@@ -18,7 +20,7 @@ use std::path::Path;
 /// The document's name, in errors.
 const NAME: &str = "lod-meta.json";
 
-/// Maximum bytes of the document. A scene of 259 million splats with ten levels has 4,096 leaves.
+/// Maximum length of the document, in bytes. A scene of 259 million splats with ten levels has 4,096 leaves.
 const MOST_JSON: u64 = 64 << 20;
 
 /// The fields that a reader needs; others are ignored.
@@ -40,7 +42,7 @@ struct Node {
     lods: BTreeMap<u32, Run>,
 }
 
-/// A leaf's splats of a level.
+/// The splats of a leaf at one level.
 #[derive(Clone, Copy, Deserialize)]
 struct Run {
     file: usize,
@@ -48,7 +50,7 @@ struct Run {
     count: u32,
 }
 
-/// The runs of a file, in ascending order; `None` are all of its splats.
+/// The runs of a level in a file, in ascending order; `None` for all splats of the file.
 type Runs = Option<Vec<Range<u64>>>;
 
 /// The files of a level.
@@ -58,7 +60,7 @@ struct Level {
     files: Vec<(String, Runs)>,
 }
 
-/// Returns true if a text seems to be a `lod-meta.json`.
+/// Returns true if a text looks like a `lod-meta.json`.
 pub(super) fn begins_as_levels(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     text.trim_start().starts_with('{') && text.contains("\"lodLevels\"")
@@ -69,7 +71,7 @@ fn wrong(field: &str, expected: String, found: impl std::fmt::Display) -> SceneE
 }
 
 impl Node {
-    /// Collects the runs of a level below the node. A leaf without the level has no splats in it.
+    /// Collects the runs of a level in the node and below it. A leaf without the level adds none.
     fn collect(&self, level: u32, runs: &mut Vec<Run>) {
         runs.extend(self.lods.get(&level).filter(|run| run.count > 0));
         for child in &self.children {
@@ -96,7 +98,7 @@ impl Level {
         }
         let mut runs = Vec::new();
         document.tree.collect(level, &mut runs);
-        // By path, not by number: a file that the document names twice is read once.
+        // Grouped by path, not by index, so that a file that the document names twice is read once.
         let mut by_file: BTreeMap<&Path, Vec<Range<u64>>> = BTreeMap::new();
         for Run { file, offset, count } in runs {
             let Some(name) = document.filenames.get(file) else {
@@ -139,7 +141,7 @@ fn within<T>(
     })
 }
 
-/// Adds up the descriptions of the level's files.
+/// Reads the headers of the level's files, and combines them.
 pub(super) fn header(
     source: &Source,
     folder: Option<&Path>,
@@ -148,7 +150,7 @@ pub(super) fn header(
     headers(&Level::read(source, level)?, folder).map(|(all, _)| all)
 }
 
-/// Returns the sum of the descriptions, and the splats of each file.
+/// Returns the combined header, and the number of the level's splats in each file.
 fn headers(level: &Level, folder: Option<&Path>) -> Result<(SceneHeader, Vec<u64>), SceneError> {
     let mut all = SceneHeader { count: 0, stored_degree: 0 };
     let mut counts = Vec::new();
@@ -168,17 +170,17 @@ fn headers(level: &Level, folder: Option<&Path>) -> Result<(SceneHeader, Vec<u64
     Ok((all, counts))
 }
 
-/// Parses a level, or the finest.
+/// Parses a level of a streamed scene; the finest if `level` is `None`.
 pub(super) fn parse(input: &Input, folder: Option<&Path>, level: Option<u32>) -> Result<Scene, SceneError> {
     let level = Level::read(input.source, level)?;
     let (all, counts) = headers(&level, folder)?;
-    // The files' scenes, and the whole.
+    // The scenes of the files and the joined scene are in memory together.
     let needed = Scene::host_bytes(all.count, all.stored_degree).saturating_mul(2);
     SceneMemoryError::check_against(all.count, all.stored_degree, needed, input.memory)?;
     let (mut scenes, mut before) = (Vec::with_capacity(counts.len()), 0);
     let (mut dropped, mut breakdown) = (Dropped::default(), empty(&level, input.source.length()));
     for ((name, runs), count) in level.files.iter().zip(counts) {
-        // Counts splats, whatever a file's reader counts.
+        // Converts a reader's progress to splats of the level.
         let tell = |done: u64, of: u64| -> ControlFlow<()> {
             let share = done as f64 / of.max(1) as f64;
             (input.progress)(before + (share * count as f64) as u64, all.count)
@@ -214,7 +216,7 @@ fn empty(level: &Level, length: u64) -> SizeBreakdown {
     }
 }
 
-/// Adds the sizes of a file's parts to those of the level, by name.
+/// Adds the sizes of a file's parts to the level's parts of the same names.
 fn add(all: &mut SizeBreakdown, part: &SizeBreakdown) {
     all.file_bytes += part.file_bytes;
     all.header_bytes += part.header_bytes;

@@ -1,19 +1,20 @@
 //! Parses `meta.json`.
 //!
-//! Both versions become tables of the values of a byte: version 2 has codebooks, version 1 the ends of ranges.
+//! Both versions are converted to tables of 256 values, indexed by bytes. Version 2 stores the tables as codebooks,
+//! version 1 as ranges.
 
 use crate::activation;
 use crate::error::SceneError;
 use crate::scene::Filter;
 use serde::Deserialize;
 
-/// Values of a byte, and entries of a codebook.
+/// Number of values of a byte, and of entries in a codebook.
 pub(super) const CODES: usize = 256;
 
 /// Maximum number of palette entries, which 16-bit labels can address.
 pub(super) const MOST_ENTRIES: u32 = 1 << 16;
 
-/// The description of a scene.
+/// The checked contents of `meta.json`.
 #[derive(Debug)]
 pub(super) struct Meta {
     pub version: u32,
@@ -25,7 +26,7 @@ pub(super) struct Meta {
     pub quats: String,
     /// Band 0, per channel.
     pub colors: Coded,
-    /// Opacity of each value of alpha.
+    /// Opacity for each value of an alpha byte.
     pub opacities: Vec<f32>,
     pub palette: Option<Palette>,
 }
@@ -37,7 +38,7 @@ pub(super) struct Means {
     pub files: [String; 2],
 }
 
-/// A texture whose bytes have values of tables.
+/// A texture whose bytes are indices into tables, one table per channel.
 #[derive(Debug)]
 pub(super) struct Coded {
     pub tables: [Vec<f32>; 3],
@@ -46,14 +47,14 @@ pub(super) struct Coded {
 
 #[derive(Debug)]
 pub(super) struct Palette {
-    /// Entries and bands, which version 1 leaves to the size of the texture.
+    /// Number of entries and of bands; `None` in version 1, where the texture's size determines them.
     pub size: Option<(u32, u32)>,
     pub codebook: Vec<f32>,
-    /// The palette, and the labels.
+    /// Names of the textures with the palette and with the labels.
     pub files: [String; 2],
 }
 
-/// The field that determines the others.
+/// The version, which determines the other fields.
 #[derive(Deserialize)]
 struct Version {
     version: Option<u32>,
@@ -126,7 +127,7 @@ struct Palette1 {
     files: [String; 2],
 }
 
-/// Tabulates the values of a byte between two ends.
+/// Tabulates 256 equidistant values from `min` to `max`.
 fn between(min: f64, max: f64) -> Vec<f32> {
     (0..CODES).map(|byte| (min + (max - min) * (byte as f64 / 255.0)) as f32).collect()
 }
@@ -211,7 +212,7 @@ impl Meta1 {
 }
 
 impl Meta {
-    /// Parses the text.
+    /// Parses and checks the text of a `meta.json`.
     pub(super) fn parse(text: &[u8]) -> Result<Self, SceneError> {
         let malformed = |error: serde_json::Error| malformed("meta.json", &error);
         let Version { version } = serde_json::from_slice(text).map_err(malformed)?;
@@ -226,7 +227,7 @@ impl Meta {
         Ok(meta)
     }
 
-    /// Lists the textures with a texel per splat; the last one is the labels.
+    /// Lists the textures with one texel per splat. The last one has the labels; `None` without a palette.
     pub(super) fn textures(&self) -> [Option<&str>; 6] {
         [
             Some(&self.means.files[0]),
@@ -240,7 +241,7 @@ impl Meta {
     }
 }
 
-/// Returns the error for a text that is not the JSON of the document.
+/// Returns the error for text that is not valid JSON, or not that of the document `name`.
 pub(super) fn malformed(name: &str, error: &serde_json::Error) -> SceneError {
     SceneError::Row { line: error.line() as u64, message: format!("{name}: {error}") }
 }

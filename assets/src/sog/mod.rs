@@ -1,17 +1,19 @@
-//! Reads and writes PlayCanvas's SOG: lossless WebP textures with a texel per splat, and `meta.json`, in a ZIP archive or a folder.
+//! Reads and writes PlayCanvas's SOG: lossless WebP textures with one texel per splat, and a `meta.json`.
 //!
-//! The table is of version 2, which is written. Version 1 stores the ends of ranges in place of codebooks, and opacities as logits.
-//! [`levels`] reads a level of a streamed scene.
+//! The files are in a ZIP archive or in a folder. The table describes version 2, which is also written. Version 1
+//! stores the ends of ranges in place of codebooks, and opacities as logits. [`levels`] reads a level of a streamed
+//! scene.
 //!
 //! | texture | value of the splat's texel |
 //! |---|---|
 //! | `means` (two) | low and high bytes of 16 bits per axis, between `mins` and `maxs`, of `sign(v) ln(1 + abs(v))` |
 //! | `scales` | per axis an index into the `codebook` of logarithms |
-//! | `quats` | red, green, blue: the three smaller components, `(u / 255 * 2 - 1) / sqrt(2)`; alpha - 252: the index of the largest of w, x, y, z |
+//! | `quats` | red, green, blue: the three smaller components; alpha - 252: the index of the largest of w, x, y, z |
 //! | `sh0` | red, green, blue: indices into the `codebook` of band 0; alpha: opacity `u / 255` |
-//! | `shN` (two) | label, 16 bits in red and green, of an entry of the palette, whose coefficients are indices into the `codebook` |
+//! | `shN` (two) | red, green: 16-bit label of a palette entry; its coefficients are indices into the `codebook` |
 //!
-//! Texel `i` is at column `i % width` and row `i / width`. The palette has 64 entries per row, and a texel per coefficient. Format:
+//! A component of a quaternion is `(u / 255 * 2 - 1) / sqrt(2)`. Texel `i` is at column `i % width` and row
+//! `i / width`. The palette has 64 entries per row, and a texel per coefficient. Format:
 //! <https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/sog/>.
 
 mod codebook;
@@ -32,13 +34,13 @@ use std::path::Path;
 pub(crate) use container::MAGIC;
 pub(crate) use write::write;
 
-/// Returns true if a text seems to be a `meta.json` or a `lod-meta.json`.
+/// Returns true if a text looks like a `meta.json` or a `lod-meta.json`.
 pub(crate) fn begins_as_json(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     text.trim_start().starts_with('{') && text.contains("\"means\"") || levels::begins_as_levels(head)
 }
 
-/// Reads the splats' description; `level` is of a streamed scene, the finest if it is `None`.
+/// Reads the header of a scene. `level` selects a level of a streamed scene; `None` is the finest.
 pub(crate) fn header(
     source: &Source,
     path: Option<&Path>,
@@ -52,7 +54,7 @@ pub(crate) fn header(
     }
 }
 
-/// Parses a scene; `level` is of a streamed scene, the finest if it is `None`.
+/// Parses a scene. `level` selects a level of a streamed scene; `None` is the finest.
 pub(crate) fn parse(input: &Input, path: Option<&Path>, level: Option<u32>) -> Result<Scene, SceneError> {
     let folder = path.and_then(Path::parent);
     match (levels::begins_as_levels(&input.source.head(HEAD)?), level) {

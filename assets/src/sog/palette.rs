@@ -1,21 +1,21 @@
-//! Chooses the palette of the harmonics: few entries that stand near many points.
+//! Chooses the palette of the harmonics: few entries that approximate many points.
 //!
-//! The points are divided into groups, always those with the largest error, until every entry has a group. Entries go where
-//! points are many or far apart, and equal points share one. Lloyd's algorithm from there would compare points with entries:
-//! it takes longer than the rest, and the pictures of our scenes are no nearer.
+//! The points are split into groups, always the groups with the largest error, until every entry has a group. Entries
+//! go where points are dense or far apart, and equal points share one. Lloyd's algorithm could refine the entries, but
+//! would take longer than everything before it, and the pictures of our scenes would be no nearer.
 //!
 //! Everything is deterministic: sums run in the order of the points, whatever the number of threads.
 
 use rayon::prelude::*;
 use std::io::Result;
 
-/// Steps that move the border between the two halves of a group.
+/// Iterations that move the border between the two halves of a group.
 const BORDER_STEPS: usize = 4;
 
-/// Points whose sums one task computes.
+/// Number of points that one task sums.
 const CHUNK: usize = 4096;
 
-/// Entries of equal dimension, and for each point the entry that is near.
+/// Entries of equal dimension, and for each point the index of its entry.
 pub(super) struct Palette {
     /// The coordinates, entry after entry.
     pub entries: Vec<f32>,
@@ -30,12 +30,12 @@ struct Points<'a> {
 
 /// A group of points.
 struct Group<'a> {
-    /// The points' numbers.
+    /// Indices of the points.
     of: &'a mut [u32],
     mean: Vec<f32>,
-    /// The axis of the largest variance.
+    /// Axis of the largest variance.
     widest: usize,
-    /// The sum of the squared distances from the mean: 0 only if the points are equal.
+    /// Sum of the squared distances from the mean; 0 only if all points are equal.
     error: f64,
 }
 
@@ -44,7 +44,7 @@ impl Points<'_> {
         &self.values[number as usize * self.width..][..self.width]
     }
 
-    /// Sums over points what `value` computes of each axis and coordinate.
+    /// Sums `value(axis, coordinate)` over points; returns one sum per axis.
     fn sum(&self, of: &[u32], value: impl Fn(usize, f64) -> f64 + Sync) -> Vec<f64> {
         let part = |of: &[u32]| {
             let mut sums = vec![0.0; self.width];
@@ -79,7 +79,7 @@ impl Points<'_> {
         Group { of, mean, widest, error: variances.iter().sum::<f64>().max(f64::MIN_POSITIVE) }
     }
 
-    /// Divides a group of points that are not all equal, at the border halfway between the means of the halves.
+    /// Splits a group at the plane halfway between the means of its halves. Its points are not all equal.
     fn halves<'a>(&self, group: Group<'a>) -> [Group<'a>; 2] {
         let Group { of, mean, widest, .. } = group;
         let mut middle = partition(of, |number| self.point(number)[widest] > mean[widest]);
@@ -99,8 +99,9 @@ impl Points<'_> {
     }
 }
 
-/// Moves the numbers that are beyond a border behind the others, and returns how many the others are. Halves that would be
-/// empty get half of the numbers.
+/// Moves the indices that are `beyond` a border behind the others, and returns the number of the others.
+///
+/// If one side would be empty, splits the list in the middle.
 fn partition(of: &mut [u32], beyond: impl Fn(u32) -> bool + Sync) -> usize {
     let numbers = of.par_iter().with_min_len(CHUNK);
     let (behind, before): (Vec<u32>, Vec<u32>) = numbers.partition(|number| beyond(**number));
@@ -111,9 +112,9 @@ fn partition(of: &mut [u32], beyond: impl Fn(u32) -> bool + Sync) -> usize {
     middle
 }
 
-/// Chooses at most `count` entries for points of `width` numbers each; there is at least one point.
+/// Chooses at most `count` entries for at least one point, of `width` numbers each.
 ///
-/// `tell` gets the number of entries that are chosen; its error ends the search.
+/// `tell` gets the number of entries found so far. An error from `tell` ends the search.
 pub(super) fn palette(
     values: &[f32],
     width: usize,
@@ -125,7 +126,7 @@ pub(super) fn palette(
     let mut done = Vec::new();
     let mut groups = vec![points.group(&mut numbers)];
     loop {
-        // At most a third at a time: the halves of the worst groups can be worse than the others.
+        // Splits at most a third at a time: the halves of the worst groups can be worse than the other groups.
         let most = (groups.len() / 3).max(1).min(count - done.len() - groups.len());
         groups.sort_by(|a, b| b.error.total_cmp(&a.error));
         let equal = groups.partition_point(|group| group.error > 0.0);

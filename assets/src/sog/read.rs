@@ -18,7 +18,7 @@ const TEXEL: usize = 4;
 /// Palette entries per row of its texture.
 const ENTRIES_PER_ROW: u32 = 64;
 
-/// Maximum splats per byte of a file: a splat has 20 bytes of texels, packed at most 1032-fold, the limit of gzip.
+/// Maximum splats per byte of a file: a splat has 20 bytes of texels, compressed at most 1032-fold, Deflate's limit.
 const MOST_PER_BYTE: u64 = 1032 / 20;
 
 fn meta(files: &mut Container) -> Result<Meta, SceneError> {
@@ -31,14 +31,14 @@ fn meta(files: &mut Container) -> Result<Meta, SceneError> {
     Ok(meta)
 }
 
-/// Reads the splats' description in `meta.json`.
+/// Reads the header from `meta.json`; in version 1, also from the palette's texture.
 pub(super) fn header(source: &Source, folder: Option<&Path>) -> Result<SceneHeader, SceneError> {
     let mut files = Container::open(source, folder)?;
     let meta = meta(&mut files)?;
     let stored_degree = match &meta.palette {
         None => 0,
         Some(Palette { size: Some((_, bands)), .. }) => *bands,
-        // In version 1, the size of the texture tells.
+        // In version 1, the width of the texture determines the degree.
         Some(palette) => Entries::read(&mut files, palette)?.bands,
     };
     Ok(SceneHeader { count: meta.count.into(), stored_degree })
@@ -53,7 +53,7 @@ struct Entries<'a> {
     codebook: &'a [f32],
 }
 
-/// Returns the coefficients per channel above band 0.
+/// Returns the number of coefficients per channel above band 0.
 fn coefficients(bands: u32) -> u32 {
     (sh_floats(bands) / 3 - 1) as u32
 }
@@ -77,7 +77,7 @@ impl<'a> Entries<'a> {
         Ok(Self { bands, coefficients, count: count as usize, texture, codebook: &palette.codebook })
     }
 
-    /// Sets the harmonics above band 0. A label beyond the palette gives NaN.
+    /// Sets the harmonics above band 0. A label beyond the palette gives NaN, so that the splat is dropped.
     fn apply(&self, label: usize, sh: &mut [f32; 48]) {
         let row = label / ENTRIES_PER_ROW as usize;
         let first = row * self.texture.width as usize + label % ENTRIES_PER_ROW as usize * self.coefficients;
@@ -90,7 +90,7 @@ impl<'a> Entries<'a> {
     }
 }
 
-/// Parses a scene, or the splats of `runs`, which do not overlap. `folder` is that of a `meta.json`.
+/// Parses all splats, or those in `runs`, which do not overlap. `folder` is the folder of a `meta.json`.
 pub(super) fn parse(
     input: &Input,
     folder: Option<&Path>,
@@ -106,11 +106,11 @@ pub(super) fn parse(
     }
     let count: u64 = runs.iter().map(|run| run.end - run.start).sum();
     let palette = meta.palette.as_ref();
-    // Until the palette of version 1 is read, its degree is the highest.
+    // The degree of version 1 is unknown until its palette is read, so the highest is assumed.
     let degree = palette.map_or(0, |palette| palette.size.map_or(3, |(_, bands)| bands));
     let names = meta.textures();
     let bytes = count * (TEXEL * names.iter().flatten().count()) as u64;
-    // One more texture while it is unpacked.
+    // While a texture is unpacked, up to two whole copies of it exist beside the texels kept.
     let beside = bytes + 2 * all * TEXEL as u64;
     let needed = Scene::host_bytes(count, degree).saturating_add(beside);
     SceneMemoryError::check_against(count, degree, needed, input.memory)?;
@@ -188,7 +188,7 @@ fn splat(
     (splat, norm)
 }
 
-/// Unpacks w, x, y, z. An invalid component index in alpha gives the zero rotation, as in PlayCanvas's reader.
+/// Unpacks w, x, y, z. An invalid component index in alpha gives the identity, as in PlayCanvas's reader.
 fn quaternion(texel: &[u8]) -> [f64; 4] {
     let Some(largest) = texel[3].checked_sub(252) else { return [1.0, 0.0, 0.0, 0.0] };
     let others = [0, 1, 2].map(|at| (f64::from(texel[at]) / 255.0 * 2.0 - 1.0) * FRAC_1_SQRT_2);

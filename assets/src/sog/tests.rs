@@ -21,7 +21,7 @@ fn webp(width: u32, height: u32, texels: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Builds a texture of 4 x 4 texels that begins with these.
+/// Builds a texture of 4 x 4 texels that begins with `texels`.
 fn small(texels: &[[u8; 4]]) -> Vec<u8> {
     let mut all = texels.concat();
     all.resize(64, 0);
@@ -147,7 +147,7 @@ fn a_label_beyond_the_palette_drops_the_splat_and_an_archive_of_something_else_i
 fn a_texture_of_one_colour_and_huge_size_is_refused_before_it_is_unpacked() {
     let (mut meta, mut files) = two();
     meta["count"] = json!(1);
-    // It packs to a few bytes: only the picture's size reveals it.
+    // It compresses to a few bytes, so only its width and height reveal it.
     files[0].1 = webp(2048, 2048, &vec![0; 2048 * 2048 * 4]);
     let bytes = archive(&meta, &files);
     assert!(bytes.len() < 20_000);
@@ -259,7 +259,7 @@ fn a_folder_has_the_splats_of_the_archive_and_only_its_own_files() {
     assert!(error.contains("`meta.json: count`: expected at most 0"), "{error}");
 }
 
-/// Writes a streamed scene: two leaves at level 0 in a folder of two splats, and one splat at level 1.
+/// Writes a streamed scene with two leaves: each has a splat at level 0, and the first has one at level 1.
 fn streamed(at: &Path) -> Value {
     folder(&at.join("0_0"), &two());
     folder(&at.join("1_0"), &version_1());

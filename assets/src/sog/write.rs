@@ -33,7 +33,7 @@ fn entries(count: usize) -> usize {
     ((1 << thousands) * 1024).min(count).min(MOST_ENTRIES as usize)
 }
 
-/// Files of an archive.
+/// An archive in progress, in memory.
 struct Files {
     zip: ZipWriter<Cursor<Vec<u8>>>,
 }
@@ -45,7 +45,7 @@ impl Files {
         self.zip.write_all(bytes)
     }
 
-    /// Adds a texture of this width; pads the last row.
+    /// Adds a texture of `width` texels per row, and pads the last row.
     fn texture(&mut self, name: &str, width: usize, mut texels: Vec<Texel>) -> Result<()> {
         let height = texels.len().div_ceil(width);
         if width.max(height) > MOST_SIDE {
@@ -80,10 +80,10 @@ fn rotation(quaternion: [f32; 4]) -> Texel {
     texel
 }
 
-/// Writes a scene. `progress` counts the entries of the palette.
+/// Writes a scene. `progress` gets the number of palette entries found so far, and of all.
 ///
 /// # Errors
-/// The writer fails, the progress cancels, or the scene has no splats or more than a texture has texels.
+/// The writer fails, `progress` cancels, the scene has no splats, or it has more splats than a texture can have texels.
 pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> Result<()> {
     if scene.count() == 0 {
         return Err(Error::new(ErrorKind::InvalidInput, "expected at least one splat, found none"));
@@ -114,7 +114,7 @@ pub(crate) fn write(scene: &Scene, progress: Progress, out: &mut impl Write) -> 
     }
 
     let scales = |at: usize| scene.scales()[at].map(logarithm);
-    // Errors of a splat are seen in proportion to its opacity and to its extent.
+    // The visibility of a splat's error is proportional to its opacity and its extent.
     let weight = |at: usize| {
         let mut axes = scene.scales()[at];
         axes.sort_unstable_by(f32::total_cmp);
