@@ -1,6 +1,6 @@
 //! Lists the files that are built into the binary: every graph under `pipelines/` and every shader under `shaders/`.
 
-// Lines on standard output are how a build script speaks to cargo, and the files are its own.
+// A build script speaks to cargo on standard output, and writes files of its own.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 
 use std::fmt::Write as _;
@@ -34,7 +34,7 @@ fn walk(folder: &Path, name: &str, files: &mut Vec<(String, PathBuf)>) -> io::Re
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
         let file = entry.file_name();
-        // Editors' backups and other hidden files are no part of the program.
+        // Hidden files and editors' backups are not built in.
         let Some(file) = file.to_str().filter(|f| !f.starts_with('.') && !f.ends_with('~')) else { continue };
         let name = format!("{name}/{file}");
         if entry.file_type()?.is_dir() {

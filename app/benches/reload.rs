@@ -1,8 +1,9 @@
 //! Measures the time from a change to its first frame, and the host's time for recording a frame.
 //!
-//! `cargo bench -p splatgraph --bench reload [-- --device NAME] [--scene SCENE.ply] [--size WxH] [--runs N]` draws the default
-//! preset from a copy of the shipped files, without a window, and makes changes. The time is the viewer's own: from the system's
-//! notice of the save to the end of the new plan's first frame on the device. Frames are drawn all the while, and counted.
+//! `cargo bench -p splatgraph --bench reload [-- --device NAME] [--scene SCENE.ply] [--size WxH] [--runs N]` draws the
+//! default preset from a copy of the shipped files, without a window, and makes changes. The time is measured by the
+//! viewer: from the system's notice of the save to the end of the new plan's first frame on the device. Frames are
+//! drawn and counted meanwhile.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
@@ -42,7 +43,7 @@ impl Args {
                     let (width, height) = text.split_once('x').context("--size wants WIDTHxHEIGHT")?;
                     args.size = (width.parse()?, height.parse()?);
                 }
-                // Cargo's own.
+                // Cargo passes this option.
                 "--bench" => {}
                 other => bail!("there is no option {other}"),
             }
@@ -55,7 +56,7 @@ impl Args {
 enum Modification {
     /// Appends a line to a file of the copy.
     Edit(&'static str, fn(usize) -> String),
-    /// Sets a parameter to one of two values in turn.
+    /// Sets a parameter to its two values alternately.
     Set(&'static str, [Value; 2]),
 }
 
@@ -136,7 +137,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Draws until a plan is swapped: [latency, plan, device] in milliseconds, and the number of frames.
+/// Draws until a plan is swapped. Returns its latency, plan and device times in milliseconds, and the frames drawn.
 fn until_swapped(viewer: &mut Viewer<Backend>, size: (u32, u32)) -> Result<([f64; 3], u64)> {
     let begun = Instant::now();
     let mut frames = 0;

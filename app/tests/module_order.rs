@@ -5,7 +5,7 @@ use std::path::Path;
 #[path = "../../tests/module_order.rs"]
 mod module_order;
 
-/// The rooms of the crate, from the ground up.
+/// The top-level modules of the crate, the lowest first.
 const ROOMS: [&str; 7] = ["numbers", "io", "draw", "studies", "view", "lsp", "cli"];
 
 #[test]

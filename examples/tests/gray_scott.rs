@@ -1,4 +1,4 @@
-//! The example, run as its page says.
+//! Runs the example as its page describes.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -15,7 +15,7 @@ fn the_reaction_fills_the_picture_with_a_pattern() {
     let mut pixels = vec![0; reader.output_buffer_size().expect("a small picture")];
     reader.next_frame(&mut pixels).expect("pixels");
 
-    // Of the squares of 32 pixels, each has dark and bright parts: the seeds have spread everywhere.
+    // Each square of 32 x 32 pixels has dark and bright parts, so the seeds have spread everywhere.
     for corner in (0..8 * 8).map(|i| (i % 8 * 32, i / 8 * 32)) {
         let reds = (0..32 * 32).map(|i| pixels[4 * ((corner.1 + i / 32) * 256 + corner.0 + i % 32)]);
         let (least, most) = reds.fold((u8::MAX, u8::MIN), |(least, most), v| (least.min(v), most.max(v)));

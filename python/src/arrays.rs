@@ -21,9 +21,9 @@ impl Number for f64 {
     const NAME: &str = "float64";
 }
 
-/// The values of an array, the last index fastest.
+/// A copy of an array.
 pub struct Array<T> {
-    /// Values, the last index fastest.
+    /// Values in row-major order.
     pub values: Vec<T>,
     /// Length of each dimension.
     pub shape: Vec<usize>,

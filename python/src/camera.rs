@@ -13,7 +13,7 @@ use std::path::PathBuf;
 ///
 /// Args:
 ///     viewmat: world to camera, a rotation and a translation in world units, [4, 4].
-///     K: intrinsics in pixels, [3, 3]: fx, fy, and the principal point, in the middle of the picture.
+///     K: intrinsics in pixels, [3, 3]: fx, fy, and the principal point, which must be the middle of the picture.
 ///     width: width of the picture, in pixels.
 ///     height: height of the picture, in pixels.
 ///     name: name for files and messages.
@@ -54,7 +54,7 @@ impl Camera {
             )));
         }
         let off = [k[0][2] - 0.5 * f64::from(width), k[1][2] - 0.5 * f64::from(height)];
-        // A rounding of float32 is no place of its own.
+        // Allows for the rounding of float32.
         if off.iter().any(|off| off.abs() > 1e-3) {
             return Err(PyNotImplementedError::new_err(format!(
                 "K: expected the principal point in the middle of the picture, ({}, {}), found ({}, {})",

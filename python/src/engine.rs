@@ -67,7 +67,7 @@ struct Thread {
 pub struct Engine {
     /// The thread; `None` once closed.
     thread: Mutex<Option<Thread>>,
-    /// Statistics of the last picture that was taken, as JSON.
+    /// Statistics of the last picture returned by [`Pending::result`], as JSON.
     last: Arc<Mutex<Option<String>>>,
 }
 
@@ -93,7 +93,7 @@ impl Engine {
         let scene = scene.get().0.clone();
         let (requests, receiver) = channel();
         let (opened, mut is_open) = channel();
-        // The device is opened where it is used: some drivers bind things to threads.
+        // The thread that draws also opens the device, because some drivers bind state to threads.
         let handle =
             Builder::new().name("splatgraph".into()).spawn(move || match Backend::open(api, &options) {
                 Ok(backend) => {
@@ -109,7 +109,7 @@ impl Engine {
         let open: Result<(), BackendError> = wait::receive(py, &mut is_open)?;
         open.map_err(|error| errors::device(&error))?;
         let engine = Engine { thread: Mutex::new(Some(Thread { requests, handle })), last: Arc::default() };
-        // A graph that cannot be read or a setting that does not fit is told here, and not at the first picture.
+        // Reports an unreadable graph or an invalid setting here, rather than with the first picture.
         engine.controls(py, DEFAULT_SIZE)?;
         Ok(engine)
     }
@@ -165,14 +165,14 @@ impl Engine {
         self.ask(py, move |session| session.plan_for(size)).map(Plan)
     }
 
-    /// Statistics of the last picture that was taken: a dict, or `None`.
+    /// Statistics of the last picture returned by `Pending.result`, as a dict; `None` before the first one.
     #[getter]
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let last = self.last.lock().unwrap_or_else(PoisonError::into_inner).clone();
         last.map(|json| errors::from_json(py, &json)).transpose()
     }
 
-    /// Description of the device: a dict with its name, driver, kind and limits.
+    /// Description of the device: a dict with its name, driver, kind and index.
     #[getter]
     fn device<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let info = self.ask(py, |session| Ok(session.device().info().clone()))?;
@@ -185,7 +185,7 @@ impl Engine {
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(Thread { requests, handle }) = thread {
             drop(requests);
-            // A panic's message is on standard error already.
+            // The panic hook has already printed the message of a panic.
             let _ = py.detach(|| handle.join());
         }
     }
@@ -210,7 +210,7 @@ impl Engine {
     ) -> PyResult<T> {
         let (reply, mut receiver) = channel();
         self.send(Request::Call(Box::new(move |session: &mut Session<Backend>| {
-            // Nobody waits after an interruption.
+            // After an interruption, the receiver is gone.
             let _ = reply.send(call(session));
         })))?;
         wait::receive(py, &mut receiver)?.map_err(|error| errors::session(py, &error))
@@ -224,7 +224,7 @@ impl Engine {
 /// A requested picture.
 #[pyclass(frozen, module = "splatgraph._native")]
 pub struct Pending {
-    /// The result; `None` once taken.
+    /// Receives the result; `None` once the result was returned.
     receiver: Mutex<Option<Receiver<Result<Drawn, SessionError>>>>,
     abandoned: Arc<AtomicBool>,
     last: Arc<Mutex<Option<String>>>,
@@ -232,8 +232,10 @@ pub struct Pending {
 
 #[pymethods]
 impl Pending {
-    /// Waits for the picture, once: display-encoded colours, float32 [height, width, 3], row 0 at the top, not clamped; and the outputs by
-    /// name.
+    /// Waits for the picture. Can be called only once.
+    ///
+    /// Returns: The picture, float32 [height, width, 3], display-encoded, row 0 at the top, not clamped; and a dict of
+    /// the other outputs by name.
     fn result<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyDict>)> {
         let receiver = self.receiver.lock().unwrap_or_else(PoisonError::into_inner).take();
         let Some(mut receiver) = receiver else {
@@ -275,7 +277,7 @@ impl Drop for Pending {
 fn serve(session: &mut Session<Backend>, requests: &Receiver<Request>) {
     let mut flying = VecDeque::new();
     loop {
-        // Only an idle device waits for a request.
+        // Waits for a request only if no frame is in flight.
         let request = match flying.is_empty() {
             true => requests.recv().map_err(|_| TryRecvError::Disconnected),
             false => requests.try_recv(),
@@ -336,7 +338,7 @@ fn land(session: &mut Session<Backend>, flying: &mut VecDeque<(FrameId, Draw)>, 
             let stats = CameraStats::new(camera, plan, &info, count, &[result], memory);
             Ok(Drawn { pixels, outputs, stats })
         });
-        // Nobody waits for one that was abandoned meanwhile.
+        // If the request was abandoned meanwhile, the receiver is gone.
         let _ = draw.reply.send(answer);
     }
 }

@@ -7,7 +7,7 @@ use splatgraph::cli;
 use std::ffi::OsString;
 use std::sync::{Mutex, PoisonError};
 
-/// Views done now, views done before, and failed views with the reason; by index.
+/// Indices of the views done now, indices of the views done before, and failed views with the reason.
 type Ran = (Vec<usize>, Vec<usize>, Vec<(usize, String)>);
 
 /// The views of a command line: `render`, `trade`, `sweep` or `evaluate` with its arguments.
@@ -32,7 +32,9 @@ impl Job {
         Ok(Job { views: job.views().to_vec(), job: Mutex::new(Some(job)) })
     }
 
-    /// Does views, by index, unless their files exist.
+    /// Processes the views with these indices, except for views whose files exist.
+    ///
+    /// Returns: The indices done now, the indices done before, and the failed indices with the reason.
     fn run(&self, py: Python<'_>, views: Vec<usize>) -> PyResult<Ran> {
         if let Some(view) = views.iter().find(|view| **view >= self.views.len()) {
             return Err(PyValueError::new_err(format!(

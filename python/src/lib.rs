@@ -83,16 +83,16 @@ mod _native {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        // Shaders are compiled in a second process, which loads this module for nothing else.
+        // In a process that was started to compile shaders, this call does not return.
         serve_if_asked();
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 
-    /// Sets the interpreter and the file of this module, from which other processes can be started.
+    /// Sets the paths of the interpreter and of this module, with which other processes are started.
     #[pyfunction]
     fn _set_process(python: PathBuf, module: PathBuf) {
         splatgraph::io::program::set(module.clone());
-        // A second import in one process has the same.
+        // After a second import in one process, the paths are already set, to the same values.
         let _ = PROCESS.set((python, module));
     }
 

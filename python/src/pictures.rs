@@ -11,7 +11,7 @@ use splatgraph::studies::metrics;
 /// Measures the difference between two pictures, float32 [height, width, 3], display-encoded, with 0 for black and 1
 /// for white.
 ///
-/// Returns: A dict: psnr_db (dB, None for an error of 0), ssim (1 for equal ones, None below 11 x 11 pixels), worst
+/// Returns: A dict: psnr_db (dB, None for an error of 0), ssim (1 for equal pictures, None below 11 x 11 pixels), worst
 /// (difference, x, y) and identical.
 #[pyfunction]
 pub fn compare<'py>(a: &Bound<'py, PyAny>, b: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {

@@ -22,7 +22,7 @@ impl Plan {
         &self.0.name
     }
 
-    /// Names of the passes; passes that run once are first.
+    /// Names of the passes in execution order; passes that run once are first.
     #[getter]
     fn passes(&self) -> Vec<String> {
         self.0.passes.iter().map(|pass| pass.name.clone()).collect()
@@ -57,7 +57,7 @@ impl Plan {
     }
 }
 
-/// Builds the plan of a graph without a device, for the smallest that is supported.
+/// Builds the plan of a graph without opening a device, for the least capable device that is supported.
 ///
 /// Args:
 ///     pipeline: name of a built-in graph, or a path.

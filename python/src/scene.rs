@@ -11,7 +11,8 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A 3D Gaussian Splatting scene: its splats, activated. Scenes are immutable; renderers share them.
+/// A 3D Gaussian Splatting scene. Its opacities and scales are activated (no logits, no logarithms). Scenes are
+/// immutable; renderers share them.
 #[pyclass(frozen, module = "splatgraph")]
 pub struct Scene(pub Arc<assets::Scene>);
 
@@ -78,8 +79,8 @@ impl Scene {
         made.map(|scene| Scene(Arc::new(scene))).map_err(|error| Error::new_err(error.to_string()))
     }
 
-    /// Writes the scene in the format of the file's extension: .ply, .glb, .compressed.ply, .spz, .splat or .sog. All but
-    /// the first two round the values.
+    /// Writes the scene in the format of the file's extension: .ply, .glb, .compressed.ply, .spz, .splat or .sog. All
+    /// formats but the first two round the values.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let Some(format) = SceneFormat::of_name(&path).filter(|format| SceneFormat::WRITTEN.contains(format))
         else {

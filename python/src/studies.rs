@@ -22,7 +22,7 @@ use std::sync::mpsc::Sender;
 use std::sync::{Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-/// Threads of cancelled studies that finish their last step. The process waits for them, since they use a driver.
+/// Threads of finished and cancelled studies. The process waits for them at its end, because they use a driver.
 static CANCELLED: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
 
 /// A message from a study's thread: progress, a text, or the result.
@@ -44,13 +44,14 @@ impl<T> Listener for Reporter<T> {
     }
 
     fn say(&mut self, message: &str) {
-        // The next step learns that nobody listens.
+        // If the receiver is gone, the next progress report cancels the study.
         let _ = self.0.send(News::Message(message.to_owned()));
     }
 }
 
-/// Runs a study on its own thread; returns its result and its messages. `progress` is called with task, done, of and
-/// step.
+/// Runs a study on its own thread; returns its result and its messages.
+///
+/// `progress` is called with four arguments: the task, the number of steps done, the total, and the next step.
 ///
 /// # Errors
 /// The exception of `progress` or of a signal handler, such as `KeyboardInterrupt`: the study then ends after its
@@ -63,7 +64,7 @@ fn run<T: Send + 'static>(
     let (sender, mut receiver) = std::sync::mpsc::channel();
     let thread = std::thread::Builder::new().name("splatgraph".into()).spawn(move || {
         let found = study(&mut Reporter(sender.clone()));
-        // Nobody waits any more after an interruption.
+        // After an interruption, the receiver is gone.
         let _ = sender.send(News::Done(found));
     })?;
     let mut messages = Vec::new();
@@ -84,11 +85,11 @@ fn run<T: Send + 'static>(
     found.map(|found| (found, messages))
 }
 
-/// Waits for cancelled studies, at the end of the process.
+/// Waits for the threads of all studies, at the end of the process.
 #[pyfunction]
 pub fn _join_studies(py: Python<'_>) {
     let threads = std::mem::take(&mut *CANCELLED.lock().unwrap_or_else(PoisonError::into_inner));
-    // A panic's message is on standard error already.
+    // The panic hook has already printed the message of a panic.
     py.detach(|| threads.into_iter().for_each(|thread| drop(thread.join())));
 }
 

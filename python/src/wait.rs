@@ -1,4 +1,4 @@
-//! Waits for other threads, interruptibly by Ctrl-C.
+//! Waits for other threads. Ctrl-C interrupts the wait.
 
 use crate::errors::Error;
 use pyo3::prelude::*;
@@ -17,7 +17,7 @@ const ASK_EVERY: Duration = Duration::from_millis(50);
 pub fn run<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 'static) -> PyResult<T> {
     let (sender, mut receiver) = channel();
     Builder::new().name("splatgraph".into()).spawn(move || {
-        // Nobody waits any more after an interruption.
+        // After an interruption, the receiver is gone.
         let _ = sender.send(work());
     })?;
     receive(py, &mut receiver)
