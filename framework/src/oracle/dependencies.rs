@@ -2,8 +2,8 @@
 //!
 //! The solver walks over the passes once and tracks the state of memory. This check tracks none. For each memory cell,
 //! it lists the passes that access it, in the prologue and in three frames, and looks back from each access to its
-//! immediate predecessors. Every such pair must be in a dependency, and every stage and access of a dependency must be
-//! in such a pair.
+//! immediate predecessors. A dependency must cover every such pair, and such a pair must require every stage and access
+//! of a dependency.
 
 use super::trace::{Access, Trace};
 use crate::ir::{Accesses, Hazard, Layout, Masks, PassId, ResourceId, Stages};
@@ -18,7 +18,7 @@ const FRAMES: u32 = 3;
 pub enum Objection {
     /// Two accesses conflict, and no dependency covers them.
     Missing {
-        /// The kind of conflict: after a write, after a read, or of a layout change.
+        /// The kind of conflict.
         hazard: Hazard,
         /// The earlier pass.
         first: PassId,
@@ -35,7 +35,8 @@ pub enum Objection {
     Needless {
         /// Index of the dependency in [`Plan::dependencies`].
         dependency: usize,
-        /// The part, as a sentence.
+        /// The needless part: `the whole`, `the layout change`, or a side with a stage or an access, such as
+        /// `target VERTEX`.
         what: String,
     },
     /// An image is not in the layout that a pass needs, or that a layout change assumes.
@@ -335,7 +336,7 @@ impl<'a> Check<'a> {
             if dependency.changes_layout && !change {
                 say("the layout change", String::new());
             }
-            // The target of a layout change is its pass's access to the image.
+            // For a layout change, the target is the pass's access to the image, which no pair has.
             let change_alone = dependency.hazard == Hazard::LayoutChange;
             let Masks { source_stages, source_accesses, target_stages, target_accesses } =
                 dependency.masks.without(*used);
@@ -351,7 +352,7 @@ impl<'a> Check<'a> {
 
 /// Returns true if the pass of a read does not also write at that stage.
 ///
-/// Otherwise the order after the write covers the read as well.
+/// If it does, the dependency on the write covers the read as well.
 fn is_apart(read: &Access, accesses: &[&Access]) -> bool {
     !accesses.iter().any(|other| other.writes() && other.stage == read.stage)
 }

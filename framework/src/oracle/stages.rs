@@ -28,12 +28,12 @@ pub fn with_later(stages: Stages) -> Stages {
     scope
 }
 
-/// Returns the stages that cover a command's work at `stage` if a source mask names them: that stage, and the later
-/// ones of the command's own pipeline.
+/// Returns the stages that cover a command's work at `stage` when a source mask names them.
 ///
-/// `INDIRECT` is the only stage of two pipelines. The specification says that a later stage covers an earlier one of
-/// the pipeline that a command runs. It leaves open whether `COMPUTE` covers reading a draw's arguments: a driver with
-/// separate queues for dispatches and draws (PanVK) does not wait for it. So it does not count here.
+/// They are `stage` itself and the later stages of the command's pipeline: compute if `dispatch`, otherwise graphics.
+/// Only `INDIRECT` is in both pipelines. The specification leaves open whether `COMPUTE` in a source mask covers the
+/// reading of a draw's arguments. A driver with separate queues for dispatches and draws (PanVK) does not wait for it,
+/// so it does not count here.
 pub fn stood_for_by(stage: Stages, dispatch: bool) -> Stages {
     match stage {
         Stages::INDIRECT if dispatch => Stages::INDIRECT | Stages::COMPUTE,

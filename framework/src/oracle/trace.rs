@@ -17,7 +17,7 @@ use crate::plan::Plan;
 pub struct Access {
     /// The accessed resource.
     pub resource: ResourceId,
-    /// The pipeline stage.
+    /// The pipeline stage, one bit.
     pub stage: Stages,
     /// Stages that cover the access in a source mask.
     pub named_by: Stages,
@@ -77,7 +77,7 @@ pub struct ResourceCells {
     pub alias_images: Vec<ResourceId>,
     /// True if reads must find data of the same frame: the contents do not persist between frames.
     pub fresh: bool,
-    /// True for a uniform block, which the host writes for every frame.
+    /// True if the host writes the resource for every frame: uniform blocks, live parameters and host buffers.
     pub host_writes: bool,
     /// True for an attribute of the scene: it is filled before the replay.
     pub uploaded: bool,
@@ -176,7 +176,7 @@ fn covered(cells: &[Range<u64>], of: &Range<usize>, bytes: &Range<u64>) -> Range
 /// Lists each stage and access of a pass with its bytes.
 fn extents(plan: &Plan, index: usize) -> Vec<Extent> {
     let pass = &plan.passes[index];
-    // A shader may read what its own pass wrote; it orders that itself.
+    // A shader may read what its own pass writes. Ordering these accesses is the shader's task.
     let storage_written: Vec<ResourceId> = (pass.uses.iter())
         .filter(|touch| touch.accesses.contains(Accesses::STORAGE_WRITE))
         .map(|touch| touch.resource)
@@ -230,7 +230,7 @@ fn ranges(plan: &Plan, work: &Work, touch: &Use, access: Accesses) -> Vec<Range<
         }
         _ => vec![],
     };
-    // The output, and not a statistic: it is exported whole.
+    // Without statistics, the exported resource is an output, which is exported whole.
     if narrow.is_empty() { vec![whole] } else { narrow }
 }
 

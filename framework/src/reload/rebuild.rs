@@ -66,9 +66,11 @@ impl<Job, Output> Shared<Job, Output> {
 }
 
 impl<Job: Send + 'static, Output: Send + 'static> Rebuilder<Job, Output> {
-    /// Starts the thread. It calls `make` before the first job and after a panic, to get the function that runs
-    /// jobs. The function may own data that is not `Send`, and should check the [`Cancel`] regularly.
-    /// The thread calls `wake` when an output is ready.
+    /// Starts the thread.
+    ///
+    /// The thread calls `make` before the first job and after a panic, to get the function that runs jobs. The function
+    /// may own data that is not `Send`, and should check the [`Cancel`] regularly. The thread calls `wake` when an
+    /// output is ready.
     pub fn new<Build: FnMut(Job) -> Output>(
         mut make: impl FnMut(Cancel) -> Build + Send + 'static,
         wake: impl Fn() + Send + 'static,

@@ -1,18 +1,18 @@
-//! Lists of dependencies with one mistake each, and the check's objections.
+//! Tests the objections of the check to lists of dependencies with one mistake each.
 
 use super::sketch::*;
 use crate::oracle::dependencies;
 use crate::solve::add_dependencies;
 use crate::{ir::*, plan::*};
 
-/// Lists the dependencies of the sketch, changes the plan, and returns the objections.
+/// Adds the dependencies to the sketch, changes the plan, and returns the objections.
 fn found(mut sketch: Sketch, change: impl FnOnce(&mut Plan)) -> Vec<String> {
     add_dependencies(&mut sketch.plan);
     change(&mut sketch.plan);
     dependencies(&sketch.plan).iter().map(|objection| objection.describe(&sketch.plan)).collect()
 }
 
-/// A write, two reads, and a write of an alias of the written memory.
+/// Returns a plan with a write, two reads, and a write of an alias of the written memory.
 fn shared() -> Sketch {
     let mut s = Sketch::new();
     let (x, y) = (s.buffer("x"), s.buffer("y"));
@@ -24,7 +24,7 @@ fn shared() -> Sketch {
     s
 }
 
-/// An image that is drawn to, exported, and reused in the next frame.
+/// Returns a plan with an image that is drawn to, exported, and reused in the next frame.
 fn drawn() -> Sketch {
     let mut s = Sketch::new();
     let image = s.image("image");

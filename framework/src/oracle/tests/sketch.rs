@@ -84,7 +84,7 @@ impl Sketch {
         id
     }
 
-    /// A pass of the frame.
+    /// Adds a dispatch to the frame.
     pub fn frame(&mut self, name: &str, uses: &[Use]) -> PassId {
         self.frame_work(name, dispatch(), uses)
     }
@@ -95,7 +95,7 @@ impl Sketch {
         pass
     }
 
-    /// A pass of the prologue.
+    /// Adds a pass to the prologue.
     pub fn once_work(&mut self, name: &str, work: Work, uses: &[Use]) -> PassId {
         let pass = self.pass(name, Run::Once, work, uses);
         self.plan.prologue.push(pass);
@@ -107,7 +107,7 @@ pub fn dispatch() -> Work {
     Work::Dispatch { shader: ShaderId(0), groups: Groups::Direct([1; 3]) }
 }
 
-/// A draw by the shaders 0 and 1.
+/// Returns a draw with the shaders 0 and 1.
 pub fn draw() -> Work {
     Work::Draw {
         vertex: ShaderId(0),
@@ -133,7 +133,7 @@ pub const COPY: Stages = Stages::COPY;
 pub const CLEAR: Stages = Stages::CLEAR;
 pub const NO_ACCESS: Accesses = Accesses::empty();
 
-/// Storage reads and writes of a compute shader.
+/// Returns a storage read by a compute shader.
 pub fn reads(resource: ResourceId) -> Use {
     touch(resource, COMPUTE, READ)
 }
@@ -142,12 +142,12 @@ pub fn writes(resource: ResourceId) -> Use {
     touch(resource, COMPUTE, WRITE)
 }
 
-/// A fill.
+/// Returns the write of a fill.
 pub fn fills(resource: ResourceId) -> Use {
     touch(resource, CLEAR, Accesses::TRANSFER_WRITE)
 }
 
-/// A storage image in a compute shader.
+/// Returns accesses of a compute shader to a storage image.
 pub fn in_general(resource: ResourceId, accesses: Accesses) -> Use {
     Use { layout: Some(Layout::General), ..touch(resource, COMPUTE, accesses) }
 }

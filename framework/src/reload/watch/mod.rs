@@ -1,10 +1,10 @@
 //! Reports changed contents of the files that a build read.
 //!
 //! Events of the operating system only tell *when* to look. They come in bursts, differ between systems and editors,
-//! and are often spurious. So each event makes the watcher read all wanted files and compare hashes of their contents.
-//! It watches folders rather than files, because most editors save by replacing the file. For each wanted path it
-//! watches all folders along it, including through symlinks (module `symlink_path`), so that it notices folders that
-//! appear and disappear, and links that are redirected.
+//! and are often spurious. So each event makes the watcher look at all wanted files: it rereads a file if the metadata
+//! changed, and compares hashes of the contents. It watches folders rather than files, because most editors save by
+//! replacing the file. For each wanted path it watches all folders along it, including through symlinks (module
+//! `symlink_path`), so that it notices folders that appear and disappear, and links that are redirected.
 //!
 //! The watcher has a thread. It also looks at regular intervals ([`ROUNDS`]), because some network and virtual file
 //! systems send no events for writes by other machines. Without any events, it looks more often ([`POLLING`]).
@@ -164,13 +164,14 @@ impl Watcher {
         Ok(Watcher { inbox, shared, thread: Some(thread) })
     }
 
-    /// Replaces the watched paths. Call it after each build, successful or not, with all files that the build read. A
-    /// file that has changed since is reported at once. A path may occur several times, with the contents of several
-    /// builds.
+    /// Replaces the watched paths.
+    ///
+    /// Call it after each build, successful or not, with all files that the build read. A file that has changed since
+    /// is reported after the usual delays. A path may occur several times, with the contents of several builds.
     pub fn watch(&mut self, wanted: &[Wanted]) {
         let mut shared = lock(&self.shared);
         if let Some(found) = &mut shared.found {
-            // The build has read these contents already.
+            // Drop the changes that the build has read, and those of files that are no longer wanted.
             found.files.retain(|path, content| {
                 wanted.iter().any(|wanted| wanted.path == *path && wanted.content != *content)
             });
@@ -184,7 +185,7 @@ impl Watcher {
     }
 
     /// Takes the changes since the last call; `None` if there are none. The caller must then begin a build: the watcher
-    /// assumes that it reads the new contents.
+    /// assumes that this build reads the new contents.
     pub fn take(&mut self) -> Option<FileChange> {
         let Found { files, first_seen } = lock(&self.shared).found.take()?;
         Some(FileChange { files: files.into_keys().collect(), first_seen })
@@ -281,7 +282,7 @@ impl<Wake: Fn()> LookOut<Wake> {
                     }
                 }
             }
-            // Checked even if irrelevant messages keep coming.
+            // A look can be due even if only irrelevant messages arrive.
             let now = Instant::now();
             let noticed = noticed.or(next_look.filter(|time| *time <= now).map(|_| now));
             if let Some(noticed) = noticed {
@@ -297,7 +298,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         let rounds = rounds.filter(|_| !self.subjects.is_empty()).map(|rounds| self.looked + rounds);
         let differences = self.subjects.iter().filter_map(|subject| subject.difference(&self.patience));
         let due = differences.map(|difference| {
-            // Changes that are due wait for other files.
+            // A change that is due may still wait for other files.
             if difference.due > self.looked { difference.due } else { difference.due + self.patience.gather }
         });
         due.chain(rounds).min()
@@ -313,7 +314,7 @@ impl<Wake: Fn()> LookOut<Wake> {
         }
         let subject = |path: &PathBuf| before.remove(path).unwrap_or_else(|| Subject::new(path));
         self.subjects = read.keys().map(subject).collect();
-        // Before looking, so that later changes cause events.
+        // Watch before looking, so that any change after the look causes an event.
         self.watch_folders();
         let now = Instant::now();
         for (subject, read) in self.subjects.iter_mut().zip(read.values()) {
@@ -465,7 +466,7 @@ impl<Wake: Fn()> LookOut<Wake> {
 /// changes further up wait for the next regular look.
 const EVERY_FOLDER: bool = !cfg!(target_os = "macos");
 
-/// Normalizes a path as events may spell it: in lower case on systems that ignore case.
+/// Normalizes a path for comparison with those of events: to lower case on systems that ignore case.
 fn spelling(path: &Path) -> std::borrow::Cow<'_, Path> {
     if cfg!(any(target_os = "macos", windows)) {
         PathBuf::from(path.to_string_lossy().to_lowercase()).into()

@@ -90,7 +90,7 @@ impl Subject {
     pub fn built(&mut self, read: &[Content]) {
         let Some(now) = self.glance.map(|glance| glance.content) else { return };
         if let Some(other) = read.iter().find(|content| **content != now) {
-            // A running build will read the contents reported since.
+            // If the file's contents were already reported, a build that reads them is under way.
             if !(self.announced && self.told == now) {
                 (self.told, self.announced) = (*other, false);
             }
@@ -113,7 +113,7 @@ impl Subject {
             return;
         }
         let content = Content::at(&self.path);
-        // A file that is being written may be incomplete; it is read again next time.
+        // If the file changed while it was read, its stamp is left out, so that the next look reads it again.
         let stamp = stamp(&self.path).filter(|after| before == Some(*after));
         self.glance = Some(Glance { stamp, content });
     }

@@ -115,7 +115,7 @@ mod tests {
 
     use super::*;
 
-    /// Lists the entries of a symlink path below `root`, links with an `@`.
+    /// Lists the entries along a path that are below `root`. Links are marked with an `@`.
     fn below(root: &Path, path: &Path) -> Vec<String> {
         let root = root.canonicalize().expect("a folder");
         let entries = Walk::default().entries(path);

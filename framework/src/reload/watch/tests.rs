@@ -1,5 +1,5 @@
-//! Real files, and the system's real events. Nothing is timed: a wait ends with the change, or fails after a minute. To
-//! check that no change is reported, a test saves another file afterwards; only that one may be reported.
+//! Tests with real files and the system's real events. Nothing is timed: a wait ends with the change, or fails after a
+//! minute. To check that no change is reported, a test saves another file afterwards; only that one may be reported.
 
 use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -96,7 +96,7 @@ impl Desk {
         }
     }
 
-    /// Fails if there is an unreported change: of everything saved from here on, only this is reported.
+    /// Fails if there is an unreported change: saves another file, and expects a change of that file only.
     #[track_caller]
     fn nothing_changed(&mut self) {
         let text = format!("{:?}", Instant::now());
