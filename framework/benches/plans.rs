@@ -1,5 +1,7 @@
-//! Time from the text of a graph to its plan, once its shaders are compiled: for the default preset, which is what a
-//! person who edits it waits for, and for graphs of 100 to 10,000 passes, to see how it grows.
+//! Measures the time from the text of a graph to its plan, with its shaders already compiled.
+//!
+//! `preset` is the time that a user waits after editing a shipped preset. `growth` builds graphs of 100 to 10,000
+//! passes, to show how the time grows with their number.
 //!
 //! `cargo bench -p splatgraph-framework`
 
@@ -15,10 +17,10 @@ use splatgraph_framework::source::{Library, SourceMap, render};
 use std::fmt::Write;
 use std::time::Duration;
 
-/// Splats of the scene.
+/// Number of splats in the scene.
 const COUNT: u32 = 1_000_000;
 
-/// Everything that a build needs; the files are read and the shaders compiled by the first.
+/// The inputs and caches of builds. The first build reads the files and compiles the shaders.
 struct Bench {
     files: SourceMap,
     compiler: Glslang,
@@ -50,7 +52,7 @@ impl Bench {
     }
 }
 
-/// A graph of `passes` dispatches, each of which reads what the one before wrote and what one some way back did.
+/// Returns a graph of `passes` dispatches. Each reads the outputs of the previous dispatch and of one 2 to 13 before.
 fn chain(passes: usize) -> Library {
     let mut text = String::from("Graph(version: 1, summary: \"a chain\", resources: {\n");
     for i in 0..passes {

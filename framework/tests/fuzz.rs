@@ -1,9 +1,8 @@
-//! The shipped graphs and shaders, damaged at random: each must give a plan, or an error with a place that can be
-//! shown.
+//! Damages the shipped graphs and shaders at random. Each must give a plan, or an error with a place that can be shown.
 //!
-//! Damage is accidental (bytes, lines, gaps) or malicious (numbers beyond 32 bits, brackets, macros that grow). A case
-//! is its number, so a failure message is enough to reproduce it. Shaders are compiled in a worker, which is this
-//! program.
+//! Damage is accidental (bytes, lines, gaps) or malicious (numbers beyond 32 bits, brackets, macros that grow). The
+//! number of a case determines its damage, so a failure message is enough to reproduce it. Shaders are compiled in a
+//! worker, which is this program.
 //!
 //! `SPLATGRAPH_LONG=1` (`./x test --long`) runs 100,000 cases of each.
 
@@ -26,10 +25,10 @@ use splatgraph_framework::shader::{
 };
 use splatgraph_framework::source::{Diagnostic, Kind, Library, SourceMap, render};
 
-/// Damaged files: in the long run, and by default.
+/// Number of damaged files of each kind: with `SPLATGRAPH_LONG`, and without.
 const CASES: (u64, u64) = (100_000, 1_500);
 
-/// Cases between two progress lines.
+/// Number of cases between two progress lines.
 const TOLD: u64 = 1_000;
 
 /// Time after which a case counts as hung: far beyond the limits of the compiler.
@@ -108,10 +107,10 @@ const GLSL: &[&str] = &[
     "struct S { S s; };\n",
 ];
 
-/// Damages a text.
+/// Damages a text at random places: bytes, lines or numbers, or an inserted entry of `pieces`.
 fn damaged(text: &str, pieces: &[&str], random: &mut Random) -> String {
     let mut bytes = text.as_bytes().to_vec();
-    // Mostly once: a text that is damaged twice is rarely accepted.
+    // Mostly once, because a text that is damaged twice is rarely accepted.
     for _ in 0..1 + random.below(5) / 3 {
         let at = random.below(bytes.len() + 1);
         match random.below(10) {
@@ -154,7 +153,7 @@ fn damaged(text: &str, pieces: &[&str], random: &mut Random) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// Texts of a folder of the repository by their paths in it, such as `shaders/sort/scatter.comp`.
+/// Reads the files of a folder of the repository, by paths such as `shaders/sort/scatter.comp`.
 fn texts(folder: &str) -> BTreeMap<String, String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let mut found = BTreeMap::new();
@@ -173,7 +172,7 @@ fn texts(folder: &str) -> BTreeMap<String, String> {
     found
 }
 
-/// Splats of the scene.
+/// Number of splats in the scene.
 const COUNT: u32 = 1000;
 /// Width and height of the picture, in pixels.
 const SIZE: (u32, u32) = (64, 32);
@@ -182,12 +181,12 @@ const SIZE: (u32, u32) = (64, 32);
 fn compiler() -> Glslang {
     let program = std::env::current_exe().expect("this program");
     let arguments = ["--exact", "the_worker_of_the_other_tests_serves_when_it_is_asked", "--nocapture"];
-    // Less memory than the program's own would start a new worker for each shader.
+    // The default memory limit: a worker ends after each shader if it uses over a quarter of its limit.
     let limits = Limits { time: Duration::from_secs(1), ..Limits::default() };
     Glslang::in_worker(Worker { program, arguments: arguments.map(Into::into).into(), limits })
 }
 
-/// Does something only in the worker's process.
+/// Serves in the worker's process; does nothing in the process that runs all tests.
 #[test]
 fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
     serve_if_asked();
@@ -221,7 +220,7 @@ struct Outcome<'a> {
     took: Duration,
 }
 
-/// Checks a case: accepted, or errors with a place that can be shown.
+/// Counts a case, after checking that it was accepted, or has errors with a place that can be shown.
 fn counted(what: &str, case: u64, outcome: &Outcome) -> Counts {
     let Outcome { name, text, map, result, took } = outcome;
     assert!(*took < LONGEST, "{what} case {case}: {name} took {took:?}\n{text}");
@@ -336,7 +335,7 @@ struct Compilation {
     generated: Vec<(String, String)>,
 }
 
-/// Compiles, and records the requests.
+/// A compiler that records the requests.
 struct Recorder {
     compiler: Glslang,
     seen: Vec<Compilation>,
@@ -393,7 +392,7 @@ fn compilations() -> Vec<Compilation> {
 fn damaged_shaders_are_compiled_or_errors_with_a_place() {
     let files = texts("shaders");
     let compilations = compilations();
-    // The files that a shader includes itself.
+    // The files that a shader includes directly.
     let includes = |file: &str| -> Vec<&str> {
         let text = &files[file];
         let names = files.keys().filter(|name| name.ends_with(".glsl"));

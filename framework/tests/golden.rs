@@ -1,10 +1,14 @@
-//! Graphs with mistakes, and their diagnostics as users read them: `golden/in/*.ron` to `golden/out/*.snap`.
+//! Tests the diagnostics of graphs with mistakes, as users read them: `golden/in/*.ron` to `golden/out/*.snap`.
 //!
-//! An input contains many small graphs. A line `//// title` starts each. Under it, `// set: name=value` and `// fact:
-//! name=value` change a parameter or a fact, `// show: effects` shows the effects of parameters in a valid graph, `//
-//! without: FEATURE` removes a device feature, `// graph: name` builds another file than this one, and `//// file:
-//! path` starts an additional file of the section. The folders `in/pipelines` and `in/shaders` are available to all of
-//! them.
+//! An input contains many small graphs. A line `//// title` starts each. These lines can follow the title:
+//!
+//! - `// set: name=value` and `// fact: name=value` change a parameter or a fact;
+//! - `// show: effects` shows the effects of parameters in a valid graph;
+//! - `// without: FEATURE` removes a device feature;
+//! - `// graph: name` builds another file than this one.
+//!
+//! `//// file: path` starts an additional file of the section. The folders `in/pipelines` and `in/shaders` are
+//! available to all sections.
 //!
 //! After a change of messages, regenerate the outputs and read the difference:
 //!
@@ -73,7 +77,7 @@ fn compiler() -> Glslang {
     Glslang::in_worker(Worker { program, arguments, limits: Limits::default() })
 }
 
-/// Does something only in the worker's process.
+/// Serves in the worker's process; does nothing in the process that runs all tests.
 #[test]
 fn the_worker_of_the_other_tests_serves_when_it_is_asked() {
     serve_if_asked();
@@ -163,7 +167,7 @@ fn outputs() -> BTreeMap<String, String> {
         let name = path.file_name().expect("a name").to_string_lossy().into_owned();
         let text = read(&path);
         let sections = text.strip_prefix("//// ").expect("a title").split("\n//// ");
-        // An additional file of the section starts with the same slashes.
+        // A line `//// file:` starts an additional file, not a section.
         let mut joined: Vec<String> = Vec::new();
         for part in sections {
             match joined.last_mut().filter(|_| part.starts_with("file: ")) {
@@ -197,13 +201,13 @@ fn every_mistake_is_described_as_its_golden_file_says() {
 /// The folders that report no mistakes in graphs.
 const WITHOUT_DIAGNOSTICS: [&str; 4] = ["msl", "dump", "oracle", "reload"];
 
-/// Messages that no golden file shows: a file, or a file and the start of a message.
+/// Messages that no golden file shows. Each entry is a source file, or a source file and the start of a message.
 const NOT_SHOWN: &[&str] = &[
-    // Outputs are asked for beside the file; lower/tests.rs has the messages.
+    // Outputs are requested by facts, not in the file; tested in lower/tests.rs.
     "lower/results.rs: this graph has no output `{name}`",
     "lower/results.rs: gives its picture alone",
     "lower/results.rs: gives {} besides its picture",
-    // Parts of logs and of generated texts, which are no messages.
+    // Parts of glslang's log and of generated texts: no messages for users.
     "lower/params.rs: {kind} {};",
     "lower/params.rs: // ",
     "shader/compile/generate.rs: #define ",
@@ -217,9 +221,9 @@ const NOT_SHOWN: &[&str] = &[
     "shader/compile/log.rs: , unexpected ",
     "shader/compile/log.rs: , expecting ",
     "shader/compile/log.rs: end of file",
-    // The dump says why a pass is culled: that is no mistake.
+    // The dump shows why a pass is culled, which is no mistake.
     "lower/conditions.rs: its condition",
-    // Files on disk: source/tests/files.rs.
+    // Errors of files on disk; tested in source/tests/files.rs.
     "source/files.rs: the {} `{}` cannot be used",
     "source/files.rs: (looked for {})",
     "source/files.rs: <unknown file>",
@@ -229,7 +233,8 @@ const NOT_SHOWN: &[&str] = &[
     "source/files.rs: is larger than {} MiB",
     "source/files.rs: cannot be read ({error})",
     "source/files.rs: is not UTF-8 text",
-    // RON that the outline refuses before the crate `ron` does, or that the schema does not hold: source/tests.
+    // RON that the outline rejects before the `ron` crate, and RON types that the schema does not use; tested in
+    // source/tests.
     "source/outline.rs: an opening bracket",
     "source/outline.rs: names and values stand in",
     "source/outline.rs: expected {what}, found the end of the file",
@@ -243,34 +248,34 @@ const NOT_SHOWN: &[&str] = &[
     "source/ron_error.rs: `Some(...)` or `None`",
     "source/ron_error.rs: more, but the file ends",
     "source/token.rs: the text ends here",
-    // Limits that take long texts or a long time to pass: shader/compile/tests.rs.
+    // Limits that need long texts or a long time to reach; tested in shader/compile/tests.rs.
     "shader/compile/sources.rs: a shader and its includes can have",
     "shader/compile/sources.rs: the limit is passed",
     "shader/compile/log.rs: the included files together",
-    // The compiler and its log never caused these.
+    // No known shader causes these.
     "shader/compile/log.rs: the include of `{}` is not understood",
     "shader/compile/mod.rs: ERROR: cannot start a thread",
     "shader/compile/generate.rs: ERROR: glslang does not start",
     "shader/compile/generate.rs: ERROR: the shader compiles to more than",
-    // Data and texts about plans.
+    // Texts about plans, not about mistakes.
     "ir/access.rs",
-    // The process of the compiler: shader/compile/tests.rs.
+    // Errors of the compiler's process; tested in shader/compile/tests.rs.
     "shader/compile/serve.rs",
     "shader/compile/worker.rs",
     "shader/compiler.rs: the build was cancelled",
     "shader/compile/log.rs: the shader does not compile",
     "shader/compile/log.rs: a type's name",
     "shader/compile/log.rs: a member's name",
-    // The names of features, of which two are shown.
+    // Names of device features; golden files show two of them.
     "ir/features.rs",
-    // SPIR-V that glslang does not make: shader/reflect/tests.rs.
+    // Errors in SPIR-V that glslang does not generate; tested in shader/reflect/tests.rs.
     "shader/reflect/",
 ];
 
 /// Collects the messages in a file's string literals: those with a space, outside of attributes, assertions and tests.
 fn sentences(tokens: TokenStream, found: &mut Vec<String>) {
     let mut tokens = tokens.into_iter().peekable();
-    // Whether the next group in parentheses is an assertion's or a span's, or says why a `None` is impossible.
+    // True after a name such as `expect` or `assert`: the next group has no message for users.
     let mut silent = false;
     while let Some(token) = tokens.next() {
         match token {

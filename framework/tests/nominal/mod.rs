@@ -40,7 +40,7 @@ pub fn facts(count: u32, (width, height): (u32, u32)) -> Facts {
     Facts { device, host }
 }
 
-/// Lists the attributes of that scene, and the camera.
+/// Returns the importable data of a scene of `count` splats: its attributes, and the camera.
 pub fn catalog(count: u32) -> Catalog {
     let attributes = [
         ("position", 12, 1),
@@ -52,7 +52,7 @@ pub fn catalog(count: u32) -> Catalog {
     ];
     let attribute =
         |(name, stride, planes)| (format!("scene.{name}"), Attribute { stride, count: count.into(), planes });
-    // Of a scene without a mesh: one element of zeros, and the light's two.
+    // A scene without a mesh has one element of each attribute, and two for the light.
     let mesh = [
         ("position", 12, 1),
         ("normal", 12, 1),
