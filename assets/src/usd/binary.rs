@@ -1,8 +1,8 @@
-//! Parses binary layers, whose format is called crate.
+//! Parses binary layers, in the format called crate.
 //!
-//! A table of contents locates six sections: tokens (all names), strings, fields (a name and a value), field sets (lists of
-//! fields), paths (the tree of prims and attributes) and specs (a path's kind and field set). A value is 64 bits: its type, three
-//! flags, and either the value itself or its offset.
+//! A table of contents locates six sections: tokens (all names), strings, fields (a name and a value), field sets
+//! (lists of fields), paths (the tree of prims and attributes) and specs (the kind and the field set of a path). A
+//! value has 64 bits: its type, three flags, and either the value itself or its offset.
 
 use super::layer::{ARCS, Array, Attribute, Bytes, Component, Kind, Layer, Numbers, Prim, Value, kind_of};
 use super::packing::Cursor;
@@ -23,10 +23,10 @@ const MOST_SECTIONS: u64 = 64;
 /// Maximum bytes of all tokens.
 const MOST_TOKENS: u64 = 64 << 20;
 
-/// Arrays of fewer numbers are not compressed.
+/// Minimum number of elements of a compressed array.
 const SMALLEST_PACKED: u64 = 16;
 
-/// Versions 0.7 to 0.13: 0.7 counts elements in 64 bits, later ones add types of values.
+/// Minor versions that are read: 0.7, the first that counts elements in 64 bits, to 0.13. Later ones add value types.
 const MINOR: std::ops::RangeInclusive<u8> = 7..=13;
 
 /// Kinds of specs.
@@ -34,7 +34,7 @@ const ATTRIBUTE: u32 = 1;
 const PRIM: u32 = 6;
 const PSEUDO_ROOT: u32 = 7;
 
-/// End of a list of fields.
+/// Terminator of a field set.
 const END: u32 = u32::MAX;
 
 /// Types of values.
@@ -54,7 +54,7 @@ const VEC3H: u64 = 25;
 const TOKEN_VECTOR: u64 = 41;
 const SPECIFIER: u64 = 42;
 
-/// Returns the component type of a type of values, and the number of components.
+/// Returns the component type and the number of components of a value type; `None` for other types.
 fn shape(kind: u64) -> Option<(Component, usize)> {
     Some(match kind {
         HALF => (Component::F16, 1),
@@ -109,7 +109,7 @@ struct Sections<'a, 'b> {
     specs: Vec<(u32, u32)>,
 }
 
-/// A path: a step from its parent.
+/// A path: its parent, and the token of its last name.
 #[derive(Clone, Default)]
 struct Path {
     parent: Option<u32>,
@@ -117,14 +117,14 @@ struct Path {
     is_property: bool,
 }
 
-/// Parses a layer.
+/// Parses a binary layer.
 pub(super) fn parse(layer: &Bytes) -> Result<Layer, SceneError> {
     let (sections, order) = Sections::read(layer)?;
     sections.layer(&order)
 }
 
 impl<'a, 'b> Sections<'a, 'b> {
-    /// Reads the sections, and the order of the paths in which parents come before their children.
+    /// Reads the sections. Also returns the indices of the paths, parents before their children.
     fn read(layer: &'a Bytes<'b>) -> Result<(Self, Vec<u32>), SceneError> {
         let mut cursor = Cursor { layer, at: 0, name: "header" };
         if cursor.take::<8>()? != *MAGIC {
@@ -277,7 +277,7 @@ impl<'a, 'b> Sections<'a, 'b> {
     /// Builds the layer from the paths in `order`.
     fn layer(&self, order: &[u32]) -> Result<Layer, SceneError> {
         let mut layer = Layer { kind: "usdc", ..Layer::default() };
-        // Indices of the prims of paths.
+        // Index of each path's prim.
         let mut prims: Vec<Option<usize>> = vec![None; self.paths.len()];
         for index in order {
             let path = &self.paths[*index as usize];
@@ -305,7 +305,7 @@ impl<'a, 'b> Sections<'a, 'b> {
                             _ => {}
                         }
                     }
-                    // A prim whose parent has no spec belongs to a variant.
+                    // A prim whose parent is neither a prim nor the root belongs to a variant.
                     let grandparent = path.parent.map(|parent| self.specs[parent as usize].0);
                     prim.inactive |= parent.is_none() && grandparent != Some(PSEUDO_ROOT);
                     prims[*index as usize] = Some(layer.prims.len());
@@ -332,7 +332,7 @@ impl<'a, 'b> Sections<'a, 'b> {
 
     /// Reads a value of an expected kind; `None` if it is blocked. A value of another kind is an error.
     fn value(&self, rep: Rep, kind: Kind, name: &str) -> Result<Option<Value>, SceneError> {
-        /// Blocks a value of a weaker layer.
+        /// Type of a value that blocks the values of weaker layers.
         const BLOCK: u64 = 51;
         if rep.kind() == BLOCK {
             return Ok(None);
@@ -387,7 +387,7 @@ impl<'a, 'b> Sections<'a, 'b> {
                 (HALF, _) => vec![Component::F16.number(&bytes[..2])],
                 (_, 1) => vec![Component::F32.number(&bytes)],
                 (_, 3) => small[..3].to_vec(),
-                // The diagonal of a matrix.
+                // An inlined matrix is diagonal.
                 (_, 16) => (0..16).map(|at| if at % 5 == 0 { small[at / 5] } else { 0.0 }).collect(),
                 _ => return Err(wrong()),
             });
@@ -434,7 +434,7 @@ impl<'a, 'b> Sections<'a, 'b> {
         Ok(Array { count, numbers: Numbers::File(cursor.at), bytes: 8 + bytes, ..empty })
     }
 
-    /// Unpacks an array of numbers: integers, or indices of a table.
+    /// Unpacks an array of numbers: integers, or indices into a table.
     fn packed(cursor: &mut Cursor, count: u64, component: Component) -> Result<Vec<f32>, SceneError> {
         let most = cursor.layer.length;
         if count > most {

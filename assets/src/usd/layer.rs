@@ -61,12 +61,12 @@ impl<'a> Bytes<'a> {
 /// A parsed layer.
 #[derive(Default)]
 pub(super) struct Layer {
-    /// Kind of the layer's file.
+    /// `usda` or `usdc`.
     pub kind: &'static str,
     pub up_axis: Option<String>,
     /// Parents come before their children.
     pub prims: Vec<Prim>,
-    /// A field that refers to other layers or prims.
+    /// Name of a field in [`ARCS`] that the layer has. The reader refuses such a layer.
     pub arc: Option<String>,
 }
 
@@ -76,7 +76,7 @@ pub(super) struct Prim {
     pub parent: Option<usize>,
     /// False for `over` and `class`, which define nothing to draw.
     pub defined: bool,
-    /// True if the prim is switched off.
+    /// True for a prim that is deactivated or belongs to a variant.
     pub inactive: bool,
     pub kind: String,
     pub attributes: BTreeMap<String, Attribute>,
@@ -85,7 +85,7 @@ pub(super) struct Prim {
 #[derive(Default)]
 pub(super) struct Attribute {
     pub value: Option<Value>,
-    /// True if the value changes in time.
+    /// True if the attribute has time samples or a spline.
     pub animated: bool,
 }
 
@@ -102,7 +102,7 @@ pub(super) enum Kind {
     Numbers,
     /// One or more tokens.
     Words,
-    /// An array of elements with so many components.
+    /// An array of elements with this number of components.
     Array(usize),
 }
 
@@ -185,7 +185,7 @@ impl Array {
         self.width * self.component.bytes()
     }
 
-    /// Reads numbers from component `first` on, as many as fill `out`. `buffer` is scratch memory for their bytes.
+    /// Fills `out` with numbers, from component `first` on. `buffer` is scratch memory for their bytes.
     pub(super) fn read(
         &self,
         layer: &Bytes,
@@ -227,10 +227,10 @@ impl Layer {
         SceneError::Part { part: format!("{}{dot}{attribute}", self.path(prim)), message }
     }
 
-    /// Returns the value of an attribute.
+    /// Returns the value of an attribute; `None` if it has none.
     ///
     /// # Errors
-    /// The attribute has a value for each time, and none for all.
+    /// The attribute is animated and has no default value.
     pub(super) fn value(&self, prim: usize, name: &str) -> Result<Option<&Value>, SceneError> {
         match self.prims[prim].attributes.get(name) {
             Some(Attribute { value: None, animated: true }) => {
@@ -241,7 +241,7 @@ impl Layer {
         }
     }
 
-    /// Returns the first word of an attribute.
+    /// Returns the first word of an attribute; `None` if it has none.
     pub(super) fn word(&self, prim: usize, name: &str) -> Result<Option<&str>, SceneError> {
         match self.value(prim, name)? {
             Some(Value::Words(words)) => Ok(words.first().map(String::as_str)),

@@ -1,6 +1,6 @@
 //! Reads the Gaussian splats of OpenUSD: `.usda` (text), `.usdc` (binary) and `.usdz` (an archive).
 //!
-//! A *layer* is a tree of *prims*, each with attributes. A prim of the type `ParticleField3DGaussianSplat` has the splats:
+//! A *layer* is a tree of *prims*, each with attributes. A prim of the type `ParticleField3DGaussianSplat` has these:
 //!
 //! | attribute | value |
 //! |---|---|
@@ -8,16 +8,18 @@
 //! | `orientations` | quaternion w, x, y, z (binary: x, y, z, w) |
 //! | `scales` | standard deviations |
 //! | `opacities` | 0 to 1 |
-//! | `radiance:sphericalHarmonicsCoefficients` | red, green and blue of each coefficient, band 0 included, splat by splat |
+//! | `radiance:sphericalHarmonicsCoefficients` | red, green, blue of each coefficient from band 0 on, splat by splat |
 //! | `radiance:sphericalHarmonicsDegree` | degree of the harmonics, 3 without it |
 //!
-//! Each array can have half floats instead, in an attribute whose name ends with `h`; the floats win if both exist. The
-//! attributes `xformOp:...` of a prim and its ancestors place the splats in the world, whose vertical axis is `upAxis`: y or z.
+//! An array can be stored as half floats instead, in an attribute whose name ends with `h`. If both exist, the floats
+//! are read. The attributes `xformOp:...` of a prim and its ancestors place the splats in the world, whose vertical
+//! axis is `upAxis`: y or z.
 //!
-//! One layer is read. Layers that refer to others, or have variants, are refused: OpenUSD's `usdcat --flatten` joins them.
-//! The crate `openusd` is not used: version 0.6, the last for this workspace's Rust, panics or aborts on damaged files, because
-//! its binary reader trusts indices and sizes. Format: <https://openusd.org/release/api/usd_vol_page_front.html> and
-//! `pxr/usd/usd/crateFile.cpp` in <https://github.com/PixarAnimationStudios/OpenUSD>.
+//! One layer is read. Layers that refer to others, or have variants, are refused: OpenUSD's `usdcat --flatten` joins
+//! them. The crate `openusd` is not used: version 0.6, the last one that builds with this workspace's Rust, panics or
+//! aborts on damaged files, because its binary reader trusts indices and sizes. Format:
+//! <https://openusd.org/release/api/usd_vol_page_front.html> and `pxr/usd/usd/crateFile.cpp` in
+//! <https://github.com/PixarAnimationStudios/OpenUSD>.
 //!
 //! [`package`] finds the layer in an archive, [`binary`] and [`text`] parse it, and [`xform`] computes the transforms.
 

@@ -1,4 +1,4 @@
-//! Finds the layer of an archive: the first file of a ZIP archive without compression.
+//! Finds the layer of an archive: the first file of an uncompressed ZIP archive.
 
 use super::layer::Bytes;
 use crate::error::SceneError;

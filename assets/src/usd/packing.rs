@@ -1,10 +1,10 @@
-//! Unpacks the two compressions of binary layers: LZ4 blocks, and lists of integers as differences.
+//! Decodes the two compressions of binary layers: LZ4 blocks, and delta-coded integers inside LZ4 blocks.
 
 use super::layer::Bytes;
 use crate::error::{SceneError, field};
 use crate::input::grow;
 
-/// Maximum ratio of LZ4.
+/// Maximum compression ratio of LZ4.
 const MOST_PER_BYTE: u64 = 255;
 
 /// A position in a binary layer, from which fields are read in order.
@@ -35,10 +35,10 @@ impl Cursor<'_, '_> {
         field(self.at, self.name, message)
     }
 
-    /// Reads a count, and checks that the layer can hold so many items.
+    /// Reads the number of items of a list, and checks it against the layer's length.
     pub(super) fn count(&mut self) -> Result<usize, SceneError> {
         let count = self.long()?;
-        // Lists are packed, but the positions of splats alone take more bytes than these lists have items.
+        // A compressed list can have more items than bytes, but not more than the bytes of a whole layer of splats.
         let most = self.layer.length;
         if count > most {
             return Err(field(
@@ -50,7 +50,7 @@ impl Cursor<'_, '_> {
         Ok(count as usize)
     }
 
-    /// Unpacks an LZ4 block of at most `most` bytes. Its length comes before it.
+    /// Unpacks an LZ4 block to at most `most` bytes. The block's length precedes it.
     pub(super) fn unpack(&mut self, most: u64) -> Result<Vec<u8>, SceneError> {
         let length = self.long()?;
         let packed = self.layer.vec(self.at, length)?;
@@ -58,7 +58,7 @@ impl Cursor<'_, '_> {
             return Err(self.wrong("expected an LZ4 block, found no bytes"));
         };
         if *chunks != 0 {
-            // Several chunks are for more than 2 GiB.
+            // Only data above 2 GiB has several chunks.
             return Err(self.wrong(format!("expected one LZ4 block, found {chunks}")));
         }
         let limit = (block.len() as u64 + 1).saturating_mul(MOST_PER_BYTE);
@@ -71,8 +71,10 @@ impl Cursor<'_, '_> {
         Ok(unpacked)
     }
 
-    /// Unpacks `count` integers: the commonest difference, two bits for each integer, and the other differences of 1, 2 or 4
-    /// bytes.
+    /// Unpacks `count` delta-coded integers.
+    ///
+    /// They consist of the most common difference, a code of two bits per integer, and the other differences, of 1,
+    /// 2 or 4 bytes.
     pub(super) fn integers(&mut self, count: usize) -> Result<Vec<u32>, SceneError> {
         let codes = count.div_ceil(4);
         let bytes = self.unpack((4 + codes + 4 * count) as u64)?;

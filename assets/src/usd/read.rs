@@ -17,7 +17,7 @@ use std::f64::consts::FRAC_PI_2;
 /// Number of splats that a thread reads at a time.
 const ROWS: usize = 4096;
 
-/// Degree of the harmonics without the attribute.
+/// Degree of the harmonics if the attribute is missing.
 const DEFAULT_DEGREE: f64 = 3.0;
 
 /// Highest degree of a file; the bands above 3 are cut off.
@@ -41,7 +41,7 @@ impl Splats<'_> {
     }
 }
 
-/// Reads a text and parses it. The text and its numbers need three times its length, of `memory` bytes that are available.
+/// Reads and parses a text layer. The text and its numbers need three times its length; `memory` is the limit.
 fn parse_text(bytes: &Bytes, memory: Option<u64>) -> Result<Layer, SceneError> {
     let needed = bytes.length.saturating_mul(3);
     if let Some(memory) = memory.filter(|memory| needed > *memory) {
@@ -54,7 +54,7 @@ fn parse_text(bytes: &Bytes, memory: Option<u64>) -> Result<Layer, SceneError> {
     text::parse(&bytes.vec(0, bytes.length)?)
 }
 
-/// Finds the layer of a file and parses it. Errors name an archive's file.
+/// Finds the layer of a file and parses it. In an archive, errors name the layer.
 fn open<'a>(source: &'a Source<'a>, memory: Option<u64>) -> Result<(Bytes<'a>, Layer), SceneError> {
     let (bytes, name) = package::layer(source)?;
     let parse = || {
@@ -76,7 +76,7 @@ fn open<'a>(source: &'a Source<'a>, memory: Option<u64>) -> Result<(Bytes<'a>, L
     Ok((bytes, layer))
 }
 
-/// Finds the rotation from the file's world to one whose axes point left, up and to the front.
+/// Returns the rotation from the file's world to one whose axes point left, up and to the front.
 fn upright(layer: &Layer) -> Result<Similarity, SceneError> {
     match layer.up_axis.as_deref() {
         None | Some("Y") => Ok(Similarity::IDENTITY),
@@ -89,7 +89,7 @@ fn upright(layer: &Layer) -> Result<Similarity, SceneError> {
     }
 }
 
-/// Lists the prims with splats that can be seen.
+/// Lists the splats of all visible prims. Fails if there are none.
 fn splats(layer: &Layer) -> Result<Vec<Splats<'_>>, SceneError> {
     let upright = upright(layer)?;
     let mut worlds: Option<Vec<DMat4>> = None;
@@ -127,7 +127,7 @@ fn splats(layer: &Layer) -> Result<Vec<Splats<'_>>, SceneError> {
     }
 }
 
-/// Checks the attributes of a prim.
+/// Collects and checks the attributes of a prim.
 fn prim_splats(layer: &Layer, prim: usize, place: Similarity) -> Result<Splats<'_>, SceneError> {
     let names =
         ["positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients"];
@@ -198,7 +198,7 @@ pub(crate) fn parse(input: &Input) -> Result<Scene, SceneError> {
         return Err(SceneError::TooMany { count: total });
     }
     if all.len() > 1 {
-        // Each prim is in memory twice while they are joined.
+        // During the join, every splat is in memory twice.
         let needed = Scene::host_bytes(total, 3).saturating_mul(2);
         SceneMemoryError::check_against(total, 3, needed, input.memory)?;
     }
@@ -303,7 +303,7 @@ fn breakdown(file_bytes: u64, layer: &Layer, all: &[Splats]) -> SizeBreakdown {
         if !seen.insert(array.at) {
             continue;
         }
-        // The table of sizes has room for a word.
+        // Shortened, to fit into the first column of the size breakdown.
         let name = name.trim_start_matches("radiance:").replace("Coefficients", "");
         match fields.iter_mut().find(|field| field.name == name) {
             Some(field) => field.bytes += array.bytes,

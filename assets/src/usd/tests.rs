@@ -43,7 +43,7 @@ fn layers_of_openusd_have_the_places_that_it_computes() {
     assert_eq!((text.identity(), binary.identity()), (binary.identity(), package.identity()));
 }
 
-/// Builds the text of two splats of degree 0, with more lines before the prim's attributes.
+/// Builds a text layer of two splats of degree 0, with the given metadata and further attributes of the prim.
 fn layer(metadata: &str, attributes: &str) -> String {
     format!(
         r#"#usda 1.0
@@ -96,7 +96,7 @@ fn harmonics_turn_with_the_prim() {
     );
     let [x, y, z] = [(DVec3::X, 10f64), (DVec3::Y, 20.0), (DVec3::Z, 30.0)]
         .map(|(axis, angle)| DQuat::from_axis_angle(axis, angle.to_radians()));
-    // In the axes of a scene, half a turn about z from the world's.
+    // The axes of a scene are half a turn about z from the axes of the world.
     let half = DQuat::from_rotation_z(std::f64::consts::PI);
     let rotation = half * (z * y * x) * half.inverse();
     let by = crate::similarity::Similarity { rotation, ..crate::similarity::Similarity::IDENTITY };
@@ -170,7 +170,7 @@ fn damage_names_the_line_or_the_byte() {
     assert!(found.contains("`sections`: expected the section TOKENS, found none"), "{found}");
     for end in ["usda", "usdc", "usdz"] {
         let bytes = file(end);
-        // The text ends in blanks.
+        // The text ends with blanks, which can be cut off without damage.
         for cut in (0..bytes.len() - 4).step_by(7) {
             assert!(read(&bytes[..cut]).is_err(), "{end} {cut}");
         }

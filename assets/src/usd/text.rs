@@ -1,7 +1,8 @@
 //! Parses text layers.
 //!
-//! A prim is `def Type "name" ( metadata ) { attributes and children }`; an attribute is `type name = value ( metadata )`. Only
-//! the attributes of splats and transforms are converted; the rest is skipped by its brackets.
+//! A prim is `def Type "name" ( metadata ) { attributes and children }`; an attribute is
+//! `type name = value ( metadata )`. Only the attributes of splats and transforms are converted; everything else is
+//! skipped by matching brackets.
 
 use super::layer::{ARCS, Array, Component, Kind, Layer, Numbers, Prim, Value, kind_of};
 use crate::error::SceneError;
@@ -10,10 +11,10 @@ use half::f16;
 /// First bytes of a layer.
 pub(crate) const MAGIC: &[u8; 6] = b"#usda ";
 
-/// Words before the type of an attribute.
+/// Keywords that can precede the type of an attribute.
 const MODIFIERS: [&str; 8] = ["custom", "uniform", "varying", "config", "prepend", "append", "add", "delete"];
 
-/// Maximum numbers of a value outside the arrays of splats: a 4 x 4 matrix.
+/// Maximum number of numbers in a value that is no array: the elements of a 4 x 4 matrix.
 const MOST_NUMBERS: usize = 16;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +24,7 @@ enum Token<'t> {
     /// The contents of a string, an asset's name or a path.
     Text(&'t str),
     Number(f64),
-    /// A bracket, or another sign.
+    /// A bracket, or another punctuation mark.
     Mark(u8),
     End,
 }
@@ -33,7 +34,7 @@ struct Parser<'t> {
     at: usize,
 }
 
-/// Parses a layer.
+/// Parses a text layer.
 pub(super) fn parse(text: &[u8]) -> Result<Layer, SceneError> {
     let mut parser = Parser { text, at: 0 };
     if !text.starts_with(MAGIC) {
@@ -63,7 +64,7 @@ impl<'t> Parser<'t> {
         self.wrong(format!("expected {expected}, found {found}"))
     }
 
-    /// Skips blanks, comments, and the signs that only separate.
+    /// Skips blanks, comments and semicolons.
     fn skip_blanks(&mut self) {
         while let Some(byte) = self.text.get(self.at) {
             match byte {
@@ -82,7 +83,7 @@ impl<'t> Parser<'t> {
         std::str::from_utf8(&self.text[from..to]).map_err(|_| self.wrong("expected UTF-8"))
     }
 
-    /// Returns the text up to a closing mark, after which the parser continues.
+    /// Returns the text from `from` to a closing mark, and advances past the mark.
     fn until(&mut self, from: usize, close: &[u8], escapes: bool) -> Result<Token<'t>, SceneError> {
         let mut at = from;
         loop {
@@ -129,7 +130,7 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// Returns the next token without going past it.
+    /// Returns the next token without consuming it.
     fn peek(&mut self) -> Result<Token<'t>, SceneError> {
         let at = self.at;
         let token = self.next();
@@ -137,7 +138,7 @@ impl<'t> Parser<'t> {
         token
     }
 
-    /// Goes past a sign, if it is next.
+    /// Consumes a mark if it is next. Returns true if it was.
     fn skip(&mut self, mark: u8) -> bool {
         self.skip_blanks();
         let found = self.text.get(self.at) == Some(&mark);
@@ -187,7 +188,9 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// Reads metadata after its opening bracket: calls `entry` with the name of each entry, before its value.
+    /// Reads metadata after its opening bracket.
+    ///
+    /// Calls `entry` with the name of each entry, before its value. A value that `entry` does not consume is skipped.
     fn metadata(
         &mut self,
         mut entry: impl FnMut(&mut Self, &'t str) -> Result<(), SceneError>,
@@ -217,7 +220,7 @@ impl<'t> Parser<'t> {
 
     fn layer(&mut self) -> Result<Layer, SceneError> {
         let mut layer = Layer { kind: "usda", ..Layer::default() };
-        // The first line is a comment for the other functions.
+        // The first line was skipped as a comment.
         if self.skip(b'(') {
             self.metadata(|parser, name| {
                 match (name, parser.peek()?) {
@@ -228,7 +231,7 @@ impl<'t> Parser<'t> {
                 Ok(())
             })?;
         }
-        // Prims whose closing bracket has not come.
+        // Prims that are not closed yet, the outermost first.
         let mut open: Vec<usize> = Vec::new();
         loop {
             match self.next()? {
@@ -323,9 +326,9 @@ impl<'t> Parser<'t> {
         Ok(())
     }
 
-    /// Reads a value; `kind` is the type of its numbers.
+    /// Reads a value of the kind `wanted`. `kind` is the name of its type.
     fn value(&mut self, wanted: Kind, kind: &str) -> Result<Value, SceneError> {
-        // `half3`, `quath`, `point3h`.
+        // For example `half3`, `quath` and `point3h`.
         let is_half = kind.starts_with("half") || kind.ends_with('h');
         match wanted {
             Kind::Words => {

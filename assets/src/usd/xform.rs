@@ -4,16 +4,16 @@ use super::layer::{Layer, Value};
 use crate::error::SceneError;
 use glam::{DMat4, DQuat, DVec3};
 
-/// Order of an operation that ignores the transform of the parents.
+/// Entry of `xformOpOrder` that discards the transforms of the ancestors.
 const RESET: &str = "!resetXformStack!";
 
-/// Prefix of an operation whose inverse is applied.
+/// Prefix of an entry whose operation is inverted.
 const INVERSE: &str = "!invert!";
 
 /// Computes the transform of each prim to the world. A prim's operations are applied from the last to the first.
 ///
 /// # Errors
-/// An operation is unknown, has no value or another number of numbers, or changes in time.
+/// An operation is unknown or animated, has no value, or has a wrong number of numbers.
 pub(super) fn world(layer: &Layer) -> Result<Vec<DMat4>, SceneError> {
     let mut worlds = Vec::with_capacity(layer.prims.len());
     for (index, prim) in layer.prims.iter().enumerate() {
@@ -56,10 +56,10 @@ fn operation(layer: &Layer, prim: usize, name: &str) -> Result<DMat4, SceneError
         ("orient", [w, x, y, z], _) if [w, x, y, z].iter().any(|value| **value != 0.0) => {
             DMat4::from_quat(DQuat::from_xyzw(*x, *y, *z, *w).normalize())
         }
-        // Rows of row vectors are columns of column vectors.
+        // USD stores rows for row vectors, which are columns for column vectors.
         ("transform", matrix, _) if matrix.len() == 16 => DMat4::from_cols_slice(matrix),
         (_, [degrees], Some([axis])) => angle(DVec3::AXES[*axis], *degrees),
-        // The first letter is the first rotation; the angles are in the order of the axes.
+        // The letters name the rotations, the first one first. The angles are always in the order x, y, z.
         (_, [_, _, _], Some(axes @ [_, _, _])) => {
             axes.iter().fold(DMat4::IDENTITY, |matrix, at| angle(DVec3::AXES[*at], numbers[*at]) * matrix)
         }
