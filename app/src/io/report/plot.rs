@@ -135,7 +135,7 @@ impl Plot {
     pub fn svg(&self) -> Result<String, PlotError> {
         let mut text = String::new();
         self.draw(SVGBackend::with_string(&mut text, SIZE).into_drawing_area())?;
-        // Without a view box, a page cannot scale it.
+        // Without a view box, a page cannot scale the plot.
         let (width, height) = SIZE;
         let sized = format!("width=\"{width}\" height=\"{height}\"");
         if text.contains("viewBox") {

@@ -126,7 +126,7 @@ pub fn start(begun: Instant, before: &'static str) {
     *running = Some(Running { begun, threads, open: HashMap::new(), flying: HashMap::new(), recording });
     drop(running);
     ACTIVE.store(true, Ordering::Relaxed);
-    // Fails from the second recording of a process on, when the subscriber is already set.
+    // Fails for later recordings of the process, when the subscriber is already set.
     let _ = tracing::subscriber::set_global_default(Recorder);
 }
 

@@ -222,7 +222,7 @@ impl<D: Device> Bench<'_, D> {
         let usual = || interleaved::frames_of(turn_ms / sessions.len() as f64);
         let effort = Effort { rounds: self.frames.rounds, frames: self.frames.frames.unwrap_or_else(usual) };
         let profiled = interleaved::rounds(&mut sessions, camera, effort, Timestamps::Passes)?;
-        // With one frame per round, a frame takes so long that timestamps of passes do not slow it noticeably.
+        // A single frame per round means that frames are slow, so timestamps of passes make no visible difference.
         let mut whole = match effort.frames {
             1 => None,
             _ => Some(interleaved::rounds(&mut sessions, camera, effort, Timestamps::Frame)?.into_iter()),

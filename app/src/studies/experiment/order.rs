@@ -84,7 +84,7 @@ pub fn measure<D: Device>(
     let mut ways = Vec::new();
     for way in &WAYS {
         steps.next(way.name)?;
-        // The order is wrong as a whole if `over` blends the nearest first, or `under` the farthest.
+        // The order is reversed if `over` blends the nearest first, or `under` the farthest.
         ways.push(drawn(way.name, way.set, way.nearest_first != way.under)?);
     }
     let mut keys = Vec::new();

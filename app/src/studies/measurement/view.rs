@@ -105,7 +105,7 @@ pub struct Drawn {
 /// # Errors
 /// The device fails. The inner error is the reason that the picture cannot be compared.
 pub fn draw<D: Device>(session: &mut Session<D>, view: &View) -> Result<Result<Drawn, String>, SessionError> {
-    // The capture draws the second frame, so that a graph with the previous frame's order has one.
+    // Draws a first frame, so that a graph with the previous frame's order has one in the capture.
     interleaved::frame(session, &view.camera)?;
     let capture = match capture::take(session, &view.camera) {
         Ok(capture) => capture,
