@@ -226,7 +226,7 @@ pub fn best<'a>(tried: &'a [Tried], budget: &Budget) -> Best<'a> {
         Some(_) => {
             let quicker = |a: &'a Tried, b: &'a Tried| if b.median() < a.median() { b } else { a };
             of(Some(true)).reduce(quicker).and_then(|fastest| {
-                // `fastest` has to be on the left: `faster` is not symmetric, because the exact settings' range is a point.
+                // `fastest` has to be on the left: `faster` is not symmetric, as the exact settings' range is a point.
                 let near =
                     |other: &&Tried| fastest.faster(other) != Some(true) || std::ptr::eq(*other, fastest);
                 let found = of(Some(true)).filter(near).reduce(more_accurate)?;
