@@ -37,7 +37,7 @@ pub struct Diff {
 /// The name and summary of one of the two compared dumps.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DiffSide {
-    /// Name that the graph was requested by.
+    /// Name under which the graph was requested.
     pub graph: String,
     /// One line that describes the graph.
     pub summary: String,

@@ -17,7 +17,7 @@ pub const DUMP_VERSION: u32 = 4;
 pub struct Dump {
     /// Version of the form, [`DUMP_VERSION`].
     pub version: u32,
-    /// The name that the graph was requested by.
+    /// The name under which the graph was requested.
     pub graph: String,
     /// One line that describes the graph.
     pub summary: String,

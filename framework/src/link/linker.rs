@@ -35,7 +35,7 @@ pub struct LinkedPass {
     pub params: PassParams,
 }
 
-/// The parameters that a pass depends on, except those that its resources' sizes and formats depend on.
+/// The parameters that a pass depends on, except through the sizes and formats of its resources.
 #[derive(Clone, Debug, Default)]
 pub struct PassParams {
     /// Parameters with any effect on the pass.

@@ -1,7 +1,7 @@
 //! Checks for data races inside a pass.
 //!
 //! Barriers order passes. Two accesses within one pass have no order, so if one of them writes, no plan can be correct.
-//! These passes are refused:
+//! These passes are rejected:
 //!
 //! - a resource that is written and bound twice, or drawn to and bound;
 //! - a dispatch or a draw that writes its own indirect arguments;
@@ -23,7 +23,7 @@ impl Linker<'_> {
         self.between_stages(pass, stages);
     }
 
-    /// Refuses a resource that is bound twice to a pass that writes it: invocations run in any order.
+    /// Rejects a resource that is bound twice to a pass that writes it: invocations run in any order.
     fn bound_twice(&mut self, pass: &LoweredPass, uses: &[Use]) {
         // `last(name)` is in the memory of `name`.
         let real = |id: &ResourceId| self.lowered.real(*id);
@@ -60,7 +60,7 @@ impl Linker<'_> {
         }
     }
 
-    /// Refuses an attachment that is also bound in the same pass.
+    /// Rejects an attachment that is also bound in the same pass.
     fn drawn_and_bound(&mut self, pass: &LoweredPass) {
         let Work::Draw { targets, depth, .. } = &pass.pass.work else { return };
         let images = targets.iter().map(|target| target.image).chain(depth.map(|depth| depth.image));
@@ -80,7 +80,7 @@ impl Linker<'_> {
         }
     }
 
-    /// Refuses a command whose shaders write its own arguments. The written words are unknown, so this covers the whole
+    /// Rejects a command whose shaders write its own arguments. The written words are unknown, so this covers the whole
     /// buffer.
     fn arguments(&mut self, pass: &LoweredPass, stages: &[(ShaderId, Stages)]) {
         let Some((buffer, span)) = arguments(pass) else { return };
@@ -103,7 +103,7 @@ impl Linker<'_> {
         }
     }
 
-    /// Refuses a draw in which one stage writes data that the other accesses: stages of different primitives overlap.
+    /// Rejects a draw in which one stage writes data that the other accesses: stages of different primitives overlap.
     fn between_stages(&mut self, pass: &LoweredPass, stages: &[(ShaderId, Stages)]) {
         if stages.len() < 2 {
             return;

@@ -9,7 +9,7 @@ use crate::lower::{Extent, LoweredPass, LoweredSize, ShaderName};
 use crate::shader::{Compiled, ShaderRequest};
 use crate::source::{Diagnostic, Kind};
 
-/// Refuses a graph that needs too many distinct compilations, before the first one.
+/// Rejects a graph that needs too many distinct compilations, before the first compilation.
 pub(super) fn count_compilations(passes: &[LoweredPass]) -> Result<(), Vec<Diagnostic>> {
     let mut different = HashSet::new();
     let mut passed = None;
@@ -171,7 +171,7 @@ impl Linker<'_> {
             ));
         };
         if dimensions == 1 {
-            // The shortest rows for this number of rows, so that few groups are idle.
+            // As few rows as possible, and then as short as possible, so that few groups are idle.
             let [all, rows] = [groups[0], groups[0].div_ceil(limits[0]).max(1)];
             if rows > limits[1] {
                 too_large(format!(

@@ -18,7 +18,7 @@ pub(super) struct Opened {
     pub summary: String,
     /// Settings of the presets, merged; outer presets win.
     pub set: IndexMap<String, Setting>,
-    /// Names of the graphs and presets that the graph is based on, the graph last.
+    /// Names through which presets and choices lead to the graph; its own is last. Empty if the file is a graph.
     pub based_on: Vec<String>,
     /// Name by which a choice refers to the graph; `None` if the graph comes from no choice.
     pub candidate: Option<String>,

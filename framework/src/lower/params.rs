@@ -77,7 +77,7 @@ pub(super) fn resolve(
                 param.grows = grows;
                 let value = param.with_room(param.value.clone(), request.capacities);
                 if request.capacities.iter().any(|(capacities, _)| capacities == name) {
-                    // The capacity is clamped to the end of the range.
+                    // The capacity is clamped to the range, so the value depends on it.
                     behind.extend(&range);
                 }
                 if !others.is_empty() {

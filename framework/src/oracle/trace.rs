@@ -50,9 +50,9 @@ impl Access {
 /// stages.
 #[derive(Clone)]
 pub struct Clash {
-    /// One of the two accesses.
+    /// The access that [`Actions::accesses`] lists first.
     pub first: Access,
-    /// The other of the two accesses.
+    /// The access that it lists later.
     pub second: Access,
 }
 

@@ -95,7 +95,7 @@ impl Causes {
     }
 }
 
-/// Makes the hint that names a culled pass which uses the parameter.
+/// Returns the hint that only culled passes use the parameter; `None` if none does.
 fn unread_hint<'a>(mut passes: impl Iterator<Item = &'a LinkedPass>) -> Option<String> {
     let first = passes.next()?;
     let (others, those) =
@@ -103,7 +103,7 @@ fn unread_hint<'a>(mut passes: impl Iterator<Item = &'a LinkedPass>) -> Option<S
     Some(format!("it is used by `{}`{others}, and nothing reads what {those}", first.pass.name))
 }
 
-/// Makes the hint that names the condition which would have to hold.
+/// Returns the hint that a pass uses the parameter, but its `when` is false.
 fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> String {
     let origin = files.origin(removed.when);
     let values = values(&removed.decided, params);
@@ -115,7 +115,7 @@ fn removed_hint(removed: &RemovedPass, params: &[Param], files: &SourceMap) -> S
     format!("it is used where `{}` ({}:{}){here}", removed.condition, origin.file, origin.line)
 }
 
-/// Makes the hint that names the expression which did not read the parameter, and the values that decided it.
+/// Returns the hint that an expression names the parameter but did not read it, with the values that decided this.
 fn unreached_hint(found: &SkippedUse, params: &[Param], files: &SourceMap) -> String {
     let origin = files.origin(found.span);
     let text = format!("`{}` ({}:{}) leaves it out", found.name, origin.file, origin.line);

@@ -161,7 +161,7 @@ fn forget_overwritten(passes: &[&LinkedPass], lowered: &mut Lowered) {
         let Some(real) = lowered.declaration(previous).previous_frame_of else { continue };
         let writes = |p: &&&LinkedPass| p.pass.uses.iter().any(|t| t.resource == real && t.accesses.writes());
         let mut writers = users[real.index()].iter().filter(writes);
-        // The only writer runs first, wherever it is in the file.
+        // A single writer runs before all other users, wherever they are in the file.
         let first = match (writers.next(), writers.next()) {
             (Some(only), None) => Some(only),
             _ => users[real.index()].first(),

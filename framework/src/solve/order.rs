@@ -143,7 +143,7 @@ fn needs(
                 // mistake if no pass of the graph ever writes it.
                 let left_out = || lowered.unwritten.iter().any(|removed| removed.resource == id);
                 let found = written.is_some() || history && (!writers.is_empty() || left_out());
-                // A `Once` pass that reads data written only in frames was refused above.
+                // A `Once` pass that reads data written only in frames was rejected above.
                 let early = passes[*pass].pass.run == Run::Once && !writers.is_empty() && !writes_once;
                 if !found && needs_contents && !early {
                     errors.push(never_written(*pass, id, &writers, passes, lowered));
@@ -272,7 +272,7 @@ impl Sources {
         let at = at.filter(|_| self.writers.len() > 1 && !last);
         let mut before = match at {
             Some(at) => self.writers.partition_point(|w| *w < at),
-            // The only writer comes first, wherever the reader is in the file.
+            // A single writer runs before all readers, wherever they are in the file.
             None => self.writers.len(),
         };
         // Every earlier write may contribute: two passes may fill two halves of a buffer.

@@ -194,7 +194,7 @@ fn atomic(wide: bool, adds: bool, class: Option<StorageClass>) -> Features {
         _ => buffer | shared | image,
     };
     if wide {
-        // The capability for images with 64-bit pixels is refused elsewhere.
+        // `of_capability` rejects the capability for images with 64-bit pixels.
         of(Features::BUFFER_INT64_ATOMICS, Features::SHARED_INT64_ATOMICS, Features::empty())
     } else if adds {
         of(

@@ -66,7 +66,7 @@ fn a_value_is_followed_through_lets_and_the_defaults_of_other_parameters() {
     let params = format!(r#"{P} "r": Const(Int(default: "p + 1", range: (1, 64))),"#);
     assert_eq!(with(&params, r#""more": "r""#, &[]), "make");
     assert_eq!(with(&params, r#""more": "r""#, &[("r", "9")]), NONE, "the default is not used");
-    // A range refuses values, but changes none.
+    // A range rejects values, but changes none.
     let params = format!(r#"{P} "r": Const(Int(default: 5, range: (1, "p"))),"#);
     assert_eq!(with(&params, r#""more": "r""#, &[]), NONE);
 }
