@@ -254,7 +254,7 @@ impl Walk<'_> {
             (Part::Prologue, Part::Prologue) | (Part::Second, Part::Second) => Since::Same,
             (Part::First, Part::Second) => Since::PreviousFrame,
             (Part::Prologue, Part::First) => Since::Prologue,
-            // Other parts of the walk find the same dependency: within the second frame, or from the prologue to the first.
+            // The walk finds the same dependency within the second frame, or from the prologue to the first.
             _ => return,
         };
         let accesses = match hazard {
