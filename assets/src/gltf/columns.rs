@@ -105,7 +105,7 @@ impl<'a> Column<'a> {
         }
     }
 
-    /// Reads elements from index `first` on, as many as fill `out`. `buffer` is scratch memory for their bytes.
+    /// Fills `out` with elements, from index `first` on. `buffer` is scratch memory for their bytes.
     pub(super) fn read(&self, first: usize, buffer: &mut [u8], out: &mut [f32]) -> Result<(), SceneError> {
         let (rows, size) = (out.len() / self.width, self.component.bytes());
         let bytes = &mut buffer[..(rows - 1) * self.stride + self.width * size];

@@ -13,7 +13,7 @@ pub(crate) const MAGIC: &[u8; 4] = b"glTF";
 /// Maximum size of the JSON, in bytes: parsing takes several times as much memory.
 const MOST_JSON: u64 = 16 << 20;
 
-/// Returns true if a text may be the JSON of glTF.
+/// Returns true if a text looks like the JSON of glTF.
 pub(crate) fn begins_as_json(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     text.trim_start().starts_with('{') && ["\"asset\"", "\"buffers\""].iter().any(|key| text.contains(key))
@@ -32,7 +32,7 @@ enum Bytes<'a> {
 /// A glTF document, with its buffers opened.
 pub(super) struct Container<'a> {
     pub document: Document,
-    /// Number of bytes in the file outside of buffers.
+    /// Number of bytes of the file that are not in its binary chunk.
     pub header_bytes: u64,
     buffers: Vec<(Bytes<'a>, u64)>,
 }
@@ -97,7 +97,7 @@ pub(super) fn document(source: &Source) -> Result<Document, SceneError> {
 }
 
 impl<'a> Container<'a> {
-    /// Opens the buffers of a file at `path`.
+    /// Parses the document of a file and opens its buffers. `path` locates the buffers beside the file.
     pub(super) fn open(source: &'a Source<'a>, path: Option<&Path>) -> Result<Self, SceneError> {
         let document = document(source)?;
         let (_, binary) = chunks(source)?;

@@ -8,8 +8,7 @@
 //! |---|---|
 //! | `POSITION` | centre, in the space of the node |
 //! | `KHR_gaussian_splatting:ROTATION` | unit quaternion x, y, z, w |
-//! | `KHR_gaussian_splatting:SCALE` | standard deviations; early writers stored logarithms, which are recognised by a
-//! negative value |
+//! | `KHR_gaussian_splatting:SCALE` | standard deviations, or (early writers) logarithms, if any is negative |
 //! | `KHR_gaussian_splatting:OPACITY` | 0 to 1 |
 //! | `KHR_gaussian_splatting:SH_DEGREE_l_COEF_n` | coefficient `n` of band `l`, red, green and blue |
 //!

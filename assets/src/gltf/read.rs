@@ -153,7 +153,7 @@ fn splat(pieces: &[(&[f32], usize)], at: usize, logarithmic: bool) -> (Splat, f6
     (splat, norm)
 }
 
-/// Returns true if a scale is negative, which only a logarithm can be.
+/// Returns true if the scales are logarithms: one of them is negative.
 fn is_logarithmic(scales: &Column) -> Result<bool, SceneError> {
     let (count, most) = (scales.count as usize, ROWS.min(scales.count as usize));
     let (mut buffer, mut values) = (vec![0; most * scales.stride()], vec![0f32; most * scales.width]);
@@ -167,7 +167,7 @@ fn is_logarithmic(scales: &Column) -> Result<bool, SceneError> {
     Ok(false)
 }
 
-/// Reads the SPZ file of a buffer view.
+/// Reads the SPZ file of a buffer view, and transforms its splats by `place`.
 fn packed(
     input: &Input,
     container: &Container,
@@ -190,7 +190,7 @@ fn packed(
     if place == Similarity::IDENTITY {
         return Ok((scene, fields));
     }
-    // SPZ unpacks to the axes of glTF, half a turn about z from those of a scene.
+    // `place` is in the axes of glTF, half a turn about z from those of a scene.
     let half = Similarity { rotation: DQuat::from_rotation_z(PI), ..Similarity::IDENTITY };
     let by = half.then(place).then(half);
     let dropped = *scene.dropped();
@@ -208,7 +208,7 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
         let accessor = index.and_then(|index| container.document.accessors.get(index));
         total = total.saturating_add(accessor.map_or(0, |accessor| accessor.count));
     }
-    // One primitive may stand in many nodes. Each is in memory twice while they are joined.
+    // Several nodes can place one primitive. During the join, every splat is in memory twice.
     let factor = if all.len() > 1 { 2 } else { 1 };
     let needed = Scene::host_bytes(total, 3).saturating_mul(factor);
     if all.len() > 1 {
@@ -233,7 +233,7 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     let file_bytes = input.source.length();
     let within = file_bytes - container.header_bytes;
     let mut bytes = fields.iter().map(|field| field.bytes).sum::<u64>();
-    // Values outside of the file, or bytes that several accessors share, are not told apart.
+    // Values can be outside the file, or share bytes. Then only their total is known.
     if bytes > within {
         bytes = within;
         fields = vec![FieldSize {

@@ -1,4 +1,4 @@
-//! Checks values, transforms, and the refusal of what is not drawn.
+//! Checks values and transforms, and that unsupported splats are refused.
 
 #[path = "../../../tests/glb_file.rs"]
 mod glb_file;
@@ -57,7 +57,7 @@ fn a_node_moves_the_splats_and_turns_their_harmonics() {
             { "mesh": 0, "rotation": turn.to_array() },
         ]);
     });
-    // The same in the axes of a scene.
+    // The same transform in the axes of a scene.
     let [x, y, z, w] = turn.to_array();
     let rotation = DQuat::from_xyzw(-x, -y, z, w);
     let by = crate::similarity::Similarity { rotation, scale: 2.0, translation: DVec3::new(-1.0, -2.0, 3.0) };

@@ -26,7 +26,7 @@ fn turned(scene: &Scene, index: usize) -> Splat {
 pub(crate) fn write(scene: &Scene, out: &mut impl Write) -> Result<()> {
     let (count, degree) = (scene.count() as usize, scene.stored_degree());
     let attributes = attributes(degree);
-    // A colour of 4 bytes, for readers that know points alone.
+    // `COLOR_0` has 4 bytes, for readers that support only points.
     let binary = count * (4 * floats(degree) + 4);
     let (mut views, mut accessors, mut names, mut at) = (Vec::new(), Vec::new(), Map::new(), 0);
     let kinds = ["SCALAR", "VEC2", "VEC3", "VEC4"];

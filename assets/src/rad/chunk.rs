@@ -10,7 +10,7 @@ use std::path::Path;
 /// Properties that every splat has.
 const REQUIRED: [Name; 5] = [Name::Center, Name::Alpha, Name::Rgb, Name::Scales, Name::Orientation];
 
-/// A chunk whose description is read and checked.
+/// A chunk with a checked description.
 pub(super) struct Chunk {
     index: usize,
     place: Place,
@@ -20,7 +20,7 @@ pub(super) struct Chunk {
     pub first: u64,
     pub count: usize,
     properties: Vec<Property>,
-    /// Bytes of all unpacked arrays that are read; a palette of unknown size counts as its limit.
+    /// Bytes of all unpacked arrays that are read. A palette of unknown size counts with its maximum.
     pub unpacked_bytes: u64,
 }
 
@@ -44,14 +44,14 @@ pub(super) struct Arrays {
     pub scales: Column,
     pub orientation: Column,
     pub harmonics: [Option<Column>; 3],
-    /// Bands of the palette, in the first chunk.
+    /// Bands of the palette. Only those of the first chunk are used.
     pub palette: [Option<Column>; 3],
     pub label: Option<Column>,
     /// Rows without children; `None` if the file has no tree.
     pub leaves: Option<Vec<u32>>,
 }
 
-/// Adds the name of a file to the error of its bytes.
+/// Adds the name of the chunk's file, if it has its own, to an error.
 fn within(name: Option<&str>, error: SceneError) -> SceneError {
     match (name, error) {
         (Some(name), SceneError::Io(error)) => {
@@ -64,7 +64,7 @@ fn within(name: Option<&str>, error: SceneError) -> SceneError {
 }
 
 impl Place {
-    /// Calls `read` with the file of the chunk, which is open meanwhile.
+    /// Calls `read` with the chunk's own file, or with `source` if the chunk is inside.
     fn open<T>(
         &self,
         source: &Source,
@@ -91,7 +91,7 @@ impl Chunks {
         }
         let (mut first, mut degree, mut chunks) = (0, 0, Vec::new());
         let alone = source.head(4)? == CHUNK_MAGIC;
-        // Ends of the chunks so far, and lengths, by file.
+        // For each file, the end of its last chunk so far, and its length.
         let mut ends = BTreeMap::from([(None, (chunks_start, source.length()))]);
         for (index, mut place) in document.chunks.into_iter().enumerate() {
             if place.filename.is_none() {
@@ -154,7 +154,7 @@ impl Chunk {
         within(self.place.filename.as_deref(), field(self.place.offset + 8, name, message))
     }
 
-    /// Reads the description of a chunk, and checks it against the bytes.
+    /// Reads the description of a chunk, and checks it against the chunk's bytes.
     fn read(file: &Source, index: usize, place: Place, entries: Option<u64>) -> Result<Self, SceneError> {
         let (document, end) = ChunkDocument::read(file, place.offset, place.bytes)?;
         let ChunkDocument { base: first, count, properties, .. } = document;
@@ -230,13 +230,13 @@ impl Chunk {
         self.properties.iter().any(|property| property.name == name)
     }
 
-    /// Returns the number of bands that the chunk has, in order from band 1.
+    /// Returns the number of bands that the chunk has without a gap, from band 1 on.
     fn degree(&self) -> u32 {
         let bands = [(Name::Sh1, Name::Sh1Code), (Name::Sh2, Name::Sh2Code), (Name::Sh3, Name::Sh3Code)];
         bands.iter().take_while(|(own, code)| self.has(*own) || self.has(*code)).count() as u32
     }
 
-    /// Unpacks the arrays.
+    /// Reads and unpacks the arrays of the chunk.
     pub(super) fn unpack(
         &self,
         source: &Source,

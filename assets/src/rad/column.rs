@@ -6,7 +6,7 @@ use flate2::read::DeflateDecoder;
 use std::f64::consts::FRAC_PI_2;
 use std::io::Read;
 
-/// Maximum ratio of deflate.
+/// Maximum compression ratio of deflate.
 pub(super) const MOST_PER_BYTE: u64 = 1032;
 
 /// An unpacked array of `rows` rows of `width` components.
@@ -20,8 +20,10 @@ pub(super) struct Column {
 }
 
 impl Column {
-    /// Unpacks an array. `rows` is unknown for a palette without a number of entries: it follows from the bytes. `at` is the
-    /// offset of the packed bytes, and `name` the property's, for errors.
+    /// Unpacks an array.
+    ///
+    /// `rows` is `None` for a palette of unknown size, which then follows from the bytes. `at` is the offset of the
+    /// packed bytes, and `name` the name of the property, for errors.
     pub(super) fn unpack(
         property: &Property,
         rows: Option<usize>,
@@ -66,7 +68,7 @@ impl Column {
         self.bytes.len() as u64
     }
 
-    /// Replaces the differences of the `_delta` encodings by their sums.
+    /// Decodes the `_delta` encodings: replaces differences by their running sums.
     fn sum_differences(&mut self) {
         if !matches!(self.encoding, Encoding::R8Delta | Encoding::S8Delta) {
             return;
@@ -110,7 +112,7 @@ impl Column {
         }
     }
 
-    /// Returns an index or a count of `u16` or `u32`.
+    /// Returns an index or a count, stored as `u16` or `u32`.
     pub(super) fn index(&self, row: usize) -> usize {
         match self.encoding {
             Encoding::U16 => u16::from_le_bytes(self.word(row, 0)).into(),

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 pub(crate) const MAGIC: &[u8; 4] = b"RAD0";
 pub(crate) const CHUNK_MAGIC: &[u8; 4] = b"RADC";
 
-/// Maximum bytes of a JSON text. A chunk of 65,536 splats takes about 100 bytes of the file's.
+/// Maximum length of a JSON text, in bytes. The file's text has about 100 bytes per chunk of 65,536 splats.
 const MOST_JSON: u64 = 16 << 20;
 
 /// The only version of files and of chunks.
@@ -23,7 +23,7 @@ pub(super) struct Document {
     #[serde(rename = "type")]
     kind: String,
     pub count: u64,
-    /// Entries of the palette of harmonics.
+    /// Number of entries of the palette of harmonics.
     pub sh_code_count: Option<u64>,
     pub chunks: Vec<Place>,
 }
@@ -182,8 +182,9 @@ impl Encoding {
     }
 }
 
-/// Reads a magic number and a JSON text at offset `at`, of at most `most` bytes with both. Returns the document and the offset
-/// after the text and its padding.
+/// Reads a magic number and a JSON text at offset `at`, of at most `most` bytes together.
+///
+/// Returns the document, and the offset after the text and its padding.
 fn text<T: DeserializeOwned>(
     source: &Source,
     at: u64,
@@ -211,7 +212,7 @@ fn text<T: DeserializeOwned>(
 }
 
 impl Document {
-    /// Reads a file's description, and the offset of its chunks. A single chunk is a file of one.
+    /// Reads the description of a file, and the offset of its chunks. A `.radc` file has a description of one chunk.
     pub(super) fn read(source: &Source) -> Result<(Self, u64), SceneError> {
         let length = source.length();
         if source.head(4)? == CHUNK_MAGIC {
@@ -232,7 +233,7 @@ impl Document {
 }
 
 impl ChunkDocument {
-    /// Reads the description of a chunk of `bytes` bytes at offset `at`, and the offset of its payload's length.
+    /// Reads the description of a chunk at offset `at`, of `bytes` bytes. Also returns the offset of the payload's length.
     pub(super) fn read(source: &Source, at: u64, bytes: u64) -> Result<(Self, u64), SceneError> {
         let (chunk, end): (Self, u64) = text(source, at, bytes, CHUNK_MAGIC)?;
         if chunk.version != VERSION {

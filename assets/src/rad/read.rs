@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Progress of a converted splat, in bytes.
+/// Bytes that a converted splat adds to the progress.
 const CONVERTED: u64 = 64;
 
 /// Reads the number of splats, nodes of a tree included, and the degree of their harmonics.
@@ -27,7 +27,7 @@ pub(crate) fn parse(input: &Input, path: Option<&Path>) -> Result<Scene, SceneEr
     let folder = path.and_then(Path::parent);
     let all = Chunks::read(input.source, folder)?;
     let unpacked = all.chunks.iter().fold(0u64, |sum, chunk| sum.saturating_add(chunk.unpacked_bytes));
-    // An index per leaf.
+    // Each leaf has an index of 4 bytes.
     let beside = unpacked.saturating_add(4 * all.count);
     let needed = Scene::host_bytes(all.count, all.degree).saturating_add(beside);
     SceneMemoryError::check_against(all.count, all.degree, needed, input.memory)?;

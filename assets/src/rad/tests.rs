@@ -18,7 +18,7 @@ fn numbers(count: usize) -> Vec<f32> {
     (0..count).map(|index| (index as f32 * 0.73).sin()).collect()
 }
 
-/// Builds the arrays of splats in the encodings that `replaced` does not name.
+/// Builds the arrays of `count` splats as floats. An array in `replaced` replaces the one of its property, or is added.
 fn arrays(count: usize, replaced: Vec<Array>) -> Vec<Array> {
     let positive = |count: usize| numbers(count).iter().map(|value| 0.5 + 0.4 * value).collect::<Vec<_>>();
     let mut all = vec![
@@ -136,7 +136,7 @@ fn orientations_have_three_components_or_an_axis_and_an_angle() {
         let found = scene.splat(index).rotation.map(f64::from);
         assert!([w, x, y, z].iter().zip(found).all(|(a, b)| (a - b).abs() < 1e-7), "{found:?}");
     }
-    // The centre of the octahedron's picture is the axis z, its right end is x, and its corners are -z.
+    // In the octahedral map, the centre is the axis z, the right end is x, and the corners are -z.
     let cases = [
         ([255.0, 127.5, 255.0], [0.0, 1.0, 0.0, 0.0]),
         ([0.0, 0.0, 255.0], [0.0, 0.0, 0.0, -1.0]),
@@ -201,12 +201,12 @@ fn harmonics_can_be_a_palette_in_the_first_chunk() {
             numbers(36)[9 * entry..][..9].iter().map(|value| f16::from_f32(*value).to_f32()).collect();
         assert_eq!(scene.splat(index).sh[3..12], expected);
     }
-    // A chunk alone has no number of entries.
+    // A single chunk does not declare the number of entries.
     let scene = read(&chunks[0]).unwrap();
     assert_eq!((scene.count(), scene.stored_degree()), (2, 1));
     let said = read(&chunks[1]).unwrap_err().to_string();
     assert!(said.contains("chunks[0].sh_label`: expected the palette in the first chunk"), "{said}");
-    // A label beyond the palette.
+    // A label beyond the palette drops its splat.
     let far = arrays(2, vec![palette(), labelled(&[4.0, 0.0], "u16")]);
     let scene = read(&file(2, &[chunk(0, 2, &far, true)], &[], Some(4))).unwrap();
     assert_eq!((scene.count(), scene.dropped().color), (1, 1));
@@ -286,7 +286,7 @@ fn damage_names_the_byte_and_the_field() {
 
 #[test]
 fn a_bomb_and_a_scene_larger_than_the_memory_are_refused_before_they_are_unpacked() {
-    // A million splats in a few bytes more than deflate can hold.
+    // The header declares a million splats, more than deflate can compress into these bytes.
     let alpha = Array { property: "alpha", encoding: "f32", min: 0.0, max: 0.0, bytes: vec![0; 40] };
     let mut all = arrays(1, vec![]);
     all[1] = alpha;

@@ -32,7 +32,7 @@ impl Frame {
             true => [sign(right), sign(!up), sign(front)],
             false => [sign(right), sign(front), sign(up)],
         };
-        // A harmonic is a polynomial in x, y and z; these are the axes of odd power, in the order of the basis.
+        // A harmonic is a polynomial in x, y and z. Its sign is the product of the signs of the axes with odd power.
         let sh = [1.0, y, z, x, x * y, y * z, 1.0, x * z, 1.0, y, x * y * z, y, z, x, z, x];
         let turn = (!upright).then(|| Turn::new(DQuat::from_rotation_x(FRAC_PI_2)));
         Some(Self { axes, sh, turn })

@@ -95,7 +95,7 @@ pub(super) fn unpacked(error: io::Error, at: u64, name: &str, expected: u64) -> 
         ErrorKind::UnexpectedEof => {
             field(at, name, format!("expected {expected} bytes, found the end of the compressed stream"))
         }
-        // Errors of the decoder; any other comes from the system.
+        // The decoder's kinds of errors. All others come from the system.
         ErrorKind::InvalidInput | ErrorKind::InvalidData | ErrorKind::Other => {
             field(at, name, format!("expected a whole compressed stream, found damage: {error}"))
         }

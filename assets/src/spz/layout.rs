@@ -17,7 +17,7 @@ pub(super) const ENTRY: usize = 16;
 pub enum SpzVersion {
     /// One gzip stream, which every reader of the format supports.
     V3 = 3,
-    /// A Zstandard stream per array: smaller and faster to read, since 2026.
+    /// A Zstandard stream per array: smaller and faster to read. In the format since 2026.
     #[default]
     V4 = 4,
 }

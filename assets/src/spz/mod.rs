@@ -18,12 +18,12 @@
 //! | `alphas` | 1 | opacity `u / 255` |
 //! | `colors` | 3 | band 0, `(u / 255 - 0.5) / 0.15` |
 //! | `scales` | 3 | logarithm `u / 16 - 10` |
-//! | `rotations` | 4 (before version 3: 3) | index of the largest component and the three others, 9 bits and a sign (x, y, z, a byte each) |
+//! | `rotations` | 4 | index of the largest component, the others in 9 bits and a sign (before version 3: see below) |
 //! | `sh` | 3 per coefficient | `(u - 128) / 128`, coefficient by coefficient, red, green and blue of each |
 //!
-//! Axes point right, up and back unless the extension [`layout::COORDINATE_SYSTEM`] names others. A scene's axes point
-//! right, down and to the front, so y, z and the odd harmonics change sign. Format:
-//! <https://github.com/nianticlabs/spz>.
+//! Before version 3, rotations have 3 bytes: x, y and z. Axes point right, up and back unless the extension
+//! [`layout::COORDINATE_SYSTEM`] names others. A scene's axes point right, down and to the front, so y, z and the odd
+//! harmonics change sign. Format: <https://github.com/nianticlabs/spz>.
 
 mod frame;
 mod gzip;

@@ -108,7 +108,7 @@ fn arrays(
     })
 }
 
-/// Finds the number of fractional bits that leaves room for the largest coordinate.
+/// Returns the largest number of fractional bits, at most [`FRACTIONAL_BITS`], with which every coordinate fits.
 fn fractional_bits(scene: &Scene) -> Result<u32> {
     let coordinates = (0..scene.count() as usize).flat_map(|index| scene.world_position(index));
     let largest = coordinates.fold(0.0, |most: f64, value| most.max(value.abs()));
